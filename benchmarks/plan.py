@@ -25,7 +25,7 @@ from calib.common.scale import Scale
 from calib.samples.changes import parse_changes
 from calib.samples.simulation import Simulation
 from calib.use.pose_space import space_of
-from calib.use.spread import candidates
+from calib.use.spread import candidate_poses
 
 Array = NDArray[np.float64]
 Design = Callable[[calib.PlanarArm, int, int], Array]
@@ -73,7 +73,7 @@ def halton(arm: calib.PlanarArm, n: int, seed: int) -> Array:
 def d_optimal(arm: calib.PlanarArm, n: int, seed: int, degree: int = 4) -> Array:
     """Greedy D-optimal design for polynomials of a degree, with one pass of exchanges."""
     space = space_of(arm)
-    u = candidates(space, np.random.default_rng(seed))[::2]
+    u = candidate_poses(space, np.random.default_rng(seed))[::2]
     rows = Basis((0.0,) * arm.dof, degree).values(u)
     inverse = np.eye(rows.shape[1]) * 1e6
     chosen: list[int] = []

@@ -117,7 +117,7 @@ def write_batch(
     return 1 if invalid else NO if refused else 0
 
 
-def spread(valid: NDArray[np.bool_], columns: Mapping[str, Any]) -> dict[str, NDArray[Any]]:
+def over_all_rows(valid: NDArray[np.bool_], columns: Mapping[str, Any]) -> dict[str, NDArray[Any]]:
     """Columns (n,) with values where rows are `valid` (n,); the others are NaN, or not reached."""
     found = {name: np.full(len(valid), np.nan) for name in columns}
     if "reachable" in found:

@@ -98,7 +98,7 @@ _SHARED: dict[str, Any] = {
     "columns": option(
         "--columns x=U,y=V",
         "Columns of the log that have other names; an element of a Parquet list is tip[0].",
-        parsing.column_names,
+        parsing.typed_columns,
     ),
     "unit": option(
         "--unit m|mm|px|..", "Unit of the log's positions (default m, or that of the model)."

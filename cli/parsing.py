@@ -171,7 +171,7 @@ def height(text: str) -> float:
     return finite_number(value)
 
 
-def column_names(text: str) -> Columns:
+def typed_columns(text: str) -> Columns:
     """Read `x=cam_u,y=cam_v`."""
     from calib.samples.roles import parse_columns
 

@@ -49,7 +49,7 @@ def orientation(
     return np.asarray(from_angles(np.deg2rad(angles) if degrees else angles)[0])
 
 
-def on_plane(model: Model, pixel: Sequence[float], height: float) -> Array:
+def pixel_on_plane(model: Model, pixel: Sequence[float], height: float) -> Array:
     """Return the point (3,) [m] that a pixel shows of a plane of the base frame, and tell it."""
     if len(pixel) != 2:
         raise BadOption(f"--on needs a pixel: expected U V, not {len(pixel)} numbers")

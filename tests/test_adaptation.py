@@ -9,7 +9,7 @@ import pytest
 from drifting import arm, error, log, model
 
 import calib
-from calib.common.robust import robust_solve, solve
+from calib.common.robust import robust_solve, solve_least_squares
 from calib.model.alignment import Alignment
 
 CHANGES = {
@@ -201,7 +201,7 @@ def test_robust_regression_ignores_a_tenth_of_nonsense():
     x = features @ truth
     x[:10] += 100 * rng.standard_normal((10, 2))
     assert np.abs(robust_solve(features, x) - truth).max() < 1e-6
-    assert np.abs(solve(features, x) - truth).max() > 0.1
+    assert np.abs(solve_least_squares(features, x) - truth).max() > 0.1
 
 
 def test_alignment_in_words():

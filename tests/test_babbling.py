@@ -5,7 +5,7 @@ import pytest
 
 from calib.arm.loading import load_arm
 from calib.errors import OptionError
-from calib.samples.babbling import MAX_SAMPLES, METHODS, babble, smooth_points
+from calib.samples.babbling import MAX_SAMPLES, SAMPLERS, babble, smooth_points
 
 
 @pytest.fixture(scope="module")
@@ -19,7 +19,7 @@ def cells(q, arm, k):
     return np.histogram2d(*unit.T, bins=k, range=[[0, 1], [0, 1]])[0]
 
 
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("method", SAMPLERS)
 def test_every_method_stays_within_and_covers_the_range(arm, method):
     log = babble(arm, 4000, method=method)
     assert log.q.shape == (4000, 2)
@@ -29,7 +29,7 @@ def test_every_method_stays_within_and_covers_the_range(arm, method):
     np.testing.assert_allclose(log.x, arm.forward(log.q), atol=1e-15)
 
 
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("method", SAMPLERS)
 def test_the_seed_decides(arm, method):
     one, same, other = (babble(arm, 50, seed=s, noise=0.01, method=method) for s in (4, 4, 5))
     assert (one.q == same.q).all()
@@ -38,7 +38,7 @@ def test_the_seed_decides(arm, method):
 
 
 def test_low_discrepancy_is_more_even_than_chance(arm):
-    spread = {m: cells(babble(arm, 4096, method=m).q, arm, 16).std() for m in METHODS}
+    spread = {m: cells(babble(arm, 4096, method=m).q, arm, 16).std() for m in SAMPLERS}
     assert spread["uniform"] == pytest.approx(4.0, abs=0.8)  # Poisson with 16 a cell
     assert spread["halton"] < 1.5
     assert spread["sobol"] < 1.5
@@ -94,7 +94,7 @@ def test_the_samples_carry_what_draws_fresh_exact_ones(arm):
 
 
 def test_one_sample_is_enough_here(arm):
-    assert [len(babble(arm, np.int64(1), method=m)) for m in METHODS] == [1] * 4
+    assert [len(babble(arm, np.int64(1), method=m)) for m in SAMPLERS] == [1] * 4
 
 
 @pytest.mark.parametrize(

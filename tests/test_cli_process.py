@@ -96,10 +96,10 @@ def test_help_names_every_option(run, command):
 def test_choices_agree_with_the_library():
     from calib.body.views import PLANAR
     from calib.maps.density import GAINS
-    from calib.samples.babbling import METHODS
+    from calib.samples.babbling import SAMPLERS
 
     assert set(choices.MAPS) < set(GAINS)
-    assert set(choices.MOTIONS) == set(METHODS)
+    assert set(choices.MOTIONS) == set(SAMPLERS)
     assert set(choices.VIEWS) >= {"auto", *PLANAR}
 
 

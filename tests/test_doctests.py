@@ -23,7 +23,7 @@ from calib.common.choices import (
 )
 from calib.maps.density import kind_of
 from calib.maps.links import WIRINGS
-from calib.samples.babbling import METHODS as BABBLING
+from calib.samples.babbling import SAMPLERS as BABBLING
 
 MODULES = sorted(
     ["calib"]

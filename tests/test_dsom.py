@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import calib
-from calib.maps.dsom import present
+from calib.maps.dsom import present_dsom
 from calib.maps.lattice import Lattice
 
 
@@ -14,7 +14,7 @@ def uniform(n, seed=0):
 
 def step(weights, x, elasticity, rate, shape):
     moved = weights.copy()
-    present(moved, Lattice(shape), np.atleast_2d(x), elasticity, rate)
+    present_dsom(moved, Lattice(shape), np.atleast_2d(x), elasticity, rate)
     return moved
 
 
@@ -51,7 +51,7 @@ def test_learning_does_not_depend_on_time():
     w, x = uniform(16, seed=2), uniform(1, seed=5)
     young = step(w, x, 2.0, 0.1, (4, 4))
     old = w.copy()
-    present(old, Lattice((4, 4)), np.repeat(w[:1], 1000, axis=0), 2.0, 0.1)
+    present_dsom(old, Lattice((4, 4)), np.repeat(w[:1], 1000, axis=0), 2.0, 0.1)
     np.testing.assert_allclose(old, w, atol=1e-12)
     np.testing.assert_allclose(step(old, x, 2.0, 0.1, (4, 4)), young, atol=1e-12)
 
@@ -61,9 +61,9 @@ def test_an_old_map_still_follows_a_change():
     first, then = 0.5 * uniform(4000), 0.5 + 0.5 * uniform(4000, seed=1)
     errors = []
     for samples in (first, then):
-        errors.append(np.mean(present(w.copy(), lattice, then[:200], 2.0, 0.0)))
-        present(w, lattice, samples, 2.0, 0.1)
-    errors.append(np.mean(present(w.copy(), lattice, then[:200], 2.0, 0.0)))
+        errors.append(np.mean(present_dsom(w.copy(), lattice, then[:200], 2.0, 0.0)))
+        present_dsom(w, lattice, samples, 2.0, 0.1)
+    errors.append(np.mean(present_dsom(w.copy(), lattice, then[:200], 2.0, 0.0)))
     assert errors[2] < 0.3 * errors[1]
 
 

@@ -9,7 +9,7 @@ import pytest
 from beliefs import L1, L2, body, compared, exact_body, joints, moved, noise, tip
 
 from calib.change.explain import changed, likely
-from calib.change.update import gain_of, updated
+from calib.change.update import gain_on_held_out, updated
 
 pytestmark = pytest.mark.usefixtures("one_blas_thread")
 
@@ -90,10 +90,10 @@ def test_wrong_rows_are_told_from_the_others():
 
 def test_gain_of_held_out_blocks():
     before, after = np.full(50, 2.0), np.full(50, 1.0)
-    ratio, sure = gain_of(before, after + 1e-3 * np.arange(50))
+    ratio, sure = gain_on_held_out(before, after + 1e-3 * np.arange(50))
     assert ratio == pytest.approx(0.5, rel=0.05)
     assert sure > 50
-    assert gain_of(before, before)[0] == 1.0
+    assert gain_on_held_out(before, before)[0] == 1.0
 
 
 def test_a_belief_without_rows_to_spare_is_left_in_peace():

@@ -9,7 +9,7 @@ import calib
 from calib.errors import LogError, OptionError
 from calib.maps.lattice import Lattice
 from calib.maps.neighbourhood import spread, spread_by
-from calib.maps.online import present
+from calib.maps.online import present_online
 
 X = np.random.default_rng(0).uniform(size=(600, 2))
 Q = np.random.default_rng(1).uniform(size=(600, 2))
@@ -21,9 +21,9 @@ def gauss(around: calib.Surroundings):
 
 def test_the_gaussian_as_a_function_is_equation_3():
     lattice, sums = Lattice((7, 5)), np.random.default_rng(2).uniform(size=(35, 3))
-    from calib.maps.fields import kernel
+    from calib.maps.fields import neighbourhood_values
 
-    h = kernel(gauss, lattice, 0.8, 0.5)
+    h = neighbourhood_values(gauss, lattice, 0.8, 0.5)
     assert h.shape == (13, 9)
     np.testing.assert_allclose(
         spread_by(sums, lattice, h), spread(sums, lattice, 0.8), rtol=2e-3, atol=1e-12
@@ -39,8 +39,8 @@ def test_online_the_gaussian_moves_the_nodes_as_the_built_in_one_does():
     start = np.random.default_rng(3).random((36, 2))
     ours, theirs = start.copy(), start.copy()
     sigma, rate = np.full(50, 0.6), np.full(50, 0.4)
-    told = present(ours, lattice, X[:50], sigma, rate, gauss, np.linspace(0, 1, 50))
-    said = present(theirs, lattice, X[:50], sigma, rate)
+    told = present_online(ours, lattice, X[:50], sigma, rate, gauss, np.linspace(0, 1, 50))
+    said = present_online(theirs, lattice, X[:50], sigma, rate)
     np.testing.assert_allclose(told, said, rtol=1e-3, atol=1e-4)
     np.testing.assert_allclose(ours, theirs, atol=2e-3)
 

@@ -19,7 +19,7 @@ from calib.maps.density import Visit, border
 from calib.maps.links import oja
 from calib.maps.map import Map
 from calib.maps.model_selection import blocks
-from calib.maps.online import present
+from calib.maps.online import present_online
 
 
 @pytest.fixture(autouse=True)
@@ -162,7 +162,7 @@ def test_maps_and_links_follow_by_equations_1_to_3_and_11():
         visit = Visit(t[-1] / 500, winner[:, 0], distance[:, 0], network.units, network.lattice)
         rate = 0.5 * 0.1 ** (t / 500) * border(visit)
         weights = network.units.copy()
-        present(weights, network.lattice, u, start * (0.5 / start) ** (t / 500), rate)
+        present_online(weights, network.lattice, u, start * (0.5 / start) ** (t / 500), rate)
         np.testing.assert_allclose(adapter._weights[name], weights, atol=1e-12)
         maps[name] = Map(weights, network.lattice, network.scale, network.history)
         sigma = start * (0.5 / start) ** (t[-1] / 500)

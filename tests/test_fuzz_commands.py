@@ -21,7 +21,10 @@ def commands(tmp_path_factory):
         yield kind
 
 
-@settings(max_examples=80 * int(os.environ.get("CALIB_FUZZ", "1")), deadline=None)
+LENGTH = int(os.environ.get("CALIB_FUZZ", "1"))
+
+
+@settings(max_examples=80 * LENGTH, deadline=None, derandomize=LENGTH == 1)
 @given(st.integers(0, 2**32 - 1))
 def test_command_lines_end_in_order(commands, seed):
     commands.judge(commands.make(Random(seed)))

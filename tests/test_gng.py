@@ -5,7 +5,7 @@ import pytest
 
 import calib
 from calib.maps import gng
-from calib.maps.gng import Gas, Pace, insert, present
+from calib.maps.gng import Gas, Pace, insert, present_gng
 from calib.maps.graph import Graph
 from calib.maps.map import search_tree
 
@@ -28,7 +28,7 @@ def edges(g):
 
 def test_one_sample_does_what_the_source_says():
     g = gas([[0.0], [1.0], [3.0]], [[0, 1], [0, 2]], age=[4, 7])
-    present(g, np.array([[0.2]]), Pace(winner=0.1, neighbour=0.01, decay=0.9))
+    present_gng(g, np.array([[0.2]]), Pace(winner=0.1, neighbour=0.01, decay=0.9))
     # node 0 wins, node 1 is second: the winner moves by epsilon_b, both neighbours by
     # epsilon_n, the edge to the second is renewed, the other edge of the winner ages
     np.testing.assert_allclose(g.weights[:, 0], [0.02, 1 - 0.008, 3 - 0.028], atol=1e-12)
@@ -38,19 +38,19 @@ def test_one_sample_does_what_the_source_says():
 
 def test_edges_of_the_winner_alone_grow_older():
     g = gas([[0.0], [1.0], [5.0], [6.0]], [[0, 1], [2, 3]], age=[3, 3])
-    present(g, np.array([[0.1]]), Pace())
+    present_gng(g, np.array([[0.1]]), Pace())
     assert edges(g) == {(0, 1): 0.0, (2, 3): 3.0}
 
 
 def test_the_two_nearest_nodes_are_joined():
     g = gas([[0.0], [1.0], [5.0]], [[0, 2], [1, 2]])
-    present(g, np.array([[0.4]]), Pace())
+    present_gng(g, np.array([[0.4]]), Pace())
     assert (0, 1) in edges(g)
 
 
 def test_an_edge_beyond_the_oldest_age_is_removed_and_a_node_without_edges_too():
     g = gas([[0.0], [1.0], [5.0]], [[0, 1], [0, 2]], age=[0, 50])
-    present(g, np.array([[0.1]]), Pace(oldest=50))
+    present_gng(g, np.array([[0.1]]), Pace(oldest=50))
     assert edges(g) == {(0, 1): 0.0}
     assert len(g.weights) == len(g.error) == 2
 
@@ -91,7 +91,7 @@ def test_a_gain_decides_where_nodes_are_inserted():
     grown = Gas(x[:2].copy(), np.zeros(2))
     pace = Pace(decay=0.999)
     for k in range(0, 3000, 10):
-        present(grown, x[k : k + 10], pace, right)
+        present_gng(grown, x[k : k + 10], pace, right)
         if k % 50 == 0:
             insert(grown, pace)
     assert np.mean(grown.weights[:, 0] > 0.5) > 0.6
@@ -128,13 +128,13 @@ def test_learning_shows_every_sample_once_per_pass_in_short_blocks_at_an_even_pa
 
     def spy(gas, block, pace, gain, progress):
         shown.append((block, len(gas.weights), pace, gain, progress))
-        return present(gas, block, pace, gain, progress)
+        return present_gng(gas, block, pace, gain, progress)
 
     def gain(visit):
         return np.ones(len(visit.winners))
 
     monkeypatch.setattr(gng, "present", spy)
-    epochs = list(gng.learn(x, 150, gain, 4, np.random.default_rng(0)))
+    epochs = list(gng.learn_gng(x, 150, gain, 4, np.random.default_rng(0)))
     blocks, sizes, paces, gains, progress = zip(*shown, strict=True)
     # each pass holds all samples, in another order
     order = np.concatenate(blocks).reshape(4, 1000, 2)
@@ -154,7 +154,7 @@ def test_learning_shows_every_sample_once_per_pass_in_short_blocks_at_an_even_pa
     assert {pace.decay for pace in paces} == {1 - 1 / 300}
     assert set(gains) == {gain}
     assert [epoch.shown for epoch in epochs] == [1000] * 4
-    small = gng.learn(x, 5, None, 1, np.random.default_rng(0))
+    small = gng.learn_gng(x, 5, None, 1, np.random.default_rng(0))
     shown.clear()
     assert len(next(small).weights) == 5
     assert {pace.decay for _, _, pace, _, _ in shown} == {1 - 1 / 200}
@@ -162,10 +162,10 @@ def test_learning_shows_every_sample_once_per_pass_in_short_blocks_at_an_even_pa
 
 def test_a_small_gas_is_shown_a_few_samples_per_node_and_is_as_good(monkeypatch):
     u, fresh = (np.random.default_rng(seed).random((n, 2)) for seed, n in ((0, 3000), (1, 4000)))
-    few = list(gng.learn(u, 9, None, 10, np.random.default_rng(2)))
+    few = list(gng.learn_gng(u, 9, None, 10, np.random.default_rng(2)))
     assert {epoch.shown for epoch in few} == {gng.samples_shown(3000, 9)} == {135}
     monkeypatch.setattr(gng, "_PER_NODE", 10**9)
-    many = list(gng.learn(u, 9, None, 2, np.random.default_rng(2)))
+    many = list(gng.learn_gng(u, 9, None, 2, np.random.default_rng(2)))
     assert {epoch.shown for epoch in many} == {3000}
     miss = [search_tree(run[-1].weights).query(fresh)[0].mean() for run in (few, many)]
     assert miss[0] < 1.1 * miss[1]
@@ -176,10 +176,10 @@ def test_an_epoch_tells_the_mean_distance_to_the_winners(monkeypatch):
 
     def spy(gas, block, *rest):
         told.append(np.linalg.norm(block[:, None] - gas.weights, axis=2).min(axis=1).sum())
-        return present(gas, block, *rest)
+        return present_gng(gas, block, *rest)
 
     monkeypatch.setattr(gng, "present", spy)
-    (epoch,) = gng.learn(x, 20, None, 1, np.random.default_rng(0))
+    (epoch,) = gng.learn_gng(x, 20, None, 1, np.random.default_rng(0))
     assert epoch.error == pytest.approx(sum(told) / 300)
     assert epoch.sigma == 0.0
     assert epoch.lattice.size == len(epoch.weights)

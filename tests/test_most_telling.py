@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from calib.body.fitting import fit_body
-from calib.body.likeness import kernel, lengths_of
+from calib.body.likeness import lengths_of, matern
 from calib.body.most_telling import most_telling
 
 NONE = np.zeros((0, 2))
@@ -28,7 +28,7 @@ def information(body, q):
     _, x = body.structure.linearise(q, body.beta, body.active)
     flat = (x / body.noise[:, None]).reshape(2 * len(q), -1)
     total = np.eye(2 * len(q)) + body.kappa**2 * flat @ body.covariance @ flat.T
-    total += np.kron(kernel(q, q, lengths_of(body, CHOICE)), np.diag((body.tau / body.noise) ** 2))
+    total += np.kron(matern(q, q, lengths_of(body, CHOICE)), np.diag((body.tau / body.noise) ** 2))
     return np.linalg.slogdet(total)[1]
 
 

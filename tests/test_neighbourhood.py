@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from calib.maps.batch import learn
+from calib.maps.batch import learn_batch
 from calib.maps.lattice import Lattice
 from calib.maps.neighbourhood import REACH, moved, spread
 from calib.maps.schedule import Stage, coarse_to_fine
@@ -92,7 +92,8 @@ def test_the_order_of_the_samples_does_not_matter():
     u = random(500, 2)
     stages = [Stage(Lattice((6, 6)), np.geomspace(3, 0.5, 10), len(u), final=True)]
     a, b = (
-        list(learn(v, stages, None, np.random.default_rng(1)))[-1].weights for v in (u, u[::-1])
+        list(learn_batch(v, stages, None, np.random.default_rng(1)))[-1].weights
+        for v in (u, u[::-1])
     )
     np.testing.assert_allclose(a, b, atol=1e-9)
 

@@ -11,7 +11,7 @@ from calib.maps import local_models as local
 from calib.maps.lattice import Lattice
 from calib.maps.local_models import near_rows, speaking
 from calib.maps.map import Map
-from calib.maps.model_selection import Candidate, blocks, select
+from calib.maps.model_selection import SmoothCandidate, blocks, select
 from calib.maps.node_choice import fit_each
 
 SCALE = Scale(np.zeros(2), np.ones(2), np.zeros(2, dtype=bool))
@@ -58,7 +58,7 @@ def defect(u):
 
 
 def chosen(u, x, motor):
-    candidate = Candidate(Flat(), x, [x] * len(blocks(len(u))))
+    candidate = SmoothCandidate(Flat(), x, [x] * len(blocks(len(u))))
     return select(motor, u, [candidate])
 
 

@@ -5,7 +5,7 @@ import pytest
 
 import calib
 from calib.maps.lattice import Lattice
-from calib.maps.online import present
+from calib.maps.online import present_online
 from calib.paper.setting import Setting
 from calib.paper.trial import Schedule, activity_errors, association
 
@@ -24,7 +24,7 @@ def test_a_step_is_eq_1_to_3_whatever_the_lattice():
             r = lattice.positions()
             h = np.exp(-np.sum((r - r[winner]) ** 2, axis=1) / (2 * s * s))
             wanted += np.minimum(a * h, 1.0)[:, None] * (sample - wanted)
-        found = present(w, lattice, x, sigma, rate)
+        found = present_online(w, lattice, x, sigma, rate)
         np.testing.assert_allclose(w, wanted, atol=5 * 5.0 * np.exp(-8.0))
         np.testing.assert_allclose(found, distances, atol=5 * 5.0 * np.exp(-8.0))
 

@@ -118,7 +118,7 @@ def test_a_dsom_follows_by_its_own_rule():
     adapter = OnlineAdapter(replace(model(), about=about), HORIZON, force=True)
     adapter.feed(samples.q, samples.x)
     weights = before.units.copy()
-    dsom.present(weights, before.lattice, before.scale.to_unit(samples.x))
+    dsom.present_dsom(weights, before.lattice, before.scale.to_unit(samples.x))
     assert np.array_equal(adapter.model().sensory.units, weights)
     assert np.abs(weights - before.units).max() > 1e-3
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from beliefs import joints, noise
 
-from calib.body.likeness import kernel
+from calib.body.likeness import matern
 from calib.change.own_residual import own_residual
 from calib.common.rows import thinned
 
@@ -37,11 +37,11 @@ def test_noise_is_no_residual():
 
 def test_a_correlation_is_one_at_home_and_falls():
     q = joints(30, 17)
-    alike = kernel(q, q, np.array([0.3, 0.6]))
+    alike = matern(q, q, np.array([0.3, 0.6]))
     np.testing.assert_allclose(np.diag(alike), 1.0)
     assert np.linalg.eigvalsh(alike).min() > -1e-10
     line = np.stack([np.linspace(0, 3, 20), np.zeros(20)], axis=1)
-    falling = kernel(line, line[:1], np.ones(2))[:, 0]
+    falling = matern(line, line[:1], np.ones(2))[:, 0]
     assert (np.diff(falling) < 0).all()
 
 

@@ -15,7 +15,7 @@ from calib.common.scale import Scale
 from calib.model.space import Space
 from calib.use.collisions import hides_its_tip, hits_itself, visible
 from calib.use.pose_space import space_of
-from calib.use.spread import candidates, farthest, tells
+from calib.use.spread import candidate_poses, farthest, tells
 
 DEGREE = math.radians(1.0)
 UNIT = Scale(np.zeros(2), np.ones(2), np.zeros(2, dtype=bool))
@@ -91,7 +91,7 @@ def test_the_most_telling_poses_are_those_of_the_posterior():
 def test_a_plan_in_space_tells_more_than_a_spread_one():
     arm = calib.load_arm("spatial_three")
     plan = calib.plan(arm, 12)
-    points = candidates(space_of(arm), np.random.default_rng(0))
+    points = candidate_poses(space_of(arm), np.random.default_rng(0))
     none = np.zeros((0, 3))
     spread = space_of(arm).scale.from_unit(points[farthest(space_of(arm).scale, points, 12, none)])
     volumes = []
@@ -140,7 +140,7 @@ def test_a_plan_for_a_tracker_keeps_the_tip_in_its_sight():
     structure, beta = model.body.structure, model.body.beta.copy()
     eye, turn = np.array([2.0, 0.0, 0.1]), structure.sensor(beta).rotation
     space = space_of(model, None, None)
-    points = candidates(space, np.random.default_rng(0))[:400]
+    points = candidate_poses(space, np.random.default_rng(0))[:400]
 
     def kept(origin):
         beta[structure.groups["view.shift"]] = -turn @ origin

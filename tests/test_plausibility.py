@@ -9,7 +9,12 @@ from hypothesis import strategies as st
 
 import calib
 from calib.errors import LogError
-from calib.samples.plausibility import check_against_robot, lag_of, misfit, unit_hint
+from calib.samples.plausibility import (
+    aligned_misfit,
+    check_against_robot,
+    lag_behind_arm,
+    unit_hint,
+)
 from calib.samples.tables import write_table
 
 ARM = calib.load_arm("two_link")
@@ -70,18 +75,18 @@ def test_a_mirrored_axis_is_said(tmp_path):
 def test_a_lag_is_counted(lag):
     q, x = path()
     x = x @ np.array([[0.6, -0.8], [0.8, 0.6]]) + np.random.default_rng(0).normal(0, 1e-4, x.shape)
-    assert lag_of(ARM, q, np.roll(x, lag, axis=0)) == lag
+    assert lag_behind_arm(ARM, q, np.roll(x, lag, axis=0)) == lag
 
 
 def test_rows_that_are_no_path_have_no_lag():
     q, x = samples()
-    assert lag_of(ARM, q, x) == 0
+    assert lag_behind_arm(ARM, q, x) == 0
 
 
 @pytest.mark.parametrize("lag", [-2, 1])
 def test_shifted_rows_of_poses_in_any_order_are_counted(lag):
     q, x = samples()
-    assert lag_of(ARM, q, np.roll(x, lag, axis=0)) == lag
+    assert lag_behind_arm(ARM, q, np.roll(x, lag, axis=0)) == lag
 
 
 def test_a_joint_of_an_arm_in_space_that_counts_the_other_way_is_named():
@@ -117,8 +122,8 @@ def test_misfit_forgets_the_frame_and_nothing_else():
         a = rng.normal(size=(50, m))
         turned = np.linalg.qr(rng.normal(size=(m, m)))[0]
         turned[:, 0] *= np.sign(np.linalg.det(turned))
-        assert misfit(a, 3.0 * a @ turned.T + 7.0) < 1e-12
-        assert misfit(a, a * ([-1.0] + [1.0] * (m - 1))) > 0.1
+        assert aligned_misfit(a, 3.0 * a @ turned.T + 7.0) < 1e-12
+        assert aligned_misfit(a, a * ([-1.0] + [1.0] * (m - 1))) > 0.1
 
 
 def test_positions_that_leave_the_plane_are_refused(tmp_path):

@@ -7,7 +7,7 @@ import pytest
 from beliefs import LOWER, UPPER, body, exact_body, joints, noise, tip
 
 from calib.change.reference import carried_offset, kept_reference, reference_of
-from calib.change.sanity import lag_of
+from calib.change.sanity import lag_behind_body
 
 pytestmark = pytest.mark.usefixtures("one_blas_thread")
 
@@ -56,12 +56,12 @@ def test_positions_that_follow_the_joints_are_found_out():
     u = 0.5 + 0.4 * np.stack([np.sin(t), np.sin(1.7 * t + 1)], axis=1)
     q = LOWER + u * (UPPER - LOWER)
     reference = kept_reference(body())
-    assert lag_of(reference, q, tip(q)) == 0
+    assert lag_behind_body(reference, q, tip(q)) == 0
     for lag in (4, -9):
         shifted = np.roll(tip(q), lag, axis=0)
         rows = slice(20, 280)
-        assert lag_of(reference, q[rows], shifted[rows]) == lag
-    assert lag_of(reference, joints(300), tip(joints(300, 1))) == 0
+        assert lag_behind_body(reference, q[rows], shifted[rows]) == lag
+    assert lag_behind_body(reference, joints(300), tip(joints(300, 1))) == 0
 
 
 def test_what_maps_add_turns_with_the_sensor():

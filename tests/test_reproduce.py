@@ -15,7 +15,7 @@ from calib.paper.adaptation import Episode
 from calib.paper.experiments import crowded
 from calib.paper.figures import curves_figure
 from calib.paper.published import COLUMNS, TABLE1, TABLE2
-from calib.paper.search import best_schedule, candidates
+from calib.paper.search import best_schedule, schedules
 from calib.paper.setting import Setting
 from calib.paper.tables import Table, printed
 from calib.paper.trial import Schedule, joined
@@ -69,7 +69,7 @@ def test_schedules_are_chosen_on_points_that_no_table_sees():
 
 def test_every_network_is_offered_the_same_schedules():
     setting = Setting.of()
-    offered = candidates(setting)
+    offered = schedules(setting)
     assert Schedule() in offered
     assert len(set(offered)) == len(offered) > 10
 

@@ -8,12 +8,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from calib.maps.lattice import Lattice
-from calib.maps.schedule import coarse_to_fine, exponential, shrunk, total_work
+from calib.maps.schedule import coarse_to_fine, decay, shrunk, total_work
 
 
 @given(st.floats(0.1, 100), st.floats(0.01, 1), st.integers(2, 200))
 def test_radii_start_and_end_as_told_and_fall_by_one_factor(start, share, n):
-    values = exponential(start, start * share, n)
+    values = decay(start, start * share, n)
     assert len(values) == n
     assert values[0] == pytest.approx(start)
     assert values[-1] == pytest.approx(start * share)
@@ -22,12 +22,12 @@ def test_radii_start_and_end_as_told_and_fall_by_one_factor(start, share, n):
 
 def test_equation_4_is_this_decay():
     sigma, t, big_t = 5.0, np.arange(11), 4.0
-    values = exponential(sigma, sigma * np.exp(-10 / big_t), 11)
+    values = decay(sigma, sigma * np.exp(-10 / big_t), 11)
     np.testing.assert_allclose(values, sigma * np.exp(-t / big_t))
 
 
 def test_one_epoch_has_the_last_radius():
-    assert exponential(5.0, 0.5, 1).tolist() == [0.5]
+    assert decay(5.0, 0.5, 1).tolist() == [0.5]
 
 
 SHAPES = [(70, 70), (300, 300), (100, 40), (17, 17, 17), (2, 300), (400,), (5, 5), (2, 2), (2,) * 7]

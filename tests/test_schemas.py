@@ -124,8 +124,8 @@ def test_a_schema_that_makes_no_sense_is_refused():
     from calib.model_file.checked import Tensors
 
     kept = both()
-    described, tensors = stored.pack(kept.schemas)
-    whole = stored.unpack(kept, described, Tensors(tensors))
+    described, tensors = stored.pack_schemas(kept.schemas)
+    whole = stored.unpack_schemas(kept, described, Tensors(tensors))
     assert whole[0].name == "tool on"
     wrong = {
         "name": [dict(described[0], name="a\nb")],
@@ -135,15 +135,15 @@ def test_a_schema_that_makes_no_sense_is_refused():
     }
     for states in wrong.values():
         with pytest.raises(CalibError, match=r"schema|body"):
-            stored.unpack(kept, states, Tensors(tensors))
+            stored.unpack_schemas(kept, states, Tensors(tensors))
     nan = dict(tensors)
     nan["schema.0.bounds"] = np.full_like(tensors["schema.0.bounds"], np.nan)
     with pytest.raises(CalibError, match="not finite"):
-        stored.unpack(kept, described, Tensors(nan))
+        stored.unpack_schemas(kept, described, Tensors(nan))
     short = dict(tensors)
     short["schema.0.sensory"] = tensors["schema.0.sensory"][:-1]
     with pytest.raises(CalibError, match="expected"):
-        stored.unpack(kept, described, Tensors(short))
+        stored.unpack_schemas(kept, described, Tensors(short))
 
 
 def test_a_damaged_file_is_an_error(tmp_path):

@@ -11,7 +11,7 @@ from calib.maps.lattice import Lattice
 from calib.maps.map import Map
 from calib.maps.model_selection import (
     FOLDS,
-    Candidate,
+    SmoothCandidate,
     better,
     blocks,
     of_body,
@@ -194,7 +194,7 @@ def test_a_trend_of_what_the_body_leaves_over_is_added_where_it_pays(motor):
 
     smooth = body_of(motor, u, arm(u)).smooth
     left = bent(u) - smooth.value(u)
-    body = Candidate(smooth, left, [left] * FOLDS)
+    body = SmoothCandidate(smooth, left, [left] * FOLDS)
     both = of_trends(motor.scale, (True, True), u, bent(u), body)
     selected = select(motor, u, [body, *both])
     smooth = selected.predictor.smooth
@@ -216,7 +216,7 @@ def test_a_trend_of_what_the_body_leaves_over_is_added_where_it_pays(motor):
 def test_the_only_candidate_is_the_smooth_part(motor):
     u = points(800)
     (first, *_) = of_trends(motor.scale, (True, True), u, arm(u))
-    rippled = Candidate(
+    rippled = SmoothCandidate(
         first.smooth,
         ripple(u) - first.smooth.value(u),
         [ripple(u) - first.smooth.value(u)] * FOLDS,

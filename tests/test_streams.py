@@ -166,11 +166,11 @@ def test_a_dsom_follows_by_its_own_rule():
     adapter = OnlineAdapter(replace(base, about=about), force=True)
     adapter.feed(samples.q, samples.x)
     by_hand = base.sensory.units.copy()
-    from calib.maps.dsom import present
+    from calib.maps.dsom import present_dsom
 
     v = base.sensory.scale.to_unit(samples.x)
     for k in range(0, 400, BLOCK):
-        present(by_hand, base.sensory.lattice, v[k : k + BLOCK])
+        present_dsom(by_hand, base.sensory.lattice, v[k : k + BLOCK])
     assert np.array_equal(adapter.model().sensory.units, by_hand)
 
 

@@ -70,4 +70,4 @@ def test_a_joint_that_never_moved_is_refused_or_ignored():
 def test_maps_that_did_not_unfold_are_refused_in_one_line():
     samples = calib.babble(calib.load_arm("two_link"), 100, seed=0)
     with pytest.raises(OptionError, match=r"map.*`size`"):
-        calib.train(samples, size=4, rule="online", map="vdsom:border")
+        calib.train(samples, size=4, map="som", epochs=3, sigma=(1e9, 1e9))

@@ -21,7 +21,7 @@ from .finding import MOST_JOINTS, Choice, find_arm, in_line, is_planar
 from .folding import carried, folded, followers
 from .plane import check_tip, common_normal, plane_of
 from .posture import Kinematics, Posture
-from .ranges import Range, check_limits, full_range, neutral, travel, unit_of
+from .ranges import Range, check_joint_limits, full_range, neutral, travel, unit_of
 from .robots import resolve_robot
 from .tree import Joint, Urdf
 from .urdf import parse_urdf, read_urdf
@@ -151,7 +151,7 @@ def arm_from_urdf(
         arm = SpatialArm(**shared)
     arm = arm.with_range(ranges)
     others = [joint for joint in active if joint.name not in ranges]
-    check_limits(others)
+    check_joint_limits(others)
     return arm.spanning({joint.name: full_range(joint) for joint in others})
 
 

@@ -60,7 +60,7 @@ def neutral(joint: Joint) -> float:
     return min(max(0.0, lower), upper)
 
 
-def check_limits(joints: Sequence[Joint]) -> None:
+def check_joint_limits(joints: Sequence[Joint]) -> None:
     """Ask for `ranges` of all joints whose limits are unusable."""
     faulty = [joint for joint in joints if limits_fault(joint)]
     if faulty:
@@ -79,7 +79,7 @@ def ranges_wanted(joints: Sequence[Joint]) -> str:
 
 def full_range(joint: Joint) -> Range:
     """Return the limits of a joint, or ask for `ranges` where they are unusable."""
-    check_limits([joint])
+    check_joint_limits([joint])
     return (-math.inf, math.inf) if joint.limits is None else joint.limits
 
 

@@ -15,7 +15,7 @@ _SMOOTH = 0.5
 """Length [rad] over which the residual of a log is alike (Matern 5/2)."""
 
 
-def kernel(q: Array, other: Array, lengths: Array) -> Array:
+def matern(q: Array, other: Array, lengths: Array) -> Array:
     """Matern 5/2 correlation (n, k) of joints (n, dof) and (k, dof)."""
     a, b = q / lengths, other / lengths
     square = (a**2).sum(axis=1)[:, None] + (b**2).sum(axis=1) - 2 * a @ b.T

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ..common.arrays import Array
 from .belief import Body
-from .likeness import kernel, lengths_of
+from .likeness import lengths_of, matern
 
 _MEASURED = 300  # measured rows that the residual is compared with, evenly spread
 
@@ -35,12 +35,12 @@ def most_telling(body: Body, q: Array, n: int, measured: Array) -> NDArray[np.in
     own = np.diag((body.tau[:p] / noise) ** 2)
     lengths = lengths_of(body, q)
     rows = measured[:: max(1, -(-len(measured) // _MEASURED))]
-    alike = kernel(rows, rows, lengths) + np.eye(len(rows)) / max(float(own.max()), 1e-12)
-    seen = np.linalg.solve(np.linalg.cholesky(alike), kernel(rows, q, lengths)).T  # (k, l)
+    alike = matern(rows, rows, lengths) + np.eye(len(rows)) / max(float(own.max()), 1e-12)
+    seen = np.linalg.solve(np.linalg.cholesky(alike), matern(rows, q, lengths)).T  # (k, l)
     left = np.maximum(1.0 - (seen**2).sum(axis=1), 0.0)
 
     def common(best: int) -> Array:
-        alike = kernel(q, q[best : best + 1], lengths)[:, 0] - seen @ seen[best]
+        alike = matern(q, q[best : best + 1], lengths)[:, 0] - seen @ seen[best]
         return np.asarray(alike[:, None, None] * own)
 
     return greedy(known, n, left[:, None, None] * own, common)

@@ -188,4 +188,4 @@ class PlanarStructure(Structure):
         return z, np.asarray(view @ np.stack([by_joint.real, by_joint.imag], axis=1))
 
     prior, members = priors.planar_prior, priors.planar_members
-    starts, words = planar_start.starts, planar_words
+    starts, words = planar_start.planar_starts, planar_words

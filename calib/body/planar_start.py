@@ -23,7 +23,7 @@ _MOST = 16
 _ELBOWS = np.linspace(-np.pi, np.pi, 9)[:-1]
 
 
-def starts(structure: PlanarStructure, q: Array, z: Array) -> list[tuple[Structure, Array]]:
+def planar_starts(structure: PlanarStructure, q: Array, z: Array) -> list[tuple[Structure, Array]]:
     """Candidates, the best linear fits first.
 
     With a nominal geometry its own signs come first; every combination is tried where the view

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 _Complex = NDArray[np.complex128]
 
 
-def turned(beta: Array) -> Array:
+def view_rotation(beta: Array) -> Array:
     """Rotation (2, 2) of the view."""
     c, s = np.cos(beta[0]), np.sin(beta[0])
     return np.array([[c, -s], [s, c]])
@@ -35,7 +35,7 @@ def matrix(beta: Array, mirror: int) -> Array:
     """Linear part A (2, 2) of the view, with the mirror."""
     a, b = beta[2], beta[3]
     shear = np.array([[1 + a, b], [b, 1 - a]])
-    out: Array = np.exp(beta[1]) * turned(beta) @ shear @ np.diag([1.0, float(mirror)])
+    out: Array = np.exp(beta[1]) * view_rotation(beta) @ shear @ np.diag([1.0, float(mirror)])
     return out
 
 
@@ -82,7 +82,7 @@ def columns(
     if not k and not beta[8]:
         return y + beta[4:6], view, out
     mirrored = x * [1.0, float(structure.mirror)]
-    turn = np.exp(beta[1]) * turned(beta)
+    turn = np.exp(beta[1]) * view_rotation(beta)
     one, zero = np.ones(n), np.zeros(n)
     before = {
         0: np.stack([-y[:, 1], y[:, 0]], axis=1),

@@ -34,7 +34,8 @@ class SpatialStructure(Structure):
     kind = "spatial"
     gate_rows = 1200  # each has three outputs and hundreds of parameters
     wide = (200.0, 1e-3)
-    chain: SpatialChain  # the nominal chain [m]: of a URDF, or what `starts` found without one
+    # the nominal chain [m]: of a URDF, or what `spatial_starts` found without one
+    chain: SpatialChain
     # active joints (dof), and all joints of the chain (m) with mimic joints
     joint_names: tuple[str, ...]
     chain_names: tuple[str, ...]
@@ -51,7 +52,8 @@ class SpatialStructure(Structure):
     informed: bool = True
     gravity: tuple[float, float, float] = GRAVITY  # (3,) [m/s2], in the root frame
     simulated: bool = False  # whether the rows are samples of a simulation
-    few: bool = False  # whether the rows are too few to move joint origins; `starts` finds out
+    # whether the rows are too few to move joint origins; `spatial_starts` finds out
+    few: bool = False
 
     @property
     def outputs(self) -> int:
@@ -149,9 +151,9 @@ class SpatialStructure(Structure):
 
     def starts(self, q: Array, z: Array) -> Sequence[tuple[Structure, Array]]:
         """Candidate starts: structures with their parameters (d,)."""
-        from .spatial_start import starts  # SciPy's linear algebra, which no query needs
+        from .spatial_start import spatial_starts  # SciPy's linear algebra, which no query needs
 
-        return starts(self, q, z)
+        return spatial_starts(self, q, z)
 
     def with_view(self, view: str, **changes: Any) -> SpatialStructure:
         """Return the structure with another view."""

@@ -18,7 +18,7 @@ from ..arm.spatial_chain import SpatialChain
 from ..common.arrays import Array
 from .curves import curve_table, in_table, in_table_with_slope
 from .spatial import SpatialStructure
-from .spatial_view import NEAREST
+from .spatial_view import LEAST_DEPTH
 
 
 class SpatialRow:
@@ -194,7 +194,7 @@ def _view(structure: SpatialStructure, beta: Array) -> tuple[_See, _Seen]:
 
     def lens(point: list[float]) -> tuple[float, float, float, float, float]:
         x, y, z = see(point)
-        depth = max(z, NEAREST)
+        depth = max(z, LEAST_DEPTH)
         u, v = x / depth, y / depth
         rise, ratio, _ = bend(k1, u * u + v * v)
         return u, v, depth, 1.0 + rise * ratio, 2.0 * rise

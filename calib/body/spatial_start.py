@@ -39,7 +39,9 @@ CLEAR = 0.3
 _TOOL, _TURNS = 0.1, 8
 
 
-def starts(structure: SpatialStructure, q: Array, z: Array) -> Sequence[tuple[Structure, Array]]:
+def spatial_starts(
+    structure: SpatialStructure, q: Array, z: Array
+) -> Sequence[tuple[Structure, Array]]:
     """Candidate starts of a fit: structures with their parameters (d,), the best one first."""
     least = structure.seen_as.least if structure.informed else _LEAST
     if len(q) < least:

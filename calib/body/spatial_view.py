@@ -15,7 +15,7 @@ from ..common.arrays import Array
 from .views import SPATIAL
 
 #: A point nearer to the camera's plane than this [m] has no pixel; it is held there.
-NEAREST = 1e-3
+LEAST_DEPTH = 1e-3
 
 
 @dataclass(frozen=True)
@@ -99,7 +99,7 @@ def look(sensor: Placed, position: Array, rotation: Array) -> View:
 
 def _pixels(sensor: Placed, point: Array) -> View:
     f, u0, v0, k1 = sensor.lens
-    depth = np.maximum(point[2], NEAREST)
+    depth = np.maximum(point[2], LEAST_DEPTH)
     point = np.stack([point[0], point[1], depth])
     ideal = point[:2] / depth
     rise, ratio, _ = SPATIAL[sensor.kind].bend(float(k1), (ideal**2).sum(axis=0))

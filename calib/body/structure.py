@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..common.arrays import Array
-from .views import VIEWS, ViewKind
+from .views import VIEWS_OF_BODIES, ViewKind
 
 if TYPE_CHECKING:
     from .derivative import Derivative
@@ -96,7 +96,7 @@ class Structure:
     @property
     def seen_as(self) -> ViewKind:
         """The kind of its sensor."""
-        return VIEWS[self.kind][self.view]
+        return VIEWS_OF_BODIES[self.kind][self.view]
 
     @property
     def outputs(self) -> int:

@@ -62,7 +62,7 @@ SPATIAL = {
 }
 """Sensors of an arm in space; where there are two outputs, a camera sees it."""
 
-VIEWS = {"planar": PLANAR, "spatial": SPATIAL}
+VIEWS_OF_BODIES = {"planar": PLANAR, "spatial": SPATIAL}
 
 
 def is_camera(view: str) -> bool:

@@ -28,7 +28,7 @@ from .orientation import turned_tool, with_orientations
 from .own_residual import OwnResidual, own_residual
 from .rebuilding import doubts, elsewhere, rebuilt
 from .rows import UPDATED_ROWS
-from .update import fit_from_drawing, gain_of, updated
+from .update import fit_from_drawing, gain_on_held_out, updated
 
 _CLEAR = 0.95  # of the held-out error that a change may leave at most
 _REFINED = 0.85  # the same where nothing changed and rows are only added
@@ -174,7 +174,7 @@ def _improves(
     after: Array,
 ) -> bool:
     """Whether the update is worth taking."""
-    ratio, sure = gain_of(before, after)
+    ratio, sure = gain_on_held_out(before, after)
     if changed:
         return ratio < _CLEAR
     if ratio > _REFINED or sure < _SURE:

@@ -24,7 +24,7 @@ from .group_tests import FALSE_ALARM, Tested, group_tests
 from .members import as_built
 from .reference import Reference, carried_offset, kept_reference, reference_of
 from .rows import Log, weighted
-from .sanity import comparable, lag_of
+from .sanity import comparable, lag_behind_body
 from .seen import body_of
 
 _PROBES = 120  # joints all over the learned range at which predictions are compared
@@ -271,7 +271,7 @@ class Comparison:
     @cached_property
     def _late(self) -> str:
         """What is said of positions that follow the joints by some rows, "" where they do not."""
-        lag = lag_of(self.reference, self.q, self.x - self.moved_offset)
+        lag = lag_behind_body(self.reference, self.q, self.x - self.moved_offset)
         if not lag:
             return ""
         return (

@@ -21,7 +21,7 @@ from ..maps.density import Visit, gain_of, kind_of
 from ..maps.lattice import Lattice
 from ..maps.links import oja, without_weak
 from ..maps.map import Map
-from ..maps.online import present
+from ..maps.online import present_online
 from ..model.model import Model
 from .settled import settled_model
 from .watch import Step, Watch, matching_sigma
@@ -225,7 +225,7 @@ class OnlineAdapter:
             gain, kind = gain_of("vdsom"), "som"
         weights = self._weights[name] = self._weights[name].copy()
         if kind == "dsom":  # its rate and radius follow the distance, not time
-            dsom.present(weights, network.lattice, points)
+            dsom.present_dsom(weights, network.lattice, points)
             return
         if gain is not None:
             distance, winner = network.nearest(points)
@@ -233,7 +233,7 @@ class OnlineAdapter:
             rate = rate * gain(
                 Visit(float(share[-1]), winner[:, 0], distance[:, 0], before, network.lattice)
             )
-        present(weights, network.lattice, points, self._sigma(name, t), rate)
+        present_online(weights, network.lattice, points, self._sigma(name, t), rate)
 
 
 def check_followable(model: Model) -> None:

@@ -14,7 +14,7 @@ from ..training.evaluate import figures
 from .follow import BLOCK, OnlineAdapter
 from .watch import Step
 
-SETTLED = 100
+SETTLED_AFTER = 100
 """Samples that a state must have lasted to be kept as a schema."""
 
 _FIRST = 30  # samples that a first model of a new state rests on
@@ -55,7 +55,7 @@ class Learning:
     @property
     def settled(self) -> bool:
         """Whether the state lasted long enough to be kept."""
-        return self.known and self.samples >= SETTLED
+        return self.known and self.samples >= SETTLED_AFTER
 
     def take(self, u: Array, x: Array) -> Model | None:
         """Take samples (n, dof) and (n, m); a new model where it is time for one."""

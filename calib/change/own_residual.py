@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..body.likeness import kernel
+from ..body.likeness import matern
 from ..common.arrays import Array
 from ..common.rows import thinned
 from .rows import RESIDUAL_ROWS
@@ -37,11 +37,11 @@ class OwnResidual:
 
     def value(self, q: Array) -> Array:
         """Mean (k, m) at joints (k, dof) [unit]."""
-        return np.asarray(kernel(q, self.q, self.lengths) @ self.weights)
+        return np.asarray(matern(q, self.q, self.lengths) @ self.weights)
 
     def deviation(self, q: Array) -> Array:
         """Standard deviation per axis (k,) at joints (k, dof) [unit]."""
-        alike = kernel(q, self.q, self.lengths)
+        alike = matern(q, self.q, self.lengths)
         known = np.einsum("ki,ij,kj->k", alike, self.inverse, alike)
         return np.asarray(self.sd * np.sqrt(np.maximum(1.0 - known, 0.0)))
 
@@ -65,7 +65,7 @@ def own_residual(
     tried: list[tuple[float, float, float, float]] = []
     root, m = np.sqrt(weight)[:, None], residual.shape[1]
     for share in _LENGTHS:
-        alike = kernel(q, q, share * lengths)
+        alike = matern(q, q, share * lengths)
         values, vectors = np.linalg.eigh(alike * root * root.T)
         y2 = ((vectors.T @ (residual * root)) ** 2).sum(axis=1)
         for ratio in _RATIOS:
@@ -77,7 +77,7 @@ def own_residual(
     _, share, ratio, variance = min(tried, key=lambda each: each[0])
     lengths = share * lengths
     noise = np.diag(ratio / weight + 1e-10)
-    alike = kernel(q, q, lengths)
+    alike = matern(q, q, lengths)
     before = np.linalg.norm(held, axis=1)
     left = np.empty(n)
     for count in _PARTITIONS:

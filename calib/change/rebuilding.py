@@ -14,10 +14,10 @@ import numpy as np
 from ..body.basis import exponents
 from ..body.belief import Body
 from ..body.covariance import RADIUS_95
-from ..body.likeness import kernel
+from ..body.likeness import matern
 from ..body.trend import Trend
 from ..common.arrays import Array
-from ..common.robust import solve
+from ..common.robust import solve_least_squares
 from ..common.scale import Scale
 from ..common.wording import for_people
 from ..maps import local_models
@@ -72,7 +72,7 @@ def rebuilt(found: Comparison, body: Body, own: OwnResidual | None, *, anew: boo
         growth = np.zeros(len(nodes))
         if own is not None:  # where no view explains the log alone, the old one may be right there
             change = np.linalg.norm(fresh.predictor.value(u) - model.predictor.value(u), axis=1)
-            far = 1.0 - kernel(nodes, own.q, own.lengths).max(axis=1)
+            far = 1.0 - matern(nodes, own.q, own.lengths).max(axis=1)
             growth = np.hypot(RADIUS_95 * own.deviation(nodes), far * change)
         bounds = [np.hypot(bound, growth) for bound in (model.bounds, model.model_bounds)]
         bounds[0] = np.maximum(bounds[0], RADIUS_95 * float(body.noise[0]))
@@ -171,7 +171,7 @@ def _refitted(model: Model, body: Body | None, u: Array, wanted: Array) -> Predi
     smooth: Smooth | None = None if body is None else BodyInBox(body, motor.scale)
     if isinstance(trend, Trend) and (smooth is None or isinstance(old.smooth, Both)):
         left = wanted if smooth is None else wanted - smooth.value(u)
-        around = Trend(trend.basis, solve(trend.basis.values(u), left))
+        around = Trend(trend.basis, solve_least_squares(trend.basis.values(u), left))
         smooth = around if smooth is None else Both(smooth, around)
     assert smooth is not None  # noqa: S101 - without a body there is a trend
     residual = wanted - smooth.value(u)

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ..body.likeness import kernel, lengths_of
+from ..body.likeness import lengths_of, matern
 from ..common.arrays import Array
 from ..common.rows import thinned
 from .members import drift, freedom, members_of
@@ -163,13 +163,13 @@ def spectrum(reference: Reference, log: Log, creep: Array, factor: float) -> Spe
     kept = ~np.isin(active, reference.forgotten)
     flat = flat[:, kept]
     total = flat @ known[np.ix_(kept, kept)] @ flat.T
-    alike = kernel(log.q, log.q, lengths_of(body, log.q)) * root[:, None] * root
+    alike = matern(log.q, log.q, lengths_of(body, log.q)) * root[:, None] * root
     own = (factor * reference.own_sd / size) ** 2
     total += np.kron(alike, np.diag(own))
     extents = np.asarray(body.structure.extents, dtype=float)
     if log.shared:  # a frame that is shifted, turned, tilted: as smooth as the workspace is wide
         places = seen[:, :m] / (2.0 * extents)
-        alike = kernel(places, places, np.ones(m)) * root[:, None] * root
+        alike = matern(places, places, np.ones(m)) * root[:, None] * root
         total += np.kron(alike, np.diag((log.shared / size) ** 2))
     values, vectors = np.linalg.eigh(total)
     floor = float(np.min(_FLOOR * extents / size))

@@ -1,7 +1,7 @@
 """Sanity: whether a log can be compared with a model at all, and what looks wrong.
 
-Exchanged columns and degrees are refused before a comparison; `lag_of` looks for positions that
-come some rows after their joints where nothing else explains a log.
+Exchanged columns and degrees are refused before a comparison; `lag_behind_body` looks for
+positions that come some rows after their joints where nothing else explains a log.
 """
 
 from __future__ import annotations
@@ -114,7 +114,7 @@ def _check_swapped(model: Model, q: Array, x: Array) -> None:
             )
 
 
-def lag_of(reference: Reference, q: Array, z: Array) -> int:
+def lag_behind_body(reference: Reference, q: Array, z: Array) -> int:
     """Rows by which positions follow the joints; 0 where no shift halves the misfit.
 
     reference : the old belief in the frame of the log

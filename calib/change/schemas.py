@@ -38,7 +38,7 @@ _FREEDOM = 6.0  # of the Student distribution that compares schemas
 
 
 @dataclass(frozen=True)
-class Fit:
+class SchemaFit:
     """How a log fits one schema."""
 
     name: str  # the schema
@@ -60,14 +60,14 @@ class Recognition:
         Whether that is the model's present one.
     samples : int
         Rows that were compared.
-    fits : tuple of Fit
+    fits : tuple of SchemaFit
         All schemas, the most likely first.
     """
 
     name: str | None
     present: bool
     samples: int
-    fits: tuple[Fit, ...]
+    fits: tuple[SchemaFit, ...]
 
     @property
     def words(self) -> str:
@@ -208,7 +208,9 @@ def recognise(model: Model, log: Samples) -> Recognition:
     return Recognition(name, name == model.schema, len(log), fits)
 
 
-def fits_of(schemas: Sequence[Schema], u: Array, x: Array) -> tuple[str | None, tuple[Fit, ...]]:
+def fits_of(
+    schemas: Sequence[Schema], u: Array, x: Array
+) -> tuple[str | None, tuple[SchemaFit, ...]]:
     """The schema that fits best, None where each is contradicted, and how each fits.
 
     u, x : (n, dof), (n, 2), joints in the unit box and measured positions
@@ -220,7 +222,7 @@ def fits_of(schemas: Sequence[Schema], u: Array, x: Array) -> tuple[str | None, 
         ratio, distance, bound = schema.contradictions(u, x)
         seen = np.isfinite(ratio)
         if not seen.any():
-            found.append(Fit(schema.name, False, 1.0, float("inf"), float("-inf")))
+            found.append(SchemaFit(schema.name, False, 1.0, float("inf"), float("-inf")))
             continue
         outside = ratio[seen] > OUTSIDE
         square = (schema.radius * ratio[seen]) ** 2
@@ -230,6 +232,6 @@ def fits_of(schemas: Sequence[Schema], u: Array, x: Array) -> tuple[str | None, 
         count = int(outside.sum())
         fits = not count or float(bdtrc(count - 1, len(outside), _CHANCE)) >= _UNLIKELY
         sizes = float(outside.mean()), float(np.median(distance[seen])), float(density.mean())
-        found.append(Fit(schema.name, fits, *sizes))
+        found.append(SchemaFit(schema.name, fits, *sizes))
     found.sort(key=lambda f: -f.likelihood)
     return next((f.name for f in found if f.fits), None), tuple(found)

@@ -20,7 +20,7 @@ from ..errors import CalibError
 from ..maps.association import Association
 from ..maps.local_models import NO_MODELS
 from ..maps.map import Map
-from ..maps.model_selection import Candidate, blocks, of_body, of_trends, select
+from ..maps.model_selection import SmoothCandidate, blocks, of_body, of_trends, select
 from ..maps.predictor import Predictor
 from ..model.measured import Rows
 from ..model.model import Model
@@ -118,7 +118,7 @@ def _with_body(model: Model, motor: Map, u: Array, x: Array) -> _Refit | None:
         )
     except CalibError:  # too few rows, or too close to each other
         return None
-    candidates: list[Candidate] = [of_body(fit, scale, u, x)]
+    candidates: list[SmoothCandidate] = [of_body(fit, scale, u, x)]
     extent = float(np.linalg.norm(np.ptp(x, axis=0)))
     usual = NO_ARM * extent
     if simulated:  # an exact lens or gear is smooth: a trend follows it

@@ -21,7 +21,7 @@ from ..errors import OptionError
 from ..model.model import Model
 from ..model.schemas import Schema
 from .follow import HORIZON, check_followable
-from .learning import SETTLED, Learning
+from .learning import SETTLED_AFTER, Learning
 from .schemas import MOST_SCHEMAS, OUTSIDE, fits_of, in_state
 from .watch import Step
 
@@ -104,8 +104,8 @@ class Follower:
     def __init__(self, model: Model, *, most: int = MOST_SCHEMAS, horizon: int = HORIZON) -> None:
         if most < 1:
             raise OptionError(f"most {most}: expected one or more schemas")
-        if horizon < SETTLED:
-            raise OptionError(f"horizon {horizon}: expected {SETTLED} or more samples")
+        if horizon < SETTLED_AFTER:
+            raise OptionError(f"horizon {horizon}: expected {SETTLED_AFTER} or more samples")
         check_followable(model)
         self._most, self._horizon = most, horizon
         self._present = replace(model, schemas=())

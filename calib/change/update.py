@@ -15,7 +15,7 @@ import numpy as np
 from ..body.belief import Body, Second
 from ..body.covariance import radius_95, root_of
 from ..body.fitting import fit_body
-from ..body.likeness import kernel, lengths_of
+from ..body.likeness import lengths_of, matern
 from ..body.nominal import nominal_of
 from ..body.normal import Factor
 from ..body.posterior import BodyFit
@@ -197,10 +197,10 @@ def _own_columns(reference: Reference, e: Explanation, log: Log) -> tuple[Array,
     """
     nodes = log.q[thinned(len(log.q), _NODES)]
     lengths = lengths_of(reference.body, log.q)
-    alike = kernel(nodes, nodes, lengths)
+    alike = matern(nodes, nodes, lengths)
     alike[np.diag_indices(len(nodes))] += 1e-6
     factor = np.linalg.cholesky(alike)
-    features = np.linalg.solve(factor, kernel(nodes, log.q, lengths)).T
+    features = np.linalg.solve(factor, matern(nodes, log.q, lengths)).T
     own = e.factor * reference.own_sd
     # what the nodes do not follow of the process counts as noise (FITC, Snelson 2006)
     left = np.maximum(1.0 - (features**2).sum(axis=1), 0.0)
@@ -234,7 +234,7 @@ def _second(second: Second, reference: Reference, e: Explanation, log: Log, nois
     )
 
 
-def gain_of(before: Array, after: Array) -> tuple[float, float]:
+def gain_on_held_out(before: Array, after: Array) -> tuple[float, float]:
     """How much held-out rows gained: mean ratio of errors, and gain over its standard error.
 
     before, after : (n,) [unit], distances of the same rows from the old prediction, and from the

@@ -10,7 +10,7 @@ _TUNING = 4.7  # bisquare: 95 % efficient where the noise is Gaussian
 _STEPS = 30
 
 
-def solve(features: Array, x: Array, weight: Array | None = None) -> Array:
+def solve_least_squares(features: Array, x: Array, weight: Array | None = None) -> Array:
     """Least squares, of smallest norm where the features depend on each other.
 
     Features (n, p), x (n, k) and weights (n,) give coefficients (p, k).
@@ -29,7 +29,7 @@ def robust_solve(features: Array, x: Array) -> Array:
 
     Both columns of `x` share a row's weight: a detection is wrong as a whole.
     """
-    coefficients = solve(features, x)
+    coefficients = solve_least_squares(features, x)
     for step in range(_STEPS):
         r = np.linalg.norm(x - features @ coefficients, axis=1)
         middle = float(np.median(r))
@@ -42,7 +42,7 @@ def robust_solve(features: Array, x: Array) -> Array:
             z = r / (_TUNING * middle / np.sqrt(2.0 * np.log(2.0)))
             weight = np.where(z < 1.0, (1.0 - np.minimum(z, 1.0) ** 2) ** 2, 0.0)
         before = coefficients
-        coefficients = solve(features, x, weight)
+        coefficients = solve_least_squares(features, x, weight)
         moved = np.abs(features @ (coefficients - before)).max()
         if step > _STEPS // 2 and moved < 1e-6 * middle:
             break

@@ -36,7 +36,7 @@ def two_joints(
     extent: float,
     inside: Callable[[Sequence[float]], bool],
 ) -> list[float] | None:
-    """Two joints that reach a position (2,), in plain floats; see `nearest` for the parameters."""
+    """Two joints that reach a position (2,), in plain floats; parameters as `nearest_joints`."""
     a, b = start
     tx, ty = target
     least, stalled = _MET * extent, _CLOSE * extent
@@ -65,7 +65,7 @@ def two_joints(
     return None
 
 
-def nearest(
+def nearest_joints(
     sloped: Callable[[Sequence[float]], tuple[Sequence[float], Array]],
     target: Sequence[float],
     near: Sequence[float],

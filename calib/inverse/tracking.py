@@ -27,7 +27,7 @@ class Track(NamedTuple):
     jumps: list[int]  # rows that joints reach only by leaving their branch after the row before
 
 
-def follow(solver: Solver, x: Array, start: Array | None) -> Track:
+def follow_targets(solver: Solver, x: Array, start: Array | None) -> Track:
     """Follow the targets `x` (k, 2), in order, with as few jumps as possible.
 
     Every solution of the first target sets out, or the one nearest to `start` (dof,); the one that

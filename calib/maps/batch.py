@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from ..common.arrays import Array
 from .density import Gain, Visit
 from .epoch import Epoch, topographic_error
-from .fields import Neighbourhood, kernel
-from .map import nearest, search_tree
+from .fields import Neighbourhood, neighbourhood_values
+from .map import nearest_nodes, search_tree
 from .neighbourhood import moved
 from .schedule import Stage
 from .start import unfold
@@ -20,7 +20,7 @@ _JUDGES = 4_000  # samples by which a start is chosen
 _CELLS = 65_535  # parts of the unit box by which samples are sorted
 
 
-def learn(
+def learn_batch(
     u: Array,
     stages: list[Stage],
     gain: Gain | None,
@@ -58,7 +58,7 @@ def learn(
         known, wrong = (None if a is None else a[rows[back]] for a in (partners, residual))
         for k, sigma in enumerate(stage.sigma):
             tree, share = search_tree(weights), (k + 1) / len(stage.sigma)
-            distances, index = nearest(tree, some)  # eq. 1
+            distances, index = nearest_nodes(tree, some)  # eq. 1
             distance, winner = distances[:, 0], index[:, 0]
             g = np.ones(len(some))
             if gain is not None and stage.progress is not None:
@@ -73,7 +73,7 @@ def learn(
             sums = np.stack(won, axis=1, dtype=float)
             h = None
             if neighbourhood is not None:
-                h = kernel(neighbourhood, lattice, float(sigma), share)
+                h = neighbourhood_values(neighbourhood, lattice, float(sigma), share)
             weights = moved(weights, sums, lattice, float(sigma), stage.step, h)
             error = float(distance.mean())
             yield Epoch(weights, lattice, float(sigma), error, topographic, len(some))

@@ -24,17 +24,19 @@ _RATE = 0.1
 """Learning rate epsilon of the source."""
 
 
-def learn(u: Array, lattice: Lattice, epochs: int, rng: np.random.Generator) -> Iterator[Epoch]:
-    """Train a map that starts in the middle, see :func:`calib.maps.online.learn`."""
+def learn_dsom(
+    u: Array, lattice: Lattice, epochs: int, rng: np.random.Generator
+) -> Iterator[Epoch]:
+    """Train a map that starts in the middle, see :func:`calib.maps.online.learn_online`."""
     # from one place it unfolds; scattered nodes are close to every sample and stay put
     weights = 0.5 + 0.01 * (rng.random((lattice.size, u.shape[1])) - 0.5)
     for _ in range(epochs):
-        error = float(np.mean(present(weights, lattice, u[rng.permutation(len(u))])))
+        error = float(np.mean(present_dsom(weights, lattice, u[rng.permutation(len(u))])))
         sigma = max(_widths(lattice, error, u.shape[1], _ELASTICITY))
         yield Epoch.of(u, weights, lattice, sigma, error)
 
 
-def present(
+def present_dsom(
     weights: Array,
     lattice: Lattice,
     samples: Array,
@@ -50,7 +52,7 @@ def present(
 
     Exact, but for the neighbourhood being cut where it falls below exp(-8).
 
-    Arguments and result are those of :func:`calib.maps.online.present`, but for the source's
+    Arguments and result are those of :func:`calib.maps.online.present_online`, but for the source's
     `elasticity` and `rate`.
     """
     dim = samples.shape[1]

@@ -10,7 +10,7 @@ import numpy as np
 from ..common.arrays import Array
 from .graph import Graph
 from .lattice import Lattice
-from .map import nearest, search_tree
+from .map import nearest_nodes, search_tree
 
 if TYPE_CHECKING:
     from scipy.spatial import cKDTree
@@ -41,5 +41,5 @@ class Epoch:
 
 def topographic_error(u: Array, tree: cKDTree, lattice: Lattice | Graph) -> float:
     """Topographic error on some 500 of the samples `u`."""
-    index = nearest(tree, u[:: max(1, len(u) // 500)], 2)[1]
+    index = nearest_nodes(tree, u[:: max(1, len(u) // 500)], 2)[1]
     return float(np.mean(~lattice.adjacent(index[:, 0], index[:, 1])))

@@ -85,7 +85,9 @@ def checked_gain(gain: Gain) -> Gain:
     return ask
 
 
-def kernel(neighbourhood: Neighbourhood, lattice: Lattice, sigma: float, progress: float) -> Array:
+def neighbourhood_values(
+    neighbourhood: Neighbourhood, lattice: Lattice, sigma: float, progress: float
+) -> Array:
     """Values h of a neighbourhood at all steps, (2 n - 1 along each axis), checked."""
     distance, steps = lattice_steps(lattice)
     return checked_h(neighbourhood, Surroundings(distance, steps, sigma, progress))

@@ -15,21 +15,21 @@ import numpy as np
 from ..common.arrays import Array
 from .epoch import Epoch
 from .graph import Graph
-from .map import nearest, search_tree
-from .schedule import exponential
+from .map import nearest_nodes, search_tree
+from .schedule import decay
 
 _RANGE = (2.0, 0.1)  # lambda, the rank over which a sample's pull falls by a factor e
 _NEAREST = 8  # nodes that a sample pulls; beyond, its pull is below 2 %
 
 
-def learn(u: Array, nodes: int, epochs: int, rng: np.random.Generator) -> Iterator[Epoch]:
+def learn_gas(u: Array, nodes: int, epochs: int, rng: np.random.Generator) -> Iterator[Epoch]:
     """Train a gas of `nodes` nodes from rows; yields after each pass over the samples (n, d)."""
     drawn = rng.choice(len(u), nodes, replace=len(u) < nodes)
     weights = u[drawn] + 1e-7 * rng.standard_normal((nodes, u.shape[1]))
     k = min(_NEAREST, nodes)
     columns = np.column_stack([u, np.ones(len(u))]).T
-    for reach in exponential(*_RANGE, epochs):
-        distance, index = nearest(search_tree(weights), u, k)
+    for reach in decay(*_RANGE, epochs):
+        distance, index = nearest_nodes(search_tree(weights), u, k)
         pull = np.exp(-np.arange(k) / reach)
         met = np.zeros((nodes, u.shape[1] + 1))
         for ranked, share in zip(index.T, pull, strict=True):
@@ -37,5 +37,5 @@ def learn(u: Array, nodes: int, epochs: int, rng: np.random.Generator) -> Iterat
             met += share * np.stack(won, axis=1)
         known = met[:, -1] > 0.0
         weights = np.where(known[:, None], met[:, :-1] / np.maximum(met[:, -1:], 1e-300), weights)
-        graph = Graph.of(nodes, nearest(search_tree(weights), u, 2)[1])
+        graph = Graph.of(nodes, nearest_nodes(search_tree(weights), u, 2)[1])
         yield Epoch.of(u, weights, graph, 0.0, float(distance[:, 0].mean()))

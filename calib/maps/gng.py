@@ -4,7 +4,7 @@ The paper: "the same concept can be applied to vary the structure of a Growing N
 (GNG) network".  A gain weighs the errors that a node accumulates, which is what decides
 where the next node is inserted.
 
-Samples are shown in blocks.  With blocks of one sample :func:`present` is the source's
+Samples are shown in blocks.  With blocks of one sample :func:`present_gng` is the source's
 algorithm to the letter.  Within a longer block the winners are those at its start, the
 order of the samples is forgotten, and edges that were renewed have the age 0; a block is
 at most a tenth of the nodes long, so that few nodes win twice.
@@ -22,7 +22,7 @@ from ..common.arrays import Array, Index
 from .density import Gain, Visit
 from .epoch import Epoch, topographic_error
 from .graph import Graph
-from .map import nearest, search_tree
+from .map import nearest_nodes, search_tree
 
 _GROWING = 0.6  # share of the samples during which nodes are inserted
 _BLOCK = 512
@@ -40,7 +40,7 @@ class Pace:
     oldest: int = 50  # age a_max beyond which an edge is removed
     shared: float = 0.5  # share alpha of the error that the two parents of a new node keep
     # factor d on every error, per sample.  The source's 0.995 remembers 200 samples, too few for
-    # thousands of nodes: :func:`learn` makes it remember twice their number.
+    # thousands of nodes: :func:`learn_gng` makes it remember twice their number.
     decay: float = 0.995
 
 
@@ -71,7 +71,7 @@ def samples_shown(n: int, nodes: int) -> int:
     return min(n, _PER_NODE * max(nodes, 2))
 
 
-def learn(
+def learn_gng(
     u: Array,
     nodes: int,
     gain: Gain | None,
@@ -81,7 +81,7 @@ def learn(
 ) -> Iterator[Epoch]:
     """Grow a gas of `nodes` nodes; yields after each pass over the samples.
 
-    Parameters that are not here are those of :func:`calib.maps.online.learn`.
+    Parameters that are not here are those of :func:`calib.maps.online.learn_online`.
 
     nodes : nodes to grow to: within the first 60 % of the samples, at an even pace
     gain : varying density: a factor on the errors that are accumulated
@@ -102,7 +102,7 @@ def learn(
             first += len(block)
             done += len(block)
             progress = min(1.0, done / growth)
-            distance = present(gas, block, pace, gain, progress)
+            distance = present_gng(gas, block, pace, gain, progress)
             total += distance
             if error is not None:
                 share = len(block) / (len(block) + _RECENT * len(gas.weights))
@@ -117,14 +117,14 @@ def learn(
         yield Epoch(gas.weights, graph, 0.0, total / len(order), topographic, len(order))
 
 
-def present(
+def present_gng(
     gas: Gas, samples: Array, pace: Pace, gain: Gain | None = None, progress: float = 1.0
 ) -> float:
     """Show a block of samples: move the winners and their neighbours, renew and age edges.
 
     Returns float, sum of the samples' distances to their winners.
     """
-    distance, index = nearest(search_tree(gas.weights), samples, 2)
+    distance, index = nearest_nodes(search_tree(gas.weights), samples, 2)
     n, first, second = len(gas.weights), index[:, 0], index[:, 1]
     square = distance[:, 0] ** 2
     if gain is not None:

@@ -84,7 +84,7 @@ class Map:
         """Distances and indices, (n, k), of the `k` nodes nearest to `u` in the unit box."""
         if _few(len(u) * self.size):
             return nearest_points(self.units, self.scale, u, k)
-        return nearest(self.tree, u, k)
+        return nearest_nodes(self.tree, u, k)
 
     def winners(self, x: Array) -> Index:
         """Best matching node of each row of `x` (n, d), in the space's own units (eq. 1)."""
@@ -110,7 +110,7 @@ def nearest_points(points: Array, scale: Scale, u: Array, k: int = 1) -> tuple[A
     """
     k = min(k, len(points))
     if not _few(len(u) * len(points)):
-        return nearest(search_tree(points, scale), scale.wrapped(u), k)
+        return nearest_nodes(search_tree(points, scale), scale.wrapped(u), k)
     square = np.zeros((len(u), len(points)))
     for axis in range(u.shape[1]):
         gap = u[:, axis, None] - points[:, axis]
@@ -121,7 +121,7 @@ def nearest_points(points: Array, scale: Scale, u: Array, k: int = 1) -> tuple[A
     return np.sqrt(np.take_along_axis(square, index, axis=1)), index
 
 
-def nearest(tree: cKDTree, u: Array, k: int = 1) -> tuple[Array, Index]:
+def nearest_nodes(tree: cKDTree, u: Array, k: int = 1) -> tuple[Array, Index]:
     """Distances and indices, (n, k), of the `k` points of a tree nearest to each place (eq. 1)."""
     # for a few places threads take longer to start than to search
     distance, index = tree.query(u, np.arange(1, k + 1), workers=-1 if len(u) > _MANY else 1)

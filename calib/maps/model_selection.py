@@ -32,7 +32,7 @@ _CANDIDATES: tuple[Shape, ...] = ((0, 30), (1, 50), (1, 200), (2, 24), (2, 60), 
 
 
 @dataclass(frozen=True)
-class Candidate:
+class SmoothCandidate:
     """A smooth part, with what it leaves over of rows that it has and has not seen."""
 
     smooth: Smooth  # fitted to all samples
@@ -71,7 +71,7 @@ def blocks(n: int, folds: int = FOLDS) -> list[Index]:
     return np.array_split(np.arange(n), min(folds, n))
 
 
-def of_body(fit: BodyFit, scale: Scale, u: Array, x: Array) -> Candidate:
+def of_body(fit: BodyFit, scale: Scale, u: Array, x: Array) -> SmoothCandidate:
     """The candidate that a fitted body is."""
     smooth = BodyInBox(fit.body, scale)
     residual = x - smooth.value(u)
@@ -80,12 +80,16 @@ def of_body(fit: BodyFit, scale: Scale, u: Array, x: Array) -> Candidate:
         part = residual.copy()
         part[rows] = fit.held_out[rows]
         unseen.append(part)
-    return Candidate(smooth, residual, unseen)
+    return SmoothCandidate(smooth, residual, unseen)
 
 
 def of_trends(
-    scale: Scale, turning: tuple[bool, ...], u: Array, x: Array, under: Candidate | None = None
-) -> list[Candidate]:
+    scale: Scale,
+    turning: tuple[bool, ...],
+    u: Array,
+    x: Array,
+    under: SmoothCandidate | None = None,
+) -> list[SmoothCandidate]:
     """The trends that cross-validation compares, simplest first.
 
     scale : range of the joints
@@ -103,11 +107,11 @@ def of_trends(
             base = target if under is None else under.unseen[k]
             unseen.append(base - trend.value(u))
         smooth = choice.trend if under is None else Both(under.smooth, choice.trend)
-        found.append(Candidate(smooth, residual, unseen))
+        found.append(SmoothCandidate(smooth, residual, unseen))
     return found
 
 
-def select(motor: Map, u: Array, candidates: Sequence[Candidate]) -> Selected:
+def select(motor: Map, u: Array, candidates: Sequence[SmoothCandidate]) -> Selected:
     """Choose the smooth part, and fit local models whose complexity cross-validation prefers.
 
     motor : nodes that will carry the local models
@@ -115,7 +119,7 @@ def select(motor: Map, u: Array, candidates: Sequence[Candidate]) -> Selected:
     candidates : smooth parts, the simplest first
     """
     folds = blocks(len(u))
-    best: tuple[Candidate, _Chosen, Array] | None = None
+    best: tuple[SmoothCandidate, _Chosen, Array] | None = None
     for candidate in candidates:
         if candidate.rival < 1.0 and best is not None:
             smooth = np.linalg.norm(best[0].held_out[best[1].rows], axis=1)
@@ -160,7 +164,7 @@ class _Chosen:
     gates: Array | None = None
 
 
-def _compare(motor: Map, u: Array, folds: list[Index], candidate: Candidate) -> _Chosen:
+def _compare(motor: Map, u: Array, folds: list[Index], candidate: SmoothCandidate) -> _Chosen:
     """Best (degree, samples) of the local models, None for no correction at all.
 
     Each fold is held out in turn (a few of them where samples abound); only the nodes that

@@ -12,9 +12,9 @@ from .density import Gain, Visit
 from .epoch import Epoch
 from .fields import Neighbourhood, Surroundings, checked_h, lattice_steps
 from .lattice import Lattice
-from .map import nearest, search_tree
+from .map import nearest_nodes, search_tree
 from .neighbourhood import around
-from .schedule import exponential
+from .schedule import decay
 
 _ALPHA = 0.5
 """Learning rate at the start (eq. 4)."""
@@ -37,7 +37,7 @@ class Learner:
     done: int = 0  # samples shown
 
     def __post_init__(self) -> None:
-        self.radii = exponential(*self.sigma, self.steps)
+        self.radii = decay(*self.sigma, self.steps)
 
     @property
     def radius(self) -> float:
@@ -50,7 +50,7 @@ class Learner:
         self.done += len(samples)
         rates = _ALPHA * self.radii[now] / self.sigma[0]  # eq. 4: one time constant for both
         if self.gain is not None:
-            distance, winner = nearest(search_tree(self.weights), samples)
+            distance, winner = nearest_nodes(search_tree(self.weights), samples)
             t = self.done / self.steps
             visit = Visit(
                 t, winner[:, 0], distance[:, 0], self.weights, self.lattice, grown=self.grown
@@ -58,7 +58,7 @@ class Learner:
             # beyond 1 all nodes around a winner would jump to the sample: that tears the map
             rates = np.minimum(rates * self.gain(visit), 1.0)
         self.weights = self.weights.copy()
-        return present(
+        return present_online(
             self.weights,
             self.lattice,
             samples,
@@ -69,7 +69,7 @@ class Learner:
         )
 
 
-def learn(
+def learn_online(
     u: Array,
     lattice: Lattice,
     gain: Gain | None,
@@ -98,7 +98,7 @@ def learn(
         yield Epoch.of(u, learner.weights, lattice, learner.radius, float(np.mean(distances)))
 
 
-def present(
+def present_online(
     weights: Array,
     lattice: Lattice,
     samples: Array,

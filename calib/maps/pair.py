@@ -23,7 +23,7 @@ from .epoch import Epoch
 from .fields import Neighbourhood
 from .lattice import Lattice
 from .links import Wiring, oja, without_weak
-from .map import Map, nearest, search_tree
+from .map import Map, nearest_nodes, search_tree
 from .online import Learner
 
 CURVE = ("samples", "sigma", "zeta_motor", "zeta_sensory", "error")
@@ -76,7 +76,7 @@ def develop(
 
     q, x : (n, d), (n, k), paired samples
     wiring : how nodes are active (eq. 6)
-    The other parameters are those of :func:`calib.maps.online.learn`.
+    The other parameters are those of :func:`calib.maps.online.learn_online`.
     """
     if lattice.size**2 > _LARGEST:
         raise OptionError(
@@ -110,7 +110,7 @@ def develop(
                 error = _error(*maps(), links, wiring, points, rows, x)
                 found = []
                 for k, learner in enumerate(learners):
-                    distance, _ = nearest(search_tree(learner.weights), points[k][rows])
+                    distance, _ = nearest_nodes(search_tree(learner.weights), points[k][rows])
                     found.append(float(np.mean(distance**2)))
                     zeta[k] += distance.sum()
                     learner.show(points[k][rows])

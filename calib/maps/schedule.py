@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from .lattice import Lattice
 
 
-def exponential(start: float, end: float, n: int) -> NDArray[np.float64]:
+def decay(start: float, end: float, n: int) -> NDArray[np.float64]:
     """`n` values that decay exponentially from `start` to `end` (eq. 4)."""
     return start * (end / start) ** np.linspace(0.0, 1.0, n) if n > 1 else np.array([end])
 
@@ -68,26 +68,26 @@ def coarse_to_fine(
     last = _LAST_VARYING if varying else _LAST
     if epochs is not None or sigma is not None:
         start, end = sigma or (max(max(lattice.shape) / 2, last), last)
-        radii = exponential(start, end, epochs or 20)
+        radii = decay(start, end, epochs or 20)
         return [Stage(lattice, radii, _ALL, final=True, progress=(0.0, 1.0))]
     stages: list[Stage] = []
     # a varying density starts with so wide a radius that one coarse lattice will do
     for small in _coarser(lattice)[: 1 if varying else None]:
         samples = _PER_NODE * small.size
         if not stages:
-            radii = exponential(max(max(small.shape) / 2, 1.0), 0.7, 8)
+            radii = decay(max(max(small.shape) / 2, 1.0), 0.7, 8)
             starts = _STARTS_VARYING if varying else _STARTS
             stages.append(Stage(small, radii, samples, final=False, starts=starts))
-        stages.append(Stage(small, exponential(2.0, 1.5, 6), samples, False, _STEP))
+        stages.append(Stage(small, decay(2.0, 1.5, 6), samples, False, _STEP))
     if not stages:
         start = max(max(lattice.shape) / 2, 1.0)
-        radii = exponential(start, min(last, start), 20)
+        radii = decay(start, min(last, start), 20)
     elif varying:
         # the gain draws nodes to the border: that takes wide radii and more epochs
-        radii = exponential(max(2 * last, max(lattice.shape) / 5), last, 14)
+        radii = decay(max(2 * last, max(lattice.shape) / 5), last, 14)
     else:
         stages.append(Stage(lattice, np.array([1.5]), _ALL, False, _STEP))
-        radii = exponential(1.0, last, 3)
+        radii = decay(1.0, last, 3)
     return [*stages, Stage(lattice, radii, _ALL, final=True, progress=(0.0, 1.0))]
 
 
@@ -111,7 +111,7 @@ def growing(
         replace(stage, progress=(float(share[k]), float(share[k + 1])), grown=True)
         for k, stage in enumerate(coarse)
     ]
-    radii = exponential(_FIRST_GROWING, _last_growing(lattice), _EPOCHS_GROWING)
+    radii = decay(_FIRST_GROWING, _last_growing(lattice), _EPOCHS_GROWING)
     last = Stage(lattice, radii, _ALL, final=True, progress=(_GROWN, 1.0), grown=True)
     return [first, *varying, last]
 

@@ -13,15 +13,19 @@ from ..common.choices import RULES
 from ..common.parallel import one_blas_thread
 from ..common.scale import Scale
 from ..errors import LogError, OptionError
-from . import batch, dsom, gas, gng, online, untrained
+from . import untrained
 from .association import Association
+from .batch import learn_batch
 from .density import Gain, gain_of, kind_of
+from .dsom import learn_dsom
 from .epoch import Epoch
 from .fields import LinkRule, Neighbourhood, checked_gain
+from .gas import learn_gas
+from .gng import learn_gng, samples_shown
 from .lattice import Lattice
 from .links import wiring_of
 from .map import Map
-from .online import present as present
+from .online import learn_online
 from .schedule import Stage, coarse_to_fine, growing, total_work
 
 if TYPE_CHECKING:
@@ -259,16 +263,16 @@ class SOM:
         if kind in untrained.KINDS:
             return untrained.place(kind, u, lattice, rng), n
         if kind == "gas":
-            return gas.learn(u, lattice.size, passes, rng), n * passes
+            return learn_gas(u, lattice.size, passes, rng), n * passes
         if kind == "gng":
-            shown = gng.samples_shown(n, lattice.size)
-            return gng.learn(u, lattice.size, gain, passes, rng, self.error), shown * passes
+            shown = samples_shown(n, lattice.size)
+            return learn_gng(u, lattice.size, gain, passes, rng, self.error), shown * passes
         if kind == "dsom":
-            return dsom.learn(u, lattice, passes, rng), n * passes
+            return learn_dsom(u, lattice, passes, rng), n * passes
         own = self.neighbourhood
         if self.rule == "online":
             sigma, grown = self._online_sigma(lattice), self.sigma is None
-            epochs = online.learn(u, lattice, gain, passes, sigma, rng, own, grown=grown)
+            epochs = learn_online(u, lattice, gain, passes, sigma, rng, own, grown=grown)
             return epochs, n * passes
         stages = self._stages()
-        return batch.learn(u, stages, gain, rng, partners, residual, own), total_work(stages, n)
+        return learn_batch(u, stages, gain, rng, partners, residual, own), total_work(stages, n)

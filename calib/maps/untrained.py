@@ -14,7 +14,7 @@ from ..common.arrays import Array
 from .epoch import Epoch
 from .graph import Graph
 from .lattice import Lattice
-from .map import nearest, search_tree
+from .map import nearest_nodes, search_tree
 
 KINDS = ("grid", "random", "rows")
 """Names in ``map=``."""
@@ -44,12 +44,12 @@ def place(kind: str, u: Array, lattice: Lattice, rng: np.random.Generator) -> It
             drawn = rng.choice(len(u), lattice.size, replace=len(u) < lattice.size)
             weights = u[drawn] + _JITTER * rng.standard_normal((lattice.size, u.shape[1]))
         joined = neighbours(weights)
-    error = float(nearest(search_tree(weights), u)[0].mean())
+    error = float(nearest_nodes(search_tree(weights), u)[0].mean())
     yield Epoch.of(u, weights, joined, 0.0, error)
 
 
 def neighbours(weights: Array) -> Graph:
     """The graph that joins each node (nodes, d) to its 4 nearest."""
     n, k = len(weights), min(_JOINED, len(weights) - 1)
-    near = nearest(search_tree(weights), weights, k + 1)[1][:, 1:]
+    near = nearest_nodes(search_tree(weights), weights, k + 1)[1][:, 1:]
     return Graph.of(n, np.stack([np.repeat(np.arange(n), k), near.ravel()], axis=1))

@@ -55,7 +55,7 @@ class Answer(NamedTuple):
         return Answer._make(values[rows] for values in self)
 
 
-def solve(model: Model, x: Array, near: Array, readout: str) -> Answer:
+def solve_targets(model: Model, x: Array, near: Array, readout: str) -> Answer:
     """Answer the targets `x` (n, 2) with the solutions closest to `near` (n, dof, unit box)."""
     check_readout(readout)
     u = unit_joints(model, x, near, (readout,))[readout]
@@ -63,7 +63,7 @@ def solve(model: Model, x: Array, near: Array, readout: str) -> Answer:
 
 
 def unit_joints(model: Model, x: Array, near: Array, readouts: Sequence[str]) -> dict[str, Array]:
-    """Joints of the unit box (n, dof) that answer targets (n, 2), by readout; see `solve`."""
+    """Joints of the unit box (n, dof) that answer targets (n, 2), by readout."""
     seen = in_sight(model, x)
     own = ("local", model.default_readout)
     found = {r: model.solver.solve(seen, near)[0] for r in readouts if r in own}

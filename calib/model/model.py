@@ -176,7 +176,7 @@ class Model(Parts, Doors):
         """Answer inverse queries in full; see :meth:`inverse` for the parameters."""
         readout = self._readout(readout)
         rows, _ = checked_rows(x, self.axes, "positions")
-        return answers.solve(self, rows, answers.anchor(self, near, len(rows)), readout)
+        return answers.solve_targets(self, rows, answers.anchor(self, near, len(rows)), readout)
 
     def solve_all(self, x: ArrayLike) -> list[Answer]:
         """All branches of each target, the one closest to the middle of the ranges first.

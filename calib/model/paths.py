@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..common.arrays import Array
 from ..common.rows import checked_rows
 from ..errors import QueryError
-from ..inverse.tracking import follow
+from ..inverse.tracking import follow_targets
 from . import answers
 
 if TYPE_CHECKING:
@@ -67,7 +67,7 @@ def follow_path(
         raise QueryError(f"step {step!r}: expected a length greater than zero, such as 0.005")
     x, waypoint = _lines(corners, float(step))
     first = None if start is None else answers.anchor(model, start, 1)[0]
-    track = follow(model.solver, answers.in_sight(model, x), first)
+    track = follow_targets(model.solver, answers.in_sight(model, x), first)
     answered = answers.answer(model, track.u, x)
     jumps = np.array(track.jumps, dtype=np.intp)
     return Path(x, *answered, waypoint, jumps)

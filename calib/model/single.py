@@ -17,7 +17,7 @@ import numpy as np
 
 from ..body.planar_row import PlanarRow, Sloped
 from ..common.arrays import Array
-from ..inverse.one_row import FURTHEST, nearest, two_joints
+from ..inverse.one_row import FURTHEST, nearest_joints, two_joints
 from ..maps.node_cells import NodeCells
 from ..maps.node_models import NodeModels
 from ..maps.predictor import BodyInBox
@@ -146,7 +146,9 @@ class Single:
                 self._sloped, target, start, self.model.solver.extent, self._in_range
             )
         else:
-            found = nearest(self._rows, target, start, self.model.motor.scale.span, self._in_range)
+            found = nearest_joints(
+                self._rows, target, start, self.model.motor.scale.span, self._in_range
+            )
         if found is None or self._across(found):
             return None
         if not (self._in_range(found) and self._known(found)):

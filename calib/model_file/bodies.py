@@ -14,9 +14,17 @@ from ..body.belief import Body, Second
 from ..body.covariance import pack, unpack
 from ..body.planar import PlanarStructure
 from ..body.structure import Structure
-from ..body.views import VIEWS
+from ..body.views import VIEWS_OF_BODIES
 from ..errors import ModelError
-from .checked import POSITIVE, Tensors, given, given_fields, given_key, plain, refuse
+from .checked import (
+    POSITIVE,
+    Tensors,
+    given,
+    given_fields,
+    given_key,
+    plain_fields,
+    refuse_impossible,
+)
 
 _PLAIN = ("kappa", "nu", "autocorrelation", "scales", "rows", "simulated", "member")
 """Fields of a body that stand in the header as they are."""
@@ -32,7 +40,7 @@ _MOST_JOINTS = 64
 
 def body_header(body: Body) -> dict[str, Any]:
     """JSON-ready description of a body; `body_arrays` holds the rest."""
-    told = plain(body, _PLAIN)
+    told = plain_fields(body, _PLAIN)
     if not np.isfinite(body.nu):  # which JSON cannot say
         told["nu"] = None
     second = body.second is not None
@@ -63,7 +71,7 @@ def rebuild_body(header: Any, tensors: Tensors) -> Body:
     gaussian = header.get("nu", 0) is None
     told = given_fields(Body, {**header, "nu": 2.0} if gaussian else header, "body", _PLAIN)
     least = min(told["autocorrelation"], told["rows"], *told["scales"].values())
-    refuse(
+    refuse_impossible(
         {
             "kappa of at least 1": told["kappa"] < 1.0,
             "nu of at least 2": told["nu"] < 2.0,
@@ -89,9 +97,11 @@ def _belief(structure: Structure, tensors: Tensors) -> dict[str, Any]:
     active = tensors.take("active", (-1,), "int32").astype(np.intp)
     k, last = len(active), structure.size - 1
     rising = k == 0 or (active[0] >= 0 and active[-1] <= last and (np.diff(active) > 0).all())
-    refuse({f"rising numbers of parameters up to {last}": not rising}, f"{tensors.prefix}active")
+    refuse_impossible(
+        {f"rising numbers of parameters up to {last}": not rising}, f"{tensors.prefix}active"
+    )
     root = unpack(tensors.take("root", (k * (k + 1) // 2,), "float32"), k)
-    refuse({"the root of a covariance": not root.any(axis=1).all()}, "body.root")
+    refuse_impossible({"the root of a covariance": not root.any(axis=1).all()}, "body.root")
     return {
         "beta": tensors.take("beta", (structure.size,)),
         "active": active,
@@ -113,13 +123,14 @@ def structure_header(structure: Structure) -> dict[str, Any]:
 def rebuild_structure(header: Any, tensors: Tensors) -> Structure:
     """The structure of a header and its arrays; its kind says which class."""
     kind = given(dict, header, "body.structure").get("kind")
-    if kind not in VIEWS:
+    if kind not in VIEWS_OF_BODIES:
         raise ModelError(f"body of kind {kind!r}, expected planar or spatial")
     found = _planar(header) if kind == "planar" else _spatial(header, tensors)
-    refuse(
+    refuse_impossible(
         {
             **_impossible_names(found.joint_names),
-            f"one of the views {', '.join(VIEWS[kind])}": found.view not in VIEWS[kind],
+            f"one of the views {', '.join(VIEWS_OF_BODIES[kind])}": found.view
+            not in VIEWS_OF_BODIES[kind],
             "sizes above zero": found.metre < 1e-12 or found.extent < 1e-300,
         },
         "body.structure",
@@ -132,7 +143,7 @@ def _planar(header: Mapping[str, Any]) -> PlanarStructure:
     n, own = len(found.joint_names), found.nominal
     told = [found.revolute, found.signs, *((own.lengths, own.offsets, own.signs) if own else ())]
     signs = {*found.signs, found.mirror, *((own.mirror, *own.signs) if own else ())}
-    refuse(
+    refuse_impossible(
         {
             f"{n} values of each kind": any(len(values) != n for values in told),
             "signs that are 1 or -1": not signs <= {1, -1},
@@ -150,7 +161,7 @@ def _spatial(header: Mapping[str, Any], tensors: Tensors) -> Any:
     kept = [name for name in SpatialStructure.__dataclass_fields__ if name not in ("chain", "few")]
     told = given_fields(SpatialStructure, header, "body.structure", kept)
     dof, m = len(told["joint_names"]), len(told["chain_names"])
-    refuse(
+    refuse_impossible(
         {
             **_impossible_names(told["chain_names"]),
             f"kinds of {dof} and {m} joints": (len(told["revolute"]), len(turning)) != (dof, m)
@@ -164,7 +175,7 @@ def _spatial(header: Mapping[str, Any], tensors: Tensors) -> Any:
     chain = SpatialChain(revolute=turning, **arrays)
     turned = chain.rotation @ chain.rotation.T - np.eye(3)
     lengths = np.linalg.norm(chain.axes, axis=1)
-    refuse(
+    refuse_impossible(
         {
             "axes of length 1": bool(np.abs(lengths - 1).max() > 1e-6),
             "the orientation of the tip to be a rotation": bool(np.abs(turned).max() > 1e-6),

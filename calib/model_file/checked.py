@@ -1,6 +1,7 @@
 """Checked: values and arrays of a stranger's file, each of the type and shape that it must have.
 
-What a dataclass holds is written by `plain` and read by `given_fields`, as its annotations say.
+What a dataclass holds is written by `plain_fields` and read by `given_fields`, as its annotations
+say.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ WHOLE = "whole numbers"
 """Stands for unsigned integers of any width: as few bytes as the numbers need."""
 
 
-def plain(value: Any, names: Iterable[str]) -> dict[str, Any]:
+def plain_fields(value: Any, names: Iterable[str]) -> dict[str, Any]:
     """Fields of a dataclass, JSON-ready where they are plain data."""
     return {name: getattr(value, name) for name in names}
 
@@ -80,7 +81,7 @@ def given_key(kind: Any, header: Any, name: str, where: str) -> Any:
     return given(kind, header[name], f"{where}.{name}")
 
 
-def refuse(impossible: Mapping[str, bool], where: str) -> None:
+def refuse_impossible(impossible: Mapping[str, bool], where: str) -> None:
     """Refuse values of the right type that are impossible, by what was expected."""
     for expected, wrong in impossible.items():
         if wrong:

@@ -27,7 +27,7 @@ from ..model.alignment import Alignment
 from ..model.measured import MOST_ROWS, Photo, Rows
 from ..model.schemas import FIRST
 from . import schemas
-from .checked import POSITIVE, WHOLE, Tensors, given, given_key, plain, refuse
+from .checked import POSITIVE, WHOLE, Tensors, given, given_key, plain_fields, refuse_impossible
 from .parts import (
     baseline_header,
     baseline_tensors,
@@ -55,7 +55,7 @@ def described(model: Model) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
         "baseline": baseline_header(model.baseline),
         "motor": {"lattice": list(model.motor.lattice.shape)},
         "sensory": {"lattice": list(model.sensory.lattice.shape)},
-        "links": plain(association.wiring, _WIRING),
+        "links": plain_fields(association.wiring, _WIRING),
         "smooth": smooth_header(model.predictor.smooth),
         "local": {**models_header(models), "fades": models.fades},
     }
@@ -84,7 +84,7 @@ def described(model: Model) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
         tensors["approach.bounds"] = model.approach.bounds
     if model.schemas or model.schema != FIRST:
         header["schema"] = model.schema
-        header["schemas"], kept = schemas.pack(model.schemas)
+        header["schemas"], kept = schemas.pack_schemas(model.schemas)
         tensors |= kept
     if model.photo is not None:
         header["photo"] = list(model.photo.box)
@@ -110,15 +110,17 @@ def build(header: Mapping[str, Any], tensors: Tensors) -> Model:
     # joints are asked in the unit box of the map: other limits would shift every answer
     wide, low = motor.scale.span, np.abs(about.lower - motor.scale.lower)
     other = np.abs((about.upper - about.lower) / wide - 1.0) > 1e-6
-    refuse(
+    refuse_impossible(
         {"a motor map of the joints' limits": bool((other | (low > 1e-6 * wide)).any())}, "motor"
     )
     # nothing but a tensor's shape says whether positions are in a plane or in space
     width = len(tensors.take("sensory.lower", (-1,)))
-    refuse({"positions of 2 or 3 coordinates": width not in (2, 3)}, "sensory")
+    refuse_impossible({"positions of 2 or 3 coordinates": width not in (2, 3)}, "sensory")
     sensory, sensory_means = _map("sensory", header, tensors, width)
     wiring = Wiring(*(given_key(k, header["links"], n, "links") for n, k in _WIRING.items()))
-    refuse({"a bandwidth of 0.001 to 100": not 1e-3 <= wiring.bandwidth <= 100.0}, "links")
+    refuse_impossible(
+        {"a bandwidth of 0.001 to 100": not 1e-3 <= wiring.bandwidth <= 100.0}, "links"
+    )
     links = _links(tensors, motor.size, sensory.size)
     association = Association(motor, sensory, links, wiring, motor_means, sensory_means)
     smooth, body = build_smooth(header, tensors, motor.scale, width, lambda: association.linear)
@@ -129,7 +131,7 @@ def build(header: Mapping[str, Any], tensors: Tensors) -> Model:
     if "model_bounds" in tensors:
         model_bounds = tensors.take("model_bounds", (motor.size,), least=0.0)
     visited = tensors.take("visited", (motor.size,), "uint8").astype(bool)
-    refuse({"a node that was visited": not visited.any()}, "visited")
+    refuse_impossible({"a node that was visited": not visited.any()}, "visited")
     model = Model(
         about,
         association,
@@ -144,7 +146,7 @@ def build(header: Mapping[str, Any], tensors: Tensors) -> Model:
     )
     if "approach" in header:
         play = np.array(numbers("approach", header["approach"], dof))
-        refuse({"plays of 0 or more": bool((play < 0.0).any())}, "approach")
+        refuse_impossible({"plays of 0 or more": bool((play < 0.0).any())}, "approach")
         wide = tensors.take("approach.bounds", (motor.size,), least=0.0)
         model = replace(model, approach=Approach(play, wide))
     if "photo" in header:
@@ -153,7 +155,7 @@ def build(header: Mapping[str, Any], tensors: Tensors) -> Model:
         model = replace(model, photo=Photo(photo, box))
     if "schemas" in header:
         model = replace(model, schema=schemas.schema_name(header["schema"]))
-        model = replace(model, schemas=schemas.unpack(model, header["schemas"], tensors))
+        model = replace(model, schemas=schemas.unpack_schemas(model, header["schemas"], tensors))
     return model
 
 
@@ -163,7 +165,7 @@ def _links(tensors: Tensors, motor: int, sensory: int) -> Compressed:
     indices = tensors.take("links.indices", (int(counts.sum()),), WHOLE).astype(np.int32)
     data = tensors.take("links.data", indices.shape, "float32")
     wrong = not len(indices) or indices.max() >= sensory or not (data > 0.0).all()
-    refuse({"links above zero that end at nodes": wrong}, "links")
+    refuse_impossible({"links above zero that end at nodes": wrong}, "links")
     indptr = np.concatenate([[0], np.cumsum(counts)]).astype(np.int32)
     return Compressed(data, indices, indptr, (motor, sensory))
 
@@ -172,7 +174,7 @@ def _rows(tensors: Tensors, dof: int, width: int) -> Rows | None:
     if "rows.q" not in tensors:
         return None
     q = tensors.take("rows.q", (-1, dof))
-    refuse({f"at most {MOST_ROWS} rows": len(q) > MOST_ROWS}, "rows")
+    refuse_impossible({f"at most {MOST_ROWS} rows": len(q) > MOST_ROWS}, "rows")
     return Rows(q, tensors.take("rows.x", (len(q), width)))
 
 
@@ -212,7 +214,7 @@ def _map(
         lattice = Lattice(given(tuple[int, ...], header[name]["lattice"], name))
     else:
         nodes, edges = len(own.take("units", (-1, dim))), own.take("edges", (-1, 2), WHOLE)
-        refuse({"edges that end at nodes": not len(edges) or edges.max() >= nodes}, name)
+        refuse_impossible({"edges that end at nodes": not len(edges) or edges.max() >= nodes}, name)
         lattice = Graph(nodes, edges.astype(np.intp))
     units = own.take("units", (lattice.size, dim))
     lower, span = own.take("lower", (dim,)), own.take("span", (dim,), least=POSITIVE)

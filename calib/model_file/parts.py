@@ -20,7 +20,7 @@ from ..maps.local_models import FULL, MOST_DEGREE, NO_MODELS, OLD_SILENT, LocalM
 from ..maps.predictor import BodyInBox, Both, Smooth
 from ..model.baseline import Baseline
 from .bodies import body_arrays, body_header, rebuild_body
-from .checked import POSITIVE, Tensors, given, given_fields, plain, refuse
+from .checked import POSITIVE, Tensors, given, given_fields, plain_fields, refuse_impossible
 
 _SMALL = 1e-9  # radians that are a range
 _FUNCTIONS = 100_000  # of a trend
@@ -34,7 +34,7 @@ _TREND = ("turns", "degree", "each")
 
 def models_header(models: LocalModels) -> dict[str, Any]:
     """JSON-ready description of local models; earlier files keep their bytes."""
-    told = plain(models, _LOCAL)
+    told = plain_fields(models, _LOCAL)
     if not models.votes:
         return told
     return {**told, "votes": True if models.votes == OLD_SILENT else models.votes}
@@ -46,7 +46,7 @@ def _votes_in(told: Mapping[str, Any]) -> float:
     if isinstance(votes, bool):
         return OLD_SILENT if votes else 0.0
     share: float = given(float, votes, "local.votes")
-    refuse({f"votes of a share below {FULL:g}": not 0.0 < share < FULL}, "local")
+    refuse_impossible({f"votes of a share below {FULL:g}": not 0.0 < share < FULL}, "local")
     return share
 
 
@@ -68,8 +68,10 @@ def build_models(
     nodes, dof, width = size
     found = given_fields(LocalModels, {"fades": fades, **told}, "local", (*_LOCAL, "fades"))
     degree, votes = found["degree"], _votes_in(told)
-    refuse({f"a degree from -1 to {MOST_DEGREE}": not -1 <= degree <= MOST_DEGREE}, "local")
-    refuse({"samples of 0 or more": not 0 <= found["samples"] <= 10**9}, "local")
+    refuse_impossible(
+        {f"a degree from -1 to {MOST_DEGREE}": not -1 <= degree <= MOST_DEGREE}, "local"
+    )
+    refuse_impossible({"samples of 0 or more": not 0 <= found["samples"] <= 10**9}, "local")
     if degree < 0:
         return replace(NO_MODELS, **found, votes=votes)
     return LocalModels(
@@ -83,7 +85,7 @@ def build_models(
 
 def baseline_header(baseline: Baseline | None) -> dict[str, Any] | None:
     """JSON-ready description of a baseline; `baseline_tensors` are the rest."""
-    return None if baseline is None else plain(baseline, _BASELINE)
+    return None if baseline is None else plain_fields(baseline, _BASELINE)
 
 
 def baseline_tensors(baseline: Baseline | None) -> dict[str, NDArray[Any]]:
@@ -99,7 +101,9 @@ def build_baseline(told: Any, tensors: Tensors, motor: int, sensory: int) -> Bas
     if told is None:
         return None
     found = given_fields(Baseline, told, "baseline", _BASELINE)
-    refuse({"variances of 0 or more": min(*found["spread"], found["noise"]) < 0.0}, "baseline")
+    refuse_impossible(
+        {"variances of 0 or more": min(*found["spread"], found["noise"]) < 0.0}, "baseline"
+    )
     own = tensors.under("baseline.")
     found["motor"] = own.take("motor", (motor,), "float32")
     return Baseline(sensory=own.take("sensory", (sensory,), "float32"), **found)
@@ -111,7 +115,7 @@ def smooth_header(smooth: Smooth) -> dict[str, Any]:
     return {
         "linear": isinstance(smooth, LinearModels),
         "body": body and body_header(body),
-        "trend": trend and plain(trend.basis, _TREND),
+        "trend": trend and plain_fields(trend.basis, _TREND),
     }
 
 
@@ -146,7 +150,7 @@ def build_smooth(
     body = None
     if told["body"] is not None:
         body = rebuild_body(told["body"], tensors.under(_BODY))
-        refuse({"a body of this arm": body.structure.dof != len(scale.span)}, "smooth")
+        refuse_impossible({"a body of this arm": body.structure.dof != len(scale.span)}, "smooth")
     trend = _trend(told["trend"], tensors, scale, outputs) if told["trend"] else None
     if body is None:
         if trend is None:
@@ -158,7 +162,7 @@ def build_smooth(
 
 def _trend(told: Any, tensors: Tensors, scale: Scale, outputs: int) -> Trend:
     basis, dof = given(Basis, told, "trend"), len(scale.span)
-    refuse(
+    refuse_impossible(
         {
             f"{dof} turns, 0 of slides": len(basis.turns) != dof
             or not all(turn == 0.0 or turn >= _SMALL for turn in basis.turns),

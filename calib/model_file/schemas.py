@@ -13,7 +13,7 @@ from ..maps.linear_models import LinearModels
 from ..maps.map import Map
 from ..maps.predictor import Predictor
 from ..model.schemas import Schema, check_name
-from .checked import Tensors, given_fields, plain, refuse
+from .checked import Tensors, given_fields, plain_fields, refuse_impossible
 from .parts import (
     baseline_header,
     baseline_tensors,
@@ -43,7 +43,7 @@ _PLAIN = ("name", "bound_of", "samples", "most")
 """Fields of a schema that stand in its description as they are."""
 
 
-def pack(schemas: Sequence[Schema]) -> tuple[list[dict[str, Any]], dict[str, NDArray[Any]]]:
+def pack_schemas(schemas: Sequence[Schema]) -> tuple[list[dict[str, Any]], dict[str, NDArray[Any]]]:
     """Descriptions and tensors of the schemas that fit into :data:`_BYTES`."""
     described: list[dict[str, Any]] = []
     tensors: dict[str, NDArray[Any]] = {}
@@ -54,7 +54,7 @@ def pack(schemas: Sequence[Schema]) -> tuple[list[dict[str, Any]], dict[str, NDA
         tensors |= own
         described.append(
             {
-                **plain(schema, _PLAIN),
+                **plain_fields(schema, _PLAIN),
                 "smooth": smooth_header(schema.predictor.smooth),
                 "local": models_header(schema.predictor.models),
                 "baseline": baseline_header(schema.baseline),
@@ -90,19 +90,19 @@ def _rounded_up(bounds: NDArray[np.float64]) -> NDArray[np.float32]:
     return np.where(single < bounds, np.nextafter(single, np.float32(np.inf)), single)
 
 
-def unpack(model: Model, described: Any, tensors: Tensors) -> tuple[Schema, ...]:
-    """Rebuild what :func:`pack` returned, for the model that kept it.
+def unpack_schemas(model: Model, described: Any, tensors: Tensors) -> tuple[Schema, ...]:
+    """Rebuild what :func:`pack_schemas` returned, for the model that kept it.
 
     Raises CalibError, ValueError, KeyError, TypeError if it makes no sense: a file may come from
     anyone.
     """
     states = of_type("schemas", described, list)
-    refuse({f"at most {_MOST} schemas": len(states) > _MOST}, "schemas")
+    refuse_impossible({f"at most {_MOST} schemas": len(states) > _MOST}, "schemas")
     found = [
         _schema(model, state, tensors.under(f"{_PREFIX}{k}.")) for k, state in enumerate(states)
     ]
     names = [model.schema, *(s.name for s in found)]
-    refuse({"schemas of different names": len(set(names)) < len(names)}, "schemas")
+    refuse_impossible({"schemas of different names": len(set(names)) < len(names)}, "schemas")
     return tuple(found)
 
 
@@ -131,7 +131,7 @@ def _schema(model: Model, state: Any, tensors: Tensors) -> Schema:
     )  # fmt: skip
     packed = tensors.take("visited", (-(-nodes // 8),), "uint8")
     visited = np.unpackbits(packed, count=nodes) > 0
-    refuse(
+    refuse_impossible(
         {
             "a schema that bounds readings or positions": told["bound_of"]
             not in ("true position", "sensor reading"),

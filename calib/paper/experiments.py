@@ -11,10 +11,10 @@ from ..maps.association import Association
 from ..maps.density import READINGS
 from ..maps.links import WIRINGS
 from ..samples.samples import Samples
-from .search import SAME
+from .search import SAME_SCHEDULE
 from .setting import NETWORKS, Setting
 from .tables import Cells, Result, Table, columns_of, error_cells, error_header
-from .trial import Row, Schedule, Trial, activity_errors, association, joined
+from .trial import NetworkTrial, Row, Schedule, activity_errors, association, joined
 
 _ROWS = 20_000  # of each seed: enough to tell these apart
 _BORDER = 0.05  # share of a joint's range that counts as its border
@@ -30,12 +30,14 @@ def networks(setting: Setting) -> Result:
     rows: dict[str, Row] = {}
     for k, name in enumerate(names):
         setting.report(k / len(names), name)
-        rows[name] = Trial(name, Schedule(), setting.side).row(few, n)
+        rows[name] = NetworkTrial(name, Schedule(), setting.side).row(few, n)
     for name in ("som", "vdsom"):
         online = Schedule(5, 0.5 if name == "som" else 1.5, rule="online")
-        rows[f"{name}, online rule"] = Trial(NETWORKS[name], online, setting.side).row(few, n)
-        same = replace(SAME, links="oja")
-        rows[f"{name}, {same}"] = Trial(NETWORKS[name], same, setting.side).row(few, n)
+        rows[f"{name}, online rule"] = NetworkTrial(NETWORKS[name], online, setting.side).row(
+            few, n
+        )
+        same = replace(SAME_SCHEDULE, links="oja")
+        rows[f"{name}, {same}"] = NetworkTrial(NETWORKS[name], same, setting.side).row(few, n)
     title = f"networks, {n:,} samples, {len(few.seeds)} seeds, readout activity"
     return Result(dict(rows), (_table("networks", title, rows),))
 
@@ -55,12 +57,16 @@ def resampling(setting: Setting) -> Result:
         for seed in seeds:
             samples = setting.babble(seed, n)
             found.append(
-                Trial("som", SAME, setting.side).errors(crowded(samples, times, seed), seed)
+                NetworkTrial("som", SAME_SCHEDULE, setting.side).errors(
+                    crowded(samples, times, seed), seed
+                )
             )
         rows[f"SOM, border drawn {times} times as often"] = joined(found)
     few = replace(setting, seeds=seeds)
-    rows["VDSOM, gain per sample"] = Trial(NETWORKS["vdsom"], SAME, setting.side).row(few, n)
-    title = f"data at the border against a gain, {SAME}, {n:,} samples, {len(seeds)} seeds"
+    rows["VDSOM, gain per sample"] = NetworkTrial(
+        NETWORKS["vdsom"], SAME_SCHEDULE, setting.side
+    ).row(few, n)
+    title = f"data at the border against a gain, {SAME_SCHEDULE}, {n:,} samples, {len(seeds)} seeds"
     return Result(dict(rows), (_table("resampling", title, rows),))
 
 
@@ -91,7 +97,9 @@ def perturbation(setting: Setting) -> Result:
         found = []
         for seed in seeds:
             samples = setting.babble(seed, n, changes=changes if degrees else ())
-            found.append(Trial(NETWORKS["vdsom"], Schedule(), setting.side).errors(samples, seed))
+            found.append(
+                NetworkTrial(NETWORKS["vdsom"], Schedule(), setting.side).errors(samples, seed)
+            )
         rows[f"{degrees:g} deg"] = joined(found)
     title = f"commands perturbed while learning (standard deviation), {n:,} samples, "
     title += f"{len(seeds)} seeds, tested on the arm at rest"
@@ -99,7 +107,7 @@ def perturbation(setting: Setting) -> Result:
     return Result(dict(rows), (table,))
 
 
-def directions(setting: Setting) -> Result:
+def both_directions(setting: Setting) -> Result:
     """One set of links for both directions, against one set learned for each.
 
     Buessler et al. needed a module for each direction.  Links that are normalised by the

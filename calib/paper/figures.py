@@ -15,7 +15,7 @@ import numpy as np
 from ..common.arrays import Array
 from ..common.atomic import atomic_write
 from .adaptation import Episode
-from .search import SAME
+from .search import SAME_SCHEDULE
 from .setting import NETWORKS, Setting
 from .trial import activity_errors, association
 
@@ -43,7 +43,7 @@ def lattice_figure(setting: Setting, path: Path, formats: Sequence[str] = ("png"
     drawn: list[tuple[str, Association, Array, Array]] = []
     for network in ("som", "vdsom"):
         setting.report(0.5 * len(drawn), f"lattices of the {network}")
-        pair = association(samples, NETWORKS[network], SAME, setting.side, seed)
+        pair = association(samples, NETWORKS[network], SAME_SCHEDULE, setting.side, seed)
         errors = activity_errors(pair, q, x)
         forward = np.linalg.norm(errors[:, :2] * pair.sensory.scale.span, axis=1) * 1e3
         inverse = np.degrees(np.linalg.norm(errors[:, 2:] * pair.motor.scale.span, axis=1))
@@ -68,7 +68,7 @@ def lattice_figure(setting: Setting, path: Path, formats: Sequence[str] = ("png"
                 ax.set_aspect("equal")
             _bar(figure, lines, ax, label)
     figure.suptitle(
-        f"{setting.side}x{setting.side} nodes, {setting.samples:,} samples, {SAME}, "
+        f"{setting.side}x{setting.side} nodes, {setting.samples:,} samples, {SAME_SCHEDULE}, "
         "readout activity",
         fontsize=9,
     )

@@ -9,9 +9,9 @@ from typing import NamedTuple
 import numpy as np
 
 from .setting import Setting
-from .trial import Schedule, Trial, activity_errors, association
+from .trial import NetworkTrial, Schedule, activity_errors, association
 
-SAME = Schedule(20, 2.0)
+SAME_SCHEDULE = Schedule(20, 2.0)
 """The schedule at which the paper's ratio of SOM to VDSOM appears."""
 
 _EPOCHS = (20, 40)
@@ -37,7 +37,7 @@ def best_schedule(setting: Setting, network: str, side: int | None = None) -> li
     that stayed longer comes before one that was dropped earlier.
     """
     side = side or setting.side
-    kept, dropped = candidates(setting), list[Found]()
+    kept, dropped = schedules(setting), list[Found]()
     scores: dict[Schedule, list[float]] = {schedule: [] for schedule in kept}
     for k, seed in enumerate(setting.seeds):
         samples = setting.babble(seed)
@@ -54,7 +54,7 @@ def best_schedule(setting: Setting, network: str, side: int | None = None) -> li
     return found + dropped
 
 
-def candidates(setting: Setting) -> list[Schedule]:
+def schedules(setting: Setting) -> list[Schedule]:
     """The schedules that are compared, the same for every network."""
     if setting.quick:
         return [Schedule(), Schedule(10, 1.0)]
@@ -67,7 +67,7 @@ def candidates(setting: Setting) -> list[Schedule]:
 
 
 @lru_cache(maxsize=8)
-def best_trial(setting: Setting, network: str) -> tuple[Trial, list[Found]]:
+def best_trial(setting: Setting, network: str) -> tuple[NetworkTrial, list[Found]]:
     """The network at its own best schedule, and all that were compared."""
     found = best_schedule(setting, network)
-    return Trial(network, found[0].schedule, setting.side), found
+    return NetworkTrial(network, found[0].schedule, setting.side), found

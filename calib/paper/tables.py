@@ -9,9 +9,9 @@ from dataclasses import dataclass
 from typing import Any
 
 from .published import TABLE1, TABLE2, UNITS, Printed
-from .search import SAME, Found, best_trial
+from .search import SAME_SCHEDULE, Found, best_trial
 from .setting import NETWORKS, Setting
-from .trial import Row, Schedule, Trial
+from .trial import NetworkTrial, Row, Schedule
 
 _FACTORS = {"mm": 1000.0, "deg": 180.0 / math.pi}
 """From SI units to those of the tables."""
@@ -60,15 +60,17 @@ def table1(setting: Setting) -> Result:
     for network in ("som", "vdsom"):
         trial, searched[network] = best_trial(setting, NETWORKS[network])
         best[network] = trial.row(setting)
-    same = {n: Trial(m, SAME, setting.side).row(setting) for n, m in NETWORKS.items()}
+    same = {
+        n: NetworkTrial(m, SAME_SCHEDULE, setting.side).row(setting) for n, m in NETWORKS.items()
+    }
     paper = printed(TABLE1)
     setting.report(1.0, "the default varying density")
-    default = Trial("vdsom", Schedule(), setting.side).row(setting)
+    default = NetworkTrial("vdsom", Schedule(), setting.side).row(setting)
     schedules = {n: str(found[0].schedule) for n, found in searched.items()}
     data = {
         **best,
         "paper": paper,
-        "same_schedule": {**same, "schedule": str(SAME)},
+        "same_schedule": {**same, "schedule": str(SAME_SCHEDULE)},
         "default": default,
         "schedules": schedules,
         "ratios": {
@@ -84,7 +86,7 @@ def table1(setting: Setting) -> Result:
     # another arm or small lattices are not the paper's
     beside = TABLE1 if setting.printed else dict.fromkeys(TABLE1)
     lines = {f"{n.upper()}, best: {schedules[n]}": (best[n], beside[n]) for n in NETWORKS}
-    lines |= {f"{n.upper()}, same: {SAME}": (same[n], beside[n]) for n in NETWORKS}
+    lines |= {f"{n.upper()}, same: {SAME_SCHEDULE}": (same[n], beside[n]) for n in NETWORKS}
     lines["VDSOM, default gain"] = (default, beside["vdsom"])
     tables = [
         _comparison("table1", f"Table 1, {size} nodes, {conditions(setting)}", lines),
@@ -106,7 +108,7 @@ def table2(setting: Setting) -> Result:
     lines = {}
     for k, side in enumerate(setting.sides):
         setting.report(k / len(setting.sides), f"{side}x{side}")
-        row = Trial(NETWORKS["vdsom"], trial.schedule, side).row(setting)
+        row = NetworkTrial(NETWORKS["vdsom"], trial.schedule, side).row(setting)
         data[f"{side}x{side}"] = row
         paper = TABLE2.get(side) if setting.printed else None
         lines[f"VDSOM {side}x{side}"] = (row, paper)
@@ -173,7 +175,7 @@ def _unit_of(column: str) -> str:
 def _ratio_table(found: Mapping[str, Mapping[str, Mapping[str, float]]]) -> Table:
     words = {
         "best": "best against best",
-        "same_schedule": f"same schedule, {SAME}",
+        "same_schedule": f"same schedule, {SAME_SCHEDULE}",
         "linear": "best against best, readout linear",
         "default_linear": "default gain against the best SOM, readout linear",
         "paper": "the paper",

@@ -42,7 +42,7 @@ class Schedule:
 
 
 @dataclass(frozen=True)
-class Trial:
+class NetworkTrial:
     """A network and its schedule.
 
     Attributes

@@ -17,7 +17,7 @@ from ..errors import LogError
 from ..model.measured import Photo
 from .opencv import Picture, opencv
 from .pictures import Video, read_picture
-from .reference import PIXELS, PositionReference, read_reference
+from .reference import PICTURE, PositionReference, read_reference
 from .setting import Setup
 from .tags import Tag, TagFinder
 
@@ -53,7 +53,7 @@ def take_photo(
         )
     if x.shape[1] != 2:
         raise LogError("positions in space are not drawn over a photo: expected x and y")
-    reference = PIXELS if unit == "px" else read_reference(about)
+    reference = PICTURE if unit == "px" else read_reference(about)
     if reference.unit != unit:
         raise LogError(f"positions in {unit}: expected px, or m with a board")
     seen = reference.pixels(x)

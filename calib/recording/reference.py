@@ -191,7 +191,7 @@ def _mapped(matrix: ArrayLike, places: ArrayLike) -> Array:
     return np.asarray(mapped[:, :2] / mapped[:, 2:])
 
 
-PIXELS = FlatReference(np.eye(3), 0.0, "px")
+PICTURE = FlatReference(np.eye(3), 0.0, "px")
 """Pixels of the picture as they are: x to the right, y down."""
 
 PositionReference = PlaneReference | FlatReference
@@ -234,7 +234,7 @@ def read_reference(about: Mapping[str, Any]) -> PositionReference:
     try:
         told = about["reference"]
         if told["kind"] == "pixels":
-            return PIXELS
+            return PICTURE
         if told["kind"] == "flat":
             flat = FlatReference(np.array(told["matrix"], float).reshape(3, 3), 0.0)
             flat.pixels(np.zeros((1, 2)))  # it has an inverse

@@ -20,7 +20,7 @@ from ..samples.columns import open_source, read_columns
 from .board import LEAST_CORNERS, Board
 from .lens import Lens
 from .reference import (
-    PIXELS,
+    PICTURE,
     PlaneReference,
     PositionReference,
     find_pose,
@@ -90,7 +90,7 @@ def watch(
     Raises LogError if the reference is not there, or elsewhere in many pictures.
     """
     if layout is None:
-        return PIXELS, frozenset()
+        return PICTURE, frozenset()
     if lens is None and height:
         raise OptionError(
             f"`tag_height={height:g}` needs `lens`: rays are cut with the tag's plane"

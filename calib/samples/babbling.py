@@ -76,14 +76,14 @@ def babble(
         )
     n = whole("samples", n, 1, MAX_SAMPLES)
     seed = whole("seed", seed, 0, 2**63 - 1)
-    if method not in METHODS:
-        raise OptionError(f"babbling {method!r} is unknown; choices: {', '.join(METHODS)}")
+    if method not in SAMPLERS:
+        raise OptionError(f"babbling {method!r} is unknown; choices: {', '.join(SAMPLERS)}")
     if ranges:
         arm = arm.with_range(dict(ranges))
     simulation = Simulation(arm, noise=noise, changes=parse_changes(changes))
     joints, sensor = (np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(2))
     low, high = np.asarray(arm.lower), np.asarray(arm.upper)
-    q = low + (high - low) * METHODS[method](n, len(low), joints)
+    q = low + (high - low) * SAMPLERS[method](n, len(low), joints)
     np.clip(q, low, high, out=q)  # low + (high - low) may round beyond high
     q.flags.writeable = False
     x = simulation.measure(q, sensor)
@@ -133,7 +133,7 @@ def smooth_points(n: int, dof: int, rng: Generator) -> Array:
     return np.asarray(0.5 + 0.5 * np.arcsin(_TURN * np.sin(phase)) / np.arcsin(_TURN))
 
 
-METHODS: dict[str, Callable[[int, int, Generator], Array]] = {
+SAMPLERS: dict[str, Callable[[int, int, Generator], Array]] = {
     "uniform": lambda n, dof, rng: rng.random((n, dof)),
     "halton": partial(_even_points, sequence="halton"),
     "sobol": partial(_even_points, sequence="sobol"),

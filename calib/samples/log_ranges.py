@@ -8,14 +8,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arm.ranges import Range
 from ..common.arrays import Array, Mask
 from ..common.scale import TURN
 from ..common.wording import unit_of_joint
 from ..errors import LogError, OptionError
 from .joint_values import SLACK, beyond, in_degrees, many_turns
 
-Range = tuple[float, float]
-UNKNOWN: Range = (-math.inf, math.inf)
+UNKNOWN_RANGE: Range = (-math.inf, math.inf)
 
 _ROUNDED = 1e-4  # share of a range that is not worth a word
 _SMALL_GAP = 0.1  # [rad]; data without a larger gap fill the circle
@@ -29,7 +29,7 @@ class LoggedJoint:
     label: str  # what messages call the log
     name: str
     revolute: bool
-    limits: Range = UNKNOWN  # the arm's range of this joint, where there is an arm [rad or m]
+    limits: Range = UNKNOWN_RANGE  # the arm's range of this joint, where there is an arm [rad or m]
     degrees: bool = False  # whether the log and the messages are in degrees
     chosen: bool = False  # whether the user asked for `limits`: other rows are left out
 
@@ -68,7 +68,7 @@ class LoggedJoint:
                 self.limits,
                 self._moved(values, wrapped, self.limits),
             )
-        if self.limits == UNKNOWN:
+        if self.limits == UNKNOWN_RANGE:
             return self._within_data(values)
         if self.revolute and self.limits[1] - self.limits[0] >= TURN - 1e-9:
             return self._within_turn(values)

@@ -10,13 +10,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..arm.ranges import Range
 from ..common.arrays import Array
 from ..common.scale import TURN
 from ..common.wording import vector
 from ..errors import LogError, OptionError
 from .camera import camera_of
 from .columns import Source, open_source
-from .log_ranges import UNKNOWN, LoggedJoint, Range
+from .log_ranges import UNKNOWN_RANGE, LoggedJoint
 from .measured_rows import HELD_ROWS, Reservoir, measured_rows
 from .places import find_place
 from .plausibility import check_against_robot, check_flat
@@ -31,7 +32,7 @@ from .roles import (
     unit_quaternions,
 )
 from .samples import Samples
-from .tables import read_about, unit_of, write_table
+from .tables import read_about, stated_unit, write_table
 
 if TYPE_CHECKING:
     from ..arm.arm import Arm
@@ -116,7 +117,7 @@ def read_log(
     if sees_pixels(source.header, columns, arm.joint_names if arm else joints or ()):
         columns |= PIXELS
         unit = unit or "px"
-    unit = unit or unit_of(about)
+    unit = unit or stated_unit(about)
     roles = find_roles(source, arm, joints, columns)
     names, axes = roles.joints, roles.axes
     wanted = arm.outputs if arm is not None and outputs is None else outputs
@@ -239,7 +240,7 @@ def _joints(
     joints = []
     for k, name in enumerate(names):
         turns = arm.revolute[k] if arm is not None else name not in prismatic
-        limits = (float(arm.lower[k]), float(arm.upper[k])) if arm is not None else UNKNOWN
+        limits = (float(arm.lower[k]), float(arm.upper[k])) if arm is not None else UNKNOWN_RANGE
         joint = LoggedJoint(label, name, turns, limits, degrees)
         joints.append(joint.with_range(ranges[name]) if name in ranges else joint)
     return joints

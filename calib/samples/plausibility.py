@@ -63,19 +63,19 @@ def check_against_robot(
         return []
     if unit == "m":
         _check_size(label, _size(seen) / max(_size(nominal), 1e-300))
-    extent, own = _size(seen), misfit(nominal, seen)
+    extent, own = _size(seen), aligned_misfit(nominal, seen)
     notes = []
     if own > _SMALL * extent:
         _check_order(label, arm, some, seen, own, names, any_order=own > _GOOD * extent)
         notes += _check_signs(label, arm, some, seen, names)
     flipped = nominal * np.array([-1.0, 1.0, 1.0])[: nominal.shape[1]]
-    mirrored = misfit(flipped, seen) < _CLEAR * max(own, 1e-12 * extent)
+    mirrored = aligned_misfit(flipped, seen) < _CLEAR * max(own, 1e-12 * extent)
     if mirrored and unit == "m" and not fitted_plane:
         notes.append(
             f"{label}: the positions are mirrored, compared with the robot: the sensor's axes are "
             "left-handed, or one of them is reversed"
         )
-    if lag := lag_of(arm, q, x):
+    if lag := lag_behind_arm(arm, q, x):
         side = "follow" if lag > 0 else "precede"
         rows_apart = "1 row" if abs(lag) == 1 else f"{abs(lag)} rows"
         notes.append(
@@ -85,7 +85,7 @@ def check_against_robot(
     return notes
 
 
-def misfit(a: Array, b: Array) -> float:
+def aligned_misfit(a: Array, b: Array) -> float:
     """Root mean square distance of `b` (n, m) from `a` (n, m), turned, shifted and scaled."""
     # no reflection: a mirrored sensor is to be seen as a misfit
     turn, shift, scale = similarity(a, b)
@@ -111,7 +111,7 @@ def unit_hint(ratio: float) -> str:
     return "; if they are pixels, train a model of such a log" if ratio > _PIXELS else ""
 
 
-def lag_of(arm: Arm, q: Array, x: Array) -> int:
+def lag_behind_arm(arm: Arm, q: Array, x: Array) -> int:
     """Return by how many rows positions follow the joints, 0 where no shift fits far better.
 
     Rows along a path fit nearly as well a row later; poses in any order fit not at all.
@@ -124,7 +124,9 @@ def lag_of(arm: Arm, q: Array, x: Array) -> int:
     path = float(np.max(step / np.maximum(np.ptp(q, axis=0), 1e-12))) <= _PATH
     nominal = arm.forward(q)
     rows = np.linspace(most, n - 1 - most, min(n - 2 * most, _ROWS)).round().astype(np.intp)
-    found = {shift: misfit(nominal[rows - shift], x[rows]) for shift in range(-most, most + 1)}
+    found = {
+        shift: aligned_misfit(nominal[rows - shift], x[rows]) for shift in range(-most, most + 1)
+    }
     best = min(found, key=lambda shift: (found[shift], abs(shift)))
     return best if found[best] < (0.5 if path else _CLEAR) * found[0] else 0
 
@@ -185,7 +187,7 @@ def _check_order(
         for order in itertools.permutations(range(q.shape[1]))
         if any_order or sum(k != j for k, j in enumerate(order)) == 2
     ]
-    found = {order: misfit(arm.forward(q[:, list(order)]), x) for order in orders}
+    found = {order: aligned_misfit(arm.forward(q[:, list(order)]), x) for order in orders}
     best = min(orders, key=lambda order: found[order])
     if found[best] < _CLEAR * own:
         pairs = {names[k]: names[j] for k, j in enumerate(best) if k != j}
@@ -198,17 +200,17 @@ def _check_order(
 
 
 def _with_tool(arm: Arm, q: Array, x: Array) -> float:
-    """`misfit` of an arm, in space with an unknown tool: a linear fit of place and orientation.
+    """`aligned_misfit` of an arm, in space with an unknown tool: linear in place and orientation.
 
-    A tool of 30 mm hides a reversed wrist joint from `misfit`.
+    A tool of 30 mm hides a reversed wrist joint from `aligned_misfit`.
     """
     if arm.outputs == 2:
-        return misfit(arm.forward(q), x)
+        return aligned_misfit(arm.forward(q), x)
     place, turn = arm.pose(q)
     i, j = np.triu_indices(4)  # products of a quaternion: all of a rotation, and a constant
     features = np.hstack([place, turn[:, i] * turn[:, j]])
     if len(q) < 3 * features.shape[1]:
-        return misfit(place, x)
+        return aligned_misfit(place, x)
     return _rms(x - features @ np.linalg.lstsq(features, x, rcond=None)[0])
 
 

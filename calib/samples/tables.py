@@ -146,7 +146,7 @@ def read_about(table: str | os.PathLike[str] | Source) -> dict[str, Any]:
     return about if isinstance(about, dict) else {}
 
 
-def unit_of(about: Mapping[str, Any]) -> str:
+def stated_unit(about: Mapping[str, Any]) -> str:
     """Return the unit that a table states for its positions, else "m"; see `read_about`."""
     unit = about.get("unit")
     return unit if isinstance(unit, str) and unit else "m"

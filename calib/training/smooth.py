@@ -30,7 +30,7 @@ from ..common.choices import VIEWS
 from ..common.scale import METRES, Scale
 from ..errors import OptionError
 from ..maps.misfit import misfit
-from ..maps.model_selection import Candidate, of_body, of_trends
+from ..maps.model_selection import SmoothCandidate, of_body, of_trends
 from ..samples.samples import Samples
 from .learn import Options
 
@@ -56,7 +56,7 @@ class SmoothPart:
     """What may stand under the local models."""
 
     # smooth parts, the preferred one first; none where maps and links stand alone
-    candidates: tuple[Candidate, ...]
+    candidates: tuple[SmoothCandidate, ...]
     fit: BodyFit | None  # the body's fit, where there is a body
     rows: NDArray[np.intp]  # (k,), rows of the samples that the candidates rest on
     notes: tuple[str, ...] = ()  # what the user should be told besides the notes of the fit
@@ -177,7 +177,7 @@ def to_learn(
     return u, x, wrong_around(part, scale, samples, u)
 
 
-def _held_out_error(candidate: Candidate) -> float:
+def _held_out_error(candidate: SmoothCandidate) -> float:
     """Mean distance of held-out rows to their predictions."""
     return float(np.linalg.norm(candidate.held_out, axis=1).mean())
 

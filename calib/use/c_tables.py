@@ -1,7 +1,7 @@
 """C tables: the constants of a planar or spatial body, and how C source is filled with them.
 
 The source itself is in the folder `c`: C99 that is also valid C++, without allocation and without
-any library but ``math.h``.  Its names start with ``calib_``; `filled` puts another prefix, and
+any library but ``math.h``.  Its names start with ``calib_``; `c_source` puts another prefix, and
 numbers for words such as ``@unit@``; what stands between ``#if @word@`` and ``#endif`` is kept
 where the word is true.
 """
@@ -17,9 +17,9 @@ import numpy as np
 from ..arm.motion import placements
 from ..body.curves import HARMONICS
 from ..body.planar import PlanarStructure
-from ..body.planar_view import turned
+from ..body.planar_view import view_rotation
 from ..body.spatial import SpatialStructure
-from ..body.spatial_view import NEAREST
+from ..body.spatial_view import LEAST_DEPTH
 from ..body.structure import Indices, Structure
 from ..common.arrays import Array
 
@@ -36,7 +36,7 @@ def source(*names: str) -> str:
     return "".join((folder / f"{name}.h").read_text(encoding="ascii") for name in names)
 
 
-def filled(text: str, words: Mapping[str, object], prefix: str, single: bool) -> str:
+def c_source(text: str, words: Mapping[str, object], prefix: str, single: bool) -> str:
     """C source with its words filled in, names that start with `prefix`, and its precision."""
     while "#if @" in text:  # the innermost first
         text = _CHOICE.sub(lambda found: found[2] * bool(words[found[1]]), text)
@@ -45,7 +45,7 @@ def filled(text: str, words: Mapping[str, object], prefix: str, single: bool) ->
     return text.replace("calib_", prefix).replace("CALIB_", prefix.upper())
 
 
-def number(value: float, single: bool) -> str:
+def c_number(value: float, single: bool) -> str:
     """A C constant that reads back as the same number."""
     # nine digits tell any two floats apart, and a C literal needs a point or an exponent
     text = f"{np.float32(value):.9g}" if single else repr(float(value))
@@ -55,7 +55,7 @@ def number(value: float, single: bool) -> str:
 
 def array(kind: str, name: str, sizes: Sequence[str], values: Array, single: bool) -> str:
     """A constant array of C, filled row by row."""
-    flat = [number(v, single) for v in np.asarray(values, dtype=float).ravel()]
+    flat = [c_number(v, single) for v in np.asarray(values, dtype=float).ravel()]
     lines = ["  " + ", ".join(flat[i : i + 4]) + "," for i in range(0, len(flat), 4)]
     shape = "".join(f"[{s}]" for s in sizes)
     if len(sizes) == 2:  # braces for each row, or compilers warn
@@ -102,7 +102,7 @@ def planar(structure: PlanarStructure, beta: Array, single: bool) -> tuple[str, 
         "length": int(lay.length[0]),
         "elastic": int(lay.elastic[0]) if len(lay.elastic) else 0,
         "curves": int(any(beta[ix].any() for ix in lay.curve.values())),
-        "slide": number(structure.slide, single),
+        "slide": c_number(structure.slide, single),
     }
     tables = (
         integers("calib_turns", DOF, structure.revolute)
@@ -116,7 +116,7 @@ def planar(structure: PlanarStructure, beta: Array, single: bool) -> tuple[str, 
 
 def shears(structure: PlanarStructure, beta: Array, single: bool) -> str:
     """How the view's linear part changes with its shear: two matrices, row by row."""
-    turn, mirror = np.exp(beta[1]) * turned(beta), np.diag([1.0, float(structure.mirror)])
+    turn, mirror = np.exp(beta[1]) * view_rotation(beta), np.diag([1.0, float(structure.mirror)])
     both = [turn @ shear @ mirror for shear in (np.diag([1.0, -1.0]), np.eye(2)[::-1])]
     return array(REAL, "calib_shears", ["8"], np.ravel(both), single)
 
@@ -155,13 +155,13 @@ def spatial(
     )
     words = {
         "law": structure.seen_as.source,
-        "nearest": number(NEAREST, single),
+        "nearest": c_number(LEAST_DEPTH, single),
         "chain": chain.joints,
         "camera": structure.camera,
         "poses": _POSES,
-        "pose_calm": number(_POSE_CALM, single),
-        "lever": number(chain.reach, single),
-        "half_lever": number(chain.reach / 2, single),
+        "pose_calm": c_number(_POSE_CALM, single),
+        "lever": c_number(chain.reach, single),
+        "half_lever": c_number(chain.reach / 2, single),
     }
     return tables, words
 
@@ -190,4 +190,4 @@ def _braces(values: Array, single: bool) -> str:
     """Numbers in the braces of a C constant, row by row."""
     if values.ndim == 2:
         return "{" + ",\n   ".join(_braces(row, single) for row in values) + "}"
-    return "{" + ", ".join(number(v, single) for v in values) + "}"
+    return "{" + ", ".join(c_number(v, single) for v in values) + "}"

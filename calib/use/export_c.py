@@ -22,7 +22,7 @@ from ..maps.predictor import BodyInBox
 from ..model.model import Model
 from ..model.trust import MOST_BLENDED
 from . import c_bound, c_tables
-from .c_tables import DOF, REAL, array, filled, integers, number, source
+from .c_tables import DOF, REAL, array, c_number, c_source, integers, source
 from .correct import usual_limit
 from .nominal import nominal_in_plane, nominal_in_space
 
@@ -109,7 +109,7 @@ class _Writer:
         tables += c_tables.curves(structure, beta, self.single)
         tables = self._ranges() + tables + self._nodes() + nominal
         whole = source("head") + tables + source("common", structure.kind, "answers")
-        return filled(whole, words, self.prefix, self.single), _bytes(tables)
+        return c_source(whole, words, self.prefix, self.single), _bytes(tables)
 
     @property
     def _posterior(self) -> bool:
@@ -142,7 +142,7 @@ class _Writer:
         return np.asarray(np.linalg.norm(model.predictor.value(u) - held, axis=1))
 
     def _n(self, value: float) -> str:
-        return number(value, self.single)
+        return c_number(value, self.single)
 
     def _words(self) -> dict[str, object]:
         model = self.model

@@ -18,7 +18,7 @@ from ..common.frozen import ReadOnly
 from ..errors import OptionError
 from .collisions import apart, visible
 from .pose_space import PoseSpace, space_of
-from .spread import candidates, farthest, length, shortest_tour, tells
+from .spread import candidate_poses, farthest, length, shortest_tour, tells
 
 if TYPE_CHECKING:
     import os
@@ -161,7 +161,7 @@ def plan(
     first = space.start(start)
     # not `to_unit`: the upper end of a whole turn is not its lower end to a cable
     begin = (first - space.scale.lower) / space.scale.span
-    points, safe = apart(source, space, candidates(space, rng))
+    points, safe = apart(source, space, candidate_poses(space, rng))
     points, hidden = visible(source, space, points)
     notes = [safe, *hidden]
     if measured is None and not isinstance(source, Arm) and choose.func is farthest:

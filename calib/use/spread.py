@@ -25,7 +25,7 @@ _WIDEST = 10.0  # [m or rad] of a prior: a wider one leaves no digits for what 2
 _CHUNK = 200  # poses that are linearised at a time
 
 
-def candidates(space: PoseSpace, rng: np.random.Generator) -> Array:
+def candidate_poses(space: PoseSpace, rng: np.random.Generator) -> Array:
     """Draw poses to choose from: within the box, on its faces, at its corners.
 
     Returns (m, dof), in units of the joints' ranges.

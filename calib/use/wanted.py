@@ -17,7 +17,7 @@ from ..body.spatial_row import SpatialRow
 from ..body.views import is_camera
 from ..common.arrays import Array
 from ..inverse.near import position_near
-from ..inverse.one_row import nearest
+from ..inverse.one_row import nearest_joints
 from ..model.alignment import Alignment
 from ..model.model import Model
 from ..model.space import REACHED, Space
@@ -137,7 +137,7 @@ def _near(
 
     def one(q: list[float]) -> list[float] | None:
         place = nominal().place(q).translation.tolist()
-        return nearest(real().sloped, place, q, unit, lambda _: True)
+        return nearest_joints(real().sloped, place, q, unit, lambda _: True)
 
     return near, one
 

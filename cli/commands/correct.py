@@ -53,7 +53,7 @@ def correct(
     from calib.samples.tables import read_batch
     from calib.use.correct import correct as correction
 
-    from ..answers import numbered, say_rows, spread, write_answers
+    from ..answers import numbered, over_all_rows, say_rows, write_answers
 
     loaded = calib.load(model)
     joints = JointFormat(loaded.about, degrees)
@@ -77,7 +77,7 @@ def correct(
     beyond, missed = rows[found.exceeded].tolist(), rows[~found.reachable].tolist()
     changes = _changes(found, joints)
     write_answers(
-        None if beyond else batch.answered(spread(valid, columns)),
+        None if beyond else batch.answered(over_all_rows(valid, columns)),
         output,
         as_json,
         joints,

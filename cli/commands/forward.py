@@ -101,14 +101,14 @@ def _batch(
     from calib.samples.joint_values import check_joint_values
     from calib.samples.tables import read_batch
 
-    from ..answers import spread, write_batch
+    from ..answers import over_all_rows, write_batch
 
     batch, about = read_batch(source, joints.names), model.about
     q = batch.values / np.array(joints.typed)
     ranges = (about.joint_names, about.lower, about.upper, about.revolute)
     check_joint_values(q, *ranges, degrees=joints.degrees, error=QueryError)
     valid = np.isfinite(q).all(axis=1)
-    columns = spread(valid, _told_at(model, q[valid], readout, frame))
+    columns = over_all_rows(valid, _told_at(model, q[valid], readout, frame))
     outside = (np.flatnonzero(valid & np.isnan(columns["x"])) + 1).tolist()
     why = "outside of what was learned"
     return write_batch(model, joints, batch, columns, outside, why, streams, frame)

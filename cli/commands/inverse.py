@@ -76,7 +76,7 @@ def inverse(
     if in_space:
         from calib.model.space import Space
 
-        from ..space import on_plane, orientation
+        from ..space import orientation, pixel_on_plane
 
         if Space.of(loaded).camera and frame == "sensor" and on is None:
             raise calib.QueryError(
@@ -87,7 +87,7 @@ def inverse(
     if on is None:
         check_count(typed, "xyz" if frame == "base" else loaded.axes, "coordinate")
     else:
-        x = on_plane(loaded, typed, on)
+        x = pixel_on_plane(loaded, typed, on)
         told["on_plane"] = {"z": on, "position": x, "unit": "m"}
     if turn is not None:
         told["quaternion"] = turn
@@ -223,7 +223,7 @@ def _batch(
     from calib.samples.roles import QUATERNION
     from calib.samples.tables import read_batch
 
-    from ..answers import spread, write_batch
+    from ..answers import over_all_rows, write_batch
 
     base, beside = frame == "base", [f"near_{name}" for name in joints.names]
     axes = "xyz" if base else model.axes
@@ -251,7 +251,7 @@ def _batch(
         found.pop(name, None)
     # rows without numbers stand where they stood, between the answers of the others
     index = np.sort(np.concatenate([rows, np.flatnonzero(~valid)]))
-    answers = spread(valid[index], {**dict(zip(joints.names, q.T, strict=True)), **found})
+    answers = over_all_rows(valid[index], {**dict(zip(joints.names, q.T, strict=True)), **found})
     if every:
         answers, batch = {"row": index + 1, **answers}, batch.take(index)
     missed = (rows[~reachable] + 1).tolist()

@@ -103,7 +103,11 @@ def _run(
         "table1": (tables.table1,),
         "table2": (tables.table2,),
         "networks": (experiments.networks,),
-        "experiments": (experiments.resampling, experiments.perturbation, experiments.directions),
+        "experiments": (
+            experiments.resampling,
+            experiments.perturbation,
+            experiments.both_directions,
+        ),
         "ablation": (ablation.ablation,),
     }
     if name == "figures":

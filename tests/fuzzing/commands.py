@@ -30,6 +30,24 @@ from .options import (
 from .printed import judge_output
 
 
+class _NoServer:
+    """In the place of the preview's server: takes no port and ends at once."""
+
+    url = "served"
+
+    def __init__(self, *_: object) -> None:
+        pass
+
+    def __enter__(self) -> _NoServer:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        pass
+
+    def serve_forever(self, **_: float) -> None:
+        """Serve nobody."""
+
+
 @dataclass(frozen=True)
 class Line:
     """A command line, what is on its standard input, and two damaged files that it may name."""
@@ -150,7 +168,8 @@ class Commands(Kind):
             with (
                 redirect_stdout(out),
                 redirect_stderr(err),
-                patch("calib_cli.commands.preview._serve", lambda *_, **__: print("served")),
+                patch("calib.show.preview.server.PreviewServer", _NoServer),
+                patch("webbrowser.open", lambda _: True),
             ):
                 try:
                     self.app(list(args), prog_name="calib")
