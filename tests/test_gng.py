@@ -133,7 +133,7 @@ def test_learning_shows_every_sample_once_per_pass_in_short_blocks_at_an_even_pa
     def gain(visit):
         return np.ones(len(visit.winners))
 
-    monkeypatch.setattr(gng, "present", spy)
+    monkeypatch.setattr(gng, "present_gng", spy)
     epochs = list(gng.learn_gng(x, 150, gain, 4, np.random.default_rng(0)))
     blocks, sizes, paces, gains, progress = zip(*shown, strict=True)
     # each pass holds all samples, in another order
@@ -178,7 +178,7 @@ def test_an_epoch_tells_the_mean_distance_to_the_winners(monkeypatch):
         told.append(np.linalg.norm(block[:, None] - gas.weights, axis=2).min(axis=1).sum())
         return present_gng(gas, block, *rest)
 
-    monkeypatch.setattr(gng, "present", spy)
+    monkeypatch.setattr(gng, "present_gng", spy)
     (epoch,) = gng.learn_gng(x, 20, None, 1, np.random.default_rng(0))
     assert epoch.error == pytest.approx(sum(told) / 300)
     assert epoch.sigma == 0.0

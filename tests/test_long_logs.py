@@ -43,7 +43,7 @@ def files(tmp_path, rows):
 @pytest.fixture(params=[(1 << 23, 1 << 18), (1 << 14, 700), (5001, 411)])
 def batches(request, monkeypatch):
     """Different lengths of what is read at once."""
-    monkeypatch.setattr(csv_rows, "BLOCK", request.param[0])
+    monkeypatch.setattr(csv_rows, "CSV_BLOCK", request.param[0])
     monkeypatch.setattr(parquet, "BATCH", request.param[1])
     return request.param
 
@@ -73,7 +73,7 @@ def test_batches_are_the_rows_and_short(files, rows, batches):
     ],
 )
 def test_a_block_may_end_anywhere(tmp_path, monkeypatch, text, values, block):
-    monkeypatch.setattr(csv_rows, "BLOCK", block)
+    monkeypatch.setattr(csv_rows, "CSV_BLOCK", block)
     path = tmp_path / "log.csv"
     path.write_bytes(text.encode())
     np.testing.assert_array_equal(read_columns(open_source(path), ["a", "b"]), values)
@@ -81,7 +81,7 @@ def test_a_block_may_end_anywhere(tmp_path, monkeypatch, text, values, block):
 
 @pytest.mark.parametrize("block", [16, 40, 1 << 20])
 def test_a_bad_cell_is_told_by_its_row_in_the_file(tmp_path, monkeypatch, block):
-    monkeypatch.setattr(csv_rows, "BLOCK", block)
+    monkeypatch.setattr(csv_rows, "CSV_BLOCK", block)
     path = tmp_path / "log.csv"
     path.write_text("a,b\n1,2\n\n3,4\n5,6\n7,8\n9,zehn\n")
     with pytest.raises(LogError, match="row 5, column 'b': 'zehn' is not a number"):
@@ -89,7 +89,7 @@ def test_a_bad_cell_is_told_by_its_row_in_the_file(tmp_path, monkeypatch, block)
 
 
 def test_a_file_without_line_ends_does_not_fill_the_memory(tmp_path, monkeypatch):
-    monkeypatch.setattr(csv_rows, "BLOCK", 1 << 10)
+    monkeypatch.setattr(csv_rows, "CSV_BLOCK", 1 << 10)
     path = tmp_path / "log.csv"
     path.write_text("a,b\n1,2\n" + "5" * 5000)
     with pytest.raises(LogError, match="has a line of more than"):

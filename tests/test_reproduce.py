@@ -93,7 +93,7 @@ def test_a_schedule_that_one_seed_dislikes_can_still_win(monkeypatch):
         judged.append(pair)
         return np.array([[luck.get(pair, float(pair[0]))]])
 
-    monkeypatch.setattr(search, "candidates", lambda _: tried)
+    monkeypatch.setattr(search, "schedules", lambda _: tried)
     monkeypatch.setattr(
         search, "association", lambda _s, _n, schedule, _k, seed: (schedule.epochs, seed)
     )

@@ -7,8 +7,8 @@ from threadpoolctl import threadpool_info, threadpool_limits
 import calib
 from calib.common.scale import Scale
 from calib.errors import LogError, OptionError
-from calib.maps import som as som_module
 from calib.maps.lattice import Lattice
+from calib.maps.online import present_online
 from calib.maps.som import SOM
 
 UNIT_BOX = Scale(np.zeros(2), np.ones(2), np.zeros(2, dtype=bool))
@@ -40,7 +40,7 @@ def batch_target(weights, lattice, x, sigma, gain=None):
 def present(weights, lattice, x, sigma, rate):
     weights = weights.copy()
     n = len(x)
-    som_module.present(weights, lattice, x, np.full(n, float(sigma)), np.full(n, float(rate)))
+    present_online(weights, lattice, x, np.full(n, float(sigma)), np.full(n, float(rate)))
     return weights
 
 

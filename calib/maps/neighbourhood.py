@@ -54,7 +54,7 @@ def spread_by(sums: Array, lattice: Lattice, h: Array) -> Array:
     sums : (size, ...), a row per node, 0 or more
     lattice : where the nodes stand
     h : (2 n - 1, ...), the neighbourhood at all steps along each axis, see
-        :func:`calib.maps.fields.kernel`
+        :func:`calib.maps.fields.neighbourhood_values`
     """
     from scipy.signal import fftconvolve
 

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 _PREFIX = "schema."
 """Tensors of schema k are named "schema.k.NAME"."""
 
-_BYTES = 2_000_000
+BYTES = 2_000_000
 """All kept schemas take no more; those that were kept longest are left out of the file."""
 
 _SMOOTH = "smooth."
@@ -44,12 +44,12 @@ _PLAIN = ("name", "bound_of", "samples", "most")
 
 
 def pack_schemas(schemas: Sequence[Schema]) -> tuple[list[dict[str, Any]], dict[str, NDArray[Any]]]:
-    """Descriptions and tensors of the schemas that fit into :data:`_BYTES`."""
+    """Descriptions and tensors of the schemas that fit into :data:`BYTES`."""
     described: list[dict[str, Any]] = []
     tensors: dict[str, NDArray[Any]] = {}
     for k, schema in enumerate(schemas[:_MOST]):
         own = {f"{_PREFIX}{k}.{name}": array for name, array in _tensors(schema).items()}
-        if sum(array.nbytes for array in (*tensors.values(), *own.values())) > _BYTES:
+        if sum(array.nbytes for array in (*tensors.values(), *own.values())) > BYTES:
             break
         tensors |= own
         described.append(

@@ -20,7 +20,7 @@ from ..errors import LogError
 if TYPE_CHECKING:
     import polars as pl
 
-_BLOCK = 1 << 22
+CSV_BLOCK = 1 << 22
 """Characters of a CSV file that are held at once."""
 
 COMMENT = "# calib "
@@ -77,10 +77,10 @@ class CsvFile:
         with self.path.open(encoding="utf-8-sig") as file, _csv_errors(self.label):
             for _ in range(self.skip):
                 file.readline()
-            while block := file.read(_BLOCK):
-                block += (rest := file.readline(_BLOCK))
-                if len(rest) == _BLOCK and not rest.endswith("\n"):
-                    raise LogError(f"{self.label} has a line of more than {_BLOCK >> 20} MB")
+            while block := file.read(CSV_BLOCK):
+                block += (rest := file.readline(CSV_BLOCK))
+                if len(rest) == CSV_BLOCK and not rest.endswith("\n"):
+                    raise LogError(f"{self.label} has a line of more than {CSV_BLOCK >> 20} MB")
                 if '"' in block:
                     # quoted cells may hold line ends: no later block begins a row for sure
                     reader = csv.reader(chain(io.StringIO(block), file), delimiter=self.separator)

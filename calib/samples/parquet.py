@@ -18,10 +18,10 @@ if TYPE_CHECKING:
 KEY = "calib"
 """Names the entry of the metadata that says what holds for all rows."""
 
-_BATCH = 1 << 18
+BATCH = 1 << 18
 """Rows of a Parquet file that are held at once."""
 
-_ELEMENTS = 1 << 24
+ELEMENTS = 1 << 24
 """Elements of a column of lists that are held at once."""
 
 
@@ -49,7 +49,7 @@ class ParquetFile:
         arrays = [name for name in lists if isinstance(schema[name], pl.Array)]
         table = table.with_columns(pl.col(arrays).arr.to_list()) if arrays else table
         # the first row alone tells how long the lists are, and so how many rows fit
-        first, size = 0, 1 if lists else _BATCH
+        first, size = 0, 1 if lists else BATCH
         while True:
             with _parquet_errors(self.label):
                 frame = table.slice(first, size).collect()
@@ -59,7 +59,7 @@ class ParquetFile:
             first += size
             counts = [frame[name].list.len().fill_null(0).to_numpy() for name in lists]
             longest = max((int(count.max(initial=1)) for count in counts), default=1)
-            size = min(_BATCH, max(1, _ELEMENTS // longest))
+            size = min(BATCH, max(1, ELEMENTS // longest))
 
     def about(self) -> str:
         """Return what the file says of all its rows, as JSON."""

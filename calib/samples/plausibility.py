@@ -92,7 +92,7 @@ def aligned_misfit(a: Array, b: Array) -> float:
     return _rms(b - scale * a @ turn.T - shift)
 
 
-def _unit_of_ratio(ratio: float) -> str:
+def unit_of_ratio(ratio: float) -> str:
     """Return the unit of which so many are a metre, empty where none fits.
 
     Examples
@@ -105,7 +105,7 @@ def _unit_of_ratio(ratio: float) -> str:
 
 def unit_hint(ratio: float) -> str:
     """Return what a log's scale against its model's says of its unit, as the end of a message."""
-    name = _unit_of_ratio(ratio)
+    name = unit_of_ratio(ratio)
     if name:
         return f"; if they are in {name}, `unit={name!r}` converts them"
     return "; if they are pixels, train a model of such a log" if ratio > _PIXELS else ""
@@ -163,7 +163,7 @@ def _size(x: Array) -> float:
 
 def _check_size(label: str, ratio: float) -> None:
     """Refuse positions that extend over a multiple of what they should, if that is a unit's."""
-    name = _unit_of_ratio(ratio)
+    name = unit_of_ratio(ratio)
     if _SIZE[0] < ratio < _SIZE[1] or not (name or ratio > _PIXELS):
         return
     other = "for pixels give `unit='px'`, for another unit its name"
