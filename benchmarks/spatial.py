@@ -26,8 +26,7 @@ from threadpoolctl import threadpool_limits
 
 import calib
 from calib.body.fitting import fit_structure
-from calib.body.spatial import structure_of
-from calib.body.spatial_random import unknown_structure
+from calib.body.spatial import structure_of, unknown_structure
 from calib.use.geometry import fit_geometry
 from calib.use.urdf import corrected_urdf
 

@@ -14,8 +14,7 @@ from calib.arm.rotations import exponential, logarithm, quaternion_of
 from calib.body.fitting import fit_structure
 from calib.body.misfit import refuse_pixels, refuse_turns
 from calib.body.sensor import SensorPose
-from calib.body.spatial import structure_of
-from calib.body.spatial_random import unknown_structure
+from calib.body.spatial import structure_of, unknown_structure
 from calib.errors import LogError, ModelError
 from calib.model_file.bodies import body_arrays, body_header, rebuild_body
 from calib.model_file.checked import Tensors

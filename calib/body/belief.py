@@ -12,7 +12,9 @@ import numpy as np
 from ..common.arrays import Array
 from ..common.frozen import ReadOnly, frozen
 from .covariance import radius_95, spread_of
+from .sensor import SensorPose
 from .structure import Indices, Structure
+from .views import is_camera
 
 _CHUNK = 2000
 """Rows that a bound is evaluated for at a time."""
@@ -141,9 +143,6 @@ class Body(Gaussian):
 
     def describe(self) -> tuple[str, ...]:
         """The body in words, one line for each joint, curve and view."""
-        from .sensor import SensorPose
-        from .views import is_camera
-
         lines = self.structure.words(self.beta, self.deviations)
         if (sensor := SensorPose.of(self)) is None or self.structure.view == "base":
             return lines

@@ -9,15 +9,17 @@ place, is also told without them.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..arm.rotations import cross_matrix, quaternion_of
 from ..common.arrays import Array
 from ..errors import LogError
-from .belief import Body, Second
 from .structure import Indices
+
+if TYPE_CHECKING:
+    from .belief import Body, Second
 
 _TELLING = 0.8
 """Share of a position's spread below which it is told what is left without the gauge."""

@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..arm.motion import move
-from ..arm.spatial_chain import SpatialChain
 from ..common.arrays import Array
 from ..common.rows import thinned
 from .starts import settle
@@ -29,43 +28,6 @@ FIRST, _LAST, _KEPT = 40, 80, 4
 _AGREE, _SAME = 4, 0.5
 #: Rows that they are fitted to.
 _ROWS = 150
-
-
-def unknown_structure(
-    joint_names: Sequence[str],
-    revolute: Sequence[bool],
-    extent: float,
-    unit: str = "m",
-    metre: float = 1.0,
-    simulated: bool = False,
-) -> SpatialStructure:
-    """Return the structure of a serial arm of which only its joints' names are known.
-
-    joint_names, revolute : base to tip; whether each joint turns
-    extent : size of the workspace along an output [unit]: the positions' rms spread
-    unit : unit of positions
-    metre : units of positions in one metre
-    simulated : whether the rows are samples of a simulation
-    """
-    from .spatial import SpatialStructure
-
-    dof = len(joint_names)
-    link = extent / metre / max(dof, 1)
-    points = np.outer(np.arange(dof), (0.0, 0.0, link))
-    chain = SpatialChain(
-        axes=np.tile((0.0, 0.0, 1.0), (dof, 1)),
-        points=points,
-        tip=np.array([0.0, 0.0, dof * link]),
-        rotation=np.eye(3),
-        revolute=tuple(revolute),
-        coupling=np.eye(dof),
-        bias=np.zeros(dof),
-    )
-    names = tuple(joint_names)
-    return SpatialStructure(
-        chain, names, names, tuple(revolute), "base", unit=unit, metre=metre, extent=extent,
-        informed=False, simulated=simulated,
-    )  # fmt: skip
 
 
 def chains(structure: SpatialStructure, q: Array, z: Array) -> Sequence[tuple[Structure, Array]]:

@@ -12,6 +12,8 @@ from ..arm.rotations import exponential, logarithm, nearest_rotation, similarity
 from ..common.arrays import Array
 from ..common.rows import thinned
 from ..errors import LogError
+from .priors import frame_groups
+from .spatial_random import chains
 from .starts import settle
 from .structure import Prior, Structure
 
@@ -54,8 +56,6 @@ def spatial_starts(
     rows = thinned(len(q), _ROWS)
     q, z = q[rows], z[rows]
     if not structure.informed:
-        from .spatial_random import chains
-
         return chains(structure, q, z)
     few = not structure.camera and z.size < _FEW
     return [(replace(structure, few=few), frame(structure, q, z))]
@@ -68,7 +68,6 @@ def frame(structure: SpatialStructure, q: Array, z: Array, arm: Array | None = N
     the nominal ones.
     """
     arm = structure.neutral() if arm is None else arm
-    from .priors import frame_groups
 
     groups = [group for group in frame_groups(structure) if group != "lens"]
     sd = structure.prior(groups).sd

@@ -125,7 +125,7 @@ def _moving(structure: Structure) -> Indices:
 
 def _camera_moved(body: Body, q: Array, z: Array) -> Array:
     """Parameters of a camera elsewhere, its lens and the arm as they were."""
-    from ..body.spatial_start import frame
+    from ..body.spatial_start import frame  # brings SciPy's linear algebra
 
     structure: Any = body.structure
     groups = structure.groups

@@ -12,6 +12,7 @@ import numpy as np
 from ..common.arrays import Array
 from ..common.parallel import side_by_side
 from ..errors import OptionError
+from .fields import Pairs, checked_links
 from .map import Map
 
 if TYPE_CHECKING:
@@ -104,7 +105,6 @@ class Wiring:
         rows = np.repeat(np.arange(together.shape[0]), np.diff(together.indptr))
         if self.rule is not None:
             motor, sensory = np.asarray(square[0])[rows], np.asarray(square[1])[together.indices]
-            from .fields import Pairs, checked_links
 
             together.data = checked_links(self.rule, Pairs(together.data, motor, sensory, samples))
             return without_weak(together)

@@ -13,6 +13,7 @@ from ..common.choices import RULES
 from ..common.parallel import one_blas_thread
 from ..common.scale import Scale
 from ..errors import LogError, OptionError
+from . import pair as pairs
 from . import untrained
 from .association import Association
 from .batch import learn_batch
@@ -204,8 +205,6 @@ class SOM:
         >>> bool(pair.curve[-1, 4] < 0.1 < pair.curve[1, 4])
         True
         """
-        from . import pair as pairs
-
         q, x = np.asarray(q, dtype=float), np.asarray(x, dtype=float)
         if q.ndim != 2 or x.ndim != 2 or len(q) != len(x) or len(q) < 2:
             raise LogError(f"samples of shapes {q.shape} and {x.shape}: expected (n, d) and (n, k)")

@@ -7,8 +7,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..arm.arm import SpatialArm
+from ..arm.loading import arm_from_urdf
 from ..body.belief import Body, Second
 from ..body.sensor import sensor_of, without_gauge, without_sensor
+from ..body.spatial import structure_of
 
 if TYPE_CHECKING:
     from .model import Model
@@ -44,10 +47,6 @@ def in_base(body: Body, *, size: bool = True) -> Body | None:
 
 def drawn(model: Model) -> Body | None:
     """The drawn arm of a simulation whose arm and sensor were not changed."""
-    from ..arm.arm import SpatialArm
-    from ..arm.loading import arm_from_urdf
-    from ..body.spatial import structure_of
-
     about = model.about
     if not about.urdf or (about.simulation or {}).get("changes"):
         return None

@@ -193,7 +193,7 @@ class Single:
         body: Any = self.model.body
         if self._planar:
             return PlanarRow.of(body.structure, body.beta)
-        from ..body.spatial_row import SpatialRow
+        from ..body.spatial_row import SpatialRow  # eight modules of arms in space
 
         return SpatialRow(body.structure, body.beta)
 
@@ -246,7 +246,7 @@ class Single:
         body: Any = self.model.body
         if self._planar or body.structure.outputs != 3 or len(self._lower) <= MOST_BLENDED:
             return None
-        from ..body.spatial_bound_row import SpatialBoundRow
+        from ..body.spatial_bound_row import SpatialBoundRow  # the same
 
         return SpatialBoundRow(body)
 

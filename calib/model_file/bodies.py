@@ -154,7 +154,7 @@ def _planar(header: Mapping[str, Any]) -> PlanarStructure:
 
 
 def _spatial(header: Mapping[str, Any], tensors: Tensors) -> Any:
-    from ..body.spatial import SpatialStructure
+    from ..body.spatial import SpatialStructure  # modules of arms in space
 
     turning = given(tuple[bool, ...], header.get("chain_revolute"), "body.structure")
     header = {**header, "revolute": header.get("turning")}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +25,7 @@ from ..maps.predictor import Predictor
 from ..model.about import About
 from ..model.alignment import Alignment
 from ..model.measured import MOST_ROWS, Photo, Rows
+from ..model.model import Model
 from ..model.schemas import FIRST
 from . import schemas
 from .checked import POSITIVE, WHOLE, Tensors, given, given_key, plain_fields, refuse_impossible
@@ -38,9 +39,6 @@ from .parts import (
     smooth_header,
     smooth_tensors,
 )
-
-if TYPE_CHECKING:
-    from ..model.model import Model
 
 _WIRING = {"local": bool, "mutual": bool, "bandwidth": float}
 
@@ -102,8 +100,6 @@ def build(header: Mapping[str, Any], tensors: Tensors) -> Model:
     Raises CalibError, AttributeError, IndexError, KeyError, OverflowError, TypeError, ValueError if
     they make no sense.
     """
-    from ..model.model import Model
-
     about = About.from_json(header["about"])
     dof = len(about.joint_names)
     motor, motor_means = _map("motor", header, tensors, dof)

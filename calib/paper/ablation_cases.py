@@ -14,7 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arm.arm import PlanarArm
+from ..arm.loading import load_arm
 from ..common.arrays import Array
+from ..samples.logs import read_log
 from ..samples.samples import Samples
 
 _Truth = Callable[[Array], Array]
@@ -98,8 +100,6 @@ def simulated(
     defect : another shape than :func:`bump` and :func:`ripple`
     noise : another standard deviation per axis [m]
     """
-    from ..arm.loading import load_arm
-
     defect = defect or _SHAPES.get(name)
     arm = load_arm(_ROBOT if defect is None else "two_link")
     assert isinstance(arm, PlanarArm)  # noqa: S101
@@ -126,8 +126,6 @@ def simulated(
 
 def measured(path: Path, name: str, joints: tuple[str, ...], block: int, blocks: int) -> Case:
     """A real log without one contiguous block of its rows, which is tested on."""
-    from ..samples.logs import read_log
-
     samples = read_log(path, joints=list(joints))
     held = np.array_split(np.arange(len(samples)), blocks)[block]
     kept = np.setdiff1d(np.arange(len(samples)), held)

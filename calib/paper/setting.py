@@ -6,17 +6,16 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from ..arm.arm import PlanarArm
+from ..arm.loading import load_arm
 from ..common.arrays import Array
 from ..errors import OptionError
 from ..samples.babbling import babble
 from ..samples.samples import Samples
-
-if TYPE_CHECKING:
-    from ..arm.arm import PlanarArm
 
 _Report = Callable[[float, str], None]
 """Called with the share of the work that is done and what is being done."""
@@ -87,9 +86,6 @@ class Setting:
     @cached_property
     def arm(self) -> PlanarArm:
         """The arm, with its ranges and lengths."""
-        from ..arm.arm import PlanarArm
-        from ..arm.loading import load_arm
-
         arm = load_arm(self.robot, ranges=dict(self.ranges) or None)
         if not isinstance(arm, PlanarArm) or len(arm.joint_names) != 2 or not all(arm.revolute):
             raise OptionError(

@@ -34,7 +34,7 @@ def fit_timing(
     Returns None where no chain can be fitted.
     """
     from ..body.fitting import planar_structure
-    from ..body.starts import best_starts
+    from ..body.starts import best_starts  # both bring SciPy's linear algebra
 
     q = joints(time)
     names = tuple(f"q{k}" for k in range(q.shape[1]))

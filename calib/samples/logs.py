@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..arm.plane import fit_plane
 from ..arm.ranges import Range
 from ..common.arrays import Array
 from ..common.scale import TURN
@@ -144,8 +145,6 @@ def read_log(
     orientation = _orientation(values[:, len(names) + len(axes) :], roles.turns, degrees, source)
     plane = rms = None
     if len(axes) == 3 and wanted != 3 and (wanted is not None or _flat(x)):
-        from ..arm.plane import fit_plane
-
         plane, rms = fit_plane(x)
         if arm is not None:
             check_flat(source.label, x, plane.distances(x), unit, rows)

@@ -11,7 +11,9 @@ from numpy.typing import NDArray
 from ..common.arrays import Array
 from ..maps.map import Map
 from ..model.model import Model
+from ..samples.babbling import babble
 from ..samples.samples import Samples
+from ..training.evaluate import simulation_of
 
 _INSIDE = 25_000  # joint values spread over the whole range
 _EDGE = 240  # joint values along each edge of the range
@@ -117,9 +119,6 @@ def training_rows(model: Model, samples: Samples | None) -> tuple[Array, Array, 
 
     Those of a simulation are babbled again; of a log they are those given, else those kept.
     """
-    from ..samples.babbling import babble
-    from ..training.evaluate import simulation_of
-
     about, simulation = model.about, simulation_of(model)
     if samples is not None:
         return np.asarray(samples.q), np.asarray(samples.x), "rows of the log"

@@ -8,12 +8,15 @@ from typing import Any
 
 import numpy as np
 
+from ..arm.loading import arm_from_urdf
+from ..arm.rotations import logarithm, matrix_of
 from ..body.poses import knows_orientation
 from ..common.arrays import Array
 from ..common.parallel import side_by_side
 from ..errors import LogError
 from ..model.answers import unit_joints
 from ..model.model import Model
+from ..model.space import Space
 from ..samples.samples import Samples
 from ..samples.simulation import Simulation
 
@@ -163,8 +166,6 @@ def _turned(model: Model, samples: Samples) -> Array | None:
     """Errors (n,) of the orientation [rad], None where it is not measured or not known."""
     if samples.orientation is None or not knows_orientation(model.body):
         return None
-    from ..arm.rotations import logarithm, matrix_of
-    from ..model.space import Space
 
     space = Space.of(model)
     q = model.about.joints_of(samples)
@@ -191,8 +192,6 @@ def simulation_of(model: Model) -> Simulation | None:
     about = model.about
     if about.simulation is None:
         return None
-    from ..arm.loading import arm_from_urdf
-    from ..samples.simulation import Simulation
 
     limits = zip(about.lower.tolist(), about.upper.tolist(), strict=True)
     ranges = dict(zip(about.joint_names, limits, strict=True))

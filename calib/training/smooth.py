@@ -21,8 +21,7 @@ from ..body.nominal import nominal_of
 from ..body.poses import positions_of
 from ..body.posterior import BodyFit, fit_structure
 from ..body.sensor import doubtful_depth
-from ..body.spatial import structure_of
-from ..body.spatial_random import unknown_structure
+from ..body.spatial import structure_of, unknown_structure
 from ..body.telling import warnings_of
 from ..body.views import is_camera
 from ..common.arrays import Array

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arm.arm import Arm
+from ..body.sensor import SensorPose
 from ..common.arrays import Array
 from ..model.model import Model
 from ..model.space import Space
@@ -103,8 +104,6 @@ def visible(source: Arm | Model, space: PoseSpace, points: Array) -> tuple[Array
     A laser tracker stands at its frame's origin. An origin within the arm's reach is that of
     another frame, which hides nothing.
     """
-    from ..body.sensor import SensorPose
-
     body = None if isinstance(source, Arm) else source.body
     sensor = SensorPose.of(body)
     if isinstance(source, Arm) or body is None or sensor is None or body.structure.view == "base":

@@ -21,6 +21,7 @@ from ..maps.local_models import FULL, blend_size, predict, reach_of
 from ..maps.predictor import BodyInBox
 from ..model.model import Model
 from ..model.trust import MOST_BLENDED
+from ..model_file.storage import to_bytes
 from . import c_bound, c_tables
 from .c_tables import DOF, REAL, array, c_number, c_source, integers, source
 from .correct import usual_limit
@@ -260,7 +261,5 @@ def _comment(text: str) -> str:
 def _checksum(model: Model) -> str:
     """SHA-256 of the model's file."""
     import hashlib
-
-    from ..model_file.storage import to_bytes
 
     return hashlib.sha256(to_bytes(model)).hexdigest()

@@ -13,6 +13,7 @@ from functools import cached_property
 import numpy as np
 
 from ..arm.arm import PlanarArm, SpatialArm
+from ..arm.loading import arm_from_urdf
 from ..arm.rotations import exponential, logarithm
 from ..body.nominal import nominal_of
 from ..body.planar import PlanarStructure
@@ -75,8 +76,6 @@ def visited_joints(model: Model, most: int) -> Array:
 
 def nominal_arm(model: Model) -> PlanarArm | SpatialArm:
     """Return the arm as its URDF describes it."""
-    from ..arm.loading import arm_from_urdf
-
     about = model.about
     if not about.urdf:
         raise OptionError(

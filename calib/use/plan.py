@@ -16,6 +16,7 @@ from ..common.arrays import Array, Index
 from ..common.checks import whole
 from ..common.frozen import ReadOnly
 from ..errors import OptionError
+from ..samples.tables import write_table
 from .collisions import apart, visible
 from .pose_space import PoseSpace, space_of
 from .spread import candidate_poses, farthest, length, shortest_tour, tells
@@ -101,8 +102,6 @@ class Plan(ReadOnly):
 
     def write(self, path: str | os.PathLike[str]) -> None:
         """Write the table as CSV, or Parquet by its name, whole or not at all."""
-        from ..samples.tables import write_table
-
         write_table(path, self.columns())
 
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from ...common.arrays import Array
 from ...model.model import Model
+from ...training.evaluate import simulation_of
 from ..error_scale import length_in_words
 from .canvas import Canvas
 from .placement import Placement
@@ -40,8 +41,6 @@ def drive(model: Model) -> Loop:
     The targets are where a smooth loop of the joints leads, so that they can be reached
     and stay on one branch; the inverse map sees the targets alone and that branch.
     """
-    from ...training.evaluate import simulation_of
-
     scale, dof = model.motor.scale, len(model.about.joint_names)
     t = np.linspace(0.0, 2 * np.pi, _FRAMES + 1)
     # cosines and sines of one and two turns: a closed loop in which no joint follows another
