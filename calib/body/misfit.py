@@ -29,18 +29,18 @@ def refuse_pixels(body: Body, q: Array, pixels: Array) -> None:
     """
     structure: Any = body.structure
     extent = float(np.linalg.norm(pixels - pixels.mean(axis=0), axis=1).mean())
-    left = _median(pixels - body.predict(q))
-    if left < _PIXELS * extent:
+    residual = _median(pixels - body.predict(q))
+    if residual < _PIXELS * extent:
         return
     mirrored = pixels * (-1, 1) + (2 * structure.lens[1], 0)
     rest = _median(mirrored - structure.predict(q, frame(structure, q, mirrored)))
     _refuse(
-        left,
+        residual,
         {
             "the pixels are of a mirrored picture: u or v runs the wrong way, or they are swapped; "
             "write u as the picture's width less u, or v from the top": rest
         },
-        f"no camera explains the pixels: it misses them by {left:.3g} px (median) of {extent:.3g}; "
+        f"no camera explains the pixels: it misses them by {residual:.3g} px (median) of {extent:.3g}; "
         "check the joints' order and unit, and that each row's joints and pixels are of one moment",
     )
 
@@ -63,11 +63,11 @@ def refuse_turns(structure: SpatialStructure, q: Array, x: Array, quaternions: A
         y = nearest_rotation((np.swapaxes(nominal, 1, 2) @ turn.T @ seen).sum(axis=0))
         return _median(logarithm(seen @ np.swapaxes(turn @ nominal @ y, 1, 2)))
 
-    left = rest(quaternions)
-    if left < _TURNS:
+    residual = rest(quaternions)
+    if residual < _TURNS:
         return
     _refuse(
-        left,
+        residual,
         {
             "qx, qy, qz, qw are in the order w, x, y, z; give "
             "`columns={'qx': 'qy', 'qy': 'qz', 'qz': 'qw', 'qw': 'qx'}`": rest(
@@ -77,14 +77,16 @@ def refuse_turns(structure: SpatialStructure, q: Array, x: Array, quaternions: A
                 rest(quaternions * (-1, -1, -1, 1))
             ),
         },
-        f"the orientations do not turn as the joints do: {np.degrees(left):.0f} deg are left "
+        f"the orientations do not turn as the joints do: {np.degrees(residual):.0f} deg are left "
         "(median); check their order, their unit, and that they are of the tip, or leave them out",
     )
 
 
-def _refuse(left: float, others: Mapping[str, float], words: str) -> None:
+def _refuse(residual: float, others: Mapping[str, float], words: str) -> None:
     """Refuse rows with the words of another reading that explains them, else with these."""
-    raise LogError(next((other for other, rest in others.items() if rest < CLEAR * left), words))
+    raise LogError(
+        next((other for other, rest in others.items() if rest < CLEAR * residual), words)
+    )
 
 
 def _median(residual: Array) -> float:

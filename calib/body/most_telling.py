@@ -37,13 +37,13 @@ def most_telling(body: Body, q: Array, n: int, measured: Array) -> NDArray[np.in
     rows = measured[:: max(1, -(-len(measured) // _MEASURED))]
     alike = matern(rows, rows, lengths) + np.eye(len(rows)) / max(float(own.max()), 1e-12)
     seen = np.linalg.solve(np.linalg.cholesky(alike), matern(rows, q, lengths)).T  # (k, l)
-    left = np.maximum(1.0 - (seen**2).sum(axis=1), 0.0)
+    unexplained = np.maximum(1.0 - (seen**2).sum(axis=1), 0.0)
 
     def common(best: int) -> Array:
         alike = matern(q, q[best : best + 1], lengths)[:, 0] - seen @ seen[best]
         return np.asarray(alike[:, None, None] * own)
 
-    return greedy(known, n, left[:, None, None] * own, common)
+    return greedy(known, n, unexplained[:, None, None] * own, common)
 
 
 def greedy(

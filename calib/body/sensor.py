@@ -184,8 +184,8 @@ def without_gauge(structure: Any, belief: Body | Second, size: bool) -> Array:
     wanted = np.stack([motion.ravel() for motion in motions], axis=1)
     columns = x.reshape(len(wanted), -1) @ belief.root[own]  # of independent standard normals
     ways = np.linalg.lstsq(columns, wanted, rcond=1e-9)[0]
-    left = np.linalg.norm(columns @ ways - wanted, axis=0) / np.linalg.norm(wanted, axis=0)
-    ways, _ = np.linalg.qr(ways[:, left < _ALIKE])
+    residual = np.linalg.norm(columns @ ways - wanted, axis=0) / np.linalg.norm(wanted, axis=0)
+    ways, _ = np.linalg.qr(ways[:, residual < _ALIKE])
     return np.asarray(belief.root - (belief.root @ ways) @ ways.T)
 
 

@@ -95,10 +95,10 @@ def frame(structure: SpatialStructure, q: Array, z: Array, arm: Array | None = N
 def _refuse_misfit(structure: SpatialStructure, q: Array, z: Array, beta: Array) -> None:
     """Refuse positions that no rigid motion of the nominal arm explains, and say what would."""
     misfit = structure.residual(z, structure.predict(q, beta))[:, :3]
-    left = float(np.median(np.linalg.norm(misfit, axis=1)))
+    residual = float(np.median(np.linalg.norm(misfit, axis=1)))
     size = max(float(np.linalg.norm(z[:, :3] - np.median(z[:, :3], axis=0), axis=1).max()), 1e-300)
     tool = float(np.linalg.norm(beta[structure.groups["tool"]]))
-    if left < _MISFIT * size and tool < 2 * structure.chain.reach:
+    if residual < _MISFIT * size and tool < 2 * structure.chain.reach:
         return
     points = structure.metre * structure.pose(q, structure.neutral())[0]
 
@@ -122,10 +122,10 @@ def _refuse_misfit(structure: SpatialStructure, q: Array, z: Array, beta: Array)
             "the positions are those of a mirrored arm: one of the axes x, y, z has the wrong "
             "sign, or two are swapped; change one of them (columns of the log)"
         )
-    if left > _OTHER * size:
+    if residual > _OTHER * size:
         raise LogError(
             f"the robot does not explain the positions: in the best frame half of the rows are "
-            f"more than {left:.3g} off, of {size:.3g} that they spread; check the order of "
+            f"more than {residual:.3g} off, of {size:.3g} that they spread; check the order of "
             "the joints, degrees, and whether it is this robot"
         )
 

@@ -124,14 +124,14 @@ def group_tests(reference: Reference, log: Log, probes: Array) -> Tested:
     y = space.turn(structure.residual(log.z, predicted))
     derivative = space.turn_columns(x)
     columns = derivative / (np.linalg.norm(derivative, axis=0) + 1e-300)
-    left, noise = y.copy(), usual
+    residual, noise = y.copy(), usual
     for _ in range(3):
         precision = 1.0 / (space.values + noise**2)
         root = np.sqrt(precision)
         basis = np.linalg.qr(columns * root[:, None])[0]
-        left = (root * y - basis @ (basis.T @ (root * y))) / root
+        residual = (root * y - basis @ (basis.T @ (root * y))) / root
         free = np.sqrt(len(y) / max(len(y) - basis.shape[1], 1))
-        noise = max(free * space.noise(left), usual)
+        noise = max(free * space.noise(residual), usual)
     known = noise <= 1.05 * usual
     precision = 1.0 / (space.values + noise**2 * np.sqrt(max(body.autocorrelation, 1.0)))
     _, moves = structure.linearise(probes, reference.beta, every)
@@ -169,6 +169,8 @@ def group_tests(reference: Reference, log: Log, probes: Array) -> Tested:
             GroupTest(name, indices, statistic, threshold, p, estimate, deviation, float(smallest))
         )
     # what the weights of a Student distribution leave out
-    scale = float(np.median(np.linalg.norm(space.rest(left, noise) / space.root[:, None], axis=1)))
+    scale = float(
+        np.median(np.linalg.norm(space.rest(residual, noise) / space.root[:, None], axis=1))
+    )
     spread = scale / np.sqrt(2.0 * np.log(2.0)) if places == 2 else scale / 1.54
     return Tested(tuple(found), spread * unit, float(body.noise[0]))

@@ -52,12 +52,12 @@ def turned_tool(found: Comparison, log: Samples) -> tuple[float, tuple[Cause, ..
     for _ in range(_STEPS):
         gram = np.einsum("nij,nik,n->jk", design, design, weight)
         moved = np.linalg.pinv(gram) @ np.einsum("nij,ni,n->j", design, turns, weight)
-        left = turns - design @ moved
-        square = (left**2).sum(axis=1)
+        residual = turns - design @ moved
+        square = (residual**2).sum(axis=1)
         noise = max(float((weight * square).sum()) / (3 * len(turns)), 1e-18)
         weight = (_NU + 3) / (_NU + square / noise)
     # rows that err together count once, and the model knows its own tool as well as it does
-    covariance = noise * autocorrelation_time(left) * np.linalg.pinv(gram)[-3:, -3:]
+    covariance = noise * autocorrelation_time(residual) * np.linalg.pinv(gram)[-3:, -3:]
     body = found.body
     held = np.searchsorted(body.active, body.structure.groups["tool.rotation"])
     covariance += body.kappa**2 * body.covariance[np.ix_(held, held)]
@@ -94,16 +94,18 @@ def with_orientations(body: Body, q: Array, quaternions: Array, bent: bool) -> B
     moved, weight = np.zeros(len(prior)), np.ones(len(q))
     for step in range(_STEPS + 1):
         predicted, x = posed.linearise(q, beta, body.active)
-        left = logarithm(seen @ np.swapaxes(exponential(predicted[:, 3:]), 1, 2))
-        square, x = (left**2).sum(axis=1), x[:, 3:]
+        residual = logarithm(seen @ np.swapaxes(exponential(predicted[:, 3:]), 1, 2))
+        square, x = (residual**2).sum(axis=1), x[:, 3:]
         noise = max(float((weight * square).sum()) / (3 * len(q)), 1e-18)
         weight = (_NU + 3) / (_NU + square / noise)
-        each = weight / (noise * autocorrelation_time(left))
+        each = weight / (noise * autocorrelation_time(residual))
         factor = Factor(np.einsum("nij,nik,n->jk", x, x, each, optimize=True) + known)
         if step == _STEPS:
             break
         delta = np.zeros(structure.size)
-        delta[body.active] = factor.solve(np.einsum("nij,ni,n->j", x, left, each) - known @ moved)
+        delta[body.active] = factor.solve(
+            np.einsum("nij,ni,n->j", x, residual, each) - known @ moved
+        )
         beta, moved = structure.retract(beta, delta), moved + delta[body.active]
     # the bound inflates by kappa what is kept here without it
     return replace(body, beta=beta, root=root_of(factor.inverse()) / body.kappa)

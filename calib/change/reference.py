@@ -194,8 +194,8 @@ def rigid_misfit(p: Array, z: Array, scaled: bool) -> tuple[float, float, Array]
         turn = (u * sign) @ vt
         ratio = float((s * sign).sum() / max(float((a**2).sum()), 1e-300))
         size = ratio if scaled else 1.0
-        left = z - z[kept].mean(axis=0) - size * (p - p[kept].mean(axis=0)) @ turn.T
-        error = np.linalg.norm(left, axis=1)
+        residual = z - z[kept].mean(axis=0) - size * (p - p[kept].mean(axis=0)) @ turn.T
+        error = np.linalg.norm(residual, axis=1)
         kept = error <= max(3.0 * float(np.median(error)), 1e-12)
     # a scale that is near one is not what is asked for
     typical = float(np.median(error)) / (size if scaled and size > 0 else 1.0)
@@ -220,8 +220,8 @@ def _framed(structure: Structure, beta: Array, q: Array, z: Array, ratio: float 
         full = np.zeros(len(beta))
         full[turn] = start
         found = structure.retract(beta, full)
-        left = structure.residual(z, structure.predict(q, found))
-        found[shift] += np.median(left, axis=0)[: len(shift)]
+        residual = structure.residual(z, structure.predict(q, found))
+        found[shift] += np.median(residual, axis=0)[: len(shift)]
         tries.append(_aligned(structure, found, q, z, free, ~np.isin(free, shift)))
     best = min(tries, key=lambda t: t[0])[1]
     if len(turn) == 1:  # the same angle, the short way round
@@ -250,8 +250,8 @@ def _aligned(
         beta = structure.retract(beta, full)
         if float(np.abs(step * size).max()) < 1e-9 * float(size.max()):
             break
-    left = structure.residual(z, structure.predict(q, beta))
-    return float(np.median(np.linalg.norm(left, axis=1))), beta
+    residual = structure.residual(z, structure.predict(q, beta))
+    return float(np.median(np.linalg.norm(residual, axis=1))), beta
 
 
 def carried_offset(old: Body, new: Body, beta: Array, q: Array, offset: Array) -> Array:

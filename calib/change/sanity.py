@@ -132,9 +132,9 @@ def lag_behind_body(reference: Reference, q: Array, z: Array) -> int:
         rows = thinned(len(a), 60)
         predicted = reference.structure.predict(a[rows], reference.beta)
         p, seen = predicted[:, :places], b[rows, :places]
-        left = seen - p @ rigid_misfit(p, seen, scaled=False)[2].T
-        left -= np.median(left, axis=0)
+        residual = seen - p @ rigid_misfit(p, seen, scaled=False)[2].T
+        residual -= np.median(residual, axis=0)
         # the median alone forgives what happens at the jumps between places
-        found[shift] = float(np.quantile(np.linalg.norm(left, axis=1), _MOST_ROWS))
+        found[shift] = float(np.quantile(np.linalg.norm(residual, axis=1), _MOST_ROWS))
     best = min(found, key=lambda k: (found[k], abs(k)))
     return best if found[best] < _BETTER * found[0] else 0

@@ -203,8 +203,10 @@ def _own_columns(reference: Reference, e: Explanation, log: Log) -> tuple[Array,
     features = np.linalg.solve(factor, matern(nodes, log.q, lengths)).T
     own = e.factor * reference.own_sd
     # what the nodes do not follow of the process counts as noise (FITC, Snelson 2006)
-    left = np.maximum(1.0 - (features**2).sum(axis=1), 0.0)
-    variance = (e.noise * reference.sizes) ** 2 / log.weight[:, None] + left[:, None] * own**2
+    unexplained = np.maximum(1.0 - (features**2).sum(axis=1), 0.0)
+    variance = (e.noise * reference.sizes) ** 2 / log.weight[:, None] + unexplained[
+        :, None
+    ] * own**2
     root = 1.0 / np.sqrt(variance * e.temper)
     (n, m), count = root.shape, len(nodes)
     columns = np.zeros((n, m, m * count))

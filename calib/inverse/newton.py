@@ -185,7 +185,7 @@ def damped_steps(
     gap, slope = misfit(u, rows)
     distance = _length(gap)
     going = distance > met
-    found, left = u.copy(), distance.copy()
+    found, found_distance = u.copy(), distance.copy()
     # nearly Gauss-Newton at first: a start is within a node's spacing of its answer
     damping = np.full(len(rows), 1e-9)
     for _ in range(_STEPS):
@@ -210,9 +210,9 @@ def damped_steps(
             slope = np.where(better, new_slope, slope)
             damping = np.where(better, damping / 30, np.maximum(damping * 30, 1e-6))
         damping = np.maximum(damping, 1e-12)
-        found[:, rows], left[rows] = u, distance
+        found[:, rows], found_distance[rows] = u, distance
         going = ~(stalled | (distance < met) | (moved < 1e-15) | (damping > 1e3))
-    return found, left
+    return found, found_distance
 
 
 def damped_solution(slope: Array, gap: Array, damping: Array) -> Array:

@@ -143,12 +143,12 @@ def to_pose(
     """
     at = np.array(near)
     for _ in range(_STEPS):
-        left, slope = twist(at.tolist(), goal)
+        residual, slope = twist(at.tolist(), goal)
         try:
             if len(near) == 6:
-                step = np.linalg.solve(slope, left)
+                step = np.linalg.solve(slope, residual)
             else:
-                step = slope.T @ np.linalg.solve(slope @ slope.T, left)
+                step = slope.T @ np.linalg.solve(slope @ slope.T, residual)
         except np.linalg.LinAlgError:
             return None
         length = max(map(abs, step.tolist()))

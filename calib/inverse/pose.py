@@ -99,8 +99,8 @@ def reach_poses(
         return np.asarray(q + step * np.minimum(1.0, 1.0 / longest))
 
     met = 1e-3 * TOLERANCE * length
-    found, left = damped_steps(misfit, advance, q.T.copy(), met, met)
-    return found.T, left
+    found, distance = damped_steps(misfit, advance, q.T.copy(), met, met)
+    return found.T, distance
 
 
 def taken(better: NDArray[np.bool_], new: Sequence[Array], old: Sequence[Array]) -> list[Array]:

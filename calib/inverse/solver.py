@@ -99,10 +99,10 @@ class Solver:
         room = np.minimum(_BESIDE * sine, _SHORT)
         step = np.einsum("ndm,nm->nd", damped_inverse(slope, 1e-12), x - value)
         rows = np.flatnonzero(np.abs(step).max(axis=1) < room)
-        found, left = self.newton.refine(near[rows], x[rows])
+        found, found_distance = self.newton.refine(near[rows], x[rows])
         gap = np.abs(self.scale.difference(found, near[rows])).max(axis=1)
-        sure = (left <= CLOSE * self.extent) & (gap < 2.0 * room[rows])
-        u[rows[sure]], distance[rows[sure]] = found[sure], left[sure]
+        sure = (found_distance <= CLOSE * self.extent) & (gap < 2.0 * room[rows])
+        u[rows[sure]], distance[rows[sure]] = found[sure], found_distance[sure]
         return u, distance
 
     def _from_starts(self, x: Array, near: Array) -> tuple[Array, Array]:
@@ -145,7 +145,13 @@ class Solver:
         return self.association.motor.spacing
 
     def _take_better(
-        self, u: Array, distance: Array, rows: Index, found: Array, left: Array, near: Array
+        self,
+        u: Array,
+        distance: Array,
+        rows: Index,
+        found: Array,
+        found_distance: Array,
+        near: Array,
     ) -> None:
         """Replace answers in place: a met target before a missed one, then closer joints.
 
@@ -155,7 +161,7 @@ class Solver:
         asked = np.zeros(len(u), dtype=bool)
         asked[rows] = True
         every_u = np.concatenate([u, found])
-        every_distance = np.concatenate([distance, left])
+        every_distance = np.concatenate([distance, found_distance])
         use = np.flatnonzero(asked[every])
         met = every_distance[use] <= CLOSE * self.extent
         away = np.linalg.norm(self.scale.difference(every_u[use], near[every[use]]), axis=1)

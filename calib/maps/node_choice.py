@@ -152,7 +152,7 @@ def held_out(
     outputs = unseen[0].shape[1]
     predicted = np.zeros((1 + len(shapes), *index.shape, outputs))  # the first says nothing
     most = max(k for _, k in shapes)
-    for fold, left in zip(folds, unseen, strict=True):
+    for fold, residual in zip(folds, unseen, strict=True):
         held = np.flatnonzero((rows >= fold[0]) & (rows <= fold[-1]))
         speak, place = np.unique(index[held], return_inverse=True)
         at, spacings = motor.units[nodes[speak]], motor.spacings[nodes[speak]]
@@ -160,7 +160,7 @@ def held_out(
         around = nearest_points(u[others], motor.scale, at, most + 1)
         for k, (degree, samples) in enumerate(shapes):
             models = local.fit(
-                at, u[others], left[others], motor.scale, degree, samples, around, spacings
+                at, u[others], residual[others], motor.scale, degree, samples, around, spacings
             )
             each = local.contributions(models, place.reshape(-1, index.shape[1]), gap[held])
             predicted[k + 1, held] = np.where(index[held][..., None] >= 0, each, 0.0)
@@ -250,8 +250,8 @@ def _settled(
     def remains(sums: Array, speaks: Array, of: Index | slice) -> Array:
         return np.asarray(target[of] - sums * local.heard(speaks / total[of])[:, None])
 
-    def cost(left: Array) -> Array:
-        return np.asarray(np.log1p(np.einsum("mo,mo->m", left, left) / noise))
+    def cost(residual: Array) -> Array:
+        return np.asarray(np.log1p(np.einsum("mo,mo->m", residual, residual) / noise))
 
     def together(chosen: Index) -> tuple[Array, NDArray[np.bool_], Array, Array]:
         now, talks = every[chosen[node] + 1, np.arange(len(node))], chosen[node] >= 0
@@ -263,7 +263,7 @@ def _settled(
     first = [
         remains(*together(np.full(nodes, k))[2:], slice(None)) for k in range(len(predicted) - 1)
     ]
-    costs = [cost(left)[~calm].sum() for left in first]
+    costs = [cost(residual)[~calm].sum() for residual in first]
     chosen = np.full(nodes, int(np.argmin(costs)))
     # what stands until another choice is sure: in the midst of a defect no node is silent
     stands = np.where(mostly, chosen, usual)

@@ -126,17 +126,17 @@ def _found(
     if (every and r is not None) or keep or not n:
         q, beside = anchor, np.zeros(n, dtype=bool)
     elif r is None:
-        q, left = position_near(space.evaluate, p, anchor, space.joints, length)
-        beside = left <= REACHED * length
+        q, distance = position_near(space.evaluate, p, anchor, space.joints, length)
+        beside = distance <= REACHED * length
     else:
-        q, left = reach_poses(space.evaluate, anchor, p, r, length)
+        q, distance = reach_poses(space.evaluate, anchor, p, r, length)
         q, inside = space.joints.within(q)
         # another branch is as near only beside a fold, where the Jacobian loses a direction
         slope = space.evaluate(q)[2].copy()
         slope[:, :3] /= length
         least = np.linalg.svd(slope, compute_uv=False)[:, -1]
         moved = np.abs(q - anchor).max(axis=1)
-        beside = inside & (left <= TOLERANCE * length)
+        beside = inside & (distance <= TOLERANCE * length)
         beside &= (moved <= _BESIDE) & (moved <= _CLEAR * least) & (q.shape[1] <= 6)
     alone = np.flatnonzero(~beside)
     branches: dict[int, Array] = {}

@@ -171,8 +171,8 @@ class Space:
             )
             q, _ = self.joints.within(q)
             # a radian of turn is worth the arm's length, as in the steps themselves
-            left = self._answer(q, p, r)
-            best = int(np.argmin(left.away + self.length * left.turned))
+            misfit = self._answer(q, p, r)
+            best = int(np.argmin(misfit.away + self.length * misfit.turned))
             return self._answer(q[[best]], p, r)
         return self._answer(found[self._order(found, anchor)], p, r)
 
@@ -186,10 +186,10 @@ class Space:
         """
         p = np.asarray(position, dtype=float)
         anchor = self.joints.middle if near is None else np.asarray(near, dtype=float)
-        q, left = self._near(p, anchor[None], keep)
-        if left[0] > REACHED * self.length:  # the way from there may end at a limit
-            q, left = self._near(p, self.joints.draw(_STARTS, np.random.default_rng(0)), False)
-            good = left <= max(REACHED * self.length, 1.001 * left.min())
+        q, distance = self._near(p, anchor[None], keep)
+        if distance[0] > REACHED * self.length:  # the way from there may end at a limit
+            q, distance = self._near(p, self.joints.draw(_STARTS, np.random.default_rng(0)), False)
+            good = distance <= max(REACHED * self.length, 1.001 * distance.min())
             again, kept = self._slide_home(q[good], p, anchor, keep)
             q = again[[int(np.argmin(kept))]]
         return self._answer(q, p, None)
@@ -225,9 +225,9 @@ class Space:
     def _slide_home(self, q: Array, p: Array, anchor: Array, keep: bool) -> tuple[Array, Array]:
         """Move solutions (n, dof) towards the anchor in halves; their distances from it (n,)."""
         for _ in range(6):
-            tried, left = self._near(p, 0.5 * (q + anchor), keep)
+            tried, distance = self._near(p, 0.5 * (q + anchor), keep)
             nearer = self.joints.apart(tried, anchor) < self.joints.apart(q, anchor)
-            nearer &= left <= REACHED * self.length
+            nearer &= distance <= REACHED * self.length
             q = np.where(nearer[:, None], tried, q)
         return q, np.asarray(np.linalg.norm(q - anchor, axis=1))
 
@@ -243,9 +243,9 @@ class Space:
             inverse = np.linalg.pinv(jacobian, rcond=1e-6)
             step = wish - np.einsum("nij,nj->ni", inverse @ jacobian, wish)
             step *= np.minimum(1, 0.3 / np.maximum(np.abs(step).max(axis=1), 1e-12))[:, None]
-            moved, left = reach_poses(self.evaluate, q + step, *targets, self.length)
+            moved, distance = reach_poses(self.evaluate, q + step, *targets, self.length)
             moved, inside = self.joints.within(moved)
-            better = inside & (left < 1e-8 * self.length)
+            better = inside & (distance < 1e-8 * self.length)
             better &= np.linalg.norm(moved - anchor, axis=1) < np.linalg.norm(q - anchor, axis=1)
             q = np.where(better[:, None], moved, q)
             if not better.any():

@@ -177,9 +177,9 @@ class ClockPair:
         for _ in range(4):
             B = A * weight[:, None]
             found = np.asarray(np.linalg.lstsq(B, miss * weight, rcond=None)[0], float)
-            left = np.abs(miss - A @ found)
-            scale = 1.48 * float(np.median(left)) + 1e-9
-            weight = np.sqrt(np.minimum(1.0, 2.0 * scale / np.maximum(left, 1e-12)))
+            residual = np.abs(miss - A @ found)
+            scale = 1.48 * float(np.median(residual)) + 1e-9
+            weight = np.sqrt(np.minimum(1.0, 2.0 * scale / np.maximum(residual, 1e-12)))
         B = A * weight[:, None]
         # neighbouring rows err alike: about three of them say as much as one
         sd = np.sqrt(3.0 * scale**2 * np.diag(np.linalg.pinv(B.T @ B)))

@@ -170,9 +170,9 @@ def _turned(model: Model, samples: Samples) -> Array | None:
     space = Space.of(model)
     q = model.about.joints_of(samples)
     predicted = space.to_sensor(*space.evaluate(q)[:2])[1]
-    left = matrix_of(samples.orientation) @ np.swapaxes(predicted, 1, 2)
+    residual = matrix_of(samples.orientation) @ np.swapaxes(predicted, 1, 2)
     known = np.isfinite(model.forward(q)).all(axis=1)
-    return np.asarray(np.linalg.norm(logarithm(left[known]), axis=1))
+    return np.asarray(np.linalg.norm(logarithm(residual[known]), axis=1))
 
 
 def fresh_residuals(model: Model, simulation: Simulation) -> Residuals:

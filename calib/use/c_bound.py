@@ -114,8 +114,8 @@ def _compact(
     covariance[np.ix_(belief.active, belief.active)] = belief.covariance
     # a sum of squares stays positive in single precision, which the covariance itself does not
     root = root_of(covariance[:geometry, :geometry]).T
-    left = covariance.copy()
-    left[:geometry, :geometry] = 0.0
+    remaining = covariance.copy()
+    remaining[:geometry, :geometry] = 0.0
     own = np.zeros((dof, 4 * HARMONICS + 1))
     # of a curve by itself the variance is a trigonometric polynomial, sampled at enough places
     turn: Array = np.linspace(0.0, 2 * np.pi, 8 * HARMONICS, endpoint=False)
@@ -125,10 +125,10 @@ def _compact(
     for k, curve in curves.items():
         block = np.ix_(curve, curve)
         terms = np.fft.rfft(((waves @ covariance[block]) * waves).sum(axis=1)) / len(waves)
-        own[k, 0], left[block] = float(terms[0].real), 0.0
+        own[k, 0], remaining[block] = float(terms[0].real), 0.0
         own[k, 1::2] = 2 * terms[1 : 2 * HARMONICS + 1].real
         own[k, 2::2] = -2 * terms[1 : 2 * HARMONICS + 1].imag
-    strength, kept = np.linalg.eigh((vectors * weight).T @ left @ (vectors * weight))
+    strength, kept = np.linalg.eigh((vectors * weight).T @ remaining @ (vectors * weight))
     most = np.argsort(-np.abs(strength))[:rank]
     directions = ((vectors / weight) @ kept[:, most] * np.sqrt(np.abs(strength[most]))).T
     # on rotations a difference of vectors is no rotation: the one that leads from one to the other

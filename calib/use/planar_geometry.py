@@ -128,9 +128,9 @@ def fit_in_plane(
     for group in ("offset", "placement", "tool"):
         nominal[groups[group]] = 0.0
     scale = structure.sensor(best.beta).scale
-    left, before = rms(best.residual) / scale, rms(x - structure.predict(q, nominal)) / scale
+    residual, before = rms(best.residual) / scale, rms(x - structure.predict(q, nominal)) / scale
     reach = float(np.linalg.norm(points - points.mean(axis=0), axis=1).max())
-    return PlanarGeometry(arm, structure, best.beta, sd, free, True, left, before, reach)
+    return PlanarGeometry(arm, structure, best.beta, sd, free, True, residual, before, reach)
 
 
 def _prior(

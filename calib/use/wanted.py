@@ -132,8 +132,8 @@ def _near(
     # a pixel is met by a whole line of sight: the place in space decides where on it
     def near(q: Array) -> tuple[Array, NDArray[np.bool_]]:
         place = structure.pose(q, beta)[0]
-        found, left = position_near(space.evaluate, place, q, space.joints, space.length)
-        return found, left <= REACHED * space.length
+        found, distance = position_near(space.evaluate, place, q, space.joints, space.length)
+        return found, distance <= REACHED * space.length
 
     def one(q: list[float]) -> list[float] | None:
         place = nominal().place(q).translation.tolist()

@@ -66,9 +66,9 @@ def urdf(
         show(_table(geometry))
     if geometry.free:
         Notes().say(free_frame(loaded, cause))
-    left = 100.0 * geometry.residual / geometry.reach
+    share = 100.0 * geometry.residual / geometry.reach
     factor, unit = for_people(geometry.unit)
-    rms = f"{number(factor * geometry.residual)} {unit} rms ({left:.3g} % of the reach)"
+    rms = f"{number(factor * geometry.residual)} {unit} rms ({share:.3g} % of the reach)"
     if not explained:
         note(
             f"offsets and placements leave {rms} unexplained, more than {MOST_UNEXPLAINED:.0%}: "
