@@ -40,8 +40,8 @@ def refuse_pixels(body: Body, q: Array, pixels: Array) -> None:
             "the pixels are of a mirrored picture: u or v runs the wrong way, or they are swapped; "
             "write u as the picture's width less u, or v from the top": rest
         },
-        f"no camera explains the pixels: it misses them by {residual:.3g} px (median) of {extent:.3g}; "
-        "check the joints' order and unit, and that each row's joints and pixels are of one moment",
+        f"no camera explains the pixels: it misses them by {residual:.3g} px (median) of "
+        f"{extent:.3g}; check the joints' order and unit, and that each row's joints and pixels are of one moment",
     )
 
 
