@@ -41,7 +41,8 @@ def refuse_pixels(body: Body, q: Array, pixels: Array) -> None:
             "write u as the picture's width less u, or v from the top": rest
         },
         f"no camera explains the pixels: it misses them by {residual:.3g} px (median) of "
-        f"{extent:.3g}; check the joints' order and unit, and that each row's joints and pixels are of one moment",
+        f"{extent:.3g}; check the joints' order and unit, and that each row's joints and pixels "
+        "are of one moment",
     )
 
 
