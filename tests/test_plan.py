@@ -143,7 +143,7 @@ def test_tours_are_permutations_close_to_the_shortest(seed, n):
 
 @given(st.integers(0, 2**32), st.integers(4, 40))
 @settings(deadline=None, max_examples=20)
-def test_no_single_turn_shortens_a_tour(seed, n):
+def test_no_single_turn_or_move_shortens_a_tour(seed, n):
     u = np.random.default_rng(seed).random((n, 3))
     away = np.abs(u[:, None] - u[None]).max(axis=2)
     order = shortest_tour(away)
@@ -152,6 +152,8 @@ def test_no_single_turn_shortens_a_tour(seed, n):
         turned = order.copy()
         turned[i : j + 1] = turned[i : j + 1][::-1]
         assert length(away, turned) >= own - 1e-9
+        rest = np.delete(order, i)
+        assert length(away, np.insert(rest, j, order[i])) >= own - 1e-9
 
 
 def test_many_poses_of_an_arm_never_measured_can_be_planned():

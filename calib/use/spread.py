@@ -20,6 +20,8 @@ from .pose_space import PoseSpace
 _INSIDE = 4000  # candidates within the box
 _FACES = 3000  # candidates with one joint at an end of its range
 _CORNERS = 256  # most corners, which are as many as 2^dof
+_LONGEST_RUN = 3  # poses that Or-opt moves together
+_SWEEPS = 50  # each lowers the length; far fewer are needed
 _NOISE = 1e-4  # [m] of a sensor that is not known yet
 _WIDEST = 10.0  # [m or rad] of a prior: a wider one leaves no digits for what 200 poses tell
 _CHUNK = 200  # poses that are linearised at a time
@@ -67,34 +69,77 @@ def farthest(scale: Scale, points: Array, n: int, taken: Array) -> Index:
 def shortest_tour(away: Array) -> Index:
     """Order points so that the way from the first one through all others is short.
 
-    Nearest neighbours first, then 2-opt (Croes 1958): a stretch of the way is turned round as long
-    as that shortens it. The way is open: it does not return.
+    Nearest neighbours first, then 2-opt (Croes 1958: a stretch is turned round) and Or-opt
+    (Or 1976: a short stretch is moved elsewhere) until neither shortens it. The way is
+    open: it does not return.
 
     away : (n, n), symmetric distances; the way starts at row 0
     Returns (n,), a permutation that begins with 0.
     """
-    order = np.zeros(len(away), dtype=np.intp)
-    left = np.arange(len(away)) > 0
-    for k in range(1, len(away)):
-        order[k] = np.where(left, away[order[k - 1]], np.inf).argmin()
-        left[order[k]] = False
-    before = np.inf
-    while length(away, order) < before * (1 - 1e-12):
+    order = _nearest_neighbours(away)
+    for _ in range(_SWEEPS):
         before = length(away, order)
-        for i in range(1, len(order) - 1):  # the stretch from i to where it gains most
-            a, b, ends = order[i - 1], order[i], order[i + 1 :]
-            # of the ways a-b .. e-f and a-e .. b-f: d(a,b) + d(e,f) - d(a,e) - d(b,f)
-            gain = away[a, b] - away[a, ends]
-            gain[:-1] += away[ends[:-1], ends[1:]] - away[b, ends[1:]]  # the last has no successor
-            j = int(gain.argmax())
-            if gain[j] > 1e-12:
-                order[i : i + j + 2] = order[i : i + j + 2][::-1]
+        order = _two_opt(away, order)
+        order = _or_opt(away, order)
+        if length(away, order) >= before * (1 - 1e-12):
+            break
     return order
 
 
 def length(away: Array, order: Index) -> float:
     """Length of the way through the points in this order."""
     return float(away[order[:-1], order[1:]].sum())
+
+
+def _nearest_neighbours(away: Array) -> Index:
+    order = np.zeros(len(away), dtype=np.intp)
+    left = np.ones(len(away), dtype=bool)
+    left[0] = False
+    for k in range(1, len(away)):
+        order[k] = np.where(left, away[order[k - 1]], np.inf).argmin()
+        left[order[k]] = False
+    return order
+
+
+def _two_opt(away: Array, order: Index) -> Index:
+    """Turn round the stretch from i to j that gains most, for each i in turn."""
+    order = order.copy()
+    n = len(order)
+    for i in range(1, n - 1):
+        a, b = order[i - 1], order[i]
+        ends = order[i + 1 :]
+        # of the ways a-b .. e-f and a-e .. b-f: d(a,b) + d(e,f) - d(a,e) - d(b,f)
+        gain = away[a, b] - away[a, ends]
+        gain[:-1] += away[ends[:-1], ends[1:]] - away[b, ends[1:]]  # the last has no successor
+        j = int(gain.argmax())
+        if gain[j] > 1e-12:
+            order[i : i + j + 2] = order[i : i + j + 2][::-1]
+    return order
+
+
+def _or_opt(away: Array, order: Index) -> Index:
+    """Move the stretch at each place to where it gains most, turned round if need be."""
+    for run in range(1, min(_LONGEST_RUN, len(order) - 2) + 1):
+        for i in range(1, len(order) - run + 1):
+            stretch, rest = order[i : i + run], np.delete(order, np.s_[i : i + run])
+            a, first, last = order[i - 1], stretch[0], stretch[-1]
+            saved = away[a, first]
+            if i + run < len(order):
+                saved += away[last, order[i + run]] - away[a, order[i + run]]
+            after = rest[1:]
+            cost = []
+            # between each two neighbours of the rest, as it is and turned round
+            for head, tail in ((first, last), (last, first)):
+                extra = away[rest, head]
+                extra[:-1] += away[tail, after] - away[rest[:-1], after]
+                cost.append(extra)
+            least = np.minimum(*cost)
+            place = int(least.argmin())
+            if saved - least[place] > 1e-12:
+                if cost[1][place] < cost[0][place]:
+                    stretch = stretch[::-1]
+                order = np.insert(rest, place + 1, stretch)
+    return order
 
 
 def tells(arm: SpatialArm, q: Array, taken: Array) -> Array:
