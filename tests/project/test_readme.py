@@ -12,7 +12,7 @@ from pages import SHARED
 
 import calib
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 TEXT = (ROOT / "README.md").read_text(encoding="utf-8")
 COMMANDS = [
     part.split("#")[0].strip()

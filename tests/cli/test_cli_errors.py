@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from calib_cli.app import describe_error
 
-URDF = Path(__file__).parent.parent / "robots" / "two_link.urdf"
+URDF = Path(__file__).parents[2] / "robots" / "two_link.urdf"
 ROWS = "0.1,1.0,0.1,0.2\n0.2,1.1,0.2,0.3\n0.3,1.2,0.3,0.4\n"
 HEADER = "shoulder,elbow,x,y\n"
 
@@ -265,7 +265,7 @@ def test_no_message_of_the_library_names_an_option():
     import ast
 
     found = []
-    for path in (Path(__file__).parent.parent / "calib").rglob("*.py"):
+    for path in (Path(__file__).parents[2] / "calib").rglob("*.py"):
         tree = ast.parse(path.read_text(encoding="utf-8"))
         docs = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)}
         for node in ast.walk(tree):

@@ -9,7 +9,7 @@ from models import draw, trained, two_link
 
 import calib
 
-EXAMPLE = Path(__file__).parents[1] / "examples" / "closed_loop.py"
+EXAMPLE = Path(__file__).parents[2] / "examples" / "closed_loop.py"
 
 
 def test_a_small_step_goes_where_the_jacobian_says():

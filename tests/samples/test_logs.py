@@ -82,7 +82,7 @@ def test_heavy_libraries_wait_until_they_are_needed():
         "import sys, calib.samples.logs, calib.samples.babbling\n"
         "print(sorted({'polars', 'scipy', 'pinocchio', 'yourdfpy'} & set(sys.modules)))"
     )
-    root = Path(__file__).parents[1]
+    root = Path(__file__).parents[2]
     command = [sys.executable, "-c", program]
     run = subprocess.run(command, capture_output=True, text=True, check=True, cwd=root)
     assert run.stdout.strip() == "[]"

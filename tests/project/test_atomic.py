@@ -96,7 +96,7 @@ def test_killed_while_writing_the_old_file_is_whole(tmp_path):
         "atomic_write(sys.argv[1], b'old'); atomic_write(sys.argv[1], forever)\n"
     )
     command = [sys.executable, "-c", program, str(path)]
-    root = Path(__file__).parents[1]
+    root = Path(__file__).parents[2]
     with subprocess.Popen(command, stdout=subprocess.PIPE, cwd=root) as process:
         for _ in range(20):
             process.stdout.readline()

@@ -20,7 +20,7 @@ from calib.body.trend import Trend
 from calib.maps.predictor import Both
 from calib.model_file.storage import FORMAT, to_bytes
 
-HERE = Path(__file__).parent
+HERE = Path(__file__).parents[1]
 PAGE = (HERE.parent / "docs" / "format.md").read_text(encoding="utf-8")
 KEPT = {n: HERE / "data" / f"model-format-{n}.calib" for n in (1, 2)}
 """A model of each format, written by the first package that had it."""

@@ -130,7 +130,7 @@ def test_listing_robots_loads_no_heavy_library():
         "import sys; from calib.arm.robots import list_robots; list_robots(); "
         "print([m for m in ('numpy', 'pinocchio', 'yourdfpy', 'scipy') if m in sys.modules])"
     )
-    root = Path(__file__).parent.parent
+    root = Path(__file__).parents[2]
     run = subprocess.run(
         [sys.executable, "-c", code], cwd=root, capture_output=True, text=True, check=True
     )

@@ -123,7 +123,7 @@ def table() -> dict[str, tuple[str, str, str, str]]:
 
     The words are whether it was trained, and in a plane or in space.
     """
-    text = (Path(__file__).parents[1] / "docs/robots.md").read_text(encoding="utf-8")
+    text = (Path(__file__).parents[2] / "docs/robots.md").read_text(encoding="utf-8")
     said: dict[str, str] = {}
     for name, line in re.findall(r"^- `(\S+)`: (.*)$", text, re.MULTILINE):
         said.setdefault(name, line)

@@ -8,7 +8,7 @@ import pytest
 import calib
 from calib.training.screening import screen
 
-FOLDER = Path(__file__).parents[2] / "shared/data/ur10_laser_tracker"
+FOLDER = Path(__file__).parents[3] / "shared/data/ur10_laser_tracker"
 JOINTS = ["shoulder_lift_joint", "elbow_joint"]
 
 pytestmark = pytest.mark.skipif(

@@ -10,7 +10,7 @@ import pytest
 
 import calib
 
-FOLDER = Path(__file__).parents[1] / "benchmarks"
+FOLDER = Path(__file__).parents[2] / "benchmarks"
 sys.path.insert(0, str(FOLDER))
 
 import growth  # noqa: E402

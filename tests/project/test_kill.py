@@ -24,12 +24,12 @@ pytestmark = pytest.mark.skipif(os.name == "nt", reason="signals and locks of PO
 REPLACED = STEPS.index("replace") + 1
 """From this step on the new file is there."""
 
-OLD = Path(__file__).parent / "data" / "model-format-1.calib"
+OLD = Path(__file__).parents[1] / "data" / "model-format-1.calib"
 
 
 KILLED = f"""
 import os, signal, sys
-sys.path.insert(0, {str(Path(__file__).parent)!r})
+sys.path.insert(0, {str(Path(__file__).parents[1])!r})
 from calib.common import atomic
 from faulty import Faulty
 atomic.os = Faulty(int(sys.argv[3]), lambda: os.kill(os.getpid(), signal.SIGKILL))

@@ -15,7 +15,7 @@ import pytest
 
 import calib
 
-ROOT = Path(__file__).parent.parent
+ROOT = Path(__file__).parents[2]
 
 
 def text_of(name: str) -> str:
