@@ -59,7 +59,7 @@ class Monitor:
     >>> import calib
     >>> arm = calib.load_arm("two_link")
     >>> model = calib.train(calib.babble(arm, 500, noise=1e-3), size=10)
-    >>> monitor = model.monitor()
+    >>> monitor = calib.monitor(model)
     >>> calm = calib.babble(arm, 50, seed=1, noise=1e-3)
     >>> for q, x in zip(calm.q, calm.x):
     ...     state = monitor.update(q, x)
@@ -179,6 +179,11 @@ class Monitor:
         self._state = State(
             self._samples, bool(fired), max(sensory, moved), zeta, links, noise, fired
         )
+
+
+def monitor(model: Model) -> Monitor:
+    """A monitor for a stream of samples: ``monitor.update(q, x)`` after each."""
+    return Monitor(model)
 
 
 def _search(network: Map) -> Callable[[Sequence[float]], tuple[float, int]]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, NoReturn
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -12,15 +13,21 @@ from ..common.rows import checked_rows
 from ..errors import QueryError
 from . import answers
 from .answers import Answer
-from .doors import Doors
 from .parts import Parts
+from .saving import Saving
 from .trust import MOST_BLENDED, MOST_SHARE
+
+if TYPE_CHECKING:
+    from .paths import Path
+
+FUNCTIONS = ("adapt", "check", "correct", "evaluate", "follow", "monitor", "recognise", "report")
+"""What is done with a model, rather than asked of it, is a function of the package."""
 
 _REPEATS = 16  # until the interpreter has adapted to a query's code
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Model(Parts, Doors):
+class Model(Parts, Saving):
     """A calibrated arm.
 
     Attributes
@@ -57,6 +64,13 @@ class Model(Parts, Doors):
         A picture by the camera that measured the arm, to draw the map over.
     """
 
+    if not TYPE_CHECKING:  # which would take every attribute for one
+
+        def __getattr__(self, name: str) -> NoReturn:
+            """Name the function where a method is asked for that is none."""
+            hint = f": call `calib.{name}(model, ...)`" if name in FUNCTIONS else ""
+            raise AttributeError(f"a model has no attribute {name!r}{hint}")
+
     def warm_up(self) -> Model:
         """Compile and fill everything that queries use, so that none of them is slow.
 
@@ -75,8 +89,6 @@ class Model(Parts, Doors):
             # the largest first: what it sweeps out of the caches is back for the others
             self.expected_error(middle)
             self.model_error(middle)
-            if known and self.about.urdf:
-                self.correct(middle)
             if known:
                 self.inverse(x, near=middle)
             self.forward(middle)
@@ -287,3 +299,79 @@ class Model(Parts, Doors):
             "no row was measured near these joint values: the position may be off by more than "
             f"{MOST_SHARE:.0%} of the reach"
         )
+
+    def path(self, x: ArrayLike, start: ArrayLike | None = None, step: float | None = None) -> Path:
+        """Joint values along straight lines through waypoints, on one branch if there is one.
+
+        Parameters
+        ----------
+        x : (n, 2) array [unit]
+            Waypoints, two or more.
+        start : (dof,) array [rad or m], optional
+            Joints that the path should start near; without it the branch that can follow
+            the path furthest, of several the one that moves the joints least.
+        step : float [unit], optional
+            Longest way of the tip between two rows, 1 % of the workspace's extent where not
+            given.  ``math.inf`` gives the waypoints alone.
+
+        Returns
+        -------
+        Path
+            Rows of joints without times, and where a jump cannot be avoided.
+        """
+        from .paths import follow_path
+
+        return follow_path(self, x, start, step)
+
+    def inverse_pose(
+        self,
+        position: ArrayLike,
+        quaternion: ArrayLike | None = None,
+        near: ArrayLike | None = None,
+        *,
+        frame: str = "sensor",
+    ) -> Array:
+        """Joint values (n, dof) for positions and orientations of an arm in space.
+
+        NaN out of reach; :func:`calib.model.poses.solve_poses` tells more, and all branches.
+
+        Parameters
+        ----------
+        position : (n, 3) or (3,) array [m, or the sensor's unit in its frame]
+        quaternion : (n, 4) or (4,) array, optional
+            qx, qy, qz, qw; free where not given.
+        near : (n, dof) or (dof,) array, optional [rad or m]
+            Of several solutions the nearest to these joints answers.
+        frame : {"sensor", "base"}
+        """
+        from .poses import solve_poses
+
+        found = solve_poses(self, position, quaternion, near, frame=frame)
+        q = np.where(found.reachable[:, None], found.q, np.nan)
+        return q[0] if np.ndim(position) == 1 else q
+
+    def servo(
+        self, x_measured: ArrayLike, target: ArrayLike, q: ArrayLike, gain: float = 0.5
+    ) -> Array:
+        """Joints a step closer to a target, from where the sensor sees the tip.
+
+        A resolved-rate correction with the learned Jacobian: it closes the loop on the
+        sensor, so that it converges even where the arm differs from the map.
+
+        Parameters
+        ----------
+        x_measured, target : (n, 2) or (2,) array [unit]
+            Where the tip is seen and where it should be.
+        q : (n, dof) or (dof,) array [rad or m]
+            Present joints; next time the joints that this returns.
+        gain : float
+            Share of the way that a step goes: smaller is calmer with a noisy sensor.
+
+        Returns
+        -------
+        (n, dof) or (dof,) array [rad or m]
+            Within the joints' range, at most a tenth of it away from `q`.
+        """
+        from .answers import servo_step
+
+        return servo_step(self, x_measured, target, q, gain)
