@@ -137,11 +137,8 @@ class Doors:
         NaN out of reach, and where a joint would change by far more than this model usually
         corrects; :func:`calib.correct` tells which and takes another limit.
         """
-        from ..use.correct import correct, correct_one
+        from ..use.correct import correct
 
-        quick = correct_one(_model(self), q)
-        if quick is not None:
-            return quick
         found = correct(_model(self), q)
         answer = np.where(found.exceeded[:, None], np.nan, found.q)
         return answer[0] if found.single else answer
