@@ -26,7 +26,6 @@ from measure import child
 from numpy.typing import NDArray
 
 import calib
-from calib.use.correct import correct_one
 
 Array = NDArray[np.float64]
 
@@ -143,7 +142,7 @@ def cases(model: Any, calls: int) -> tuple[dict[str, Callable[[int], Any]], Arra
         "monitor.update(q, x)": lambda k: monitor.update(q[watched[k]], x[watched[k]]),
     }
     if model.about.urdf:
-        found["correct(q)"] = lambda k: correct_one(model, q[k])
+        found["correct(q)"] = lambda k: calib.correct(model, q[k])
     return found, q, x
 
 

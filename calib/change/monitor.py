@@ -12,7 +12,6 @@ import numpy as np
 from ..common.arrays import Array
 from ..errors import ModelError, QueryError
 from ..maps.map import Map
-from ..maps.node_cells import NodeCells
 from ..model.model import Model
 from .group_tests import groups_of
 from .seen import body_of
@@ -187,18 +186,12 @@ def monitor(model: Model) -> Monitor:
 
 
 def _search(network: Map) -> Callable[[Sequence[float]], tuple[float, int]]:
-    """What tells the distance and the number of the node next to a point (d,) of the unit box.
-
-    By cells where they know, by the search tree elsewhere.
-    """
-    cells, tree = NodeCells.of(network, 0), network.tree
+    """What tells the distance and the number of the node next to a point (d,) of the unit box."""
+    tree = network.tree
 
     def nearest(v: Sequence[float]) -> tuple[float, int]:
-        found = None if cells is None else cells.nearest(v)
-        if found is None:
-            distance, node = tree.query(v)
-            found = float(distance), int(node)
-        return found
+        distance, node = tree.query(v)
+        return float(distance), int(node)
 
     return nearest
 

@@ -23,8 +23,6 @@ if TYPE_CHECKING:
 FUNCTIONS = ("adapt", "check", "correct", "evaluate", "follow", "monitor", "recognise", "report")
 """What is done with a model, rather than asked of it, is a function of the package."""
 
-_REPEATS = 16  # until the interpreter has adapted to a query's code
-
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Model(Parts, Saving):
@@ -83,15 +81,7 @@ class Model(Parts, Saving):
         target = x if known else self.sensory.weights[0]
         self.inverse(target[None], near=middle[None])
         self.inverse_all(target[None])
-        if self.single is not None:
-            _ = self.single.cells
-        for _ in range(_REPEATS):
-            # the largest first: what it sweeps out of the caches is back for the others
-            self.expected_error(middle)
-            self.model_error(middle)
-            if known:
-                self.inverse(x, near=middle)
-            self.forward(middle)
+        self.expected_error(middle)
         return self
 
     def forward(
@@ -127,11 +117,6 @@ class Model(Parts, Saving):
         >>> model.forward([0.5, 1.0]).round(3)
         array([0.281, 0.393])
         """
-        # a model with single queries answers with "local" by default
-        if readout in (None, "local") and approach is None and self.single is not None:
-            position = self.single.forward(q)
-            if position is not None:
-                return position
         readout = self._readout(readout)
         q, single = checked_rows(q, self.about.joint_names, "joint values")
         inside = self.trust.covers(self.motor.scale.to_unit(q))
@@ -169,10 +154,6 @@ class Model(Parts, Saving):
         -------
         (n, dof) or (dof,) array [rad or m]
         """
-        if readout in (None, "local") and near is not None and self.single is not None:
-            joints = self.single.inverse(x, near)
-            if joints is not None:
-                return joints
         readout = self._readout(readout)
         if readout == "local":
             rows, single = checked_rows(x, self.axes, "positions")
@@ -248,10 +229,6 @@ class Model(Parts, Saving):
         return self._bound(q, "model_bounds")
 
     def _bound(self, q: ArrayLike, which: str) -> Array:
-        if self.single is not None:
-            answer = self.single.bound(q, which, noise=self._noisy(which))
-            if answer is not None:
-                return np.float64(answer)  # type: ignore[return-value]
         q, single = checked_rows(q, self.about.joint_names, "joint values")
         u = self.motor.scale.to_unit(q)
         known = self.trust.covers(u)
