@@ -7,34 +7,22 @@ from dataclasses import replace
 import numpy as np
 
 from ..body.belief import Body
-from ..body.likeness import lengths_of
 from ..body.most_telling import most_telling
-from ..common.arrays import Array
 from ..common.choices import METHODS
 from ..common.parallel import one_blas_thread
-from ..common.rows import thinned
 from ..errors import OptionError
 from ..model.model import Model
 from ..samples.samples import Samples
 from ..training.evaluate import figures
 from ..training.learn import Progress
 from .adaptation import Adaptation, adapt_online, finished
-from .cause import KEPT, Cause
-from .causes import find_causes, frame_between
-from .comparison import UNEXPLAINED, Comparison, compare
-from .explain import Explanation, likely, weighed
-from .members import CREEP, NOTHING
-from .orientation import turned_tool, with_orientations
-from .own_residual import OwnResidual, own_residual
+from .cause import KEPT
+from .causes import frame_between
+from .comparison import Comparison, compare
+from .decision import Decision, called, decide
+from .explain import Explanation, likely
 from .rebuilding import doubts, elsewhere, rebuilt
-from .rows import UPDATED_ROWS
-from .update import fit_from_drawing, gain_on_held_out, updated
 
-_CLEAR = 0.95  # of the held-out error that a change may leave at most
-_REFINED = 0.85  # the same where nothing changed and rows are only added
-_SURE = 2.0  # standard errors by which held-out blocks must gain where nothing changed
-_SURER = 4.0  # the same where rows lie beyond the old belief's bound on average
-_UNSURE = 0.9  # share of the expected error that added rows may leave at most
 _LOUD = ("mirror", "scale", "sign", "lost")
 
 
@@ -78,69 +66,38 @@ def adapt(
     report = progress or (lambda *_: None)
     with one_blas_thread():
         found = compare(model, log, cause)
-        return adapt_online(found, report) if method == "online" else _few_shot(found, log, report)
+        if method == "online":
+            return adapt_online(found, report)
+        return _few_shot(found, log.simulation is None, report)
 
 
-def _few_shot(found: Comparison, log: Samples, report: Progress) -> Adaptation:
+def _few_shot(found: Comparison, real: bool, report: Progress) -> Adaptation:
     """Explain the log, update the body by it, and judge by rows that were held out."""
     model = found.model
     report(0.0, "members", float("nan"))
-    changed = found.changed and found.explained
-    chosen = likely(found.explanations) if changed else _unchanged(found)
-    best = chosen[0][1]
-    report(0.5, "update", float("nan"))
-    rows = found.log.some(UPDATED_ROWS)
-    moved, held = updated(found.reference, chosen, found.log, found.probes)
-    residual, lengths = rows.z - moved.predict(rows.q), lengths_of(moved, rows.q)
-    own = own_residual(rows.q, residual, held, rows.weight, lengths)
-    after = np.linalg.norm(held, axis=1)
-    if own is not None:
-        after[own.rows] = own.held_out
-    some = thinned(len(found.q), UPDATED_ROWS)[rows.kept]
-    before, after = found.missed[some], after[rows.kept]
-    fit = fit_from_drawing(found, float(after.mean())) if found.explained else None
-    body = moved
-    if fit is not None:
-        place = np.cumsum(found.log.kept) - 1  # of each row among those that were fitted
-        body, own = fit.body, None
-        after = np.linalg.norm(fit.held_out, axis=1)[place[some]]
-    explained = found.explained
-    if model.body is None and own is not None:  # a smooth residual may follow what no member does
-        explained |= float(np.median(own.held_out)) < UNEXPLAINED * found.spread
-    improved = explained and _improves(found, body, own, changed, before, after)
-    causes, unsettled = find_causes(found, changed or not found.explained or found.unexpected)
-    _, bent, untold = turned_tool(found, log)
-    if bent and not improved:  # the tool alone
-        body, own, after = found.belief, None, before
-    if log.orientation is not None and not untold and (improved or bent):
-        q = model.about.joints_of(log)
-        body = with_orientations(body, q, log.orientation, bool(bent))
-    notes = (*_notes(found, body, causes, unsettled, improved), *untold)
-    improved = improved or bool(bent)
-    known = "no single change explains the log" if found.unexpected else "nothing changed"
-    correction = _called(best) if changed else f"{known}, rows added"
-    if own is not None:
-        correction += ", and a smooth residual near the rows"
+    made_of = decide(found)
+    best, causes = made_of.best, made_of.causes
+    notes = _notes(found, made_of)
     made = Adaptation(
         model,
-        improved,
+        made_of.improved,
         int(np.count_nonzero(found.log.kept)),
         found.outliers,
-        figures(before),
-        figures(after),
-        correction,
-        tuple(c for c in (*causes, *bent) if c.cause != "noise"),
-        _left(found, best) if changed else ("the arm and the sensor",),
+        figures(made_of.before),
+        figures(made_of.after),
+        made_of.correction,
+        tuple(c for c in causes if c.group != "noise"),
+        _left(found, best) if made_of.changed else ("the arm and the sensor",),
         found.coverage,
-        notes,
+        tuple(notes),
         found.spans,
     )
-    if not found.explained and not improved:
+    if not found.explained and not made.improved:
         return made
     report(0.8, "maps", float("nan"))
-    fresh = rebuilt(found, body, own, anew=fit is not None)
-    if not improved:
-        doubted = doubts(found, fresh, real=log.simulation is None)
+    fresh = rebuilt(found, made_of.body, made_of.own, anew=made_of.anew)
+    if not made.improved:
+        doubted = doubts(found, fresh, real=real)
         if doubted is None:
             return made
         return replace(made, model=doubted[0], notes=(*made.notes, doubted[1]))
@@ -151,52 +108,10 @@ def _few_shot(found: Comparison, log: Samples, report: Progress) -> Adaptation:
         return replace(made, improved=False, notes=(*made.notes, told))
     if not found.spans:
         made = replace(made, notes=(*made.notes, elsewhere(found, made, fresh)))
-    frame = frame_between(found, moved.beta) if best.member.framed else None
-    report(1.0, "done", float(after.mean()))
+    frame = frame_between(found, made_of.body.beta) if best.member.framed else None
+    report(1.0, "done", made.after["mean"])
+    after = made_of.after
     return replace(made, model=finished(found, made, fresh, after, "few-shot", frame))
-
-
-def _unchanged(found: Comparison) -> list[tuple[float, Explanation]]:
-    """Nothing changed: the rows are added to what was known."""
-    # What waves the rows show belongs to the arm as it was: with free ones 40 rows of another
-    # mounting made an error 1.2 times as large elsewhere. A drawing has no waves to start from.
-    simulated = found.belief.simulated
-    some = [e for e in found.explanations if not e.margin and (simulated or e.waves <= CREEP)]
-    return weighed(some) if some else likely(found.explanations)
-
-
-def _improves(
-    found: Comparison,
-    body: Body,
-    own: OwnResidual | None,
-    changed: bool,
-    before: Array,
-    after: Array,
-) -> bool:
-    """Whether the update is worth taking."""
-    ratio, sure = gain_on_held_out(before, after)
-    if changed:
-        return ratio < _CLEAR
-    if ratio > _REFINED or sure < _SURE:
-        return False
-    if own is not None and found.model.body is None:
-        return True
-    old = found.belief
-    if float(before.mean()) > float(replace(old, second=None).bound(found.q).mean()):
-        return sure > _SURER  # rows that the old belief had not thought possible
-    # root mean square error [unit] that each belief expects of itself over the learned range
-    own_part = (old.tau**2 + old.noise**2).sum()
-    new_error, old_error = (
-        np.trace(b.spread(found.probes), axis1=1, axis2=2).mean() * b.kappa**2 + own_part
-        for b in (body, old)
-    )
-    return bool(np.sqrt(new_error) < _UNSURE * np.sqrt(old_error))
-
-
-def _called(e: Explanation) -> str:
-    """An explanation in words: its member, or the shape that no member has."""
-    shape = "waves of the joints" if e.waves > CREEP else "a smooth residual"
-    return shape if e.member == NOTHING else e.member.name.removesuffix(", small")
 
 
 def _left(found: Comparison, best: Explanation) -> tuple[str, ...]:
@@ -208,28 +123,22 @@ def _left(found: Comparison, best: Explanation) -> tuple[str, ...]:
     return tuple(words for group, words in KEPT.items() if group in known)
 
 
-def _notes(
-    found: Comparison,
-    body: Body,
-    causes: tuple[Cause, ...],
-    unsettled: tuple[str, ...],
-    improved: bool,
-) -> list[str]:
+def _notes(found: Comparison, made_of: Decision) -> list[str]:
     # what nobody may miss: another unit, a mirror, a joint that turns round or not at all
-    loud = [c.words for c in causes if c.cause.split(":")[0] in _LOUD]
-    notes = [*found.notes, *loud, *unsettled]
+    loud = [c.words for c in made_of.causes if c.cause.split(":")[0] in _LOUD]
+    notes = [*found.notes, *loud, *made_of.notes]
     if not found.explained:
         notes.append(found.why_not())
-    elif improved and found.changed:
+    elif made_of.improved and found.changed:
         best, *others = (e for _, e in likely(found.explanations))
         # a richer member that frees the same and more is no other cause
         others = [e for e in others if not set(best.member.groups) <= {*e.member.groups}]
-        names = list(dict.fromkeys(_called(e) for e in (best, *others)))
+        names = list(dict.fromkeys(called(e) for e in (best, *others)))
         if len(names) > 1:
             rivals = " or ".join(f"({name.replace(', ', ' + ')})" for name in names)
             notes.append(
                 f"more than one change explains the log: {rivals}; three more poses tell which, "
-                f"such as {_poses(found, body)}, or those that calib plan proposes"
+                f"such as {_poses(found, made_of.body)}, or those that calib plan proposes"
             )
     return notes
 

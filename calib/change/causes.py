@@ -20,8 +20,8 @@ from ..samples.plausibility import unit_hint
 from .cause import AS_ONE, Cause
 from .comparison import Comparison
 from .explain import Explanation
-from .group_tests import fired
 from .members import CREEP, FRAME, NOTHING, parts_of
+from .score import fired
 
 _SIGNIFICANT = 2.6  # standard deviations from which a parameter is said to have changed
 _NOISIER = 1.5  # noise over the usual one from which it is worth a word
@@ -59,7 +59,9 @@ def find_causes(found: Comparison, drifted: bool) -> tuple[tuple[Cause, ...], tu
         if not causes:
             words = "no single change of the sensor, a joint or a link explains it"
             causes.append(Cause("unknown", "", words))
-    noise, usual = found.tested.noise, found.tested.usual
+    noise, usual, noisy = found.tested.noise, found.tested.usual, found.tested.noisy
+    if noisy is not None and not drifted:
+        causes.append(_noisy_encoder(found, *noisy))
     if drifted and found.changed:  # a large change is not linear: what the best one leaves
         noise = min(noise, found.explanations[0].noise * float(found.reference.sizes[0]))
     if noise >= _NOISIER * usual:
@@ -67,6 +69,14 @@ def find_causes(found: Comparison, drifted: bool) -> tuple[tuple[Cause, ...], tu
         words = f"the scatter is {factor * noise:.3g} {unit} per axis, {noise / usual:.2g} times "
         causes.append(Cause("noise", "noise", words + "the usual", noise, None, found.unit_seen))
     return tuple(causes), tuple(notes)
+
+
+def _noisy_encoder(found: Comparison, joint: int, sd: float) -> Cause:
+    """One joint's encoder, or what it drives, that is noisy."""
+    name, turns = found.model.about.joint_names[joint], found.model.about.revolute[joint]
+    size = f"{math.degrees(sd):.2g} deg" if turns else f"{1e3 * sd:.2g} mm"
+    words = f"{name} is noisy, by {size}: its encoder, or play; no calibration mends that"
+    return Cause(f"noise:{name}", "noise", words, sd, None, "rad" if turns else "m")
 
 
 def _lost(name: str) -> Cause:

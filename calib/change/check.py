@@ -16,8 +16,10 @@ from ..samples.samples import Samples
 from .cause import Cause
 from .causes import find_causes
 from .comparison import Comparison, compare
-from .group_tests import FALSE_ALARM, GroupTest, fired
+from .decision import decide
 from .orientation import turned_tool
+from .score import GroupTest, fired
+from .settings import FALSE_ALARM
 
 _SIGMAS = 4.0  # of the maps' distortions, skewed as they are
 _MOST = 1000  # rows that distortions are measured on
@@ -74,6 +76,8 @@ class Drift:
         What explains the data, the largest first.
     notes : tuple of str
         What else the user should be told.
+    adapts : bool
+        Whether `adapt` re-calibrates the model by these rows, by its own comparison.
     """
 
     drifted: bool | None
@@ -88,6 +92,7 @@ class Drift:
     usual_noise: float
     causes: tuple[Cause, ...]
     notes: tuple[str, ...] = field(default=())
+    adapts: bool = False
 
     def __repr__(self) -> str:
         """The verdict in a few lines, as `calib check` ends."""
@@ -118,6 +123,7 @@ class Drift:
             "causes": [cause.to_json() for cause in self.causes],
             "smallest": self.smallest,
             "tolerance": self.tolerance,
+            "adapts": self.adapts,
             "smallest_by_group": {g.name: g.smallest for g in self.groups},
             "explanations": list(self.explanations),
             "noise": {"now": self.noise, "usual": self.usual_noise},
@@ -154,18 +160,18 @@ def check(
         found = compare(model, log, cause)
         tested = found.tested
         causes, unsettled = find_causes(found, found.score > 1.0)
-        turned, bent, untold = turned_tool(found, log)
+        turned, bent, untold = turned_tool(found)
         score = max(found.score, turned)
         drifted: bool | None = score > 1.0
         if not drifted and tolerance is not None and tested.smallest > tolerance:
             drifted = None
         notes = [*found.notes, *unsettled, *untold]
         far = found.beyond[0]
-        if far > 1.0 and tested.score <= 1.0 and not found.reference.new and found.explained:
-            noisier = "" if drifted else ": a noisier sensor, or an error that no cause describes"
+        if far > 0.5 or (found.unexpected and found.explained):
+            noisier = "" if drifted else ": a noisier sensor or encoder"
             notes.append(
-                f"half of the rows are {far:.2g} times their expected error or more from the "
-                f"prediction, where 1 of 20 should be beyond it{noisier}"
+                f"{100 * far:.0f} % of the rows are further from the prediction than its bound, "
+                f"where 5 % should be{noisier}"
             )
         return Drift(
             drifted,
@@ -180,6 +186,7 @@ def check(
             tested.usual,
             (*causes, *bent),
             tuple(notes),
+            drifted is True and decide(found).improved,
         )
 
 

@@ -15,17 +15,19 @@ from itertools import combinations
 import numpy as np
 
 from ..body.belief import Body
+from ..body.covariance import autocorrelation_time
 from ..common.arrays import Array
 from ..errors import ModelError
 from ..model.model import Model
 from ..samples.samples import Samples
-from .explain import Explanation, changed, explain, unusual
-from .group_tests import FALSE_ALARM, Tested, group_tests
+from .explain import Explanation, changed, explain
 from .members import as_built
 from .reference import Reference, carried_offset, kept_reference, reference_of
 from .rows import Log, weighted
 from .sanity import comparable, lag_behind_body
+from .score import Tested, group_tests
 from .seen import body_of
+from .settings import BEYOND, FALSE_ALARM
 
 _PROBES = 120  # joints all over the learned range at which predictions are compared
 UNEXPLAINED = 0.1
@@ -54,6 +56,7 @@ class Comparison:
     cause: str | None  # {"sensor", "joints"} or None, what the user knows about the change
     unit: str  # unit of the log's positions
     shared: float = 0.0  # [unit], standard deviation that all of them share
+    orientation: Array | None = None  # (n, 4), qx, qy, qz, qw, where the log has them
 
     @cached_property
     def offset(self) -> Array:
@@ -145,34 +148,38 @@ class Comparison:
 
     @cached_property
     def beyond(self) -> tuple[float, float]:
-        """Median distance of the rows from their prediction, over what 19 of 20 should stay below.
+        """Share of the rows beyond what the model told, and how surely too many are.
 
-        The second value is the same if all of the log's own scatter is noise of the sensor, which
-        is no drift.  A simulated arm is bounded as it was built.
+        The first is of what is told of this model's sensor.  The second is a p-value over the
+        false-alarm rate, as logarithms: above 1 the bound fails, even if all of the log's own
+        scatter is noise of the sensor or of one encoder, which is no drift.
         """
-        from scipy.special import chdtri
+        from scipy.special import bdtrc, chdtri
 
-        gap = self.missed[self.log.kept]
+        kept = self.log.kept
+        gap = self.missed[kept]
         radius = float(chdtri(self.x.shape[1], 0.05))  # squared, of 95 % in units of a deviation
-        told = np.sqrt(self._told**2 + radius * self.log.shared**2)
+        told = self._told**2 + radius * self.log.shared**2
         if self.model.body is None:  # a corner's rows share the errors of a few nodes
-            told *= _SHARED_ERRORS
+            told = told * _SHARED_ERRORS**2
         more = max(self.tested.noise**2 - self.tested.usual**2, 0.0)
-        noisy = np.sqrt(told**2 + radius * more)
-        return float(np.median(gap / told)), float(np.median(gap / noisy))
+        noisy = told + radius * more
+        if self.tested.noisy is not None:
+            joint, sd = self.tested.noisy
+            slope = self.body.structure.slope(self.q[kept], self.body.beta)[..., joint]
+            noisy += radius * sd**2 * (slope**2).sum(axis=1)
+        over = gap**2 > noisy
+        # rows that err together count once
+        alike = autocorrelation_time(over[:, None].astype(float)) if over.any() else 1.0
+        count, n = int(over.sum() / alike), int(np.ceil(len(over) / alike))
+        p = float(bdtrc(count - 1, n, BEYOND)) if count else 1.0
+        surely = math.log(max(p, 1e-300)) / math.log(FALSE_ALARM)
+        return float(np.mean(gap**2 > told)), surely
 
-    @cached_property
+    @property
     def unexpected(self) -> bool:
-        """Whether no test fires, yet half of the rows are further off than the model told.
-
-        Groups are tested against all that may have crept (:func:`calib.change.members.drift`),
-        which on a path or in a corner follows nearly any residual, and waves that are finer than
-        the rows look like noise.  The bound is narrower: half of the rows beyond it are no chance.
-        """
-        if self.reference.new or self.tested.score > 1.0:
-            return False
-        far, surely = self.beyond
-        return surely > 1.0 or (far > 1.0 and changed(self.explanations))
+        """Whether no test fires, yet more rows are beyond the bound than it can mean."""
+        return not self.reference.new and self.tested.score <= 1.0 < self.beyond[1]
 
     @cached_property
     def explanations(self) -> tuple[Explanation, ...]:
@@ -186,32 +193,19 @@ class Comparison:
         """Explanations by no change."""
         return explain(self.reference, self.log, self.cause, calm=True)
 
-    @property
-    def _waves(self) -> float:
-        """Evidence of waves, which look like noise to the tests, over what chance stays below.
-
-        What is less likely than the usual by 1 / p has a chance below p where nothing changed
-        (Markov's inequality).  Maps alone have errors that look like waves.
-        """
-        if self.model.body is None:
-            return 0.0
-        return unusual(self._calm) / -math.log(FALSE_ALARM)
-
     @cached_property
     def score(self) -> float:
         """How far the log is from an arm and a sensor as they were: above 1 they changed."""
-        score = max(self.tested.score, 2.0 if self.reference.new else 0.0)
-        if score <= 1.0:
-            score = max(score, self._waves)
+        score = max(self.tested.score, self.beyond[1], 2.0 if self.reference.new else 0.0)
         if self._suspect and not self.explained:
             return max(score, 1.0 + self.misfit)
-        return max(score, self.beyond[0] if self.unexpected else 0.0)
+        return score
 
     @cached_property
     def _suspect(self) -> bool:
-        """Whether a test fires, or rows are so far from the model that noise alone is no answer."""
-        fired = self.tested.score > 1.0 or self._waves > 1.0
-        return self.reference.new or fired or self.beyond[0] > 1.0
+        """Whether a test fires, or half of the rows are further off than the model told."""
+        fired = max(self.tested.score, self.beyond[1]) > 1.0
+        return self.reference.new or fired or self.beyond[0] > 0.5
 
     @cached_property
     def changed(self) -> bool:
@@ -292,10 +286,11 @@ def compare(model: Model, log: Samples, cause: str | None = None) -> Comparison:
         raise ModelError(
             "the model has an older format without a posterior of its body: train it again"
         )
-    u, x, notes = comparable(model, log)
+    u, x, rows, notes = comparable(model, log)
     q = model.motor.scale.from_unit(u)
     body = body_of(model)
     predicted = model.predictor.value(u)
     if not (np.abs([predicted, body.predict(q)]) < _SQUARED).all():  # as in a forged file
         raise ModelError("the model predicts no finite positions for this log: train it again")
-    return Comparison(model, u, q, x, notes, predicted, body, cause, log.unit, log.shared)
+    turned = None if log.orientation is None else log.orientation[rows]
+    return Comparison(model, u, q, x, notes, predicted, body, cause, log.unit, log.shared, turned)

@@ -13,7 +13,7 @@ from ..common.arrays import Array
 from ..errors import ModelError, QueryError
 from ..maps.map import Map
 from ..model.model import Model
-from .group_tests import groups_of
+from .score import groups_of
 from .seen import body_of
 
 _WINDOW = 200.0  # samples that the monitor remembers: older ones fade by a factor of e

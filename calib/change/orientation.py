@@ -18,33 +18,31 @@ from ..body.normal import Factor
 from ..body.poses import knows_orientation
 from ..common.arrays import Array
 from ..common.rows import thinned
-from ..samples.samples import Samples
 from .cause import Cause
 from .comparison import Comparison
-from .group_tests import FALSE_ALARM
 from .rows import UPDATED_ROWS
+from .settings import FALSE_ALARM
 
 _STEPS, _NU = 8, 6.0
 
 
-def turned_tool(found: Comparison, log: Samples) -> tuple[float, tuple[Cause, ...], list[str]]:
+def turned_tool(found: Comparison) -> tuple[float, tuple[Cause, ...], list[str]]:
     """Compare the orientations of a log with those that the model predicts.
 
     Returns score : statistic over its threshold; 0 where nothing can be compared
     Returns causes : the turned tool, where the score is above 1
     Returns notes : why orientations were not compared
     """
-    if log.orientation is None:
+    if found.orientation is None:
         return 0.0, (), []
     if not knows_orientation(found.body):
         return 0.0, (), ["orientations are not compared: the model was learned without them"]
     changed = found.changed and found.explained
     structure: Any = found.reference.structure if changed else found.body.structure
     beta = found.explanations[0].beta if changed else found.body.beta
-    q = found.model.about.joints_of(log)
-    predicted = exponential(structure.with_view("pose").predict(q, beta)[:, 3:])
+    predicted = exponential(structure.with_view("pose").predict(found.q, beta)[:, 3:])
     back = np.swapaxes(predicted, 1, 2)
-    turns = logarithm(back @ matrix_of(log.orientation))
+    turns = logarithm(back @ matrix_of(found.orientation))
     # seen = exp(x) predicted exp(y): a sensor turned by x, which only a change frees, a tool by y
     own = np.broadcast_to(np.eye(3), back.shape)
     design = np.concatenate([back, own], axis=2) if changed else own

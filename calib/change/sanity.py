@@ -11,6 +11,7 @@ import itertools
 import numpy as np
 from numpy.typing import NDArray
 
+from ..body.structure import Indices
 from ..common.arrays import Array
 from ..common.robust import robust_solve
 from ..common.rows import thinned
@@ -29,10 +30,11 @@ _MOST_ROWS = 0.8  # of the rows, which have to come nearer; the others may be wr
 _SMOOTH = 0.3  # steps of the joints over their spread, above which rows are no path
 
 
-def comparable(model: Model, log: Samples) -> tuple[Array, Array, tuple[str, ...]]:
+def comparable(model: Model, log: Samples) -> tuple[Array, Array, Indices, tuple[str, ...]]:
     """Find the rows that a model can be compared with.
 
     Returns u, x : (n, dof), (n, m), joints in the unit box and positions, repeated rows once
+    Returns rows : (n,), theirs of the log
     Returns notes : what the user should be told
     Raises LogError if the log is of another arm, too short, or looks as if its columns were
     exchanged or in degrees.
@@ -61,7 +63,7 @@ def comparable(model: Model, log: Samples) -> tuple[Array, Array, tuple[str, ...
     left_out = int(np.count_nonzero(~known))
     if left_out:
         notes.append(f"{left_out} rows outside of what the model has learned are left out")
-    u, x, q = u[known], x[known], q[known]
+    u, x, q, rows = u[known], x[known], q[known], first[known]
     _check_swapped(model, q, x)
     for name, width in zip(model.about.joint_names, np.ptp(u, axis=0).tolist(), strict=True):
         if width < _CORNER:
@@ -69,7 +71,7 @@ def comparable(model: Model, log: Samples) -> tuple[Array, Array, tuple[str, ...
                 f"the log covers {100 * width:.0f} % of the learned range of {name}: the result "
                 "says little about the rest"
             )
-    return u, x, tuple(notes)
+    return u, x, rows, tuple(notes)
 
 
 def _check_degrees(model: Model, q: Array, known: NDArray[np.bool_]) -> None:

@@ -236,18 +236,6 @@ def _second(second: Second, reference: Reference, e: Explanation, log: Log, nois
     )
 
 
-def gain_on_held_out(before: Array, after: Array) -> tuple[float, float]:
-    """How much held-out rows gained: mean ratio of errors, and gain over its standard error.
-
-    before, after : (n,) [unit], distances of the same rows from the old prediction, and from the
-        new one without their block
-    """
-    gain = [float(part.mean()) for part in np.array_split(before - after, _BLOCKS)]
-    error = float(np.std(gain, ddof=1)) / np.sqrt(len(gain))
-    ratio = float(after.mean() / max(float(before.mean()), 1e-300))
-    return ratio, float(np.mean(gain)) / max(error, 1e-300)
-
-
 def fit_from_drawing(found: Comparison, after: float) -> BodyFit | None:
     """The body of the rows with a simulated model's geometry as prior, where it serves better.
 

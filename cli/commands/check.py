@@ -69,6 +69,8 @@ def check(
     else:
         factor, name = for_people(unit_seen)
         remedy = "calib adapt re-calibrates it"
+        if not drift.adapts:
+            remedy = "calib adapt finds nothing that mends it: check the log and the arm"
         if rescaled:
             remedy = "check the log's unit before calib adapt, which learns the new scale"
         if any(cause.cause == "unknown" and not cause.group for cause in drift.causes[:1]):

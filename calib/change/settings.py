@@ -1,0 +1,57 @@
+"""Settings: the tuned numbers of this room, each with its unit, its reason and its measurement."""
+
+from __future__ import annotations
+
+FALSE_ALARM = 1e-3
+"""Share of undisturbed logs for which `check` may call anything changed, after Bonferroni."""
+
+POWER = 0.9
+"""Share of logs in which the smallest change that is told would be found."""
+
+TESTED_ROWS = 300
+"""Rows of the score tests: their power grows with the rows, their work with the rows too."""
+
+TESTED_NODES = 40
+"""Places of the log's own residual in the tests; more did not change a verdict on A and C."""
+
+NOISES = 32
+"""Sizes of the noise that are compared: steps of a fifth change a likelihood by .02 nats."""
+
+JOINT_NOISES = (0.5, 2.0, 8.0, 32.0)
+"""Noise of one encoder over that of the sensor, at the tip: a factor of four is .4 nats at most."""
+
+DRIFTS = (2.0, 4.0, 8.0, 16.0)
+"""Sizes of a smooth residual over what the model expects of one log."""
+
+LEFT = 4.0
+"""Degrees of freedom that a noise needs at least to be told from a change."""
+
+LEAST_NOISE = 1e-7
+"""Least noise, of the extents: rounding of exact samples."""
+
+LEAST_OWN = 1e-6
+"""Least residual of one log, of the extents; 1e-4 hid a sensor that was moved by .1 mm."""
+
+BEYOND = 0.2
+"""Share of rows beyond a 95 % bound that fails for sure: halves of A and C have 13 % at most."""
+
+NOISIER = 1.15
+"""Noise over the usual one from which one encoder's is looked for: below it changes no verdict."""
+
+CHANGED = 0.95
+"""Share of the held-out error that a change may leave at most."""
+
+REFINED = 0.85
+"""The same where nothing changed and rows are only added."""
+
+SURE = 2.0
+"""Standard errors by which five held-out blocks must gain."""
+
+SURER = 4.0
+"""The same where rows lie beyond the old belief's bound on average."""
+
+UNSURE = 0.9
+"""Share of the error that a belief expects of itself that added rows may leave at most."""
+
+FEW_ROWS = 60
+"""Rows below which the tests weigh all rows alike, but for those that contradict all others."""
