@@ -138,7 +138,7 @@ def _improves(
     ratio, sure = gain_on_held_out(before, after)
     if changed:
         return ratio < CHANGED and sure > SURE
-    if ratio > REFINED or sure < SURE or found.tested.noisy is not None:
+    if ratio > REFINED or sure < SURE or (found.tested.noisy is not None and found.score <= 1.0):
         return False
     if own is not None and found.model.body is None:
         return True

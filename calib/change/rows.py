@@ -26,7 +26,6 @@ _STUDENT = 6.0
 _STEPS = 12
 _ROBUST_ROWS = 400  # of the robust fit that finds outliers: enough for every parameter
 _OUTLIER = 5.0  # noises from which a row contradicts all others
-_FOLLOWED = 0.9  # share of a row that a fit may follow by itself
 
 EXPLAINED_ROWS = 200
 """Rows that members are compared on: the cube of outputs times rows for each size of residual."""
@@ -98,14 +97,8 @@ def weighted(
         beta, moved = structure.retract(beta, full), moved + step
         if float(np.abs(step).max()) < 1e-3:
             break
-    predicted, x = structure.linearise(q, beta, free)
-    r = structure.residual(z, predicted) / size
-    # A row that the fit follows by itself says nothing of how well it fits: with few rows such
-    # weights favoured whatever the richest member can follow, and noise looked like a change.
-    j = x / size[:, None] * sd[free]
-    own = np.einsum("nmi,ij,nmj->n", j, np.linalg.inv(a), j) / noise**2 / r.shape[1]
-    loose = r / (1.0 - np.minimum(own, _FOLLOWED))[:, None]
-    weight, noise = _student(loose)
+    r = structure.residual(z, structure.predict(q, beta)) / size
+    weight, noise = _student(r)
     kept = np.sqrt((r**2).sum(axis=1)) <= _OUTLIER * np.sqrt(r.shape[1]) * noise
     return Log(q, z, weight, kept, beta, shared)
 

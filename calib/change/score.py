@@ -21,10 +21,11 @@ from ..body.likeness import lengths_of, matern
 from ..body.structure import Indices
 from ..common.arrays import Array
 from ..common.rows import thinned
-from .members import FRAME, TESTED
+from .members import FRAME, TESTED, drift
 from .reference import Reference
 from .rows import Log
 from .settings import (
+    CREPT,
     DRIFTS,
     FALSE_ALARM,
     FEW_ROWS,
@@ -161,7 +162,10 @@ class _Normal:
         alike[np.diag_indices(len(nodes))] += 1e-6
         smooth = np.linalg.solve(np.linalg.cholesky(alike), matern(nodes, log.q, lengths)).T
         smooth = np.einsum("nk,ij,j->nikj", smooth, np.eye(m), own).reshape(n, m, -1)
-        parts = [body.kappa * known.reshape(n, m, -1), body.kappa * smooth]
+        crept = CREPT * drift(body)
+        crept = x[..., crept[both] > 0] * crept[both][crept[both] > 0]
+        known = np.concatenate([body.kappa * known.reshape(n, m, -1), crept], axis=2)
+        parts = [known, body.kappa * smooth]
         if log.shared:  # a frame that is shifted and bent as a plane is, as the board was found
             bent = np.concatenate([np.ones((n, 1)), predicted[:, places] / structure.extents[0]], 1)
             part = np.einsum("nk,ij,j->nikj", bent, np.eye(m), log.shared / self.size)

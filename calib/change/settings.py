@@ -55,3 +55,31 @@ UNSURE = 0.9
 
 FEW_ROWS = 60
 """Rows below which the tests weigh all rows alike, but for those that contradict all others."""
+
+WINDOW = 200.0
+"""Samples that the monitor remembers: older ones fade by a factor of e."""
+
+MONITOR_ALARM = 1e-6
+"""Share of the samples of a calm stream that may raise an alarm."""
+
+WARM = 20
+"""Samples before the monitor's first judgement."""
+
+DIRECTIONS = 8
+"""Strongest displacements that the monitor watches; further ones are nearly sums of these."""
+
+COLLINEAR = 1e-3
+"""Directions that are so much weaker than the strongest are left out."""
+
+CLIP = 8.0
+"""A residual counts in the monitor for at most so many times the usual one."""
+
+NUISANCE = 1.5
+"""Times its own bound of 95 % that a model may be off for a while, as where an arm dwells."""
+
+LONG = 2000.0
+"""Samples of which the monitor tells how much the noise of one is like that of the next."""
+
+CREPT = 0.25
+"""Of the usual creep of an unchanged arm's parameters, what the tests allow for: the last rows of
+series A, .4 mm off, are an alarm without it; all of it hid a sensor that was moved by .1 mm."""
