@@ -163,9 +163,14 @@ def check(
         turned, bent, untold = turned_tool(found)
         score = max(found.score, turned)
         drifted: bool | None = score > 1.0
-        if not drifted and tolerance is not None and tested.smallest > tolerance:
+        smallest = tested.smallest
+        if model.body is None:
+            smallest = float(np.median(model.expected_error(found.q)))
+        if not drifted and tolerance is not None and smallest > tolerance:
             drifted = None
         notes = [*found.notes, *unsettled, *untold]
+        if model.body is None:
+            notes.append("the model has no body: its rows are compared with its bound alone")
         far = found.beyond[0]
         if far > 0.5 or (found.unexpected and found.explained):
             noisier = "" if drifted else ": a noisier sensor or encoder"
@@ -179,7 +184,7 @@ def check(
             found.outliers,
             score,
             tested.groups,
-            tested.smallest,
+            smallest,
             tolerance,
             _distortions(found),
             tested.noise,

@@ -136,7 +136,13 @@ class Comparison:
 
     @cached_property
     def tested(self) -> Tested:
-        """Tests of single groups against the belief as the model holds it."""
+        """Tests of single groups against the belief as the model holds it.
+
+        Maps alone have no parameters that could be freed: their rows are compared with the bound.
+        """
+        if self.model.body is None:
+            noise = float(self.body.noise[0])
+            return Tested((), noise, noise, None)
         held = self.reference if self.reference.new else kept_reference(self.body)
         return group_tests(held, self.log, self.probes)
 

@@ -80,12 +80,12 @@ class Tested:
     @property
     def score(self) -> float:
         """Largest statistic over its threshold."""
-        return max(g.score for g in self.groups)
+        return max((g.score for g in self.groups), default=0.0)
 
     @property
     def smallest(self) -> float:
         """Displacement [unit] that any single cause would have shown."""
-        return max(g.smallest for g in self.groups if g.smallest > 0.0)
+        return max((g.smallest for g in self.groups if g.smallest > 0.0), default=np.inf)
 
 
 def fired(groups: Iterable[GroupTest]) -> tuple[GroupTest, ...]:

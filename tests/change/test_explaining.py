@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 from beliefs import L1, L2, body, compared, exact_body, joints, moved, noise, tip
 
+from calib.change.decision import gain_on_held_out
 from calib.change.explain import changed, likely
-from calib.change.update import gain_on_held_out, updated
+from calib.change.update import updated
 
 pytestmark = pytest.mark.usefixtures("one_blas_thread")
 
