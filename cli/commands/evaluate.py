@@ -24,7 +24,7 @@ def evaluate(
     loaded = calib.load(model)
     log = log_of(loaded, data, reading, Notes())
     started = time.perf_counter()
-    result = loaded.evaluate(log)
+    result = calib.evaluate(loaded, log)
     seconds = {"total": time.perf_counter() - started}
     notes = Notes()
     notes.say(result.notes)
