@@ -68,7 +68,7 @@ class Delay:
 
 
 @dataclass(frozen=True, eq=False)
-class Motion:
+class Trajectory:
     """The joints of a log as a motion: rows in the order of time, in runs without a pause."""
 
     time: Array  # (n,) [unit]
@@ -76,13 +76,13 @@ class Motion:
     unit: str  # "s" or "rows"
 
     @staticmethod
-    def of(samples: Samples) -> Motion | None:
+    def of(samples: Samples) -> Trajectory | None:
         """The motion of a log's rows; None where they are poses in any order."""
         rows = np.arange(len(samples)) if samples.rows is None else samples.rows
         time, unit = rows.astype(float), "rows"
         if samples.time is not None and np.isfinite(samples.time).all():
             time, unit = samples.time, "s"
-        motion = Motion(time, samples.q, unit)
+        motion = Trajectory(time, samples.q, unit)
         step = np.diff(samples.q, axis=0)[motion.joined]
         if len(samples) < 20 or len(step) < len(samples) // 2:
             return None
@@ -138,7 +138,7 @@ class Motion:
 
 
 def estimate_delay(
-    motion: Motion, residual: Array, slope: Array, columns: Array, precision: Array, pull: Array
+    motion: Trajectory, residual: Array, slope: Array, columns: Array, precision: Array, pull: Array
 ) -> tuple[Delay, Array] | None:
     """Estimate by how much positions are late from what a predictor leaves of them.
 

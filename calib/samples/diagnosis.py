@@ -22,8 +22,8 @@ from ..common.rows import thinned
 from ..common.scale import METRES
 from ..errors import LogError
 from .settings import (
-    CLEAR,
     DIAGNOSED_ROWS,
+    FAR_BETTER,
     FEWEST_ROWS,
     GOOD,
     MOST_ORDERED,
@@ -58,7 +58,7 @@ class Finding:
         return f"{self.words}; {self.hint}" if self.hint else self.words
 
 
-def refuse(findings: Sequence[Finding], label: str = "the log") -> list[str]:
+def refuse_mistakes(findings: Sequence[Finding], label: str = "the log") -> list[str]:
     """Refuse a log for the first finding that is a mistake; return the others as notes.
 
     Raises LogError.
@@ -125,7 +125,7 @@ def diagnose(
         # the simplest first; of two that explain the log the first is told
         orders = _degrees(log, revolute), _orders(log, names)
         for readings in (*orders, _signs(log, names, 1), _signs(log, names, 2)):
-            fits = [r for r in readings if log.left(r.q, log.x) < CLEAR * log.own]
+            fits = [r for r in readings if log.left(r.q, log.x) < FAR_BETTER * log.own]
             if fits:  # a tool of unknown size explains what a mirror does: by the place alone
                 best = min(fits, key=lambda r: log.left(r.q, log.x, tool=False)).finding
                 found.append(best)
@@ -185,7 +185,7 @@ def rows_behind(predict: Predict, q: Array, x: Array, unit: str = "m", most: int
         for shift in range(-most, most + 1)
     }
     best = min(found, key=lambda shift: (found[shift], abs(shift)))
-    return best if found[best] < (0.5 if is_path(q) else CLEAR) * found[0] else 0
+    return best if found[best] < (0.5 if is_path(q) else FAR_BETTER) * found[0] else 0
 
 
 def is_path(q: Array) -> bool:
@@ -257,7 +257,7 @@ class _Log:
         flip = np.array([-1.0, *[1.0] * (self.x.shape[1] - 1)])
         known = np.isfinite(self.predicted).all(axis=1)
         p, x = self.predicted[known], self.x[known]
-        return not self.affine and aligned_misfit(p, x * flip) < CLEAR * aligned_misfit(p, x)
+        return not self.affine and aligned_misfit(p, x * flip) < FAR_BETTER * aligned_misfit(p, x)
 
 
 class _Reading(NamedTuple):
@@ -374,18 +374,18 @@ def _poses(log: _Log, pose: PosePredict, turns: Array) -> Finding | None:
         return None
     back = np.swapaxes(seen, 1, 2)
     inverse_far, inverse = away(-(back @ x[:, :, None])[:, :, 0], back)
-    if inverse < CLEAR * own and inverse_far < CLEAR * far:
+    if inverse < FAR_BETTER * own and inverse_far < FAR_BETTER * far:
         return Finding(
             "inverted",
             "the poses are inverted: they are those of the sensor in the tool's frame",
             "write the tool's pose in the sensor's frame: -R'x and the conjugate quaternion",
             "columns",
         )
-    if away(x, matrix_of(turns[:, [1, 2, 3, 0]]))[1] < CLEAR * own:
+    if away(x, matrix_of(turns[:, [1, 2, 3, 0]]))[1] < FAR_BETTER * own:
         order = "{'qx': 'qy', 'qy': 'qz', 'qz': 'qw', 'qw': 'qx'}"
         words = "qx, qy, qz, qw are in the order w, x, y, z"
         return Finding("turns", words, f"give `columns={order}`", "columns", ["qx"])
-    if away(x, back)[1] < CLEAR * own:
+    if away(x, back)[1] < FAR_BETTER * own:
         return Finding(
             "inverted",
             "the orientations are inverted: of the sensor in the tool's frame, not of the tool",

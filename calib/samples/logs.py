@@ -20,7 +20,7 @@ from ..common.wording import vector
 from ..errors import LogError, OptionError
 from .camera import camera_of
 from .columns import Source, open_source, read_columns
-from .diagnosis import diagnose, refuse
+from .diagnosis import diagnose, refuse_mistakes
 from .log_ranges import UNKNOWN_RANGE, LoggedJoint
 from .measured_rows import HELD_ROWS, Reservoir, measured_rows
 from .places import find_place
@@ -173,7 +173,7 @@ def read_log(
             unit=unit, turns=orientation, left_handed=plane is not None,
             pose=arm.pose if isinstance(arm, SpatialArm) else None,
         )  # fmt: skip
-        notes += refuse(findings, source.label)
+        notes += refuse_mistakes(findings, source.label)
     return Samples(
         q=q,
         x=x,

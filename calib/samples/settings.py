@@ -8,7 +8,7 @@ DIAGNOSED_ROWS = 400
 FEWEST_ROWS = 8
 """Rows below which a similarity in space explains nearly anything."""
 
-CLEAR = 0.2
+FAR_BETTER = 0.2
 """Another reading of a log is told where its misfit is below this share of the log's own.
 
 Arms with links off by a tenth and offsets by 8 deg stay above it, exchanged columns below .1."""

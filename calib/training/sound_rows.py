@@ -11,7 +11,7 @@ import numpy as np
 from ..common.arrays import Array
 from ..common.scale import Scale
 from ..model.model import Model
-from ..samples.delays import Delay, Motion, estimate_delay
+from ..samples.delays import Delay, Trajectory, estimate_delay
 from ..samples.diagnosis import aligned, rows_behind
 from ..samples.samples import Samples
 from ..samples.settings import FEWEST_ROWS
@@ -66,7 +66,7 @@ def sound_log(model: Model, samples: Samples) -> tuple[Samples, list[str]]:
         revolute=model.about.revolute,
     )
     notes: list[str] = []
-    motion = Motion.of(samples) if model.body is not None else None
+    motion = Trajectory.of(samples) if model.body is not None else None
     if motion is not None:
         delay = _delay(samples, motion, model.body, 0.0, fresh=False)
         if delay is not None and delay.clear:
@@ -108,7 +108,7 @@ def _without_delay(
     samples: Samples, part: SmoothPart, fit: _Fit
 ) -> tuple[Samples, SmoothPart, list[str]]:
     """The log with its joints at the times of its positions, where a delay is clear."""
-    motion = Motion.of(samples)
+    motion = Trajectory.of(samples)
     if motion is None:
         return samples, part, []
     delay, moved, now = None, samples, part
@@ -133,7 +133,7 @@ def _without_delay(
 
 
 def _delay(
-    samples: Samples, motion: Motion, body: Any, start: float, *, fresh: bool
+    samples: Samples, motion: Trajectory, body: Any, start: float, *, fresh: bool
 ) -> Delay | None:
     """Estimate a delay from `start` on, together with the chain and its frame.
 
@@ -160,7 +160,7 @@ def _delay(
         q, x = q[known], samples.x[some][known]
         seen, slope = structure.predict_and_slope(q, beta)
         columns = structure.linearise(q, beta, active)[1]
-        part = Motion(motion.time[some][known], q, motion.unit)
+        part = Trajectory(motion.time[some][known], q, motion.unit)
         residual = structure.residual(x, seen)
         pull = (prior.mean - beta)[active]
         found = estimate_delay(part, residual, slope, columns, prior.sd[active] ** -2.0, pull)
