@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,6 +14,31 @@ from ..errors import OptionError
 
 MAX_NODES = 4_000_000
 """Largest lattice that is built: some 2 GB while training."""
+
+
+Size = int | str | Sequence[int]
+"""Nodes along each axis as users give them: 10 or "10" for 10x10, "5x8", (5, 5, 5)."""
+
+
+def shape_of(size: Size, name: str = "size") -> tuple[int, ...]:
+    """A size as the shape of a lattice.
+
+    Raises OptionError if it is none.
+    """
+    parts = size.lower().split("x") if isinstance(size, str) else size
+    try:
+        several = [size, size] if isinstance(size, int | np.integer) else list(parts)  # type: ignore[arg-type]
+        several = several * 2 if isinstance(size, str) and len(several) == 1 else several
+        whole = [int(n) for n in several]
+        if isinstance(size, bool) or any(isinstance(n, float | bool) for n in several):
+            raise ValueError
+    except (TypeError, ValueError):
+        raise OptionError(
+            f"{name} {size!r}: expected whole numbers of nodes such as 9, '9x9' or (9, 9)",
+            parameter=name,
+            value=size,
+        ) from None
+    return Lattice(tuple(whole)).shape
 
 
 @dataclass(frozen=True)
@@ -61,6 +87,15 @@ class Lattice:
             along[[0, -1]] = 2.0
             counts *= along.reshape([-1 if a == axis else 1 for a in range(self.dim)])
         return (counts.ravel() - 1.0) / (3.0**self.dim - 1.0)
+
+    def beside(self, i: int) -> NDArray[np.intp]:
+        """Nodes around node `i`, diagonal ones included, (k,): O of eq. 7."""
+        place = np.unravel_index(i, self.shape)
+        sides = zip(place, self.shape, strict=True)
+        ranges = [np.arange(max(0, p - 1), min(n, p + 2)) for p, n in sides]
+        around = np.meshgrid(*ranges, indexing="ij")
+        near = np.ravel_multi_index([a.ravel() for a in around], self.shape)
+        return np.asarray(near[near != i], dtype=np.intp)
 
     def edges(self) -> NDArray[np.intp]:
         """Pairs of nodes that are neighbours along an axis, (m, 2)."""

@@ -9,7 +9,6 @@ import calib
 from calib.errors import LogError, OptionError
 from calib.maps.lattice import Lattice
 from calib.maps.neighbourhood import spread, spread_by
-from calib.maps.online import present_online
 
 X = np.random.default_rng(0).uniform(size=(600, 2))
 Q = np.random.default_rng(1).uniform(size=(600, 2))
@@ -35,14 +34,11 @@ def test_the_gaussian_as_a_function_is_equation_3():
 
 
 def test_online_the_gaussian_moves_the_nodes_as_the_built_in_one_does():
-    lattice = Lattice((6, 6))
-    start = np.random.default_rng(3).random((36, 2))
-    ours, theirs = start.copy(), start.copy()
-    sigma, rate = np.full(50, 0.6), np.full(50, 0.4)
-    told = present_online(ours, lattice, X[:50], sigma, rate, gauss, np.linspace(0, 1, 50))
-    said = present_online(theirs, lattice, X[:50], sigma, rate)
-    np.testing.assert_allclose(told, said, rtol=1e-3, atol=1e-4)
-    np.testing.assert_allclose(ours, theirs, atol=2e-3)
+    ours, theirs = (
+        calib.SOM(6, "som", rule="online", epochs=1, sigma=(0.7, 0.5), neighbourhood=h).fit(X)
+        for h in (gauss, None)
+    )
+    np.testing.assert_allclose(ours.units, theirs.units, atol=2e-2)
 
 
 @pytest.mark.parametrize("rule", ["batch", "online"])
@@ -168,4 +164,4 @@ def test_what_cannot_be():
     with pytest.raises(LogError, match="shapes"):
         calib.SOM((4, 4)).fit_pair(Q, X[:5])
     with pytest.raises(OptionError, match="a Hebbian link for every pair"):
-        calib.SOM((100, 100), rule="online").fit_pair(Q, Q)
+        calib.SOM(110, rule="online").fit_pair(Q, Q)
