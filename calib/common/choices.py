@@ -3,8 +3,12 @@
 Plain tuples without any import, so that `calib --help` loads nothing that is heavy.
 """
 
-MAPS = ("vdsom", "som", "dsom", "gng")
-"""Networks that the command line offers; :data:`calib.maps.density.GAINS` knows their variants."""
+MAPS = (
+    "som", "vdsom", "vdsom:residual", "vdsom:border", "vdsom:rho", "vdsom:printed", "vdsom:error",
+    "vdsom:density", "vdsom:lattice", "vdsom:mixed", "vdsom:transformation", "dsom", "gng",
+    "gng:error", "gng:border", "gng:density", "gas", "grid", "random", "rows",
+)  # fmt: skip
+"""Networks: :data:`calib.maps.density.GAINS` has the same, with the gain that each trains with."""
 
 RULES = ("batch", "online")
 """Training rules of a map."""

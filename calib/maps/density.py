@@ -63,7 +63,7 @@ class Visit:
         a, b = self.lattice.edges().T
         square = np.sum((self.weights[a] - self.weights[b]) ** 2, axis=1)
         n = len(self.weights)
-        return np.bincount(a, square, n) + np.bincount(b, square, n).astype(float)
+        return np.asarray(np.bincount(a, square, n) + np.bincount(b, square, n), dtype=float)
 
 
 Gain = Callable[[Visit], Array]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,19 +26,20 @@ def shape_of(size: Size, name: str = "size") -> tuple[int, ...]:
 
     Raises OptionError if it is none.
     """
-    parts = size.lower().split("x") if isinstance(size, str) else size
+    parts: Any = size.lower().split("x") if isinstance(size, str) else size
     try:
-        several = [size, size] if isinstance(size, int | np.integer) else list(parts)  # type: ignore[arg-type]
-        several = several * 2 if isinstance(size, str) and len(several) == 1 else several
-        whole = [int(n) for n in several]
+        several = [parts] if isinstance(size, int | np.integer) else list(parts)
         if isinstance(size, bool) or any(isinstance(n, float | bool) for n in several):
             raise ValueError
+        whole = [int(n) for n in several]
     except (TypeError, ValueError):
         raise OptionError(
             f"{name} {size!r}: expected whole numbers of nodes such as 9, '9x9' or (9, 9)",
             parameter=name,
             value=size,
         ) from None
+    if len(whole) == 1 and isinstance(size, str | int | np.integer):
+        whole *= 2
     return Lattice(tuple(whole)).shape
 
 
@@ -90,12 +92,8 @@ class Lattice:
 
     def beside(self, i: int) -> NDArray[np.intp]:
         """Nodes around node `i`, diagonal ones included, (k,): O of eq. 7."""
-        place = np.unravel_index(i, self.shape)
-        sides = zip(place, self.shape, strict=True)
-        ranges = [np.arange(max(0, p - 1), min(n, p + 2)) for p, n in sides]
-        around = np.meshgrid(*ranges, indexing="ij")
-        near = np.ravel_multi_index([a.ravel() for a in around], self.shape)
-        return np.asarray(near[near != i], dtype=np.intp)
+        apart = np.abs(self.positions() - self.positions()[i]).max(axis=1)
+        return np.flatnonzero(apart == 1.0)
 
     def edges(self) -> NDArray[np.intp]:
         """Pairs of nodes that are neighbours along an axis, (m, 2)."""

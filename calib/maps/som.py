@@ -288,8 +288,8 @@ class SOM:
             return learn_dsom(u, lattice, epochs, rng), n * epochs
         if self.rule == "online":
             net = VDSOM([self._layer(lattice, scale, u, rng)])
-            told = passes(net, [u], epochs, self._online_sigma(lattice), rng)
-            return (epoch for (epoch,) in told), n * epochs
+            every = passes(net, [u], epochs, self._online_sigma(lattice), rng)
+            return (epoch for (epoch,) in every), n * epochs
         stages = self._stages()
         told = learn_batch(u, stages, gain, rng, partners, residual, self.neighbourhood)
         return told, total_work(stages, n)

@@ -40,7 +40,6 @@ CHUNK = 250
 """Samples between two looks at the nodes' spacings (eq. 6) and at a gain of the whole lattice."""
 
 _Active = tuple[NDArray[np.intp], Array]
-_NONE: _Active = np.zeros(0, dtype=np.intp), np.zeros(0)
 _SILENT = 7.0  # exponent of eq. 6 beyond which a node is silent: below 1e-3
 _SMALL = 1e-6  # share of a row that is kept, below which it is multiplied out
 _LARGEST = 100_000_000  # links that are held densely, 400 MB
@@ -57,7 +56,7 @@ class Rates:
     beta: Array  # their forgetting factor
 
     @staticmethod
-    def training(t: Array, sigma: tuple[float, float], T: int, maps: int) -> Rates:
+    def training(t: NDArray[Any], sigma: tuple[float, float], T: int, maps: int) -> Rates:
         """Rates at the times `t` of a training of `T` samples, sigma from the first to the last."""
         fall = (sigma[1] / sigma[0]) ** (t / max(T - 1, 1))  # exp(-t / T), T such that it ends so
         return Rates(
@@ -69,7 +68,7 @@ class Rates:
         )
 
     @staticmethod
-    def following(t: Array, start: Sequence[float], end: float, T: int) -> Rates:
+    def following(t: NDArray[Any], start: Sequence[float], end: float, T: int) -> Rates:
         """Rates `t` samples after a change, sigma of each map from its `start` [nodes]."""
         t = np.minimum(t, T)
         rise = np.exp(1.0 - t / T)
@@ -102,9 +101,9 @@ class Layer:
         """Eq. 7 and 8 as a factor g on the update of each sample (n, d), for all at once."""
         if self.gain is None or self.gain is as_printed:
             return np.ones(len(x))
-        distance, winner = (part[:, 0] for part in nearest_nodes(search_tree(self.weights), x))
+        distance, winner = nearest_nodes(search_tree(self.weights), x)
         visit = Visit(
-            progress, winner, distance, self.weights, self.lattice,
+            progress, winner[:, 0], distance[:, 0], self.weights, self.lattice,
             sigma=sigma, per_node=self.per_node,
         )  # fmt: skip
         return self.gain(visit)
@@ -118,15 +117,17 @@ class Layer:
             slice(n - 1 - int(p), 2 * n - 1 - int(p))
             for n, p in zip(self.lattice.shape, place, strict=True)
         )
-        distance, steps = (part[here] for part in lattice_steps(self.lattice))
-        h = checked_h(self.neighbourhood, Surroundings(distance, steps, sigma, progress))
+        distance, steps = lattice_steps(self.lattice)
+        around_it = Surroundings(distance[here], steps[here], sigma, progress)
+        h = checked_h(self.neighbourhood, around_it)
         return (slice(None),) * self.lattice.dim, h
 
-    def active(self, w: Array, x: Array, square: Array, widths: Array) -> _Active:
+    def active(self, w: Array, x: Array, widths: Array) -> _Active:
         """The nodes that are active at a sample, and how much beside the most active (eq. 6)."""
+        gap = w - x[:, None]
         if self.scale.periodic.any():
-            square = (self.scale.difference(w.T, x) ** 2).sum(axis=1)
-        exponent = square / widths
+            gap = self.scale.difference(w.T, x).T
+        exponent = (gap * gap).sum(axis=0) / widths
         least = exponent.min()
         j = np.flatnonzero(exponent < least + _SILENT)
         return j, np.exp(least - exponent[j])
@@ -170,7 +171,7 @@ class VDSOM:
         for first in range(0, len(samples[0]), CHUNK):
             chunk = range(first, min(first + CHUNK, len(samples[0])))
             now, last = slice(first, chunk.stop), chunk.stop - 1
-            grids, g, active = [], [], [_NONE, _NONE]
+            grids, g = [], []
             widths = [self._widths(layer) for layer in self.layers]
             for layer, x, sigma in zip(self.layers, samples, rates.sigma, strict=True):
                 t = float(rates.progress[last])
@@ -178,36 +179,37 @@ class VDSOM:
                 grids.append(np.ascontiguousarray(layer.weights.T))  # of one coordinate each
             for k in chunk:
                 t, alpha = float(rates.progress[k]), rates.alpha[k]  # t / T and eq. 4
-                for m, layer in enumerate(self.layers):
-                    w, x, sigma = grids[m], samples[m][k], float(rates.sigma[m][k])
+                for m, layer in enumerate(self.layers if maps else ()):
+                    w, x, wide = grids[m], samples[m][k], float(rates.sigma[m][k])
                     square = ((w - x[:, None]) ** 2).sum(axis=0)
                     i = int(square.argmin())  # eq. 1
                     found[m][k] = square[i] ** 0.5
-                    if self.wiring is not None:
-                        active[m] = layer.active(w, x, square, widths[m])  # eq. 6
-                    if not maps:
-                        continue
                     grid = w.reshape(-1, *layer.lattice.shape)
                     if layer.gain is as_printed:
                         # no h_ji: nothing in eq. 8 falls with the distance from the winner, so
                         # that all nodes follow each sample, and end in one place
                         local = w[:, i, None] - w[:, layer.lattice.beside(i)]
                         rho = np.exp(-np.sum(local**2))  # eq. 7
-                        h = np.asarray((t / rho) ** 4 * np.exp(-t / sigma**2))  # eq. 8, printed
+                        h = np.asarray((t / rho) ** 4 * np.exp(-t / wide**2))  # eq. 8, printed
                         step = np.minimum(alpha * h, 1.0)
                     else:
-                        near, h = layer.around(i, sigma, t)  # eq. 3
+                        near, h = layer.around(i, wide, t)  # eq. 3
                         grid = grid[(slice(None), *near)]
                         # stable: eq. 8 weighs the sample (g), and eq. 3 says how far it reaches;
                         # beyond 1 the nodes around a winner would all jump to the sample
                         step = min(alpha * g[m][k - first], 1.0) * h  # eq. 8
                     grid += step * (x.reshape(-1, *(1,) * layer.lattice.dim) - grid)  # eq. 2
                 if self.wiring is not None:
-                    (i, a_i), (j, a_j) = active
+                    (from_, a_i), (j, a_j) = (
+                        layer.active(w, x[k], width)  # eq. 6
+                        for layer, w, x, width in zip(
+                            self.layers, grids, samples, widths, strict=True
+                        )
+                    )
                     eta, beta = rates.eta[k], rates.beta[k]
                     self._kept[j] *= 1.0 - eta * beta * a_j**2  # eq. 5, 11: forgetting
                     more = eta * np.outer(a_i, a_j / self._kept[j])  # eq. 5: active together
-                    self._rest[i[:, None], j] += more
+                    self._rest[from_[:, None], j] += more
                     if self._kept[j].min() < _SMALL:
                         self._settle(j)
             for layer, w in zip(self.layers, grids, strict=True):
