@@ -46,8 +46,5 @@ PICTURES = (".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp", ".ppm", "
 VIDEOS = (".mp4", ".mov", ".avi", ".mkv", ".webm", ".m4v", ".mpg", ".mpeg", ".wmv")
 """Endings of files that are videos, whatever else OpenCV opens."""
 
-BACKENDS = ("loky", "threading", "dask", "ray")
-"""Where the trainings of a sweep run: processes or threads of this machine, or clusters."""
-
 MOTIONS = ("uniform", "halton", "sobol", "smooth")
 """How a simulated arm babbles."""

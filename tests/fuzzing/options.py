@@ -57,7 +57,7 @@ VALUES: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "--range": (("elbow=0.5:1.5", "shoulder=0.1:1.1"),
                 ("elbow=1:0", "elbow=nan:1", "elbow=-1e308:1e308", "elbow=1:1", "elbow=0.5:inf",
                  "=1:2", "elbow=0.5:0.5000000001", "a=1:2", *NAMES)),
-    "--map": (("vdsom", "som", "dsom", "gng", "vdsom:rho", "gas"), ("vdsom:", "vdsom:x", ":", *NAMES)),
+    "--map": (("vdsom", "som", "dsom", "vdsom:rho", "gas"), ("vdsom:", "vdsom:x", ":", *NAMES)),
     "--motor-size": (("3", "4x3"), HUGE),
     "--sensory-size": (("3", "4x3"), HUGE),
     "--rule": (("batch", "online"), NAMES),
