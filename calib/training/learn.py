@@ -16,6 +16,7 @@ from ..maps.association import Association
 from ..maps.density import Gain, kind_of
 from ..maps.fields import LinkRule
 from ..maps.links import wiring_of
+from ..maps.map import Map
 from ..maps.som import SOM
 
 Progress = Callable[[float, str, float], None]
@@ -81,7 +82,7 @@ def associate(
 
     def som(which: int, stream: str) -> SOM:
         given = options.map, options.rule, options.epochs, options.sigma
-        return SOM(shapes[which], *given, options.stream(stream), links=options.links)
+        return SOM(shapes[which], *given, options.stream(stream))
 
     def tell(done: float, error: float) -> None:
         if progress is not None:
@@ -92,17 +93,17 @@ def associate(
         # 20,000 samples: `activity` 9.2 mm); kept are those at which it comes to rest (2.9 mm).
         pair = som(0, "motor").developed((u, v), (scale, seen), shapes, tell).association
         motor, sensory = pair.motor, pair.sensory
-        return _unfolded(Association.learn(motor, u, sensory, v, wiring_of(options.links)))
+        return _linked(motor, u, sensory, v, options)
     # steps of a few samples hold the interpreter's lock: two threads would fight for it
     motor, sensory = (side_by_side if kind_of(options.map) == "som" else in_turn)(
         lambda: som(0, "motor").fit(scale.from_unit(u), scale=scale, partners=v, residual=residual),
         lambda: som(1, "sensory").fit(x, scale=seen, partners=u, residual=residual, progress=tell),
     )
-    return _unfolded(Association.learn(motor, u, sensory, v, wiring_of(options.links)))
+    return _linked(motor, u, sensory, v, options)
 
 
-def _unfolded(pair: Association) -> Association:
-    for name, found in (("motor", pair.motor), ("sensory", pair.sensory)):
+def _linked(motor: Map, u: Array, sensory: Map, v: Array, options: Options) -> Association:
+    for name, found in (("motor", motor), ("sensory", sensory)):
         if not found.spacing > _COLLAPSED:
             raise OptionError(f"the {name} map did not unfold: its nodes collapsed", hint=UNFOLD)
-    return pair
+    return Association.learn(motor, u, sensory, v, wiring_of(options.links))
