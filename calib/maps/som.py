@@ -76,7 +76,7 @@ class SOM:
     >>> som.weights.shape
     (100, 2)
     >>> som
-    Map(10x10 nodes in 2 dimensions, 34 epochs)
+    Map(10x10 nodes in 2 dimensions, 20 epochs)
 
     A varying density of one's own, four times as dense where x is large:
 
