@@ -29,15 +29,24 @@ class PlanarRow(NamedTuple):
     @staticmethod
     def of(structure: PlanarStructure, beta: Array) -> PlanarRow:
         """Compile the parameters (d,) of a body."""
-        lay, cos, sin = structure.layout, math.cos, math.sin
-        dof, slide, turning = structure.dof, structure.slide, lay.turning
+        lay, cos, sin = structure.groups, math.cos, math.sin
+        dof, slide, turning = (
+            structure.dof,
+            structure.slide,
+            [i for i, t in enumerate(structure.revolute) if t],
+        )
         signs = [float(s) for s in structure.signs]
-        curves = [curve_table(beta[lay.curve[i]]) if i in lay.curve else None for i in range(dof)]
-        gains = (beta[lay.gain] * structure.signs).tolist()
-        parts = gains, beta[lay.offset].tolist(), beta[lay.length].tolist(), curves
+        curves = [
+            curve_table(beta[lay[f"curve.{i}"]]) if structure.revolute[i] else None
+            for i in range(dof)
+        ]
+        gains = (beta[lay["gain"]] * structure.signs).tolist()
+        parts = gains, beta[lay["offset"]].tolist(), beta[lay["length"]].tolist(), curves
         joints = tuple(zip(structure.revolute, *parts, strict=True))
-        waves = beta[lay.elastic].reshape(-1, 2).tolist()
-        bends = [(i, j, a, b) for (i, j), (a, b) in zip(lay.pairs, waves, strict=True) if a or b]
+        waves = beta[lay["elastic"]].reshape(-1, 2).tolist()
+        bends = [
+            (i, j, a, b) for (i, j), (a, b) in zip(structure.pairs, waves, strict=True) if a or b
+        ]
         none = [0.0] * dof
         see, spread = _view(structure, beta)
 
@@ -122,10 +131,10 @@ def _view(
     structure: PlanarStructure, beta: Array
 ) -> tuple[Callable[[float, float], _Pair], Callable[[float, float], tuple[_Pair, _Pair]]]:
     """What the sensor sees of a point of the chain's plane, and the derivative of that."""
-    (a, b), (c, d) = structure.matrix(beta).tolist()
+    (a, b), (c, d) = structure.measurement.matrix(structure.seeing(beta)).tolist()
     tx, ty, hx, hy, k, cx, cy = beta[4:11].tolist()
     mx, my = structure.centre
-    size, law = structure.size_of_lens, structure.seen_as.bend
+    size, law = structure.measurement.size_of_lens, structure.seen_as.bend
 
     def flat(x: float, y: float) -> _Pair:
         w = 1.0 + x * hx + y * hy

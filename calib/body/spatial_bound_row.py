@@ -21,9 +21,9 @@ from ..common.arrays import Array
 from .belief import SHARED, Body, Second
 from .covariance import NORMAL_95
 from .curves import HARMONICS, ORDERS
+from .parameters import Indices
 from .spatial import SpatialStructure
 from .spatial_row import SpatialRow
-from .structure import Indices
 
 _SIGNS = np.zeros((3, 3, 3))
 for _a, _b, _c in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):

@@ -6,8 +6,9 @@ import numpy as np
 
 from calib.body.derivative import Derivative
 from calib.body.normal import Factor, with_prior
+from calib.body.parameters import Prior
 from calib.body.search import Search
-from calib.body.structure import Prior, Structure
+from calib.body.structure import Structure
 
 
 class Bent(Structure):

@@ -125,8 +125,8 @@ def test_steps_of_one_row_bring_the_real_tool_to_the_nominal_pose():
     arm = load_arm("six_axis")
     structure = structure_of(arm, "base")
     rng, beta = np.random.default_rng(0), structure.neutral()
-    beta[structure.layout.shifts] = rng.normal(0, 1e-3, (6, 3))
-    beta[structure.layout.turns] = rng.normal(0, 2e-3, (6, 3))
+    beta[structure.shifts] = rng.normal(0, 1e-3, (6, 3))
+    beta[structure.turns] = rng.normal(0, 2e-3, (6, 3))
     beta[structure.groups["curve.1"][20]] = 3e-4
     q = rows(arm, 100, 1)
     least = np.linalg.svd(arm.jacobian(q), compute_uv=False)[:, -1]
