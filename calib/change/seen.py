@@ -45,7 +45,8 @@ class SeenStructure(PlanarStructure):
         """Positions (n, 2) and derivatives (n, 2, k) by the view's parameters."""
         sight, out = self.seen(q, beta)[1], np.zeros((len(q), 2, self.size))
         for name, columns in sight.columns():
-            out[:, :, self.groups[name]] = columns().transpose(2, 1, 0)
+            moved = columns().reshape(-1, 2, len(q))
+            out[:, :, self.groups[name]] = moved.transpose(2, 1, 0)
         return sight.values, Derivative.of(out[:, :, active])
 
     def predict_and_slope(self, q: Array, beta: Array) -> tuple[Array, Array]:
