@@ -207,7 +207,7 @@ class Structure:
         if last is None or last[0] is not q:
             parts = np.ascontiguousarray(q[:, : self.dof]), q[:, self.dof :]
             last = self._memory["apart"] = (q, parts)
-        return last[1]  # type: ignore[no-any-return]
+        return last[1]
 
     def seen(self, q: Array, beta: Array) -> tuple[Motion, Sight]:
         """Where the chain is at rows (n, dof + g), and what the sensor sees of it."""

@@ -1,9 +1,9 @@
 """Touches: the tip was in one socket again and again, from many postures.
 
-Where a socket is, nobody measured: each is a flat parameter of the fit, and is left out of the belief
-once the fit is done, which eliminates it exactly.  What is known of the sockets (distances, a plane)
-are rows of their own.  Sockets tell neither where the arm's base stands nor how it is turned about
-its first axis: both stay as drawn.
+Where a socket is, nobody measured: each is a flat parameter of the fit, and is left out of the
+belief once the fit is done, which eliminates it exactly.  What is known of the sockets (distances,
+a plane) are rows of their own.  Sockets tell neither where the arm's base stands nor how it is
+turned about its first axis: both stay as drawn.
 """
 
 from __future__ import annotations
@@ -13,16 +13,19 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..common.arrays import Array
 from .belief import Body
 from .covariance import as_kept
 from .measurement import Measurement
-from .parameters import Block
+from .parameters import Block, Indices
 from .posterior import BodyFit, fit_structure
 from .settings import FREE, STATED
 from .spatial import SpatialStructure
 from .spatial_view import InSpace
+
+_POSTURES = 400  # all over the joints' range, of which the mean motion is that of the whole arm
 
 
 @dataclass(frozen=True)
@@ -114,7 +117,7 @@ class _Touched:
 
     values: Array  # (n, 3)
     seen: Any  # the tip
-    touches: Array  # (n,) of bool
+    touches: NDArray[np.bool_]  # (n,)
     slope: Array  # (n, 3, 3 p), by the sockets
 
     def push(self, velocity: Array, angular: Any = 0.0) -> Array:
@@ -135,7 +138,14 @@ class TouchFit:
 
 
 def fit_touches(
-    structure: SpatialStructure, q: Array, point: Array, known: Sequence[Known] = (), seed: int = 0
+    structure: SpatialStructure,
+    q: Array,
+    point: Array,
+    known: Sequence[Known] = (),
+    *,
+    lower: Array,
+    upper: Array,
+    seed: int = 0,
 ) -> TouchFit:
     """Fit an arm to touches.
 
@@ -143,6 +153,7 @@ def fit_touches(
     q : (n, dof), joint values [rad or m]
     point : (n,), the number of the socket that each row touched, from 0
     known : distances and planes; without a distance the arm's size stays as drawn
+    lower, upper : (dof,), the joints' range: bounds are of motions within it
     """
     point = np.asarray(point, dtype=int)
     count, tip = int(point.max()) + 1, structure.measurement
@@ -160,7 +171,8 @@ def fit_touches(
     if len(facts):  # distances weigh as they were stated beside touches of their own noise
         fit = fitted(replace(touch, noise=float(fit.body.noise[0])))
     points = fit.body.beta[fit.body.structure.groups["point"]].reshape(-1, 3)
-    body = anchored(restated(fit.body, structure), q)
+    range_of = np.random.default_rng(seed).random((_POSTURES, q.shape[1]))
+    body = anchored(restated(fit.body, structure), lower + range_of * (upper - lower))
     return TouchFit(replace(fit, body=body, held_out=fit.held_out[: len(q)]), points)
 
 
@@ -169,7 +181,7 @@ def restated(body: Body, structure: SpatialStructure) -> Body:
     place = {label.name: k for k, label in enumerate(structure.layout.labels)}
     names = [label.name for label in body.structure.layout.labels]
 
-    def kept(active: Array) -> tuple[Array, Array]:
+    def kept(active: Indices) -> tuple[NDArray[np.bool_], Indices]:
         stays = np.array([names[k] in place for k in active], dtype=bool)
         return stays, np.array([place[names[k]] for k in active[stays]], dtype=np.intp)
 
@@ -206,7 +218,7 @@ def anchored(body: Body, q: Array) -> Body:
     assert isinstance(structure, SpatialStructure)  # noqa: S101 - touches are of these alone
     base = np.concatenate([structure.shifts[0], structure.turns[0]])
 
-    def without(beta: Array, active: Array, root: Array) -> tuple[Array, Array]:
+    def without(beta: Array, active: Indices, root: Array) -> tuple[Indices, Array]:
         _, x = structure.linearise(q, beta, np.concatenate([base, active]))
         x = x.reshape(-1, x.shape[2])
         whole = np.linalg.lstsq(x[:, :6], x[:, 6:], rcond=None)[0]
