@@ -46,8 +46,7 @@ from ..usage import BadOption, argument, flag, option, refuse
     ),
     time_offset=option(
         "--time-offset auto|S",
-        "Added to the times of the positions [s]; auto finds it for a video and is 0 for a bag "
-        "(default auto).",
+        "Added to the times of the positions [s]; auto finds it from the motion (default auto).",
         offset_or_auto,
     ),
     rests=flag("--rests", "For a video, take the median of each rest (the default)."),
@@ -89,11 +88,11 @@ def log(
         factor, shown = for_people(made.unit)
         kinds = f"[rad, {made.unit}], noise {factor * made.noise:.2g} {shown}"
     else:
-        from calib.samples.bags import read_bag
+        from calib.recording.bags import read_bag
 
         if frames is not None and len(frames) != 2:
             raise BadOption("--frames names two frames: expected SENSOR,TIP")
-        made = read_bag(bag, **bags, **shared, time_offset=time_offset or 0.0)
+        made = read_bag(bag, **bags, **shared, time_offset=time_offset)
         notes.say(made.notes)
         kinds = "[rad, m, s]"
     made.write(output)
