@@ -52,6 +52,10 @@ if TYPE_CHECKING:
     from .samples.logs import write_log as write_log
     from .samples.samples import Samples as Samples
     from .samples.simulation import Simulation as Simulation
+    from .show.preview.server import Preview as Preview
+    from .show.preview.server import preview as preview
+    from .show.report.page import figures as figures
+    from .show.report.page import report as report
     from .sweeps.sweep import sweep as sweep
     from .sweeps.trials import Sweep as Sweep
     from .sweeps.trials import Trial as Trial
@@ -85,6 +89,7 @@ _HOME = {
     "Path": "model.paths",
     "Plan": "use.plan",
     "PlanarArm": "arm.arm",
+    "Preview": "show.preview.server",
     "QueryError": "errors",
     "Recognition": "change.schemas",
     "RobotError": "errors",
@@ -101,14 +106,17 @@ _HOME = {
     "check": "change.check",
     "correct": "use.correct",
     "evaluate": "training.evaluate",
+    "figures": "show.report.page",
     "keep": "change.schemas",
     "list_robots": "arm.robots",
     "load": "model_file.storage",
     "load_arm": "arm.loading",
     "plan": "use.plan",
+    "preview": "show.preview.server",
     "read_log": "samples.logs",
     "recall": "change.schemas",
     "recognise": "change.schemas",
+    "report": "show.report.page",
     "sweep": "sweeps.sweep",
     "train": "training.train",
     "write_log": "samples.logs",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import xml.etree.ElementTree as ET
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 from random import Random
 from typing import Any
@@ -15,8 +16,8 @@ from calib.arm.loading import PlanarArm, SpatialArm, arm_from_urdf, load_arm
 from calib.arm.robots import resolve_robot
 from calib.arm.urdf import parse_urdf
 from calib.errors import CalibError
-from calib.show.preview.arm import visuals
-from calib.show.preview.meshes import resolve_mesh
+from calib.show.preview.arm import shapes
+from calib.show.preview.mesh import resolve_mesh
 
 from .arms import RandomArm, random_arm
 from .guard import Trap, guarded, one_line
@@ -238,14 +239,14 @@ class Urdfs(Kind):
 
     def _meshes(self, arm: Arm) -> None:
         """Look up the meshes that the URDF names, as the preview does."""
-        for visual in visuals(arm.urdf)[:20]:
-            if visual.kind == "mesh":
+        for _, kind, _, style in islice(shapes(arm.urdf), 20):
+            if kind == "mesh":
                 try:
-                    found = resolve_mesh(visual.mesh, self.folder / "meshes")
+                    found = resolve_mesh(style["file"], self.folder / "meshes")
                 except CalibError as error:
                     one_line(str(error))
                 else:
-                    raise AssertionError(f"{visual.mesh!r} led to {found}")
+                    raise AssertionError(f"{style['file']!r} led to {found}")
 
     def _edited(self, rng: Random, data: bytes) -> bytes:
         """Change elements and attributes; the result is XML again."""

@@ -7,12 +7,12 @@ from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
 from ..common.choices import READOUTS
-from ..common.wording import for_people, unit_of_joint, vector
+from ..common.wording import for_people, length_in_words, unit_of_joint, vector
 
 if TYPE_CHECKING:
     from ..arm.arm import Arm
-    from ..model.about import About
-    from ..model.model import Model
+    from .about import About
+    from .model import Model
 
 STATISTICS = ("mean", "p99", "max")
 Errors = Mapping[str, Mapping[str, Mapping[str, Mapping[str, Any]]]]
@@ -77,8 +77,6 @@ def size_in_words(model: Model) -> str:
 
 
 def _source(about: About) -> str:
-    from .error_scale import length_in_words  # brings NumPy, which the command line's help spares
-
     words = [f"{about.samples} {'simulated samples' if about.simulation else 'rows of a log'}"]
     words.append(f"seed {about.seed}")
     if about.simulation:
