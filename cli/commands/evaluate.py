@@ -24,7 +24,7 @@ def evaluate(
     loaded = calib.load(model)
     log = log_of(loaded, data, reading, Notes())
     started = time.perf_counter()
-    result = loaded.evaluate(log)
+    result = calib.evaluate(loaded, log)
     seconds = {"total": time.perf_counter() - started}
     if result.left_out:
         Notes().say([f"{result.left_out} rows are outside of what was learned and left out"])
