@@ -88,7 +88,8 @@ def place_model(model: Model, arm: DrawnArm | None) -> Placement:
     if sensor is not None and body is not None:  # the body knows where the sensor stands
         if is_camera(body.structure.view):
             return _picture(model, sensor, tips)
-        axes = size * sensor.rotation.T / body.structure.sensor(body.beta).scale
+        structure: Any = body.structure
+        axes = size * sensor.rotation.T / structure.sensor(body.beta).scale
         note = "" if body.structure.view == "base" else _KNOWN
         return Placement(size * sensor.position, axes, size, up, note)
     far = np.sqrt(np.mean(np.sum((told - tips) ** 2, axis=1)))
