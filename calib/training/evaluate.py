@@ -107,7 +107,7 @@ def figures(error: Array) -> dict[str, float]:
     }
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Evaluation:
     """Errors of a model.
 
@@ -128,6 +128,11 @@ class Evaluation:
     rows: int
     left_out: int
     source: str
+
+    def __repr__(self) -> str:
+        """Say in a line how well each readout predicts."""
+        means = (f"{r} {e['forward']['distance']['mean']:.3g}" for r, e in self.errors.items())
+        return f"Evaluation of {self.rows:,} {self.source}, mean distances: {', '.join(means)}"
 
 
 def evaluate(model: Model, samples: Samples | None = None) -> Evaluation:

@@ -145,6 +145,20 @@ def test_figures_of_an_arm_in_space():
     assert list(calib.figures(in_pixels(), names=["joints", "vectors"])) == ["joints"]
 
 
+def test_results_tell_themselves_in_a_line_and_models_in_a_small_table():
+    model = trained("two_link", n=400, size=8)
+    evaluation = calib.evaluate(model)
+    log = calib.babble(calib.load_arm("two_link"), 200)
+    sweep = calib.sweep(log, {"size": [4, 5]}, jobs=1)
+    for shown in (evaluation, sweep, calib.load_arm("two_link"), calib.load_arm("six_axis")):
+        assert len(repr(shown)) < 200, repr(shown)
+    assert "local" in repr(evaluation)
+    assert repr(sweep).startswith("Sweep of 2 combinations, 2 trainings")
+    table = replace(model, about=replace(model.about, robot="<b>"))._repr_html_()
+    assert "&lt;b&gt;" in table
+    assert len(table) < 3000
+
+
 def test_u_matrix_and_hits_of_a_map_made_by_hand():
     units = np.array([[0.0, 0.0], [0.0, 1.0], [0.5, 0.0], [0.5, 1.0]])
     box = Scale(np.zeros(2), np.ones(2), np.zeros(2, dtype=bool))
