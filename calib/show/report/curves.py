@@ -10,7 +10,7 @@ from ...body.curves import powers
 from ...common.wording import length_in_words
 from ...maps.node_bounds import COVERAGE
 from ...use.nominal import moves_in_space
-from .drawing import HUE, HUES, INK, each_joint, figure_unit, label_steps, panels
+from .drawing import HUE, HUES, INK, figure_unit, label_steps, over_each_joint, panels
 from .evidence import Evidence
 
 _GROUPS, _FEWEST = 24, 5  # parts of a joint's range, and rows that say something of one
@@ -98,7 +98,7 @@ def by_joint(evidence: Evidence) -> Any:
         return None
     factor, unit = figure_unit(evidence.unit)
     errors = residuals.errors[model.default_readout] * factor
-    figure, axes = each_joint(model.about, range(residuals.q.shape[1]), f"error [{unit}]")
+    figure, axes = over_each_joint(model.about, range(residuals.q.shape[1]), f"error [{unit}]")
     for k, by, ax in axes:
         q = residuals.q[:, k] * by
         edges = np.linspace(q.min(), q.max() + 1e-12, _GROUPS + 1)
@@ -124,7 +124,7 @@ def joint_curves(evidence: Evidence) -> Any:
     curves = {k: ix for k, ix in curves.items() if len(ix) and np.isin(ix, body.active).all()}
     if not curves:
         return None
-    figure, axes = each_joint(model.about, list(curves), "curve [mrad]")
+    figure, axes = over_each_joint(model.about, list(curves), "curve [mrad]")
     measured = [model.about.lower, model.about.upper]
     if model.rows is not None:
         measured = [model.rows.q.min(axis=0), model.rows.q.max(axis=0)]

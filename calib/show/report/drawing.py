@@ -127,7 +127,7 @@ def label_steps(axis: Any) -> None:
     axis.set_minor_formatter(NullFormatter())  # laying minor labels out takes half of the drawing
 
 
-def each_joint(about: About, joints: Sequence[int], label: str) -> tuple[Any, list[Any]]:
+def over_each_joint(about: About, joints: Sequence[int], label: str) -> tuple[Any, list[Any]]:
     """A figure, and of some joints their numbers, factors for their unit and axes, three in a row.
 
     label : of the vertical axes
