@@ -51,19 +51,13 @@ if TYPE_CHECKING:
     from .samples.logs import write_log as write_log
     from .samples.samples import Samples as Samples
     from .samples.simulation import Simulation as Simulation
-<<<<<<< HEAD
     from .show.preview.server import Preview as Preview
     from .show.preview.server import preview as preview
     from .show.report.page import figures as figures
     from .show.report.page import report as report
-    from .sweeps.sweep import sweep as sweep
-    from .sweeps.trials import Sweep as Sweep
-    from .sweeps.trials import Trial as Trial
-=======
     from .sweeps import Sweep as Sweep
     from .sweeps import Trial as Trial
     from .sweeps import sweep as sweep
->>>>>>> main
     from .training.evaluate import Evaluation as Evaluation
     from .training.evaluate import evaluate as evaluate
     from .training.train import train as train
@@ -120,12 +114,8 @@ _HOME = {
     "preview": "show.preview.server",
     "read_log": "samples.logs",
     "recognise": "change.recognise",
-<<<<<<< HEAD
     "report": "show.report.page",
-    "sweep": "sweeps.sweep",
-=======
     "sweep": "sweeps",
->>>>>>> main
     "train": "training.train",
     "write_log": "samples.logs",
 }
