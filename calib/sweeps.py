@@ -57,7 +57,7 @@ class Sweep:
     def __repr__(self) -> str:
         """Say in a line how many trainings there are."""
         bad = f", {len(self.failed)} failed" if self.failed else ""
-        return f"Sweep of {len(self.combinations())} combinations, {len(self)} trainings{bad}"
+        return f"Sweep of {len(self)} trainings{bad}"
 
     def __len__(self) -> int:
         return len(self.rows)

@@ -153,7 +153,7 @@ def test_results_tell_themselves_in_a_line_and_models_in_a_small_table():
     for shown in (evaluation, sweep, calib.load_arm("two_link"), calib.load_arm("six_axis")):
         assert len(repr(shown)) < 200, repr(shown)
     assert "local" in repr(evaluation)
-    assert repr(sweep).startswith("Sweep of 2 combinations, 2 trainings")
+    assert repr(sweep).startswith("Sweep of 2 trainings")
     table = replace(model, about=replace(model.about, robot="<b>"))._repr_html_()
     assert "&lt;b&gt;" in table
     assert len(table) < 3000
