@@ -66,7 +66,7 @@ def tables(structure: Structure, body: Body, q: Array, *, noise: bool, single: b
     # as in `Body.bound`: the first belief is inflated, the second not
     scale = np.array([(body.kappa, SHARED**2), (1.0, 1.0)][: len(parts)])
     more = np.zeros(3)
-    more[:seen] = body.residual[:seen] ** 2 + (body.noise[:seen] ** 2 if noise else 0.0)
+    more[:seen] = body.unexplained(noise=noise)
     size, waves = "CALIB_GEOMETRY", 2 * HARMONICS
     return (
         f"\nenum {{ {size} = {geometry} }};\n"
