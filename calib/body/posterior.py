@@ -35,10 +35,9 @@ _FEW = 1000
 _SAME, _REPEATS = 1e-6, 10
 """Joint values [rad or m] that are one pose, and how many further readings tell of their noise."""
 
-_GUARD_LENS, _GUARD_ELASTIC = 5e-3, (20.0, 1e-3)
-"""What the guard grants a lens (bend at 1.5 extents) and elasticity (pseudo-observations, rms
-[rad]) that the member left out: a lens of 1 % per m2 and joints that give way by 2 mrad, learned in
-a corner of the range, were beyond the bound elsewhere."""
+_GUARD_LENS = 1e-3
+"""What the guard grants a lens that the member left out, as a bend at 1.5 extents: 1 % per m2 of an
+arm of half a metre.  Learned in a corner of the range it was beyond the bound elsewhere."""
 
 _STUDENT = 6.0
 """Degrees of freedom of the noise of a log."""
@@ -172,9 +171,6 @@ def _second(
     for h in prior.hypers:
         if h.name.startswith("curve"):  # many pseudo-observations of a large one
             hypers.append(replace(h, pseudo=pseudo, scale=rms / np.sqrt(len(h.indices))))
-        elif h.name == "elastic":
-            pseudo_elastic, rms_elastic = _GUARD_ELASTIC
-            hypers.append(replace(h, pseudo=pseudo_elastic, scale=rms_elastic))
         elif not np.isin(h.indices, fit.active).any():  # a group that the member left out
             hypers.append(h)
     for h in hypers:
