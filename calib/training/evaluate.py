@@ -19,6 +19,7 @@ from ..model.model import Model
 from ..model.space import Space
 from ..samples.samples import Samples
 from ..samples.simulation import Simulation
+from .sound_rows import sound_log
 
 _SAMPLES = 10_000
 _STREAM = 4  # the same as in training: the tables agree
@@ -119,15 +120,18 @@ class Evaluation:
     rows : int
         Samples that were evaluated.
     left_out : int
-        Samples outside of what was learned.
+        Samples outside of what was learned, and rows that contradict the others.
     source : str
         What the samples are.
+    notes : tuple of str
+        What the user should be told of the samples.
     """
 
     errors: dict[str, Any]
     rows: int
     left_out: int
     source: str
+    notes: tuple[str, ...] = ()
 
 
 def evaluate(model: Model, samples: Samples | None = None) -> Evaluation:
@@ -151,9 +155,12 @@ def evaluate(model: Model, samples: Samples | None = None) -> Evaluation:
         If the joints of `samples` are not those of the model.
     """
     if samples is not None:
-        residuals = evaluate_residuals(model, model.about.joints_of(samples), samples.x, None)
+        given = len(samples) + samples.left_out
+        samples, notes = sound_log(model, samples)
+        residuals = evaluate_residuals(model, samples.q, samples.x, None)
         errors, source = summarise(residuals, _turned(model, samples)), "measured rows of the log"
-        return Evaluation(errors, len(residuals.q), residuals.left_out, source)
+        tested = len(residuals.q)
+        return Evaluation(errors, tested, given - tested, source, tuple(notes))
     simulation, about = simulation_of(model), model.about
     if simulation is None:
         source = "rows held out in contiguous blocks"
