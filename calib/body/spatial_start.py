@@ -149,8 +149,8 @@ def _guesses(structure: SpatialStructure, q: Array, z: Array, arm: Array) -> lis
         return [*found, _turned(structure, points, rotations, z, beta, turn)]
     reach = _TOOL * structure.chain.reach
     tools = np.vstack([np.zeros(3), reach * np.eye(3), -reach * np.eye(3)])
-    found = [_placed(structure, points, rotations, z, tool) for tool in tools]
-    _, tool, turn, shift, factor = min(found, key=lambda each: each[0])
+    placed = [_placed(structure, points, rotations, z, tool) for tool in tools]
+    _, tool, turn, shift, factor = min(placed, key=lambda each: each[0])
     beta[structure.groups["tool"]], beta[structure.groups["view.shift"]] = tool, shift
     beta[structure.groups["view.rotation"]] = logarithm(turn)
     if structure.seen_as.scaled:
