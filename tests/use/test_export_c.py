@@ -16,8 +16,8 @@ from models import in_pixels, in_plane, in_space, six
 import calib
 from calib.arm.rotations import logarithm
 from calib.errors import OptionError
+from calib.model.nominal import nominal_in_plane, nominal_in_space
 from calib.use.export_c import c_header
-from calib.use.nominal import nominal_in_plane, nominal_in_space
 
 COMPILER = shutil.which("cc") or shutil.which("gcc")
 needs_compiler = pytest.mark.skipif(COMPILER is None, reason="no C compiler on this machine")

@@ -10,7 +10,7 @@ import numpy as np
 from ...body.curves import powers
 from ...common.rows import thinned
 from ...model.model import Model
-from ...use.nominal import moves_in_space
+from ...model.nominal import moves_in_space
 from ..error_scale import length_in_words
 from .evidence import Evidence
 from .maps import PROJECTIONS, WIDE, joint_axis, name_axes
