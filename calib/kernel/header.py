@@ -223,7 +223,11 @@ class Kernel:
             f"enum {{ {sizes}, CALIB_BELIEFS = {beliefs} }};\n"
             + array("calib_root", kept.root, True, kind="float")
             + array("calib_coupled", kept.coupled, True, kind="float")
-            + (array("calib_own", np.vstack(kept.own), True, kind="float") if waved.any() else "")
+            + (
+                array("calib_own", kept.own.reshape(-1, kept.own.shape[2]), True, kind="float")
+                if waved.any()
+                else ""
+            )
             + (array("calib_waved", waved, True, kind="float") if waved.any() else "")
             + integers("calib_gains", kept.gains)
             + array("calib_scale", kept.scale, single)

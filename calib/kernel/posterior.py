@@ -26,6 +26,7 @@ _WAYS = 32
 
 _ASKED = 400  # joint values by whose positions directions are compared
 _TOLD = 1e-6  # of what a parameter moves: more that no part of the arm moves is a parameter of ours
+_STILL = 1e-10  # of the largest motion: what moves less moves nothing
 _CHUNK = 2000  # rows at a time
 
 
@@ -55,7 +56,7 @@ class Posterior:
         curves = {
             k: own
             for k in range(structure.dof)
-            if len(own := structure.groups.get(f"curve.{k}", np.zeros(0, dtype=int)))
+            if len(own := structure.groups.get(f"curve.{k}", ()))
         }
         told = np.ones(structure.size, dtype=bool)
         told[[int(index) for own in curves.values() for index in own]] = False
@@ -63,10 +64,12 @@ class Posterior:
         slope = structure.linearise(q, body.beta)[1][:, :seen]
         basis = np.moveaxis(arm.derivatives(q)[0], 2, 0).swapaxes(1, 2).reshape(_ASKED * seen, -1)
         rows = slope[:, :, told].reshape(_ASKED * seen, -1)
-        size = np.maximum(np.linalg.norm(basis, axis=0), 1e-300)
+        size = np.linalg.norm(basis, axis=0)
+        still = size < _STILL * size.max()  # such as the load of a joint that stands upright
+        basis[:, still], size[still] = 0.0, 1.0
         through = np.linalg.lstsq(basis / size, rows, rcond=1e-12)[0]
         apart = np.linalg.norm(basis / size @ through - rows, axis=0)
-        if (apart > _TOLD * np.maximum(np.linalg.norm(rows, axis=0), 1e-300)).any():
+        if (apart > _TOLD * np.linalg.norm(rows, axis=0).max()).any():
             raise OptionError("the body has a parameter that the C source does not know")
         through /= size[:, None]
         values, vectors = np.linalg.eigh(np.einsum("nma,nmb->ab", slope, slope))
@@ -82,11 +85,15 @@ class Posterior:
                                   scales, off))  # fmt: skip
         rank = max(part[0].shape[1] for part in parts)
         root = np.stack([np.pad(p[0], ((0, 0), (0, rank - p[0].shape[1]))) for p in parts])
-        own, coupled, waved, gains = (np.stack([part[k] for part in parts]) for k in range(1, 5))
+        alone, coupled, waved, gains = (np.stack([part[k] for part in parts]) for k in range(1, 5))
         # as in `Body.bound`: the first belief is inflated, the second not
         scale = np.array([(body.kappa, SHARED**2), (1.0, 1.0)][: len(parts)])
+        # the C source has them in single precision, and both have to give the same answers
+        root, alone, coupled, waved = (
+            part.astype(np.float32).astype(float) for part in (root, alone, coupled, waved)
+        )
         extra = body.residual[:seen] ** 2, body.noise[:seen] ** 2
-        return Posterior(arm, root, own, coupled, waved, gains, scale, *extra)
+        return Posterior(arm, root, alone, coupled, waved, gains, scale, *extra)
 
     def bound(self, q: Array, *, noise: bool) -> Array:
         """95 % bounds (n,) on positions at joint values (n, dof), as `Body.bound`."""
