@@ -101,6 +101,7 @@ class Kernel:
             "waves": HARMONICS,
             "normal": NORMAL_95,
             "curved": len(arm.curves) > 0,
+            "waved": posterior is not None and bool(posterior.waved.any()),
             "gravity": arm.loaded is not None,
             "flexible": arm.flex is not None,
             "projective": arm.projective,
@@ -217,18 +218,18 @@ class Kernel:
         # cosine and sine of each order next to each other, as the C source makes them
         order = np.arange(2 * HARMONICS).reshape(2, -1).T.ravel()
         waved = kept.waved[:, :, order].reshape(beliefs, -1, ways)
+        curves = ""
+        if waved.any():
+            own = kept.own.reshape(-1, kept.own.shape[2])
+            curves = array("calib_own", own, True, kind="float")
+            curves += array("calib_waved", waved, True, kind="float")
         more = np.zeros((2, 3))
         more[:, : len(kept.residual)] = kept.residual + kept.noise, kept.residual
         return (
             f"enum {{ {sizes}, CALIB_BELIEFS = {beliefs} }};\n"
             + array("calib_root", kept.root, True, kind="float")
             + array("calib_coupled", kept.coupled, True, kind="float")
-            + (
-                array("calib_own", kept.own.reshape(-1, kept.own.shape[2]), True, kind="float")
-                if waved.any()
-                else ""
-            )
-            + (array("calib_waved", waved, True, kind="float") if waved.any() else "")
+            + curves
             + integers("calib_gains", kept.gains)
             + array("calib_scale", kept.scale, single)
             + array("calib_more", more[0], single)

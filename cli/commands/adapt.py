@@ -26,9 +26,6 @@ from ..usage import check_file, choice, option
         "few-shot updates the body from a few rows; online applies the paper's rule to "
         "thousands of rows.",
     ),
-    schema=option(
-        "--schema NAME", "Name of the new state; the old state is kept in the same file."
-    ),
     **NEW_LOG,
 )
 def adapt(
@@ -37,18 +34,13 @@ def adapt(
     data: str,
     output: str | None = None,
     method: str = "few-shot",
-    schema: str | None = None,
     cause: str | None = None,
     reading: Reading,
     as_json: bool = False,
 ) -> None:
     """Re-calibrate a model from a few new samples. Exit code 3 if it does not improve."""
     import calib
-    from calib.change.schemas import as_schema
-    from calib.model.schemas import check_name
 
-    if schema is not None:
-        check_name(schema)
     if output is not None:
         check_file(output)
     loaded = calib.load(model)
@@ -60,10 +52,7 @@ def adapt(
         found = calib.adapt(loaded, log, method=method, cause=cause, progress=progress)
     notes.say(found.notes)
     if found.improved:
-        adapted = found.model
-        if schema is not None:
-            adapted = as_schema(adapted, loaded, schema)
-        adapted = photo_of_log(adapted, log, data, notes)
+        adapted = photo_of_log(found.model, log, data, notes)
         adapted.save(path)
     if as_json:
         show_json(

@@ -57,13 +57,11 @@ def check(
     notes.say(drift.notes)
     rescaled = any(cause.cause == "scale" and cause.interval is None for cause in drift.causes)
     unit_seen = "sensor" if rescaled else loaded.about.unit
-    known = calib.recognise(loaded, log) if loaded.schemas else None
     if as_json:
         show_json(
             {
                 "model": model,
                 **drift.to_json(),
-                **({"schema": known.name} if known is not None else {}),
                 "unit": unit_seen,
                 "units": {**units_of(loaded.about), "positions": unit_seen},
             }
@@ -77,8 +75,6 @@ def check(
             remedy = "check the log and the arm before calib adapt"
         title = f"{model}: {drift.samples} samples of {data}"
         _show(drift, title, factor, name, remedy)
-        if known is not None:
-            tell(known.words)
     if drift.drifted is not False:
         raise typer.Exit(NO)
 

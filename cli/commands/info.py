@@ -49,11 +49,10 @@ def _provenance(model: Model) -> dict[str, Any]:
         },
         "joint_units": dict(zip(about.joint_names, about.units_of_joints, strict=True)),
         **fields(about, "locked source simulation taught options"),
-        **fields(model, "schema history"),
+        **fields(model, "history"),
         "body": None if model.body is None else model.body.to_json(),
         "rows": 0 if model.rows is None else len(model.rows),
         "notes": [as_typed(text) for text in about.notes],
-        "schemas": [s.name for s in model.schemas],
         "backlash": None if model.approach is None else (2.0 * model.approach.play).tolist(),
     }
 
@@ -65,9 +64,6 @@ def _facts(model: Model, path: str, degrees: bool) -> dict[str, str]:
         **facts(model, degrees=degrees),
         **{f"note {k}": text for k, text in enumerate(about.notes, start=1)},
     }
-    if model.schemas:
-        others = ", ".join(repr(s.name) for s in model.schemas)
-        found["schema"] = f"{model.schema!r}; kept beside it: {others}"
     if model.approach is not None:
         half = zip(about.joint_names, model.approach.play, about.revolute, strict=True)
         found["backlash"] = ", ".join(

@@ -139,7 +139,7 @@ static inline calib_real calib_posterior(const calib_real q[CALIB_DOF], const ca
         for (r = 0; r < CALIB_WAYS; ++r) z[k * CALIB_WAYS + r] += g * calib_coupled[b][i][r];
       }
     calib_spread(y, CALIB_ROOT, CALIB_ROOT, 0, S);
-#if @curved@
+#if @waved@
     for (i = 0; i < CALIB_DOF; ++i) {
       const float *term = calib_own[b * CALIB_DOF + i];
       calib_real size = term[0];
