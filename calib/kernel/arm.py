@@ -15,10 +15,8 @@ from ..arm.motion import Placements, placements
 from ..arm.rotations import exponential
 from ..arm.spatial_chain import SpatialChain
 from ..body.curves import HARMONICS, curve_value
+from ..body.spatial_view import LEAST_DEPTH
 from ..common.arrays import Array
-
-LEAST_DEPTH = 1e-3
-"""A point nearer to a camera's plane than this [m] has no pixel; it is held there."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -46,7 +46,7 @@ CALLED int called_correct(double *b) { return calib_correct(b, b + 32); }
 """
 """One buffer a thread: joints from 0, what is asked from 16, joints that answer from 32."""
 
-MOST_JOINTS = 16
+_MOST_JOINTS = 16
 
 
 class Compiled:
@@ -79,7 +79,7 @@ class Compiled:
         try:
             kept: tuple[Array, Array, int] = own.kept
         except AttributeError:
-            buffer = np.zeros(16 + 6 * MOST_JOINTS)
+            buffer = np.zeros(16 + 6 * _MOST_JOINTS)
             kept = own.kept = (buffer, buffer[: self._dof], int(buffer.ctypes.data))
         return kept
 
@@ -187,8 +187,8 @@ def compile_source(text: str, words: dict[str, object], dof: int, outputs: int) 
     if command is None:
         off = os.environ.get(OFF, "0") not in ("", "0")
         return f"{OFF} is set" if off else "no C compiler was found"
-    if dof > MOST_JOINTS:
-        return f"more than {MOST_JOINTS} joints"
+    if dof > _MOST_JOINTS:
+        return f"more than {_MOST_JOINTS} joints"
     # a folder of this user alone, removed with the object or at exit
     folder = tempfile.TemporaryDirectory(prefix="calib-")
     made, path = Path(folder.name) / "kernel.c", Path(folder.name) / "kernel.so"

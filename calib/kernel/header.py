@@ -14,7 +14,7 @@ from ..common.arrays import Array
 from ..maps.local_models import FULL, LocalModels, blend_size, reach_of
 from ..maps.map import Map
 from .arm import KernelArm
-from .posterior import Posterior
+from .posterior import CompactPosterior
 from .source import array, braces, c_number, c_source, integers, source
 
 _FILES = ("chain", "nodes", "bound", "local", "answers", "inverse")
@@ -45,7 +45,7 @@ class Kernel:
     slack: float  # of a joint's range: what counts as within
     # joints (s, dof) and positions (s, m) from where the inverse is sought
     starts: tuple[Array, Array]
-    posterior: Posterior | None = None
+    posterior: CompactPosterior | None = None
     nominal: KernelArm | None = None
     correcting: int = 0  # kind of the task that `calib_correct` solves, see inverse.h
     limit: Array = field(default_factory=lambda: np.zeros(0))  # (dof,), largest correction

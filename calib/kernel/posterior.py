@@ -31,7 +31,7 @@ _CHUNK = 2000  # rows at a time
 
 
 @dataclass(frozen=True, eq=False)
-class Posterior:
+class CompactPosterior:
     """What the C source keeps of a body's beliefs, b of them."""
 
     arm: KernelArm
@@ -46,7 +46,7 @@ class Posterior:
     noise: Array  # (m,), variance of a reading
 
     @staticmethod
-    def of(body: Body, lower: Array, upper: Array) -> Posterior:
+    def of(body: Body, lower: Array, upper: Array) -> CompactPosterior:
         """The posterior of a body within ranges (dof,) of its joints.
 
         Raises OptionError if a parameter moves positions as no part of an arm does.
@@ -93,7 +93,7 @@ class Posterior:
             part.astype(np.float32).astype(float) for part in (root, alone, coupled, waved)
         )
         extra = body.residual[:seen] ** 2, body.noise[:seen] ** 2
-        return Posterior(arm, root, alone, coupled, waved, gains, scale, *extra)
+        return CompactPosterior(arm, root, alone, coupled, waved, gains, scale, *extra)
 
     def bound(self, q: Array, *, noise: bool) -> Array:
         """95 % bounds (n,) on positions at joint values (n, dof), as `Body.bound`."""

@@ -16,7 +16,7 @@ from ..common.wording import one_line
 from ..errors import OptionError
 from ..inverse.solver import Solver
 from ..kernel.compiled import Compiled
-from ..kernel.posterior import Posterior
+from ..kernel.posterior import CompactPosterior
 from ..maps.association import Association, check_readout
 from ..maps.linear_models import LinearModels
 from ..maps.local_models import NO_MODELS
@@ -118,12 +118,12 @@ class Parts:
         return self.trust.known is None and bool((self.model_bounds <= self.trust.most).all())
 
     @cached_property
-    def posterior(self) -> Posterior | None:
+    def posterior(self) -> CompactPosterior | None:
         """What bounds positions of more than three joints; None where nodes' bounds are blended."""
         if self.body is None or self.motor.units.shape[1] <= MOST_BLENDED:
             return None
         try:
-            return Posterior.of(self.body, self.about.lower, self.about.upper)
+            return CompactPosterior.of(self.body, self.about.lower, self.about.upper)
         except OptionError:
             return None
 
