@@ -14,7 +14,7 @@ from .arm.arm import Arm
 from .arm.loading import load_arm
 from .common.choices import READOUTS
 from .common.parallel import keep_one_blas_thread, one_blas_thread
-from .common.wording import one_line, suggestion
+from .common.wording import INSTALL, one_line, suggestion
 from .errors import CalibError, OptionError
 from .samples.babbling import babble
 from .samples.samples import Samples
@@ -47,12 +47,17 @@ class Trial:
         return math.nan if value is None else float(value)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Sweep:
     """What came out of a grid of options: a row for each training, in the order given."""
 
     rows: tuple[Trial, ...]
     notes: tuple[str, ...] = ()
+
+    def __repr__(self) -> str:
+        """Say in a line how many trainings there are."""
+        bad = f", {len(self.failed)} failed" if self.failed else ""
+        return f"Sweep of {len(self)} trainings{bad}"
 
     def __len__(self) -> int:
         return len(self.rows)
@@ -128,8 +133,8 @@ def sweep(
         if jobs == 1 or find_spec("joblib") is None:
             found = map(_trained, tasks)
             if jobs != 1:
-                notes = ("joblib is not installed: one training after the other; "
-                         "pip install 'calib-arm[sweep]'",)  # fmt: skip
+                told = f"joblib is not installed: one training after the other; {INSTALL}"
+                notes = (told.format("sweep"),)
         else:
             import joblib
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from ..arm.rotations import matrix_of, quaternion_of
 from ..common.arrays import Array
-from ..common.wording import listed
+from ..common.wording import INSTALL, listed
 from ..errors import LogError
 from ..samples.joint_values import MAX_GAP, check_limits, covered, joint_speed, joints_at
 from ..samples.recorded import Recorded, told
@@ -34,7 +34,7 @@ _TF = "tf2_msgs/msg/TFMessage"
 _SAME = 1e-9
 #: Offsets [s] below which stamps are taken as they are: training estimates what is left.
 _IN_TIME = 0.005
-_INSTALL = "reading bags needs rosbags: pip install 'calib-arm[ros]'"
+_INSTALL = f"reading bags needs rosbags: {INSTALL.format('ros')}"
 
 
 def read_bag(
