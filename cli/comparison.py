@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from calib.common.choices import READOUTS
 from calib.common.wording import for_people
 
-from .output import TextTable, explained, fields, fixed, number
+from .output import TextTable, fields, fixed, number
 
 if TYPE_CHECKING:
     from calib import Sweep, Trial
@@ -59,7 +59,7 @@ def sweep_tables(found: Sweep, readouts: Sequence[str]) -> list[TextTable]:
         title = f"{readout} readout: mean and largest error of the tip [{unit}]"
         title += f", mean of {seeds} seeds and its standard deviation" if seeds > 1 else ""
         tables.append(TextTable([*header, "seconds"], rows, title, left=1 + len(varied)))
-    return [*tables[:-1], explained(tables[-1])]  # the terms once, below the last
+    return tables
 
 
 def count_line(found: Sweep, output: str | None) -> str:

@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-from ..options import takes
-from ..output import TextTable, fields, show, show_json
+from ..output import Outcome, TextTable, fields
 
 
-@takes()
-def robots(as_json: bool = False) -> None:
+def robots() -> Outcome:
     """List the bundled robots."""
     import calib
 
     entries = calib.list_robots()
-    if as_json:
-        show_json([fields(entry, "name joints dof description") for entry in entries])
-        return
     rows = [[entry.name, ", ".join(entry.joints), entry.description] for entry in entries]
-    show(TextTable(["robot", "joints, base to tip", "description"], rows, left=3))
+    table = TextTable(["robot", "joints, base to tip", "description"], rows, left=3)
+    document = [fields(entry, "name joints dof description") for entry in entries]
+    return Outcome(document, [table])

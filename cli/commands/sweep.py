@@ -4,124 +4,162 @@ from __future__ import annotations
 
 import glob
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
+from typer import Argument, Option
 
-from calib.common.choices import BACKENDS, READOUTS
+from calib.common.choices import READOUTS, RULES, Backend
 
+from .. import options as opt
 from .. import parsing
 from ..comparison import count_line, document, failures, sweep_tables
-from ..options import takes
-from ..output import Notes, note, progress_bar, show, show_json, tell
-from ..parsing import several
-from ..samples import Grid, Logged, Selection, check_sources, measured_samples
-from ..usage import BadOption, argument, choice, one_document, option
+from ..files import TABLES, check_output
+from ..output import Outcome, note, progress_bar, say
+from ..parsing import BadOption, several
+from ..samples import Logged, Selection, check_sources, measured_samples
 
 if TYPE_CHECKING:
     from calib import Samples
     from calib.arm.arm import Arm
 
-_MOST_SEEDS = 1000
+
+def _grid(usage: str, text: str, read: parsing.Reader[Any]) -> Any:
+    """Declare an option of several values to try, with commas between them."""
+    return opt.option(f"{usage},..", text, several(read))
 
 
-@takes(
-    robots=argument(
-        "ROBOT...", "URDF files or bundled robots (calib robots). Not needed with --data."
-    ),
-    data=option(
-        "--data LOG",
-        "A measured log, or several by a quoted pattern such as 'logs/*.csv'; repeatable.",
-    ),
-    output=option(
-        "--output -o FILE",
-        "A row for each training, as CSV, or Parquet by its name (- for standard output).",
-    ),
-    seeds=option(
-        "--seeds K",
-        "Train each combination this many times, with the seeds 0, 1, 2 and so on.",
-        parsing.integer(1, _MOST_SEEDS),
-    ),
-    jobs=option(
-        "--jobs N",
-        "How many trainings at the same time (default all cores).",
-        parsing.integer(1, 10_000),
-    ),
-    backend=choice(
-        "--backend",
-        BACKENDS,
-        "Run the trainings in processes or threads of this machine, or on a Dask or Ray cluster.",
-    ),
-    readout=option(
-        "--readout A,B,..",
-        "Readouts to print a table for (default all); files and JSON hold them all.",
-        several(parsing.one_of(READOUTS)),
-    ),
-)
 def sweep(
+    robots: Annotated[
+        list[str] | None,
+        Argument(
+            metavar="ROBOT...",
+            help="URDF files or bundled robots (calib robots). Not needed with --data.",
+        ),
+    ] = None,
     *,
-    robots: list[str] | None = None,
-    data: list[str] | None = None,
-    output: str | None = None,
-    grid: Grid,
-    seeds: int = 1,
-    jobs: int | None = None,
-    backend: str = "loky",
-    readout: tuple[Any, ...] | None = None,
-    selection: Selection,
-    logged: Logged,
-    as_json: bool = False,
-) -> None:
+    data: Annotated[
+        list[str] | None,
+        opt.option(
+            "--data LOG",
+            "A measured log, or several by a quoted pattern such as 'logs/*.csv'; repeatable.",
+        ),
+    ] = None,
+    output: Annotated[
+        str | None,
+        opt.option(
+            "--output -o FILE",
+            "A row for each training, as CSV, or Parquet by its name (- for standard output).",
+        ),
+    ] = None,
+    size: Annotated[Any, _grid("--size N|NxN|NxNxN", opt.SIZE, parsing.size)] = None,
+    map: Annotated[Any, _grid("--map KIND", opt.MAP, parsing.kind_of_map)] = None,  # noqa: A002
+    rule: Annotated[Any, _grid("--rule batch|online", "Rules.", parsing.one_of(RULES))] = None,
+    epochs: Annotated[Any, _grid("--epochs N", opt.EPOCHS, parsing.count)] = None,
+    sigma: Annotated[Any, _grid("--sigma START:END", opt.SIGMA, parsing.sigma)] = None,
+    samples: Annotated[
+        Any, _grid("--samples -n N", "How many samples to babble (default 20000).", parsing.count)
+    ] = None,
+    noise: Annotated[
+        Any,
+        _grid("--noise S", "Noise of the simulated sensor [m] (default 0).", parsing.not_negative),
+    ] = None,
+    seeds: Annotated[
+        int,
+        Option(
+            "--seeds",
+            metavar="K",
+            min=1,
+            max=1000,
+            help="Train each combination this many times, with the seeds 0, 1, 2 and so on.",
+        ),
+    ] = 1,
+    jobs: Annotated[
+        int | None,
+        Option(
+            "--jobs",
+            metavar="N",
+            min=1,
+            max=10_000,
+            help="How many trainings at the same time (default all cores).",
+        ),
+    ] = None,
+    backend: Annotated[
+        Backend,
+        Option(
+            "--backend",
+            help="Run the trainings in processes or threads of this machine, or on a Dask or Ray "
+            "cluster.",
+        ),
+    ] = "loky",
+    readout: Annotated[
+        Any,
+        opt.option(
+            "--readout A,B,..",
+            "Readouts to print a table for (default the best); files and JSON hold them all.",
+            several(parsing.one_of(READOUTS)),
+        ),
+    ] = None,
+    joints: opt.Joints = None,
+    tip: opt.Tip = None,
+    planar: opt.Planar = False,
+    lock: opt.Lock = None,
+    ranges: opt.Ranges = None,
+    degrees: opt.Degrees = False,
+    columns: opt.Columns = None,
+    unit: opt.Unit = None,
+    prismatic: opt.Prismatic = None,
+) -> Outcome:
     """Train with every combination of options on all cores, and compare the errors.
 
     A training that fails is reported in one line and gives exit code 1; the others continue.
     """
-    from calib.common.atomic import check_writable
     from calib.samples.tables import write_table
     from calib.sweeps.sweep import sweep as run
 
-    one_document(output, as_json)
-    tried = {name: list(values) for name, values in vars(grid).items() if values is not None}
+    typed = {"size": size, "map": map, "rule": rule, "epochs": epochs, "sigma": sigma}
+    typed |= {"samples": samples, "noise": noise}
+    tried = {name: list(values) for name, values in typed.items() if values is not None}
+    # one unit for all: errors of logs in mm and m would stand in one column
+    logged, selection = (
+        Logged(columns, unit, prismatic),
+        Selection(joints, tip, planar, lock, ranges, degrees),
+    )
     simulated = {name: tried.get(name) for name in ("samples", "noise")}
     check_sources(robots or (), bool(data), simulated, vars(logged))
     _check_lists(robots or (), data or ())
-    if output not in (None, "-"):
-        check_writable(str(output))
-    notes, unit = Notes(), logged.unit or "m"
+    check_output(output, TABLES, stream=True)
     sources: dict[str, Callable[[], Arm | Samples]] = {
-        name: partial(_arm, name, selection, notes) for name in robots or ()
+        name: partial(_arm, name, selection) for name in robots or ()
     }
+    unit = unit or "m"
     if data is not None:
-        robot = robots[0] if robots else None
-        # one unit for all: errors of logs in mm and m would stand in one column
-        shared: dict[str, Any] = {"logged": replace(logged, unit=unit), "seed": 0, "notes": notes}
-        read = partial(measured_samples, robot, selection, **shared)
+        robot, logged = robots[0] if robots else None, Logged(columns, unit, prismatic)
+        read = partial(measured_samples, robot, selection, logged=logged)
         sources = {path: partial(read, path) for path in _logs(data)}
     with progress_bar(unit) as progress:
         found = run(sources, tried, seeds=seeds, jobs=jobs, backend=backend, progress=progress)
-    notes.say(found.notes)
+    say(found.notes)
     for row in found.rows:
-        notes.say(row.notes)
+        say(row.notes)
     for line in failures(found):
         note(line)
     if output is not None:
         write_table(output, found.columns())
-    if as_json:
-        show_json(document(found, output))
-    elif output != "-":
-        for table in sweep_tables(found, readout or READOUTS):
-            show(table)
-        tell(count_line(found, output))
-    if found.failed:
-        raise typer.Exit(1)
+    tables = sweep_tables(found, readout or READOUTS)
+    first = len(tables) if readout else 1
+    return Outcome(
+        document(found, output),
+        [] if output == "-" else [*tables[:first], count_line(found, output)],
+        [] if output == "-" else tables[first:],
+        code=1 if found.failed else 0,
+    )
 
 
-def _arm(robot: str, selection: Selection, notes: Notes) -> Arm:
+def _arm(robot: str, selection: Selection) -> Arm:
     arm = selection.load(robot)
-    notes.say(arm.notes)
+    say(arm.notes)
     return arm
 
 
