@@ -70,7 +70,7 @@ def detection(quick: bool) -> list[dict[str, Any]]:
         seeds = range(10 if quick else 100)
         noise = 2e-3 if name == "noise doubled" else 1e-3
         found = [
-            model.check(calib.babble(arm, 200, seed=1000 + s, noise=noise, changes=changes))
+            calib.check(model, calib.babble(arm, 200, seed=1000 + s, noise=noise, changes=changes))
             for s in seeds
         ]
         causes: dict[str, int] = {}
@@ -116,8 +116,8 @@ def smallest(quick: bool) -> list[dict[str, Any]]:
         least = None
         for size in sizes:
             found = [
-                model.check(
-                    calib.babble(arm, 200, seed=2000 + s, noise=1e-3, changes=[change(size)])
+                calib.check(
+                    model, calib.babble(arm, 200, seed=2000 + s, noise=1e-3, changes=[change(size)])
                 ).drifted
                 for s in seeds
             ]
@@ -135,7 +135,7 @@ def smallest(quick: bool) -> list[dict[str, Any]]:
             }
         )
     calm = calib.babble(arm, 5_000 if quick else 100_000, seed=1, noise=1e-3)
-    monitor = model.monitor()
+    monitor = calib.monitor(model)
     alarms = sum(monitor.update(q, x).drifted for q, x in zip(calm.q, calm.x, strict=True))
     rows.append({"change": f"false alarms in {len(calm)} calm samples", "alarms": alarms})
     return rows
@@ -143,7 +143,7 @@ def smallest(quick: bool) -> list[dict[str, Any]]:
 
 def alarm(model: calib.Model, arm: calib.PlanarArm, change: str, seed: int) -> int:
     """Samples after a change until the monitor says so, having seen 500 before it."""
-    monitor = model.monitor()
+    monitor = calib.monitor(model)
     calm = calib.babble(arm, 500, seed=seed, noise=1e-3)
     for q, x in zip(calm.q, calm.x, strict=True):
         monitor.update(q, x)

@@ -108,15 +108,17 @@ def one(task: dict[str, Any]) -> dict[str, Any]:
 
 def _queries(model: Any, arm: Any, n: int) -> dict[str, float]:
     """Median processor time of each query [us], near the middle of the joints' range."""
+    import calib
+
     rng = np.random.default_rng(1)
     q = arm.lower + (0.3 + 0.4 * rng.random((n, arm.dof))) * (arm.upper - arm.lower)
-    x, near, monitor = arm.forward(q), q + 5e-3, model.monitor()
+    x, near, monitor = arm.forward(q), q + 5e-3, calib.monitor(model)
     model.warm_up()
     calls = {
         "forward": lambda k: model.forward(q[k]),
         "expected error": lambda k: model.expected_error(q[k]),
         "inverse near": lambda k: model.inverse(x[k], near=near[k]),
-        "correct": lambda k: model.correct(q[k]),
+        "correct": lambda k: calib.correct(model, q[k]),
         "monitor": lambda k: monitor.update(q[k], x[k]),
     }
     found = {name: [timed(lambda call=call, k=k: call(k))[1] for k in range(n)]

@@ -150,7 +150,7 @@ def checks(folder: Path, quick: bool) -> Iterator[Row]:
                 if len(np.unique(log.q[piece], axis=0)) < 10:
                     continue  # too few to judge by, and `check` says so
                 found = calib.check(model, log.take(piece)) if _has_check() else None
-                drift = found or model.check(log.take(piece))
+                drift = found or calib.check(model, log.take(piece))
                 alarms.append(drift.drifted)
                 if drift.drifted:
                     told.append(f"{name} {what} {len(piece)} rows")
@@ -186,7 +186,7 @@ def _power_log(change: str, seed: int) -> calib.Samples:
 
 
 def _alarms(change: str, seeds: range) -> int:
-    return sum(_noisy().check(_power_log(change, 1000 + s)).drifted for s in seeds)
+    return sum(calib.check(_noisy(), _power_log(change, 1000 + s)).drifted for s in seeds)
 
 
 def places(quick: bool) -> Iterator[Row]:

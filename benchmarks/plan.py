@@ -214,7 +214,7 @@ def check(seeds: int) -> None:
         row = [change]
         for design in PAIR.values():
             some = range(seeds if true else calm)
-            drifts = [model.check(measure(arm, design(arm, 20, s), s, texts)) for s in some]
+            drifts = [calib.check(model, measure(arm, design(arm, 20, s), s, texts)) for s in some]
             named = [{c.cause for c in d.causes} - {"noise", "workspace"} for d in drifts]
             right = sum(bool(names) and names <= true for names in named)
             found = sum(d.drifted for d in drifts)

@@ -128,7 +128,7 @@ def lean_loop(q: Array, x: Array) -> Callable[[int], Any]:
 
 def cases(model: Any, calls: int) -> tuple[dict[str, Callable[[int], Any]], Array, Array]:
     """Calls by name, each with the number of a pose; the poses and their positions."""
-    monitor, q = model.monitor(), sweep(model, calls)
+    monitor, q = calib.monitor(model), sweep(model, calls)
     x = model.forward(q)
     near = q + NEAR
     # a sample far from every node is passed over, in half the time: it would hide what others cost
@@ -142,7 +142,7 @@ def cases(model: Any, calls: int) -> tuple[dict[str, Callable[[int], Any]], Arra
         "monitor.update(q, x)": lambda k: monitor.update(q[watched[k]], x[watched[k]]),
     }
     if model.about.urdf:
-        found["correct(q)"] = lambda k: model.correct(q[k])
+        found["correct(q)"] = lambda k: calib.correct(model, q[k])
     return found, q, x
 
 

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from .change.check import Drift as Drift
     from .change.check import check as check
     from .change.monitor import Monitor as Monitor
+    from .change.monitor import monitor as monitor
     from .change.schemas import Recognition as Recognition
     from .change.schemas import keep as keep
     from .change.schemas import recall as recall
@@ -105,6 +106,7 @@ _HOME = {
     "list_robots": "arm.robots",
     "load": "model_file.storage",
     "load_arm": "arm.loading",
+    "monitor": "change.monitor",
     "plan": "use.plan",
     "read_log": "samples.logs",
     "recall": "change.schemas",

@@ -29,7 +29,7 @@ ROOMS = (
     ("model_file", "how a model is kept"),
     ("training", "from samples to a model, and its errors"),
     ("recording", "pictures and clocks to a log"),
-    ("change", "check, causes, adapt, streams, schemas"),
+    ("change", "check, causes, adapt, monitor, recognise"),
     ("use", "correct, plan, URDF, C header"),
     ("paper", "the paper's tables, figures, experiments"),
     ("show", "figures, preview, report"),
@@ -37,8 +37,8 @@ ROOMS = (
     ("cli", "the command line"),
 )
 
-DOORS = "calib/model/doors.py:"
-"""One-line methods of a model that call other rooms when they are called."""
+DOORS = "calib/model/saving.py:"
+"""The one method of a model that calls a room above when it is called."""
 
 WIDTH, ROW, LEFT = 860, 34, 300
 

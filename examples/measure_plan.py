@@ -50,9 +50,9 @@ def main() -> None:
     knock = ["elbow.offset=0.0175"]
     few = calib.plan(model, 20)
     seen = measured(arm, few.q, 2, knock)
-    drift = model.check(seen)
+    drift = calib.check(model, seen)
     print(f"drifted: {drift.drifted}, causes: {', '.join(cause.words for cause in drift.causes)}")
-    adapted = model.adapt(seen)
+    adapted = calib.adapt(model, seen).model
     now = replace(truth, x=calib.babble(arm, 2000, seed=5, changes=knock).x)
     print(f"after the knock: {error(model, now):.2f} -> {error(adapted, now):.2f} mm")
 

@@ -29,7 +29,7 @@ def main() -> None:
     nominal = calib.train(calib.babble(arm, 20_000, seed=0))
 
     measured = calib.babble(arm, 60, seed=1, noise=5e-4, changes=REAL)
-    drift = nominal.check(measured)
+    drift = calib.check(nominal, measured)
     print(f"drifted: {drift.drifted}, causes: {', '.join(cause.words for cause in drift.causes)}")
 
     found = calib.adapt(nominal, measured)
@@ -43,7 +43,7 @@ def main() -> None:
         q = truth.draw(2000, np.random.default_rng(2))
         gap = np.linalg.norm(found.model.forward(q) - truth.exact(q), axis=1)
         print(f"whole workspace, against the truth: {1e3 * gap.mean():.2f} mm mean")
-    print(f"still calibrated: {not found.model.check(measured).drifted}")
+    print(f"still calibrated: {not calib.check(found.model, measured).drifted}")
     found.model.save("two_link.adapted.calib")
 
 

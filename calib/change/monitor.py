@@ -12,7 +12,6 @@ import numpy as np
 from ..common.arrays import Array
 from ..errors import ModelError, QueryError
 from ..maps.map import Map
-from ..maps.node_cells import NodeCells
 from ..model.model import Model
 from .group_tests import groups_of
 from .seen import body_of
@@ -59,7 +58,7 @@ class Monitor:
     >>> import calib
     >>> arm = calib.load_arm("two_link")
     >>> model = calib.train(calib.babble(arm, 500, noise=1e-3), size=10)
-    >>> monitor = model.monitor()
+    >>> monitor = calib.monitor(model)
     >>> calm = calib.babble(arm, 50, seed=1, noise=1e-3)
     >>> for q, x in zip(calm.q, calm.x):
     ...     state = monitor.update(q, x)
@@ -181,19 +180,18 @@ class Monitor:
         )
 
 
-def _search(network: Map) -> Callable[[Sequence[float]], tuple[float, int]]:
-    """What tells the distance and the number of the node next to a point (d,) of the unit box.
+def monitor(model: Model) -> Monitor:
+    """A monitor for a stream of samples: ``monitor.update(q, x)`` after each."""
+    return Monitor(model)
 
-    By cells where they know, by the search tree elsewhere.
-    """
-    cells, tree = NodeCells.of(network, 0), network.tree
+
+def _search(network: Map) -> Callable[[Sequence[float]], tuple[float, int]]:
+    """What tells the distance and the number of the node next to a point (d,) of the unit box."""
+    tree = network.tree
 
     def nearest(v: Sequence[float]) -> tuple[float, int]:
-        found = None if cells is None else cells.nearest(v)
-        if found is None:
-            distance, node = tree.query(v)
-            found = float(distance), int(node)
-        return found
+        distance, node = tree.query(v)
+        return float(distance), int(node)
 
     return nearest
 

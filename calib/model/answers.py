@@ -150,7 +150,7 @@ def forward_bounds(
 def anchor(model: Model, near: ArrayLike | None, n: int) -> Array:
     """Joints of the unit box that answers should be close to, (n, dof).
 
-    The middle of the ranges where `near` is not given.
+    The middle of the ranges where `near` is not given; values beyond a limit are clipped.
     """
     names, scale = model.about.joint_names, model.motor.scale
     if near is None:
@@ -159,14 +159,15 @@ def anchor(model: Model, near: ArrayLike | None, n: int) -> Array:
     if len(rows) not in (1, n):
         raise QueryError(f"near has {len(rows)} rows for {n} targets: give one or {n}")
     lower, upper = model.about.lower, model.about.upper
-    slack = 1e-9 * (upper - lower)
-    out = ((rows < lower - slack) | (rows > upper + slack)) & ~scale.periodic
+    # an encoder may stand a hair beyond a limit; a whole range beyond are other units
+    out = ((rows < 2 * lower - upper) | (rows > 2 * upper - lower)) & ~scale.periodic
     if out.any():
         row, k = np.argwhere(out)[0]
         raise QueryError(
             f"near has {names[k]} = {rows[row, k]:.6g}: expected a value in its range "
             f"{lower[k]:.6g} to {upper[k]:.6g}"
         )
+    rows = np.where(scale.periodic, rows, np.clip(rows, lower, upper))
     unit = scale.to_unit(rows)
     return unit if len(unit) == n else np.broadcast_to(unit, (n, len(names)))
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, NoReturn
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -12,15 +13,19 @@ from ..common.rows import checked_rows
 from ..errors import QueryError
 from . import answers
 from .answers import Answer
-from .doors import Doors
 from .parts import Parts
+from .saving import Saving
 from .trust import MOST_BLENDED, MOST_SHARE
 
-_REPEATS = 16  # until the interpreter has adapted to a query's code
+if TYPE_CHECKING:
+    from .paths import Path
+
+FUNCTIONS = ("adapt", "check", "correct", "evaluate", "follow", "monitor", "recognise", "report")
+"""What is done with a model, rather than asked of it, is a function of the package."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Model(Parts, Doors):
+class Model(Parts, Saving):
     """A calibrated arm.
 
     Attributes
@@ -57,6 +62,13 @@ class Model(Parts, Doors):
         A picture by the camera that measured the arm, to draw the map over.
     """
 
+    if not TYPE_CHECKING:  # which would take every attribute for one
+
+        def __getattr__(self, name: str) -> NoReturn:
+            """Name the function where a method is asked for that is none."""
+            hint = f": call `calib.{name}(model, ...)`" if name in FUNCTIONS else ""
+            raise AttributeError(f"a model has no attribute {name!r}{hint}")
+
     def warm_up(self) -> Model:
         """Compile and fill everything that queries use, so that none of them is slow.
 
@@ -69,17 +81,7 @@ class Model(Parts, Doors):
         target = x if known else self.sensory.weights[0]
         self.inverse(target[None], near=middle[None])
         self.inverse_all(target[None])
-        if self.single is not None:
-            _ = self.single.cells
-        for _ in range(_REPEATS):
-            # the largest first: what it sweeps out of the caches is back for the others
-            self.expected_error(middle)
-            self.model_error(middle)
-            if known and self.about.urdf:
-                self.correct(middle)
-            if known:
-                self.inverse(x, near=middle)
-            self.forward(middle)
+        self.expected_error(middle)
         return self
 
     def forward(
@@ -115,11 +117,6 @@ class Model(Parts, Doors):
         >>> model.forward([0.5, 1.0]).round(3)
         array([0.281, 0.393])
         """
-        # a model with single queries answers with "local" by default
-        if readout in (None, "local") and approach is None and self.single is not None:
-            position = self.single.forward(q)
-            if position is not None:
-                return position
         readout = self._readout(readout)
         q, single = checked_rows(q, self.about.joint_names, "joint values")
         inside = self.trust.covers(self.motor.scale.to_unit(q))
@@ -157,10 +154,6 @@ class Model(Parts, Doors):
         -------
         (n, dof) or (dof,) array [rad or m]
         """
-        if readout in (None, "local") and near is not None and self.single is not None:
-            joints = self.single.inverse(x, near)
-            if joints is not None:
-                return joints
         readout = self._readout(readout)
         if readout == "local":
             rows, single = checked_rows(x, self.axes, "positions")
@@ -236,10 +229,6 @@ class Model(Parts, Doors):
         return self._bound(q, "model_bounds")
 
     def _bound(self, q: ArrayLike, which: str) -> Array:
-        if self.single is not None:
-            answer = self.single.bound(q, which, noise=self._noisy(which))
-            if answer is not None:
-                return np.float64(answer)  # type: ignore[return-value]
         q, single = checked_rows(q, self.about.joint_names, "joint values")
         u = self.motor.scale.to_unit(q)
         known = self.trust.covers(u)
@@ -287,3 +276,79 @@ class Model(Parts, Doors):
             "no row was measured near these joint values: the position may be off by more than "
             f"{MOST_SHARE:.0%} of the reach"
         )
+
+    def path(self, x: ArrayLike, start: ArrayLike | None = None, step: float | None = None) -> Path:
+        """Joint values along straight lines through waypoints, on one branch if there is one.
+
+        Parameters
+        ----------
+        x : (n, 2) array [unit]
+            Waypoints, two or more.
+        start : (dof,) array [rad or m], optional
+            Joints that the path should start near; without it the branch that can follow
+            the path furthest, of several the one that moves the joints least.
+        step : float [unit], optional
+            Longest way of the tip between two rows, 1 % of the workspace's extent where not
+            given.  ``math.inf`` gives the waypoints alone.
+
+        Returns
+        -------
+        Path
+            Rows of joints without times, and where a jump cannot be avoided.
+        """
+        from .paths import follow_path
+
+        return follow_path(self, x, start, step)
+
+    def inverse_pose(
+        self,
+        position: ArrayLike,
+        quaternion: ArrayLike | None = None,
+        near: ArrayLike | None = None,
+        *,
+        frame: str = "sensor",
+    ) -> Array:
+        """Joint values (n, dof) for positions and orientations of an arm in space.
+
+        NaN out of reach; :func:`calib.model.poses.solve_poses` tells more, and all branches.
+
+        Parameters
+        ----------
+        position : (n, 3) or (3,) array [m, or the sensor's unit in its frame]
+        quaternion : (n, 4) or (4,) array, optional
+            qx, qy, qz, qw; free where not given.
+        near : (n, dof) or (dof,) array, optional [rad or m]
+            Of several solutions the nearest to these joints answers.
+        frame : {"sensor", "base"}
+        """
+        from .poses import solve_poses
+
+        found = solve_poses(self, position, quaternion, near, frame=frame)
+        q = np.where(found.reachable[:, None], found.q, np.nan)
+        return q[0] if np.ndim(position) == 1 else q
+
+    def servo(
+        self, x_measured: ArrayLike, target: ArrayLike, q: ArrayLike, gain: float = 0.5
+    ) -> Array:
+        """Joints a step closer to a target, from where the sensor sees the tip.
+
+        A resolved-rate correction with the learned Jacobian: it closes the loop on the
+        sensor, so that it converges even where the arm differs from the map.
+
+        Parameters
+        ----------
+        x_measured, target : (n, 2) or (2,) array [unit]
+            Where the tip is seen and where it should be.
+        q : (n, dof) or (dof,) array [rad or m]
+            Present joints; next time the joints that this returns.
+        gain : float
+            Share of the way that a step goes: smaller is calmer with a noisy sensor.
+
+        Returns
+        -------
+        (n, dof) or (dof,) array [rad or m]
+            Within the joints' range, at most a tenth of it away from `q`.
+        """
+        from .answers import servo_step
+
+        return servo_step(self, x_measured, target, q, gain)

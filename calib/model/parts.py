@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +21,6 @@ from ..maps.local_models import NO_MODELS
 from ..maps.map import Map
 from ..maps.predictor import BodyInBox, Predictor
 from .measured import Rows
-from .single import Single
 from .trust import KNOWN, MOST_SHARE, STEEP, Trust
 
 if TYPE_CHECKING:
@@ -32,7 +31,6 @@ if TYPE_CHECKING:
     from .about import About
     from .baseline import Baseline
     from .measured import Photo
-    from .model import Model
     from .schemas import Schema
 
 
@@ -58,10 +56,6 @@ class Parts:
 
     def __post_init__(self) -> None:
         freeze(self, "bounds", "model_bounds", "visited")
-
-    def __getstate__(self) -> dict[str, Any]:
-        """What is compiled for single queries stays behind when a model is pickled."""
-        return {name: value for name, value in vars(self).items() if name != "single"}
 
     def __repr__(self) -> str:
         """Say in three lines what it is a model of, what it has learned and how well."""
@@ -96,11 +90,6 @@ class Parts:
     def solver(self) -> Solver:
         """Solver of the inverse direction."""
         return Solver(self.association, self.predictor)
-
-    @cached_property
-    def single(self) -> Single | None:
-        """Queries of one row in plain floats; None where only the batch path answers."""
-        return Single.of(cast("Model", self))
 
     @cached_property
     def body_solver(self) -> Solver:

@@ -31,8 +31,11 @@ the root mean square distance of its samples."""
 STEEP = 2.0
 """Extents of the workspace that a position may change by over the range of a joint."""
 
-ROUNDED = 1e-9
-"""Share of a joint's range by which values beyond it count as rounded."""
+ROUNDED = 1e-5
+"""Share of a joint's range by which values beyond it are answered: 0.06 mrad of a full turn.
+
+An encoder at its stop reads a hair beyond the limit; a body and its bound hardly change there.
+"""
 
 
 @dataclass(frozen=True, eq=False)

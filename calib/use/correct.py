@@ -182,40 +182,6 @@ def free_frame(model: Model, cause: str) -> tuple[str, ...]:
     return (_FRAME_IN_SPACE,) if moves_in_space(model) else (_FRAME_BEFORE,)
 
 
-def correct_one(model: Model, q: ArrayLike) -> Array | None:
-    """Corrected joints (dof,) for one command, as a controller asks; None where `correct` must.
-
-    The answer is that of :func:`correct` with its own limit; NaN beyond it.
-    """
-    single = model.single
-    if single is None:
-        return None
-    nominal = wanted(model, "auto", "sensor")
-    target, near = nominal.single, nominal.near_one
-    if target is None:
-        return None
-    limits = nominal.limits or usual_limit(model).tolist()
-
-    def solve(row: list[float]) -> list[float] | None:
-        if near is not None:
-            there = near(row)
-            if there is None or nominal.pose is None or not _beyond(there, row, limits):
-                return there
-        return single.reach(target(row), row)
-
-    found = single.beside(q, solve)
-    if found is None:
-        return None
-    asked: list[float] = np.asarray(q, dtype=float).tolist()
-    return np.full(len(found), np.nan) if _beyond(found, asked, limits) else np.array(found)
-
-
-def _beyond(found: list[float], asked: list[float], limits: list[float]) -> bool:
-    """Whether a joint changes by more than its limit."""
-    parts = zip(found, asked, limits, strict=True)
-    return any(abs(new - old) > limit for new, old, limit in parts)
-
-
 def usual_limit(model: Model, view: str = "auto", cause: str = "sensor") -> Array:
     """Return the largest change of each joint that is trusted, (dof,) [rad or m].
 

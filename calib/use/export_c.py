@@ -20,7 +20,7 @@ from ..errors import OptionError
 from ..maps.local_models import FULL, blend_size, predict, reach_of
 from ..maps.predictor import BodyInBox
 from ..model.model import Model
-from ..model.trust import MOST_BLENDED
+from ..model.trust import MOST_BLENDED, ROUNDED
 from ..model_file.storage import to_bytes
 from . import c_bound, c_tables
 from .c_tables import DOF, REAL, array, c_number, c_source, integers, source
@@ -178,7 +178,7 @@ class _Writer:
             "full": self._n(FULL),
             "gated": models.gates is not None,
             "terms": models.coefficients.shape[1] if self._local else 1,
-            "slack": self._n(-1e-6 if self.single else -1e-9),
+            "slack": self._n(-ROUNDED),
             "calm": self._n(_CALM),
             "enough": self._n(_ENOUGH[self.single] * extent),
             "close": self._n(_CLOSE[self.single] * extent),

@@ -8,7 +8,6 @@ therefore in the arm and never in the sensor's frame.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 
@@ -19,10 +18,8 @@ from ..body.nominal import nominal_of
 from ..body.planar import PlanarStructure
 from ..body.priors import planar_neutral
 from ..body.spatial import SpatialStructure
-from ..body.spatial_row import SpatialRow
 from ..common.arrays import Array
 from ..errors import OptionError
-from ..inverse.one_row import to_pose
 from ..inverse.pose import reach_poses
 from ..model.model import Model
 
@@ -115,15 +112,6 @@ class NominalPose:
         position, rotation = self.structure.pose(q, self.nominal)
         # of many steps: two or three suffice but beside singular poses
         return reach_poses(self._real, q, position, rotation, self.structure.chain.reach)[0]
-
-    def one(self, q: list[float]) -> list[float] | None:
-        """The same for one row of joints; None where `towards` has to answer."""
-        real, nominal = self._rows
-        return to_pose(real.twist, nominal.place(q), q)
-
-    @cached_property
-    def _rows(self) -> tuple[SpatialRow, SpatialRow]:
-        return SpatialRow(self.structure, self.real), SpatialRow(self.structure, self.nominal)
 
     def angle(self, q: Array, corrected: Array) -> Array:
         """Angle (n,) [rad] between the nominal tool at `q` and the real one at other joints."""

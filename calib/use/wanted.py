@@ -2,22 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from functools import cache, partial
 from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..body.planar import PlanarStructure
-from ..body.planar_row import PlanarRow
 from ..body.spatial import SpatialStructure, structure_of
-from ..body.spatial_row import SpatialRow
 from ..body.views import is_camera
 from ..common.arrays import Array
 from ..inverse.near import position_near
-from ..inverse.one_row import nearest_joints
 from ..model.alignment import Alignment
 from ..model.model import Model
 from ..model.space import REACHED, Space
@@ -40,13 +36,10 @@ class Wanted:
     forward: Callable[[Array], Array]
     frames: tuple[Alignment, ...]  # what moves these positions into the sensor's frame
     free: bool  # whether the sensor's frame was fitted
-    # `forward` for one row in plain floats
-    single: Callable[[Sequence[float]], Sequence[float]] | None = None
     pose: NominalPose | None = None  # of an arm in space with six joints or more
     # of an arm that a camera sees: joints (n, dof) whose tip stands in space where the nominal one
     # would, since a pixel alone does not say how far away that is, and whether it can
     near: Callable[[Array], tuple[Array, NDArray[np.bool_]]] | None = None
-    near_one: Callable[[list[float]], list[float] | None] | None = None
     # (dof,) [rad or m], what `correct` usually changes at most, once it was asked
     limits: list[float] = field(default_factory=list)
 
@@ -109,25 +102,17 @@ def _in_space(model: Model, view: str, cause: str, free: bool) -> Wanted:
         beta = nominal_in_space(structure, geometry.beta)
     found = _of(structure, beta, moved, free)
     if pose is not None:
-        return replace(found, pose=pose, near_one=pose.one)
+        return replace(found, pose=pose)
     if body is None or not is_camera(body.structure.view):
         return found
-    near, near_one = _near(model, structure, beta)
-    return replace(found, near=near, near_one=near_one)
+    return replace(found, near=_near(model, structure, beta))
 
 
 def _near(
     model: Model, structure: SpatialStructure, beta: Array
-) -> tuple[
-    Callable[[Array], tuple[Array, NDArray[np.bool_]]], Callable[[list[float]], list[float] | None]
-]:
+) -> Callable[[Array], tuple[Array, NDArray[np.bool_]]]:
     """Joints near given ones that put the real tip where the nominal one would be."""
     space = Space.of(model)
-    own = space.body
-    assert isinstance(own.structure, SpatialStructure)  # noqa: S101
-    real = cache(partial(SpatialRow, own.structure, own.beta))
-    nominal = cache(partial(SpatialRow, structure, beta))
-    unit = np.ones(structure.dof)
 
     # a pixel is met by a whole line of sight: the place in space decides where on it
     def near(q: Array) -> tuple[Array, NDArray[np.bool_]]:
@@ -135,11 +120,7 @@ def _near(
         found, distance = position_near(space.evaluate, place, q, space.joints, space.length)
         return found, distance <= REACHED * space.length
 
-    def one(q: list[float]) -> list[float] | None:
-        place = nominal().place(q).translation.tolist()
-        return nearest_joints(real().sloped, place, q, unit, lambda _: True)
-
-    return near, one
+    return near
 
 
 def _of(
@@ -148,11 +129,5 @@ def _of(
     moved: tuple[Alignment, ...],
     free: bool,
 ) -> Wanted:
-    """The arm of some parameters (d,), and in plain floats where no frame moved."""
-    single: Callable[[Sequence[float]], Sequence[float]] | None = None
-    if isinstance(structure, PlanarStructure):
-        single = PlanarRow.of(structure, beta).predict
-    else:
-        row = cache(partial(SpatialRow, structure, beta))  # costly, and few ask for it
-        single = lambda q: row().predict(q)  # noqa: E731
-    return Wanted(lambda q: structure.predict(q, beta), moved, free, None if moved else single)
+    """The arm of some parameters (d,)."""
+    return Wanted(lambda q: structure.predict(q, beta), moved, free)

@@ -20,11 +20,11 @@ def drift() -> None:
     calm = calib.babble(arm, CALM, seed=1, noise=NOISE)
     knocked = calib.babble(arm, KNOCKED, seed=2, noise=NOISE, changes=slipped)
     after = calib.babble(arm, CALM, seed=3, noise=NOISE, changes=slipped)
-    monitor = model.monitor()
+    monitor = calib.monitor(model)
     score = [monitor.update(q, x).score for q, x in zip(calm.q, calm.x, strict=True)]
     score += [monitor.update(q, x).score for q, x in zip(knocked.q, knocked.x, strict=True)]
     alarm = next(k for k, value in enumerate(score) if value > 1)
-    renewed = model.adapt(knocked).monitor()
+    renewed = calib.monitor(calib.adapt(model, knocked).model)
     score += [renewed.update(q, x).score for q, x in zip(after.q, after.x, strict=True)]
     figure, (ax,) = panels(1, 2.9)
     step = np.arange(1, len(score) + 1)

@@ -11,7 +11,6 @@ import pytest
 from calib.body.belief import Body
 from calib.body.fitting import fit_body
 from calib.body.nominal import Nominal
-from calib.body.planar_row import PlanarRow
 from calib.errors import ModelError
 from calib.model_file.bodies import body_arrays, body_header, rebuild_body
 from calib.model_file.checked import Tensors
@@ -137,31 +136,3 @@ def test_impossible_arrays_are_refused(body, name):
             rebuild_body(header, Tensors({**arrays, name: bad}))
     with pytest.raises(ModelError, match="missing"):
         rebuild_body(header, Tensors({k: v for k, v in arrays.items() if k != name}))
-
-
-def test_scalar_queries_equal_the_batch(body):
-    fast = PlanarRow.of(body.structure, body.beta)
-    q = np.random.default_rng(1).uniform(-9, 9, (500, 2))
-    answers = np.array([fast.predict(row) for row in q.tolist()])
-    assert np.abs(answers - body.predict(q)).max() < 1e-12
-
-
-def test_scalar_queries_of_slides_lenses_and_elasticity():
-    from calib.body.planar import PlanarStructure
-
-    s = PlanarStructure(
-        ("a", "b", "c"), (True, False, True), "homography", "px", 1.0, True, (1, 1, -1), -1,
-        300.0, (640.0, 360.0), None, False,
-    )  # fmt: skip
-    generator = np.random.default_rng(2)
-    beta = s.prior(()).mean + generator.normal(0, 0.02, s.size)
-    beta[s.groups["view.scale"]] = 6.0
-    for joint in (0, 2):
-        beta[s.groups[f"curve.{joint}"]] *= 0.01
-    q = generator.uniform(-1, 1, (200, 3))
-    fast = PlanarRow.of(s, beta)
-    answers = np.array([fast.predict(row) for row in q.tolist()])
-    expected, slopes = s.predict_and_slope(q, beta)
-    assert np.abs(answers - expected).max() < 1e-9
-    own = np.array([fast.sloped(row)[2:] for row in q.tolist()])
-    np.testing.assert_allclose(own, slopes, rtol=1e-9, atol=1e-6)

@@ -9,7 +9,6 @@ import pytest
 
 from calib import load_arm
 from calib.body.fitting import fit_body, planar_structure
-from calib.body.planar_row import PlanarRow
 from calib.body.spatial import structure_of
 from calib.body.views import PLANAR, SPATIAL, cubic
 from calib.errors import OptionError
@@ -85,12 +84,6 @@ def test_a_planar_fisheye_is_fitted_stored_and_compiled(fisheye):
     structure, beta = body.structure, body.beta
     assert_slopes(structure, q[:5], beta)
     assert rebuild_structure(structure_header(structure), Tensors({})) == structure
-    expected, slope = structure.predict_and_slope(q[:5], beta)
-    predict, evaluate = PlanarRow.of(structure, beta)
-    for k, row in enumerate(q[:5].tolist()):
-        np.testing.assert_allclose(predict(row), expected[k], rtol=1e-9)
-        np.testing.assert_allclose(evaluate(row)[:2], expected[k], rtol=1e-9)
-        np.testing.assert_allclose(evaluate(row)[2:], slope[k], rtol=1e-9)
 
 
 def test_a_fisheye_sees_an_arm_in_space(fisheye):

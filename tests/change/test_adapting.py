@@ -96,7 +96,7 @@ def test_what_is_known_of_an_adapted_model():
     assert np.isfinite(bound).all()
     assert np.mean(miss <= bound) >= 0.9
     assert bound.max() < 3e-3
-    assert not fresh.check(other).drifted
+    assert not calib.check(fresh, other).drifted
 
 
 def test_wrong_detections_are_counted_and_left_out():

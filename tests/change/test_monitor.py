@@ -27,7 +27,7 @@ def alarm(monitor, samples):
 @pytest.mark.parametrize("trained_noise", [0.0, 1e-3])
 @pytest.mark.parametrize("noise", [1e-3, 2e-3])
 def test_a_calm_stream_raises_no_alarm(trained_noise, noise):
-    assert alarm(model(trained_noise).monitor(), log(n=3000, noise=noise)) is None
+    assert alarm(calib.monitor(model(trained_noise)), log(n=3000, noise=noise)) is None
 
 
 @pytest.mark.parametrize(
@@ -42,37 +42,37 @@ def test_a_calm_stream_raises_no_alarm(trained_noise, noise):
     ],
 )
 def test_a_change_within_a_stream(change):
-    monitor = model(1e-3).monitor()
+    monitor = calib.monitor(model(1e-3))
     assert alarm(monitor, log(n=300)) is None
     assert alarm(monitor, log(change, n=200, seed=2)) is not None
 
 
 def test_an_alarm_ends_when_the_change_is_undone():
-    monitor = model(1e-3).monitor()
+    monitor = calib.monitor(model(1e-3))
     assert last(monitor, log("elbow.length=+5%", n=100)).drifted
     assert not last(monitor, log(n=3000, seed=3)).drifted
 
 
 def test_noise_and_systematic_part_are_told_apart():
-    state = last(model().monitor(), log(n=2000, noise=2e-3))
+    state = last(calib.monitor(model()), log(n=2000, noise=2e-3))
     assert state.noise == pytest.approx(2e-3, rel=0.15)
-    state = last(model().monitor(), log("sensor.shift=0.01,0", n=2000, noise=2e-3))
+    state = last(calib.monitor(model()), log("sensor.shift=0.01,0", n=2000, noise=2e-3))
     assert state.links == pytest.approx(0.01, rel=0.05)
 
 
 def test_wrong_detections_raise_no_alarm():
-    assert alarm(model(1e-3).monitor(), log("sensor.outliers=0.02", n=1000)) is None
+    assert alarm(calib.monitor(model(1e-3)), log("sensor.outliers=0.02", n=1000)) is None
 
 
 def test_samples_that_say_nothing_change_nothing():
-    monitor = model(1e-3).monitor()
+    monitor = calib.monitor(model(1e-3))
     before = last(monitor, log(n=100))
     assert monitor.update([np.nan, 1.0], [0.1, 0.1]) == before
     assert monitor.update([9.0, 1.0], [0.1, 0.1]) == before
 
 
 def test_memory_is_constant():
-    monitor = model(1e-3).monitor()
+    monitor = calib.monitor(model(1e-3))
 
     def size():
         return sum(
@@ -91,7 +91,7 @@ def test_in_space_every_axis_counts_as_noise():
     trained = calib.train(calib.babble(arm, 400, seed=0), size=15)
     calm = calib.babble(arm, 800, seed=2)
     shaken = calm.x + np.random.default_rng(0).normal(scale=[0.0, 0.0, 6e-3], size=calm.x.shape)
-    before, after = trained.monitor(), trained.monitor()
+    before, after = calib.monitor(trained), calib.monitor(trained)
     for q, x, seen in zip(calm.q, calm.x, shaken, strict=True):
         calmly, state = before.update(q, x), after.update(q, seen)
     # what the nodes' Taylor series leave over is there without noise as well
@@ -100,4 +100,4 @@ def test_in_space_every_axis_counts_as_noise():
 
 def test_a_sample_of_another_width_is_refused():
     with pytest.raises(calib.QueryError, match="3 joint values: expected 2"):
-        model(1e-3).monitor().update([0.1, 0.2, 0.3], [0.1, 0.1])
+        calib.monitor(model(1e-3)).update([0.1, 0.2, 0.3], [0.1, 0.1])

@@ -141,7 +141,7 @@ def test_a_tracker_before_a_simulated_arm_moves_neither_its_commands_nor_its_dra
     made.model.save(tmp_path / "moved.calib")
     moved = calib.load(tmp_path / "moved.calib")
     q = log.q[:5] * 0.5
-    reached = arm.forward(moved.correct(q))
+    reached = arm.forward(calib.correct(moved, q).q)
     assert np.nanmedian(np.linalg.norm(reached - arm.forward(q), axis=1)) < 1e-3  # 11.8 mm before
     offsets = fit_geometry(moved).to_json()["offsets"].values()
     assert max(abs(told["value"]) for told in offsets) < np.radians(0.05)

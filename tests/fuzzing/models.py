@@ -113,8 +113,8 @@ def _use(model: Any) -> str:
     for ask in (
         lambda: _answers(model),
         lambda: model.inverse_all(model.forward(_probe(model))[:3]),
-        lambda: model.evaluate(None),
-        lambda: model.check(_log_of(model)),
+        lambda: calib.evaluate(model, None),
+        lambda: calib.check(model, _log_of(model)),
         lambda: storage.to_bytes(model),
     ):
         try:

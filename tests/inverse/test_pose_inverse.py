@@ -9,10 +9,8 @@ from closed_form import closed_form
 from calib.arm.loading import load_arm
 from calib.arm.rotations import exponential, logarithm
 from calib.body.spatial import structure_of
-from calib.body.spatial_row import SpatialRow
 from calib.errors import QueryError
 from calib.inverse.near import position_near
-from calib.inverse.one_row import to_pose
 from calib.inverse.pixel import on_plane, undistorted
 from calib.inverse.pose import Joints, pose_branches
 
@@ -119,22 +117,3 @@ def test_a_pixel_on_a_plane_is_the_point_that_is_seen_there():
     assert np.isnan(behind).all()
     with pytest.raises(QueryError, match="beyond what a lens"):
         undistorted(np.array([[9000.0, 0.0]]), np.asarray(sensor.lens))
-
-
-def test_steps_of_one_row_bring_the_real_tool_to_the_nominal_pose():
-    arm = load_arm("six_axis")
-    structure = structure_of(arm, "base")
-    rng, beta = np.random.default_rng(0), structure.neutral()
-    beta[structure.layout.shifts] = rng.normal(0, 1e-3, (6, 3))
-    beta[structure.layout.turns] = rng.normal(0, 2e-3, (6, 3))
-    beta[structure.groups["curve.1"][20]] = 3e-4
-    q = rows(arm, 100, 1)
-    least = np.linalg.svd(arm.jacobian(q), compute_uv=False)[:, -1]
-    q = q[least > 0.05]  # away from singular poses
-    real, nominal = SpatialRow(structure, beta), SpatialRow(structure, structure.neutral())
-    found = np.array([to_pose(real.twist, nominal.place(row), row) for row in q.tolist()])
-    wanted, frames = arm.chain.poses(q)
-    reached, turned = structure.pose(found, beta)
-    assert np.linalg.norm(structure.pose(q, beta)[0] - wanted, axis=1).mean() > 1e-3
-    np.testing.assert_allclose(reached, wanted, atol=1e-12)
-    np.testing.assert_allclose(turned, frames, atol=1e-12)

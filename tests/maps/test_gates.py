@@ -4,13 +4,9 @@ import numpy as np
 import pytest
 
 from calib.common.scale import Scale
-from calib.maps import local_models as local
 from calib.maps.gates import find_gates, opening
 from calib.maps.lattice import Lattice
-from calib.maps.local_models import LocalModels
 from calib.maps.map import Map
-from calib.maps.node_cells import NodeCells
-from calib.maps.node_models import NodeModels
 
 SCALE = Scale(np.zeros(2), np.ones(2), np.zeros(2, dtype=bool))
 EDGE = 0.53
@@ -81,24 +77,6 @@ def test_in_any_number_of_joints_the_edge_lies_between_the_rows(dof):
     along = np.eye(dof)[0] * (0.5 - motor.units[beside, :1])  # the place on the edge
     assert (opening(gates[beside], along + 0.2 * np.eye(dof)[0]) == 1.0).all()
     assert (opening(gates[beside], along - 0.2 * np.eye(dof)[0]) == 0.0).all()
-
-
-@pytest.mark.parametrize("periodic", [False, True])
-def test_one_row_is_that_of_the_batch(periodic):
-    rng = np.random.default_rng(3)
-    motor = grid(8, Scale(np.zeros(2), np.ones(2), np.array([periodic, False])))
-    u = rng.random((500, 2))
-    models = local.fit(motor.units, u, rng.normal(size=(500, 2)), motor.scale, 2, 30)
-    gates = np.column_stack([5.0 * rng.normal(size=(64, 2)), rng.random(64)])
-    gated = LocalModels(2, 30, models.radius, models.coefficients, gates=gates)
-    single = NodeModels.of(gated, motor, NodeCells.of(motor))
-    fresh = rng.random((60, 2))
-    value, slope = local.predict(gated, motor, fresh, slope=True)
-    for k, place in enumerate(fresh.tolist()):
-        x, y, gx, gy = single.value_and_slope(place)
-        np.testing.assert_allclose([x, y], value[k], rtol=0, atol=1e-12)
-        np.testing.assert_allclose([gx, gy], slope[k], rtol=0, atol=1e-10)
-    assert not np.allclose(value, local.predict(models, motor, fresh)[0])
 
 
 def test_a_gate_stays_open_where_a_defect_fades():

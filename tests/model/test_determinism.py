@@ -40,7 +40,7 @@ def made(robot="two_link", log=0, adapt="", size=6, n=400, **options):
     if adapt:
         rows = {"few-shot": 60, "online": 200}[adapt]
         new = calib.babble(arm, rows, seed=3, noise=1e-3, changes=["elbow.length=+5%"])
-        model = model.adapt(new, method=adapt)
+        model = calib.adapt(model, new, method=adapt).model
         assert model.history
     return hashlib.sha256(to_bytes(model)).hexdigest()
 

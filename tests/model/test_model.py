@@ -104,7 +104,7 @@ def test_outside_of_the_range_of_a_joint_there_is_no_answer(model):
     for axis in range(2):
         for end, sign in ((0.0, -1), (1.0, 1)):
             u = np.array([0.5, 0.5])
-            for beyond, known in ((-1e-6, True), (0.0, True), (1e-12, True), (1e-6, False)):
+            for beyond, known in ((-1e-6, True), (0.0, True), (1e-6, True), (1e-4, False)):
                 u[axis] = end + sign * beyond
                 q = lower + u * span
                 assert np.isfinite(model.forward(q)).all() == known
@@ -113,6 +113,13 @@ def test_outside_of_the_range_of_a_joint_there_is_no_answer(model):
                 assert (model.outside(q) is None) == known
     said = model.outside(lower + [1.5, 0.5] * span)
     assert said == "shoulder = 2.35619 is outside of the learned range 0 to 1.5708"
+
+
+def test_near_is_clipped_into_the_limits(model):
+    x, upper = model.forward(model.about.upper - 0.1), model.about.upper
+    for beyond in (1e-6, 0.2):
+        found = model.inverse(x, near=upper + beyond)
+        np.testing.assert_allclose(found, model.inverse(x, near=upper), rtol=0, atol=1e-12)
 
 
 def test_rows_outside_leave_the_others_as_they_are(model, q):
@@ -177,7 +184,6 @@ def test_without_a_body_there_is_no_answer_far_from_every_row():
         (lambda m: m.inverse([0.3, 0.3], near=[0.1, np.nan]), "near: .* is not finite"),
         (lambda m: m.inverse([[0.3, 0.3]] * 3, near=[[0.1, 1]] * 2), "near has 2 rows for 3"),
         (lambda m: m.inverse([0.3, 0.3], near=[9, 1]), "near has shoulder = 9: expected a value"),
-        (lambda m: m.inverse([0.3, 0.3], near=[0.1, 0]), "elbow = 0: .* range 0.261799 to 2.61799"),
     ],
 )
 def test_what_is_no_query_is_refused_in_one_line(model, query, message):

@@ -110,7 +110,7 @@ def test_the_papers_numbers_stand_beside_those_of_its_arm(page: str, unrendered)
 
 
 def test_the_table_is_that_of_evaluate(noisy, page: str):
-    errors = noisy.evaluate().errors["local"]["forward"]["distance"]
+    errors = calib.evaluate(noisy).errors["local"]["forward"]["distance"]
     cells = Reader(page).cells
     assert f"{1e3 * errors['mean']:.3g} ({1e3 * errors['max']:.3g})" in cells
 
@@ -154,7 +154,7 @@ def test_an_adapted_model_tells_before_and_after_and_a_log_its_distortion(unrend
     model = trained("two_link", n=3000, size=20)
     arm = calib.load_arm("two_link")
     bent = calib.babble(arm, 120, seed=1, changes=["elbow.length=+20%"])
-    adapted = model.adapt(bent)
+    adapted = calib.adapt(model, bent).model
     cells = Reader(report(adapted, bent)).cells
     event = adapted.history[-1]
     assert f"{event['samples']}" in cells

@@ -32,14 +32,16 @@ def exported(tmp_path, adapted):
 )
 def test_kinematics_of_the_changed_arm(tmp_path, changes):
     samples = log(*changes, n=100, noise=0.0)
-    corrected = exported(tmp_path, model().adapt(samples))
+    corrected = exported(tmp_path, calib.adapt(model(), samples).model)
     q = np.random.default_rng(0).uniform(arm().lower, arm().upper, (200, 2))
     assert np.abs(corrected.forward(q) - samples.simulation.exact(q)).max() < 1e-5
     assert np.abs(arm().forward(q) - samples.simulation.exact(q)).max() > 5e-3
 
 
 def test_offsets_and_lengths_come_out_apart():
-    adapted = model().adapt(log("elbow.length=+4%", "elbow.offset=0.02", n=100, noise=0.0))
+    adapted = calib.adapt(
+        model(), log("elbow.length=+4%", "elbow.offset=0.02", n=100, noise=0.0)
+    ).model
     geometry = fit_geometry(adapted)
     offsets = [each["value"] for each in geometry.offsets().values()]
     assert offsets == pytest.approx([0.0, 0.02], abs=1e-4)
@@ -58,14 +60,14 @@ def test_nothing_to_change(tmp_path):
 
 def test_a_sensor_that_moved_is_not_put_into_the_urdf():
     geometry = fit_geometry(
-        model().adapt(log("sensor.rotate=0.1", "sensor.shift=0.1,0", n=100, noise=0.0))
+        calib.adapt(model(), log("sensor.rotate=0.1", "sensor.shift=0.1,0", n=100, noise=0.0)).model
     )
     assert all(abs(each["value"]) < 1e-5 for each in geometry.offsets().values())
 
 
 def test_intervals_hold_the_truth():
     samples = log("elbow.length=+4%", n=100, noise=5e-4)
-    geometry = fit_geometry(model().adapt(samples))
+    geometry = fit_geometry(calib.adapt(model(), samples).model)
     assert abs(geometry.ends[0][2, 0] - 0.01) < 2 * geometry.ends[1][2, 0]
     assert geometry.ends[1][2, 0] < 2e-3
 
@@ -85,7 +87,7 @@ def test_intervals_hold_where_joints_have_waves():
 
 
 def test_what_no_geometry_explains():
-    geometry = fit_geometry(model().adapt(log("elbow.gear=1.05", n=100, noise=0.0)))
+    geometry = fit_geometry(calib.adapt(model(), log("elbow.gear=1.05", n=100, noise=0.0)).model)
     assert geometry.residual > 1e-4
 
 
@@ -100,7 +102,7 @@ def test_other_robots(tmp_path, robot):
     chosen = calib.load_arm(robot)
     truth = calib.babble(chosen, 400, seed=1, changes=[f"{chosen.joint_names[0]}.offset=0.02"])
     trained = calib.train(calib.babble(chosen, 3000, seed=0), size=15)
-    corrected = exported(tmp_path, trained.adapt(truth))
+    corrected = exported(tmp_path, calib.adapt(trained, truth).model)
     q = np.random.default_rng(0).uniform(chosen.lower, chosen.upper, (100, chosen.dof))
     before = np.abs(chosen.forward(q) - truth.simulation.exact(q)).max()
     assert np.abs(corrected.forward(q) - truth.simulation.exact(q)).max() < 0.02 * before
@@ -108,7 +110,7 @@ def test_other_robots(tmp_path, robot):
 
 def test_command(tmp_path, run):
     path = tmp_path / "m.calib"
-    model().adapt(log("elbow.length=+4%", n=60, noise=0.0)).save(path)
+    calib.adapt(model(), log("elbow.length=+4%", n=60, noise=0.0)).model.save(path)
     done = run("urdf", path, "-o", tmp_path / "c.urdf")
     assert done.code == 0, done.err
     assert "its link, along x" in done.out
@@ -166,7 +168,7 @@ def test_an_origin_that_is_missing_is_added_where_it_belongs():
 
 
 def test_a_second_reader_finds_what_was_written(monkeypatch):
-    adapted = model().adapt(log("elbow.length=+4%", n=100, noise=0.0))
+    adapted = calib.adapt(model(), log("elbow.length=+4%", n=100, noise=0.0)).model
     geometry = fit_geometry(adapted, cause="joints")
     monkeypatch.setattr("calib.use.urdf.edited", lambda text, _: text)  # loses the change
     with pytest.raises(RobotError, match="yourdfpy reads another origin"):
@@ -201,7 +203,7 @@ def test_the_users_own_file_is_never_written_over(tmp_path, run):
 
 
 def test_the_base_stays_unless_it_is_freed():
-    shifted = model().adapt(log("elbow.offset=0.01", n=100, noise=0.0))
+    shifted = calib.adapt(model(), log("elbow.offset=0.01", n=100, noise=0.0)).model
     assert not fit_geometry(shifted).ends[0][0].any()
     assert fit_geometry(shifted, move_base=True).ends[1][0].all()
     measured = calib.train(replace(log(n=300), simulation=None, arm=arm()), size=10)

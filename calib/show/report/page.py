@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ...change.check import check
 from ...common.templates import filled
 from ...model.model import Model
 from ...samples.samples import Samples
@@ -135,7 +136,7 @@ def report(model: Model, samples: Samples | None = None) -> str:
             adaptation_table(model.history, about.unit),
         ]
     if samples is not None:
-        parts += [_heading("Does the log still fit?"), drift_text(model.check(samples))]
+        parts += [_heading("Does the log still fit?"), drift_text(check(model, samples))]
     with settings():
         for name, heading, text, draw in SECTIONS:
             if (figure := draw(evidence)) is not None:
