@@ -92,6 +92,13 @@ class CalibGroup(TyperGroup):
                 [(name, shorten(text, room, placeholder="...")) for name, text in COMMANDS.items()]
             )
 
+    def invoke(self, ctx: Any) -> Any:
+        """Run the command that was chosen; Typer would end Ctrl-C without a word."""
+        try:
+            return super().invoke(ctx)
+        except KeyboardInterrupt:
+            raise typer.Abort from None
+
     def main(
         self,
         args: Sequence[str] | None = None,
@@ -110,7 +117,7 @@ class CalibGroup(TyperGroup):
         except BrokenPipeError:  # a reader who has seen enough
             silence(sys.stdout)
             code = 0
-        except (Exception, KeyboardInterrupt) as error:
+        except Exception as error:
             if os.environ.get(_TRACEBACK):
                 raise
             told = describe_error(error)

@@ -105,7 +105,7 @@ class _Value:
             return text
         least, most = self._info.min, self._info.max
         told = "a whole number" if self._kind is int else "a number"
-        told += f", {least} or more" if least is not None else ""
+        told += f", {'zero' if least == 0 else least} or more" if least is not None else ""
         told += f", at most {most}" if most is not None else ""
         try:
             value = finite_number(text) if self._kind is float else whole_number(text)

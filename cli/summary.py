@@ -88,15 +88,16 @@ def best_readout(errors: Errors) -> str:
     return next(readout for readout in READOUTS if readout in errors)
 
 
-def accuracy(model: Model, errors: Errors, rows: str, left_out: int) -> str:
+def accuracy(
+    model: Model, errors: Errors, within: Mapping[str, float], rows: str, left_out: int
+) -> str:
     """Return in one line how far predictions are from where the tip is or is measured."""
     found = errors[best_readout(errors)]["forward"]["distance"]
     factor, unit = for_people(model.about.unit)
     told = f"{number(found['mean'] * factor)} {unit} on average"
-    if "p95" in found:
-        told += f", 95 % within {number(found['p95'] * factor)} {unit}"
-    if found.get("covered") is not None:
-        told += f", the 95 % bound covers {100 * found['covered']:.0f} %"
+    if within:
+        told += f", 95 % within {number(within['p95'] * factor)} {unit}"
+        told += f"; the 95 % bound covers {100 * within['covered']:.0f} %"
     left = f"; {left_out} left out, outside of what was learned" if left_out else ""
     return f"{told}, on {rows}{left}"
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -107,6 +107,14 @@ def figures(error: Array) -> dict[str, float]:
     }
 
 
+def answered_within(model: Model, residuals: Residuals) -> dict[str, float]:
+    """What 95 % of a model's answers are within [unit], and what share within its own bound."""
+    errors, bound = residuals.errors[model.default_readout], model.expected_error(residuals.q)
+    # of an exact arm error and bound are both rounding
+    covered = float(np.mean(errors <= bound + 1e-12))
+    return {"p95": float(np.quantile(errors, 0.95)), "covered": covered}
+
+
 @dataclass(frozen=True, eq=False)
 class Evaluation:
     """Errors of a model.
@@ -122,12 +130,16 @@ class Evaluation:
         Samples outside of what was learned.
     source : str
         What the samples are.
+    within : dict
+        "p95": what 95 % of the answers' distances are within [unit]; "covered": the share that
+        the expected error bounds. Empty where it is not known.
     """
 
     errors: dict[str, Any]
     rows: int
     left_out: int
     source: str
+    within: dict[str, float] = field(default_factory=dict)
 
 
 def evaluate(model: Model, samples: Samples | None = None) -> Evaluation:
@@ -150,16 +162,19 @@ def evaluate(model: Model, samples: Samples | None = None) -> Evaluation:
     LogError
         If the joints of `samples` are not those of the model.
     """
-    if samples is not None:
-        residuals = evaluate_residuals(model, model.about.joints_of(samples), samples.x, None)
-        errors, source = summarise(residuals, _turned(model, samples)), "measured rows of the log"
-        return Evaluation(errors, len(residuals.q), residuals.left_out, source)
     simulation, about = simulation_of(model), model.about
-    if simulation is None:
+    if samples is not None:
+        residuals = evaluate_residuals(model, about.joints_of(samples), samples.x, None)
+        errors, source = summarise(residuals, _turned(model, samples)), "measured rows of the log"
+    elif simulation is not None:
+        residuals, source = fresh_residuals(model, simulation), "fresh exact samples"
+        errors = summarise(residuals)
+    else:
         source = "rows held out in contiguous blocks"
-        return Evaluation(dict(about.errors), about.tested, about.left_out, source)
-    residuals, source = fresh_residuals(model, simulation), "fresh exact samples"
-    return Evaluation(summarise(residuals), len(residuals.q), residuals.left_out, source)
+        errors, within = dict(about.errors), dict(about.within)
+        return Evaluation(errors, about.tested, about.left_out, source, within)
+    within = answered_within(model, residuals)
+    return Evaluation(errors, len(residuals.q), residuals.left_out, source, within)
 
 
 def _turned(model: Model, samples: Samples) -> Array | None:

@@ -29,7 +29,7 @@ from ..samples.joint_values import directions
 from ..samples.samples import Samples
 from ..samples.simulation import Simulation
 from .approach import play_of, play_words, simulated_approach, widened
-from .evaluate import fresh_residuals, summarise
+from .evaluate import answered_within, fresh_residuals, summarise
 from .held_out import held_out_residuals, node_bounds, tested_rows, turned_of
 from .learn import UNFOLD, Options, Progress, both_maps, link
 from .map_choice import LATTICE, Size, lattice_sizes, with_chosen_map
@@ -213,6 +213,7 @@ def _learned(samples: Samples, options: Options, notes: list[str], progress: Pro
     about = replace(
         about,
         errors=summarise(tested, turned_of(part)),
+        within=answered_within(model, tested),
         tested=len(tested.q),
         left_out=tested.left_out,
         notes=tuple(notes),

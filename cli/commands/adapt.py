@@ -43,9 +43,10 @@ def adapt(
     """Re-calibrate a model from a few new samples. Exit code 3 if it does not improve."""
     import calib
 
-    path = output or adapted_name(model)
-    check_output(path, ())
+    check_output(output, ())
     loaded = calib.load(model)
+    path = output or adapted_name(model)
+    check_output(path, ())  # before the work whose result would be lost
     log = log_for(loaded, data, Reading(columns, unit, degrees))
     with progress_bar(loaded.about.unit) as progress:
         found = calib.adapt(loaded, log, method=method, cause=cause, progress=progress)

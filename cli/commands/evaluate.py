@@ -31,7 +31,7 @@ def evaluate(
     document["evaluated"] = fields(result, "source rows left_out")
     rows = f"{result.rows} {result.source}"
     lines = [
-        f"{model}: {accuracy(loaded, result.errors, rows, result.left_out)}",
+        f"{model}: {accuracy(loaded, result.errors, result.within, rows, result.left_out)}",
         answers_back(loaded, result.errors),
         *advice(loaded, result.errors),
     ]

@@ -32,7 +32,9 @@ def info(model: opt.Model, *, degrees: opt.Degrees = False) -> Outcome:
     lines += ["", "body", *(f"  {printable(line)}" for line in told)] if told else []
     if not about.errors:
         return Outcome(document, lines)
-    held = accuracy(loaded, about.errors, f"{about.tested} rows", about.left_out)
+    held = accuracy(
+        loaded, about.errors, about.within, f"{about.tested} rows", about.left_out
+    )
     lines += ["", f"accuracy: {held}", *advice(loaded, about.errors)]
     table = compact_table(loaded, about.errors, "errors when it was made")
     return Outcome(document, lines, [table])

@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     from calib.paper.tables import Result
 
 _LONGEST = 1e3  # of a link [m]
-Format = Literal["png", "svg", "pdf"]
 Subject = Literal["table1", "table2", "figures", "adaptation", "networks", "experiments", "all"]
 
 
@@ -54,8 +53,12 @@ def reproduce(
         ),
     ] = None,
     formats: Annotated[
-        list[Format] | None,
-        Option("--format", help="File type of the figures; repeatable (default png)."),
+        list[str] | None,
+        opt.option(
+            "--format png|svg|pdf",
+            "File type of the figures; repeatable (default png).",
+            parsing.one_of(("png", "svg", "pdf")),
+        ),
     ] = None,
     degrees: opt.Degrees = False,
     seed: opt.Seed = 0,

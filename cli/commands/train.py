@@ -122,7 +122,7 @@ def train(
     simulated = about.source == "simulation"
     what = "fresh exact samples" if simulated else "rows held out in blocks of the log"
     lines = [
-        accuracy(model, about.errors, f"{about.tested} {what}", about.left_out),
+        accuracy(model, about.errors, about.within, f"{about.tested} {what}", about.left_out),
         *found_by_body(model),
         *advice(model, about.errors),
         f"{path}: {about.options['map']}, {size_in_words(model)}, {about.samples} "

@@ -256,15 +256,17 @@ def test_the_command_asks_for_what_is_typed(run, asked):
     assert options == {"seeds": 3, "jobs": 4, "backend": "threading", "progress": None}
 
 
-def test_the_command_prints_a_table_for_each_readout(run, asked):
+def test_the_command_prints_the_best_readouts_table_and_all_where_asked(run, asked):
     done = run("sweep", "two_link")
     assert done.code == 0, done.err
     lines = done.out.splitlines()
-    readouts = [line.split()[0] for line in lines if " readout: " in line]
-    assert [r for r in readouts if r != "body"] == ["local", "linear", "activity", "winner"]
+    assert [line.split()[0] for line in lines if " readout: " in line] == ["local"]
     ways = ["forward", "sd", "max", "inverse", "sd", "max"]
     assert lines[1].split() == ["source", "size", *ways, "seconds"]
     assert lines[-1] == "4 trainings, one after the other"
+    lines = run("sweep", "two_link", "-v").out.splitlines()
+    shown = [line.split()[0] for line in lines if " readout: " in line]
+    assert set(shown) >= {"local", "linear", "activity", "winner"}
 
 
 def test_json_holds_every_training(run, found, asked):
