@@ -24,14 +24,11 @@ if TYPE_CHECKING:
     from .change.adaptation import Adaptation as Adaptation
     from .change.check import Drift as Drift
     from .change.check import check as check
+    from .change.follow import follow as follow
     from .change.monitor import Monitor as Monitor
     from .change.monitor import monitor as monitor
-    from .change.schemas import Recognition as Recognition
-    from .change.schemas import keep as keep
-    from .change.schemas import recall as recall
-    from .change.schemas import recognise as recognise
-    from .change.streams import Followed as Followed
-    from .change.streams import Follower as Follower
+    from .change.recognise import Recognition as Recognition
+    from .change.recognise import recognise as recognise
     from .errors import CalibError as CalibError
     from .errors import LogError as LogError
     from .errors import ModelError as ModelError
@@ -46,7 +43,6 @@ if TYPE_CHECKING:
     from .model.answers import Answer as Answer
     from .model.model import Model as Model
     from .model.paths import Path as Path
-    from .model.schemas import Schema as Schema
     from .model_file.storage import load as load
     from .samples.babbling import babble as babble
     from .samples.logs import read_log as read_log
@@ -74,8 +70,6 @@ _HOME = {
     "Corrected": "use.correct",
     "Drift": "change.check",
     "Evaluation": "training.evaluate",
-    "Followed": "change.streams",
-    "Follower": "change.streams",
     "LogError": "errors",
     "Model": "model.model",
     "ModelError": "errors",
@@ -87,11 +81,10 @@ _HOME = {
     "Plan": "use.plan",
     "PlanarArm": "arm.arm",
     "QueryError": "errors",
-    "Recognition": "change.schemas",
+    "Recognition": "change.recognise",
     "RobotError": "errors",
     "SOM": "maps.som",
     "Samples": "samples.samples",
-    "Schema": "model.schemas",
     "Simulation": "samples.simulation",
     "Surroundings": "maps.fields",
     "Sweep": "sweeps.trials",
@@ -102,15 +95,14 @@ _HOME = {
     "check": "change.check",
     "correct": "use.correct",
     "evaluate": "training.evaluate",
-    "keep": "change.schemas",
+    "follow": "change.follow",
     "list_robots": "arm.robots",
     "load": "model_file.storage",
     "load_arm": "arm.loading",
     "monitor": "change.monitor",
     "plan": "use.plan",
     "read_log": "samples.logs",
-    "recall": "change.schemas",
-    "recognise": "change.schemas",
+    "recognise": "change.recognise",
     "sweep": "sweeps.sweep",
     "train": "training.train",
     "write_log": "samples.logs",

@@ -36,6 +36,7 @@ COMMANDS = {
     "sweep": "Train with every combination of options, on all cores.",
     "check": "Compare a model with new samples: is it still calibrated?",
     "adapt": "Re-calibrate a model from a few new samples.",
+    "recognise": "Tell which of some models the arm is in.",
     "correct": "Correct joint values so that the real arm goes where they lead.",
     "urdf": "Write a copy of the URDF with what the model has learned.",
     "export": "Write a model as one C99 header for controllers without Python.",

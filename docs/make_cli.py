@@ -48,6 +48,7 @@ Every command takes `--json` (one JSON document on standard output, in SI units)
 | `calib query path` | the path cannot be followed on one branch, or leaves the reach |
 | `calib check` | the arm or the sensor has changed, or the log is too coarse for `--tolerance` |
 | `calib adapt` | no change improves the model or explains the log; no file is written |
+| `calib recognise` | the log fits none of the models |
 | `calib correct` | a target is out of reach, or a correction exceeds the limit |
 | `calib urdf` | offsets and placements do not explain the model; no file is written |
 | `calib log` | no time offset aligns the recordings |

@@ -2,7 +2,6 @@
 
 For a stream that lasts: a change is noticed, followed, and the next one is waited for.
 Equation numbers are those of the paper in the order in which it states them.
-:class:`~calib.change.streams.Follower` adds schemas that are kept and recalled.
 """
 
 from __future__ import annotations

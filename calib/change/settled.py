@@ -26,11 +26,13 @@ from ..model.measured import Rows
 from ..model.model import Model
 from ..training.held_out import node_bounds
 from ..training.smooth import NO_ARM
-from .schemas import IMAGINED
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
+
+IMAGINED = 20_000
+"""Samples that a model imagines to learn its links from."""
 
 _ROWS = 3000  # rows that a body is refitted to: more would tell it hardly more
 _NOISE_FLOOR = 1.5  # so is that of a simulation beyond so many times the usual noise

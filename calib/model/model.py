@@ -52,10 +52,6 @@ class Model(Parts, Saving):
         What an undisturbed arm's distortions look like, for `check` and `monitor`.
     seconds : dict
         How long the steps of its training took; not stored in a file.
-    schema : str
-        Name of the state that this model is in, see :mod:`calib.change.schemas`.
-    schemas : tuple of Schema
-        Other states of the same arm that were kept, such as with a tool mounted.
     approach : Approach or None
         Backlash, where the order of the samples showed that the direction counts.
     photo : Photo or None

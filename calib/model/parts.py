@@ -31,7 +31,6 @@ if TYPE_CHECKING:
     from .about import About
     from .baseline import Baseline
     from .measured import Photo
-    from .schemas import Schema
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -49,8 +48,6 @@ class Parts:
     history: tuple[dict[str, Any], ...] = field(default=())
     baseline: Baseline | None = field(default=None)
     seconds: dict[str, float] = field(default_factory=dict)
-    schema: str = "schema 1"
-    schemas: tuple[Schema, ...] = ()
     approach: Approach | None = None
     photo: Photo | None = None
 

@@ -26,8 +26,6 @@ from ..model.about import About
 from ..model.alignment import Alignment
 from ..model.measured import MOST_ROWS, Photo, Rows
 from ..model.model import Model
-from ..model.schemas import FIRST
-from . import schemas
 from .checked import POSITIVE, WHOLE, Tensors, given, given_key, plain_fields, refuse_impossible
 from .parts import (
     baseline_header,
@@ -80,10 +78,6 @@ def described(model: Model) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
     if model.approach is not None:
         header["approach"] = model.approach.play.tolist()
         tensors["approach.bounds"] = model.approach.bounds
-    if model.schemas or model.schema != FIRST:
-        header["schema"] = model.schema
-        header["schemas"], kept = schemas.pack_schemas(model.schemas)
-        tensors |= kept
     if model.photo is not None:
         header["photo"] = list(model.photo.box)
         tensors["photo"] = np.frombuffer(model.photo.jpeg, np.uint8)
@@ -149,9 +143,6 @@ def build(header: Mapping[str, Any], tensors: Tensors) -> Model:
         box = given(tuple[float, float, float, float], header["photo"], "photo")
         photo = tensors.take("photo", (-1,), "uint8").tobytes()
         model = replace(model, photo=Photo(photo, box))
-    if "schemas" in header:
-        model = replace(model, schema=schemas.schema_name(header["schema"]))
-        model = replace(model, schemas=schemas.unpack_schemas(model, header["schemas"], tensors))
     return model
 
 

@@ -1,4 +1,4 @@
-"""Parts that models and kept schemas share: smooth parts, local models, baselines."""
+"""Parts of a model file: smooth parts, local models, baselines."""
 
 from __future__ import annotations
 

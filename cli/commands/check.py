@@ -50,11 +50,9 @@ def check(
     say(drift.notes)
     rescaled = any(cause.cause == "scale" and cause.interval is None for cause in drift.causes)
     unit_seen = "sensor" if rescaled else loaded.about.unit
-    known = calib.recognise(loaded, log) if loaded.schemas else None
     document = {
         "model": model,
         **drift.to_json(),
-        **({"schema": known.name} if known is not None else {}),
         "unit": unit_seen,
         "units": {**units_of(loaded.about), "positions": unit_seen},
     }
@@ -77,8 +75,6 @@ def check(
         lines += ["what to do: give more rows, or rows of less noise", rests]
     else:
         lines = ["still calibrated", rests]
-    if known is not None:
-        lines.append(known.words)
     code = 0 if drift.drifted is False else NO
     return Outcome(document, lines, _details(drift, factor, name), code=code)
 

@@ -32,9 +32,7 @@ def info(model: opt.Model, *, degrees: opt.Degrees = False) -> Outcome:
     lines += ["", "body", *(f"  {printable(line)}" for line in told)] if told else []
     if not about.errors:
         return Outcome(document, lines)
-    held = accuracy(
-        loaded, about.errors, about.within, f"{about.tested} rows", about.left_out
-    )
+    held = accuracy(loaded, about.errors, about.within, f"{about.tested} rows", about.left_out)
     lines += ["", f"accuracy: {held}", *advice(loaded, about.errors)]
     table = compact_table(loaded, about.errors, "errors when it was made")
     return Outcome(document, lines, [table])
@@ -47,11 +45,10 @@ def _provenance(model: Model) -> dict[str, Any]:
         "ranges": dict(zip(about.joint_names, limits, strict=True)),
         "joint_units": dict(zip(about.joint_names, about.units_of_joints, strict=True)),
         **fields(about, "locked source simulation taught options"),
-        **fields(model, "schema history"),
+        **fields(model, "history"),
         "body": None if model.body is None else model.body.to_json(),
         "rows": 0 if model.rows is None else len(model.rows),
         "notes": [as_typed(text) for text in about.notes],
-        "schemas": [s.name for s in model.schemas],
         "backlash": None if model.approach is None else (2.0 * model.approach.play).tolist(),
     }
 

@@ -1,0 +1,45 @@
+"""The command `calib recognise`: which of some models the arm is in."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from typer import Argument
+
+from calib.common.wording import for_people
+
+from .. import options as opt
+from ..measurements import Reading, log_for
+from ..output import NO, Outcome, TextTable, number
+
+
+def recognise(
+    models: Annotated[
+        list[str], Argument(metavar="MODEL..", help="Model files, one for each state of the arm.")
+    ],
+    *,
+    data: opt.NewLog,
+    columns: opt.Columns = None,
+    unit: opt.Unit = None,
+    degrees: opt.LogDegrees = None,
+) -> Outcome:
+    """Tell which of some models the arm is in. Exit code 3 if it is in none."""
+    import calib
+
+    loaded = [calib.load(path) for path in models]
+    log = log_for(loaded[0], data, Reading(columns, unit, degrees))
+    found = calib.recognise(loaded, log)
+    name = None if found.index is None else models[found.index]
+    fits = [{"model": models[fit.index], **fit.to_json()} for fit in found.fits]
+    factor, shown = for_people(loaded[0].about.unit)
+    rows = [
+        [models[f.index], number(f.score), number(factor * f.distance), "fits" * f.fits]
+        for f in found.fits
+    ]
+    header = ["model", "score", f"median distance [{shown}]", ""]
+    table = TextTable(header, rows, f"{found.samples} samples of {data}")
+    return Outcome(
+        {"model": name, "samples": found.samples, "fits": fits},
+        [f"{name} fits" if name else "none of the models fits", table],
+        code=0 if name else NO,
+    )
