@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ..output import Outcome, TextTable, fields
+from ..output import Outcome, TextTable, facts, fields
 
 
 def robots() -> Outcome:
@@ -10,9 +10,8 @@ def robots() -> Outcome:
     import calib
 
     entries = calib.list_robots()
-    # of more than two joints their number, so that a robot stays one line
-    joints = [", ".join(e.joints) if e.dof == 2 else f"{e.dof} joints" for e in entries]
-    rows = [[e.name, told, e.description] for e, told in zip(entries, joints, strict=True)]
-    table = TextTable(["robot", "joints, base to tip", "description"], rows, left=3)
+    rows = [[entry.name, str(entry.dof), entry.description] for entry in entries]
+    table = TextTable(["robot", "joints", "description"], rows, left=3)
+    names = facts({entry.name: ", ".join(entry.joints) for entry in entries})
     document = [fields(entry, "name joints dof description") for entry in entries]
-    return Outcome(document, [table])
+    return Outcome(document, [table], ["", "joints, base to tip", *names], result=[table])
