@@ -19,47 +19,15 @@ NAMES = (
 
 @dataclass
 class RandomArm:
-    """A robot with one planar arm in it.
+    """A robot with one planar arm in it."""
 
-    Attributes
-    ----------
-    text : str
-        The URDF.
-    joints : list of str
-        The arm's joints, base to tip.
-    tip : str
-    normal : (3,) array
-        Of the arm's plane, in the root link's frame.
-    values : dict of str to float
-        Where every other movable joint stands [rad or m].
-    mimics : dict of str to (str, float, float)
-        Leader, multiplier and offset of joints that follow another.
-    refused : str or None
-        What the reason has to name, if the arm has to be refused; "not planar" only where a
-        planar arm is asked for.
-    """
-
-    text: str = ""
-    joints: list[str] = field(default_factory=list)
+    text: str = ""  # URDF
+    joints: list[str] = field(default_factory=list)  # of the arm, base to tip
     tip: str = ""
-    normal: np.ndarray = field(default_factory=lambda: np.array([0.0, 0.0, 1.0]))
-    values: dict[str, float] = field(default_factory=dict)
+    normal: np.ndarray = field(default_factory=lambda: np.array([0.0, 0.0, 1.0]))  # of its plane
+    values: dict[str, float] = field(default_factory=dict)  # where other joints stand [rad or m]
     mimics: dict[str, tuple[str, float, float]] = field(default_factory=dict)
-    refused: str | None = None
-
-
-def random_arm(rng: Random) -> RandomArm:
-    """Make a planar arm of one to seven joints anywhere in space, among other joints."""
-    return _Builder(rng).build()
-
-
-def rotation(rpy: tuple[float, float, float]) -> np.ndarray:
-    """Rotation of fixed-axis roll, pitch and yaw, as URDF defines it."""
-    (a, b, c) = rpy
-    x = [[1, 0, 0], [0, math.cos(a), -math.sin(a)], [0, math.sin(a), math.cos(a)]]
-    y = [[math.cos(b), 0, math.sin(b)], [0, 1, 0], [-math.sin(b), 0, math.cos(b)]]
-    z = [[math.cos(c), -math.sin(c), 0], [math.sin(c), math.cos(c), 0], [0, 0, 1]]
-    return np.array(z) @ np.array(y) @ np.array(x)
+    refused: str | None = None  # what the reason has to name, "not planar" where a plane is asked
 
 
 def turned(axis: np.ndarray, angle: float) -> np.ndarray:
@@ -69,19 +37,29 @@ def turned(axis: np.ndarray, angle: float) -> np.ndarray:
     return np.eye(3) + math.sin(angle) * k + (1 - math.cos(angle)) * k @ k
 
 
+def rotation(rpy: tuple[float, float, float]) -> np.ndarray:
+    """Rotation of fixed-axis roll, pitch and yaw, as URDF defines it."""
+    x, y, z = np.eye(3)
+    return turned(z, rpy[2]) @ turned(y, rpy[1]) @ turned(x, rpy[0])
+
+
+def random_arm(rng: Random) -> RandomArm:
+    """Make a planar arm of one to seven joints anywhere in space, among other joints."""
+    return _Builder(rng).build()
+
+
 class _Builder:
     def __init__(self, rng: Random) -> None:
-        self.rng = rng
-        self.arm = RandomArm()
+        self.rng, self.arm, self.frame = rng, RandomArm(), np.eye(3)
         self.nodes: list[ET.Element] = []
         self.names: set[str] = set()
         self.strange = rng.random() < 0.6
 
     def build(self) -> RandomArm:
         rng, arm = self.rng, self.arm
-        plain = rng.random() < 0.3
-        arm.normal = np.array([0.0, 0.0, 1.0]) if plain else self._direction()
-        link, self.frame = self._link(), np.eye(3)
+        if rng.random() < 0.7:
+            arm.normal = self._direction()
+        link = self._link()
         if rng.random() < 0.5:
             link = self._locked(link)
         count = rng.randint(1, 7)
@@ -93,12 +71,10 @@ class _Builder:
             if rng.random() < 0.3:
                 self._branch(link)
         arm.tip = self._locked(link, fixed=True)
-        if rng.random() < 0.3:
-            self._follower(arm.tip, rng.choice(arm.joints))
-        if count == 1:
-            arm.refused = "two or more"
-        elif bent is not None:
-            arm.refused = "not planar"
+        if rng.random() < 0.3:  # a joint beside the arm that follows one of its joints
+            name, _ = self._joint("revolute", arm.tip, self._direction(), limits=(-3.0, 3.0))
+            self._mimic(name, rng.choice(arm.joints))
+        arm.refused = "two or more" if count == 1 else "not planar" if bent is not None else None
         rng.shuffle(self.nodes)
         robot = ET.Element("robot", name=self._name("robot"))
         robot.extend(self.nodes)
@@ -109,40 +85,30 @@ class _Builder:
         """Add a joint of the arm: across the plane if it turns, within it if it slides."""
         rng, normal = self.rng, self.arm.normal
         kind = rng.choice(("revolute", "revolute", "continuous", "prismatic"))
+        across = np.cross(normal, self._direction())
+        across /= np.linalg.norm(across)
+        slides = kind == "prismatic"
+        axis = across if slides else normal * rng.choice((1, -1))
+        if bent:  # well out of the plane, or well into it
+            axis = math.cos(0.7) * axis + math.sin(0.7) * (normal if slides else across)
+        lower = rng.uniform(-2.5, 1.0)
+        limits = (0.0, 0.3) if slides else (lower, lower + rng.uniform(0.3, 2.5))
         rpy = self._rpy()
         frame = self.frame @ rotation(rpy)
-        axis = normal * rng.choice((1, -1))
-        if kind == "prismatic":
-            axis = np.cross(normal, self._direction())
-            axis /= np.linalg.norm(axis)
-        if bent:  # well out of the plane, or well into it
-            across = np.cross(normal, self._direction())
-            across /= np.linalg.norm(across)
-            axis = math.cos(0.7) * axis + math.sin(0.7) * (
-                normal if kind == "prismatic" else across
-            )
         axis = frame.T @ axis * rng.choice((1.0, 1.0, 0.01, 30.0))
-        name, link = self._joint(kind, parent, rpy, axis)
-        lower = rng.uniform(-2.5, 1.0)
-        limits = (0.0, 0.3) if kind == "prismatic" else (lower, lower + rng.uniform(0.3, 2.5))
-        self._limit(kind, limits)
+        name, link = self._joint(kind, parent, axis, rpy=rpy, limits=limits)
         self.arm.joints.append(name)
-        self.frame = frame
         return link
 
     def _locked(self, parent: str, *, fixed: bool = False) -> str:
         """Add a joint that is fixed, or held at its neutral value."""
-        rng = self.rng
+        rng, axis = self.rng, self._direction()
         kind = "fixed" if fixed or rng.random() < 0.5 else rng.choice(("revolute", "prismatic"))
-        rpy = self._rpy()
-        axis = self._direction()
-        name, link = self._joint(kind, parent, rpy, axis)
-        self.frame = self.frame @ rotation(rpy)
+        lower = rng.choice((-1.0, -0.2, 0.1, 0.4, -0.9))
+        limits = (lower, lower + rng.uniform(0.05, 0.5))
+        name, link = self._joint(kind, parent, axis, limits=limits)
         if kind != "fixed":
-            lower = rng.choice((-1.0, -0.2, 0.1, 0.4, -0.9))
-            upper = lower + rng.uniform(0.05, 0.5)
-            self._limit(kind, (lower, upper))
-            value = min(max(0.0, lower), upper)
+            value = min(max(0.0, limits[0]), limits[1])
             leaders = [n for n in self.arm.values if n not in self.arm.mimics]
             if leaders and rng.random() < 0.3:
                 value = self._mimic(name, rng.choice(leaders))
@@ -153,20 +119,13 @@ class _Builder:
 
     def _branch(self, parent: str) -> None:
         """Add links beside the arm, one of which may move."""
-        rng, frame = self.rng, self.frame
-        for _ in range(rng.randint(1, 2)):
-            kind = rng.choice(("fixed", "revolute", "continuous", "prismatic"))
-            name, parent = self._joint(kind, parent, self._rpy(), self._direction())
+        frame = self.frame
+        for _ in range(self.rng.randint(1, 2)):
+            kind = self.rng.choice(("fixed", "revolute", "continuous", "prismatic"))
+            name, parent = self._joint(kind, parent, self._direction(), limits=(-0.5, 0.5))
             if kind != "fixed":
-                self._limit(kind, (-0.5, 0.5))
                 self.arm.values[name] = 0.0
         self.frame = frame
-
-    def _follower(self, parent: str, leader: str) -> None:
-        """Add a joint beside the arm that follows one of its joints."""
-        name, _ = self._joint("revolute", parent, self._rpy(), self._direction())
-        self._limit("revolute", (-3.0, 3.0))
-        self._mimic(name, leader)
 
     def _mimic(self, name: str, leader: str) -> float:
         multiplier, offset = self.rng.choice(((1.0, 0.0), (-0.5, 0.1), (2.0, 0.0)))
@@ -175,8 +134,11 @@ class _Builder:
         self.arm.mimics[name] = (leader, multiplier, offset)
         return multiplier * self.arm.values.get(leader, 0.0) + offset
 
-    def _joint(self, kind: str, parent: str, rpy, axis) -> tuple[str, str]:
+    def _joint(self, kind, parent, axis, *, limits, rpy=None) -> tuple[str, str]:
+        """Add a joint and its link; all that follows stands in its frame."""
         rng, link = self.rng, self._link()
+        rpy = self._rpy() if rpy is None else rpy
+        self.frame = self.frame @ rotation(rpy)
         name = self._name("joint")
         node = ET.Element("joint", name=name, type=kind)
         xyz = [rng.uniform(0.05, 0.5) * rng.choice((1, -1)) for _ in range(3)]
@@ -186,18 +148,14 @@ class _Builder:
             ET.Element("origin", xyz=_written(xyz), rpy=_written(rpy)),
             ET.Element("axis", xyz=_written(axis)),
         ]
-        if rng.random() < 0.2:
-            parts.append(ET.Element("dynamics", damping="0.1", friction="0"))
+        if kind != "fixed":
+            parts.append(ET.Element("limit", effort="10", velocity="1"))
+        if kind in ("revolute", "prismatic"):
+            parts[-1].attrib.update(lower=repr(limits[0]), upper=repr(limits[1]))
         rng.shuffle(parts)
         node.extend(parts)
         self.nodes.append(node)
         return name, link
-
-    def _limit(self, kind: str, limits: tuple[float, float]) -> None:
-        node = ET.SubElement(self.nodes[-1], "limit", effort="10", velocity="1")
-        if kind != "continuous":
-            node.set("lower", repr(limits[0]))
-            node.set("upper", repr(limits[1]))
 
     def _link(self) -> str:
         name = self._name("link")
@@ -206,10 +164,6 @@ class _Builder:
             inertial = ET.SubElement(node, "inertial")
             ET.SubElement(inertial, "mass", value="1.5")
             ET.SubElement(inertial, "inertia", ixx="1", ixy="0", ixz="0", iyy="1", iyz="0", izz="1")
-        if self.rng.random() < 0.3:
-            for kind in ("visual", "collision"):
-                geometry = ET.SubElement(ET.SubElement(node, kind), "geometry")
-                ET.SubElement(geometry, "box", size="0.1 0.1 0.1")
         self.nodes.append(node)
         return name
 
