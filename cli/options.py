@@ -22,121 +22,73 @@ def option(usage: str, help: str, read: Reader[Any] | None = None) -> Any:  # no
     return Option(*flags, metavar=metavar, parser=read, help=help)
 
 
+def flag(name: str, help: str) -> Any:  # noqa: A002
+    """Declare an option without a value, or one that is a choice or a number of Typer's own."""
+    return Option(name, help=help)
+
+
 # files that commands work on
+_LOG = "CSV or Parquet with the joints' columns and x, y"
 Model = Annotated[str, Argument(metavar="MODEL", help="The file of a learned model.")]
 Robot = Annotated[str, Argument(metavar="ROBOT", help="A URDF file or a bundled robot.")]
-Data = Annotated[
-    str | None,
-    option("--data LOG", "A measured log: CSV or Parquet with the joints' columns and x, y."),
-]
-NewLog = Annotated[
-    str, option("--data LOG", "New samples: CSV or Parquet with the joints' columns and x, y.")
-]
+Data = Annotated[str | None, option("--data LOG", f"A measured log: {_LOG}.")]
+NewLog = Annotated[str, option("--data LOG", f"New samples: {_LOG}.")]
 
 # what is babbled or sensed
 Joints = Annotated[
-    Any,
-    option(
-        "--joints A,B",
-        "Active joints; the others are locked. Found automatically where only one choice makes "
-        "sense.",
-        parsing.names,
-    ),
+    Any, option("--joints A,B", "Active joints (default found); others are locked.", parsing.names)
 ]
 Tip = Annotated[str | None, option("--tip FRAME", "The frame whose position is sensed.")]
-Planar = Annotated[
-    bool,
-    Option("--planar", help="Take the planar part of a robot that moves in space: positions x, y."),
-]
+Planar = Annotated[bool, flag("--planar", "Take the planar part of a robot in space: x, y.")]
 Lock = Annotated[
     list[JointValue] | None,
-    option(
-        "--lock JOINT=VALUE",
-        "Hold another joint at this value [rad or m]; repeatable. Neutral if not given.",
-        parsing.joint_value,
-    ),
+    option("--lock JOINT=VALUE", "Hold it there [rad or m]; repeatable.", parsing.joint_value),
 ]
 Ranges = Annotated[
     list[JointRange] | None,
-    option(
-        "--range JOINT=LO:HI",
-        "Use only this part of a joint's range [rad or m]; repeatable.",
-        parsing.joint_range,
-    ),
+    option("--range JOINT=LO:HI", "Part of its range [rad or m]; repeatable.", parsing.joint_range),
 ]
 Degrees = Annotated[
-    bool,
-    Option("--degrees", help="Joint values are typed, read and printed in degrees (default rad)."),
+    bool, flag("--degrees", "Joint values are typed, read and printed in degrees (default rad).")
 ]
 
 # simulated babbling
-Number = Annotated[
-    int | None,
-    Option(
-        "--samples", "-n", metavar="N", min=1, help="How many samples to babble (default 20000)."
-    ),
-]
-Noise = Annotated[
-    float | None,
-    Option(
-        "--noise",
-        metavar="S",
-        min=0,
-        help="Standard deviation of the simulated sensor along each axis [m] (default 0).",
-    ),
-]
-Moves = Annotated[
-    Motion | None, Option("--motion", help="How the simulated arm babbles (default uniform).")
-]
+SAMPLES = "How many samples to babble (default 20000)."
+NOISE = "Noise of the simulated sensor along each axis, standard deviation [m] (default 0)."
+Number = Annotated[int | None, Option("--samples", "-n", metavar="N", min=1, help=SAMPLES)]
+Noise = Annotated[float | None, Option("--noise", metavar="S", min=0, help=NOISE)]
+Moves = Annotated[Motion | None, flag("--motion", "How the arm babbles (default uniform).")]
 Changes = Annotated[
     list[str] | None,
     option(
         "--change JOINT.WHAT=VALUE",
-        "Change the simulated arm or sensor, such as elbow.length=+20%, "
-        "shoulder.offset=0.05, sensor.rotate=0.14 or sensor.mirror=x; repeatable.",
+        "Change the simulated arm or sensor, such as elbow.length=+20%, shoulder.offset=0.05, "
+        "sensor.rotate=0.14 or sensor.mirror=x; repeatable.",
     ),
 ]
 Seed = Annotated[int, Option("--seed", metavar="K", min=0, help="Seed of the random numbers.")]
 
 # training
-SIZE = (
-    "Nodes of both maps: 70 or 70x70 if not given, for three joints 17x17x17 in the motor map; a "
-    "log chooses its own."
-)
-MAP = (
-    "Kind of map: vdsom, som, dsom or gng (default vdsom; for a log with --body none gas where "
-    "held-out blocks prefer it); vdsom:error and the like name variants of the paper's rule."
-)
+SIZE = "Nodes of both maps (default 70; for three joints 17x17x17; a log chooses its own)."
+MAP = "Kind of map: vdsom (default), som, dsom or gng; vdsom:error names a variant."
 EPOCHS = "Passes over the samples; the full lattice alone is trained then."
-SIGMA = (
-    "Neighbourhood radius at the start and the end [nodes]; the full lattice alone is trained then."
-)
+SIGMA = "Neighbourhood radius, start and end [nodes]; the full lattice alone is trained then."
 Size = Annotated[Any, option("--size N|NxN|NxNxN", SIZE, parsing.size)]
-MotorSize = Annotated[
-    Any,
-    option("--motor-size N|NxN", "Nodes of the motor map, where they differ.", parsing.size),
-]
-SensorySize = Annotated[
-    Any,
-    option("--sensory-size N|NxN", "Nodes of the sensory map, where they differ.", parsing.size),
-]
+MotorSize = Annotated[Any, option("--motor-size N|NxN", "Of the motor map.", parsing.size)]
+SensorySize = Annotated[Any, option("--sensory-size N|NxN", "Of the sensory map.", parsing.size)]
 Map = Annotated[str | None, option("--map KIND", MAP, parsing.kind_of_map)]
-TrainingRule = Annotated[Rule, Option("--rule", help="Training rule.")]
+TrainingRule = Annotated[Rule, flag("--rule", "Training rule.")]
 Epochs = Annotated[int | None, Option("--epochs", metavar="N", min=1, help=EPOCHS)]
 Sigma = Annotated[Any, option("--sigma START:END", SIGMA, parsing.sigma)]
 BodyKind = Annotated[
-    Body,
-    Option(
-        "--body",
-        help="auto fits a kinematic body under the maps; none learns maps and Hebbian links alone.",
-    ),
+    Body, flag("--body", "auto: a kinematic body under the maps; none: maps and links alone.")
 ]
 ViewKind = Annotated[
     View,
-    Option(
+    flag(
         "--view",
-        help="What the sensor measures: base is the robot's root frame; auto is rigid for "
-        "lengths, homography for pixels, pinhole for pixels of an arm in space.",
+        "What the sensor measures: base is the robot's root frame; auto is rigid for lengths, "
+        "homography for pixels, pinhole for pixels of an arm in space.",
     ),
 ]
 
@@ -145,86 +97,51 @@ Columns = Annotated[
     Any,
     option(
         "--columns x=U,y=V",
-        "Columns that have other names; an element of a Parquet list is tip[0].",
+        "Columns of other names; an element of a Parquet list is tip[0].",
         parsing.typed_columns,
     ),
 ]
 Unit = Annotated[
-    str | None,
-    option("--unit m|mm|px|..", "Unit of the log's positions (default m, or that of the model)."),
+    str | None, option("--unit m|mm|px|..", "Of the log's positions (default m, or the model's).")
 ]
 Prismatic = Annotated[
-    Any, option("--prismatic A,B", "For a log without ROBOT: the joints that slide.", parsing.names)
+    Any, option("--prismatic A,B", "Without ROBOT: the joints that slide.", parsing.names)
 ]
 LogDegrees = Annotated[
-    bool | None,
-    Option(
-        "--degrees/--radians",
-        help="Unit of the log's joint values (default: that of the log the model was made from).",
-    ),
+    bool | None, flag("--degrees/--radians", "Of the log's joints (default: as the model's log).")
 ]
 Photo = Annotated[
-    str | None,
-    option(
-        "--photo FILE",
-        "A picture, or a video, by the camera that made the log: the map is drawn over it.",
-    ),
+    str | None, option("--photo FILE", "By the camera of the log: the map is drawn over it.")
 ]
-NoPhoto = Annotated[bool, Option("--no-photo", help="Keep no photo in the model and draw none.")]
+NoPhoto = Annotated[bool, flag("--no-photo", "Keep no photo in the model and draw none.")]
 
 # queries and what else asks a model
 ReadoutKind = Annotated[
-    Readout | None,
-    Option(
-        "--readout",
-        help="Readout of the query (default local: body and local models; without a body linear: "
-        "maps and Hebbian links alone).",
-    ),
+    Readout | None, flag("--readout", "Readout (default local; without a body linear).")
 ]
-InFrame = Annotated[
-    Frame,
-    Option("--in", help="Frame of positions: what the sensor reads, or the arm's base [m]."),
-]
+InFrame = Annotated[Frame, flag("--in", "Frame of positions: the sensor's, or the arm's base [m].")]
 PositionUnit = Annotated[
     str | None,
-    option(
-        "--unit m|mm|..",
-        "Unit of positions that are typed, read and printed (default: typed in the model's unit, "
-        "printed in mm where that is m).",
-    ),
+    option("--unit m|mm|..", "Of positions typed, read and printed (default the model's)."),
 ]
 Input = Annotated[
-    str | None,
-    option("--input FILE", "Answer every row of this CSV file (- for standard input)."),
+    str | None, option("--input FILE", "Answer every row of this CSV file (- standard input).")
 ]
 Output = Annotated[
-    str | None,
-    option("--output FILE", "Write the answers to this CSV file (default standard output)."),
+    str | None, option("--output FILE", "Answers as CSV or Parquet (default standard output).")
 ]
 LogView = Annotated[
-    LogFrame,
-    Option(
-        "--view",
-        help="base: the log is in the robot's root frame; auto: the sensor's frame is free.",
-    ),
+    LogFrame, flag("--view", "base: the log is in the robot's root frame; auto: in its own.")
 ]
 WhatChanged = Annotated[
-    Cause | None,
-    Option("--cause", help="What changed, if known: the sensor, or the arm's joints and links."),
+    Cause | None, flag("--cause", "What changed, if known: the sensor, or joints and links.")
 ]
 FrameOrJoints = Annotated[
-    Cause,
-    Option(
-        "--cause",
-        help="What changed, if a turned sensor and an offset of the first joint look the same.",
-    ),
+    Cause, flag("--cause", "What a turn that both explain is: the sensor's or the first joint's.")
 ]
 
 # what is printed for a camera
 Dictionary = Annotated[str, option("--dictionary NAME", "Dictionary of the tags.")]
 Board = Annotated[
-    str | None,
-    option(
-        "--board COLSxROWS:SQUARE:MARKER:DICT", "A ChArUco board, such as 7x5:24mm:18mm:5x5_100."
-    ),
+    str | None, option("--board COLSxROWS:SQUARE:MARKER:DICT", "Such as 7x5:24mm:18mm:5x5_100.")
 ]

@@ -13,6 +13,7 @@ from calib.common.wording import for_people
 from .. import options as opt
 from ..files import check_output
 from ..measurements import Reading, log_for
+from ..options import option
 from ..output import NO, Outcome, TextTable, fields, number, progress_bar, say
 from ..photo import photo_of_log
 from ..translation import as_typed
@@ -24,16 +25,10 @@ def adapt(
     *,
     data: opt.NewLog,
     output: Annotated[
-        str | None,
-        opt.option("--output -o MODEL", "The new file (default MODEL.adapted.calib)."),
+        str | None, option("--output -o MODEL", "The new file (default MODEL.adapted.calib).")
     ] = None,
     method: Annotated[
-        Method,
-        Option(
-            "--method",
-            help="few-shot updates the body from a few rows; online applies the paper's rule to "
-            "thousands of rows.",
-        ),
+        Method, Option(help="few-shot: the body, from a few rows; online: the paper's rule.")
     ] = "few-shot",
     cause: opt.WhatChanged = None,
     columns: opt.Columns = None,

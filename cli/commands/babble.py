@@ -6,6 +6,7 @@ from typing import Annotated
 
 from .. import options as opt
 from ..files import TABLES, check_output
+from ..options import option
 from ..output import Outcome
 from ..samples import Babbling, Selection, babbled_samples
 
@@ -14,7 +15,7 @@ def babble(
     robot: opt.Robot,
     *,
     output: Annotated[
-        str, opt.option("--output -o LOG", "CSV, or Parquet by its name (- standard output).")
+        str, option("--output -o LOG", "CSV, or Parquet by its name (- standard output).")
     ],
     samples: opt.Number = None,
     noise: opt.Noise = None,

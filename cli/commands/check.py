@@ -8,6 +8,7 @@ from calib.common.wording import for_people
 
 from .. import options as opt
 from ..measurements import Reading, log_for
+from ..options import option
 from ..output import NO, Outcome, TextTable, number, say
 from ..units import units_of
 
@@ -31,11 +32,7 @@ def check(
     data: opt.NewLog,
     cause: opt.WhatChanged = None,
     tolerance: Annotated[
-        float | None,
-        opt.option(
-            "--tolerance S",
-            "Also exit 3 if the rows could not have shown a change of this size [m].",
-        ),
+        float | None, option("--tolerance S", "Exit 3 too if such a change [m] were not shown.")
     ] = None,
     columns: opt.Columns = None,
     unit: opt.Unit = None,

@@ -8,6 +8,7 @@ from calib.common.wording import for_people
 
 from .. import options as opt
 from ..files import TABLES, check_output
+from ..options import option
 from ..output import NO, Outcome, fields, note, number, say
 from ..parsing import above_zero
 from ..units import JointFormat, units_of
@@ -20,24 +21,15 @@ def correct(
     model: opt.Model,
     *,
     input_: Annotated[
-        str,
-        opt.option(
-            "--input FILE",
-            "Joint values that are right for the nominal arm: a CSV file (- standard input).",
-        ),
+        str, option("--input FILE", "Joints that are right for the nominal arm: CSV (- stdin).")
     ],
     columns: opt.Columns = None,
     output: Annotated[
-        str | None, opt.option("--output FILE", "File of the corrected joint values, as CSV.")
+        str | None, option("--output FILE", "File of the corrected joint values, as CSV.")
     ] = None,
     limit: Annotated[
         float | None,
-        opt.option(
-            "--limit L",
-            "Largest change of a joint that is accepted [rad or m]; three times what the model "
-            "usually corrects if not given.",
-            above_zero,
-        ),
+        option("--limit L", "Largest change [rad or m] (default 3 x usual).", above_zero),
     ] = None,
     view: opt.LogView = "auto",
     cause: opt.FrameOrJoints = "sensor",

@@ -8,6 +8,7 @@ from typer import Option
 
 from .. import options as opt
 from ..files import check_output
+from ..options import option
 from ..output import Outcome, say
 from ..parsing import BadOption
 
@@ -21,24 +22,14 @@ _ENDINGS = {
 def export(
     model: opt.Model,
     *,
-    output: Annotated[
-        str | None, opt.option("--output -o FILE.h", "The C header to write.")
-    ] = None,
-    single: Annotated[
-        bool, Option("--float", help="Single precision, for microcontrollers.")
-    ] = False,
-    prefix: Annotated[
-        str, opt.option("--prefix NAME", "Prefix of every name in the header.")
-    ] = "calib_",
+    output: Annotated[str | None, option("--output -o FILE.h", "The C header to write.")] = None,
+    single: Annotated[bool, Option("--float", help="Single precision.")] = False,
+    prefix: Annotated[str, option("--prefix NAME", "Prefix of every name in C.")] = "calib_",
     camera: Annotated[
-        str | None, opt.option("--camera FILE.yaml", "Write the lens as ROS camera_info.")
+        str | None, option("--camera FILE.yaml", "Write the lens as ROS camera_info.")
     ] = None,
     transform: Annotated[
-        str | None,
-        opt.option(
-            "--transform FILE.json",
-            "Write the pose of the camera or tracker in the base frame as a static transform.",
-        ),
+        str | None, option("--transform FILE.json", "Write the sensor's pose in the base frame.")
     ] = None,
 ) -> Outcome:
     """Write a model as one C99 header for controllers without Python, or its camera for ROS."""

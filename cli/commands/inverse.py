@@ -11,6 +11,7 @@ from typer import Argument, Option
 
 from .. import options as opt
 from ..files import TABLES, check_output
+from ..options import option
 from ..output import NO, Outcome, note
 from ..parsing import BadOption, check_count, check_streams, height, number, reals
 from ..units import JointFormat, PositionFormat, meaning
@@ -24,16 +25,11 @@ def inverse(
     model: opt.Model,
     target: Annotated[
         list[float] | None,
-        Argument(
-            metavar="X Y [Z]",
-            parser=number,
-            help="Position wanted [m, or the sensor's unit, or --unit].",
-        ),
+        Argument(metavar="X Y [Z]", parser=number, help="Position [m, sensor's unit or --unit]."),
     ] = None,
     *,
     near: Annotated[
-        Any,
-        opt.option("--near Q1,Q2", "Answer with the branch nearest to these joint values.", reals),
+        Any, option("--near Q1,Q2", "Answer with the branch nearest to these joints.", reals)
     ] = None,
     every: Annotated[bool, Option("--all", help="Answer with every branch.")] = False,
     readout: opt.ReadoutKind = None,
@@ -42,22 +38,17 @@ def inverse(
     output: opt.Output = None,
     frame: opt.InFrame = "sensor",
     quaternion: Annotated[
-        Any,
-        opt.option(
-            "--quaternion QX,QY,QZ,QW", "Of an arm in space: the orientation wanted too.", reals
-        ),
+        Any, option("--quaternion QX,QY,QZ,QW", "The orientation wanted too, in space.", reals)
     ] = None,
     rpy: Annotated[
-        Any,
-        opt.option("--rpy R,P,Y", "The same as roll, pitch and yaw, as in a URDF [rad].", reals),
+        Any, option("--rpy R,P,Y", "The same as roll, pitch and yaw, as in a URDF [rad].", reals)
     ] = None,
     keep: Annotated[
-        bool,
-        Option("--keep-orientation", help="Turn the tool as little as possible from --near."),
+        bool, Option("--keep-orientation", help="Turn the tool as little as possible from --near.")
     ] = False,
     on: Annotated[
         float | None,
-        opt.option("--on z=H", "The pixel X Y lies on this plane of the base frame [m].", height),
+        option("--on z=H", "The pixel X Y lies on this plane of the base frame [m].", height),
     ] = None,
     unit: opt.PositionUnit = None,
     degrees: opt.Degrees = False,

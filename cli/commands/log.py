@@ -14,79 +14,44 @@ from .. import parsing
 from ..camera import Shooting, is_picture, offset_or_auto, record
 from ..files import TABLES, check_output
 from ..measurements import refuse
+from ..options import option
 from ..output import Outcome, say
 from ..parsing import BadOption
 
 
 def log(
     bag: Annotated[
-        str,
-        Argument(
-            metavar="BAG|PICTURES|VIDEO",
-            help="A ROS 1 .bag, the folder of a ROS 2 bag or an .mcap file; a folder or pattern of "
-            "pictures; a video.",
-        ),
+        str, Argument(metavar="BAG|PICTURES|VIDEO", help="A ROS bag, pictures (folder), a video.")
     ],
     *,
-    output: Annotated[str, opt.option("--output -o LOG", "The log: CSV or Parquet.")],
+    output: Annotated[str, option("--output -o LOG", "The log: CSV or Parquet.")],
     joints_topic: Annotated[
-        str | None,
-        opt.option(
-            "--joints-topic TOPIC", "Topic of the JointState messages; found if there is one only."
-        ),
+        str | None, option("--joints-topic TOPIC", "Of JointState; found if there is one only.")
     ] = None,
     tip_topic: Annotated[
-        str | None,
-        opt.option(
-            "--tip-topic TOPIC",
-            "Topic of the positions (PointStamped, PoseStamped, TransformStamped or tf); found "
-            "if there is one only.",
-        ),
+        str | None, option("--tip-topic TOPIC", "Of points, poses or tf; found if one only.")
     ] = None,
     frames: Annotated[
-        Any,
-        opt.option(
-            "--frames SENSOR,TIP",
-            "For tf: frames of the sensor and of the tip; found if one transform only moves.",
-            parsing.names,
-        ),
+        Any, option("--frames SENSOR,TIP", "For tf; found if one transform moves.", parsing.names)
     ] = None,
     joints: opt.Joints = None,
     max_gap: Annotated[
-        float,
-        opt.option(
-            "--max-gap S",
-            "Drop positions between joint states that are further apart than this [s].",
-            parsing.above_zero,
-        ),
+        float, option("--max-gap S", "Longest gap between joint states [s].", parsing.above_zero)
     ] = 0.1,
     still: Annotated[
         float | None,
-        opt.option(
-            "--still SPEED",
-            "Drop positions taken while a joint moved faster than this [rad/s or m/s].",
-            parsing.above_zero,
-        ),
+        option("--still V", "Drop rows of faster joints [rad/s or m/s].", parsing.above_zero),
     ] = None,
     time_offset: Annotated[
         Any,
-        opt.option(
-            "--time-offset auto|S",
-            "Added to the times of the positions [s]; auto finds it for a video and is 0 for a bag "
-            "(default auto).",
-            offset_or_auto,
-        ),
+        option("--time-offset auto|S", "Added to times of positions [s].", offset_or_auto),
     ] = None,
     rests: Annotated[
-        bool, Option("--rests", help="For a video, take the median of each rest (the default).")
+        bool, Option("--rests", help="Of a video the median of each rest (the default).")
     ] = False,
     joints_file: Annotated[
         str | None,
-        opt.option(
-            "--joints-file FILE",
-            "Joint values of the pictures (column picture, or in their order) or of the video "
-            "(column time).",
-        ),
+        option("--joints-file FILE", "Joints of pictures (column picture) or a video (time)."),
     ] = None,
     tag: Annotated[
         int | None, Option("--tag", metavar="ID", min=0, help="Number of the tag on the tip.")
@@ -94,40 +59,29 @@ def log(
     dictionary: opt.Dictionary = DICTIONARY,
     board: opt.Board = None,
     tags_at: Annotated[
-        str | None, opt.option("--tags-at FILE", "Tags on the desk: a table of tag, x, y [m].")
+        str | None, option("--tags-at FILE", "Tags on the desk: a table of tag, x, y [m].")
     ] = None,
     lens: Annotated[
-        str | None,
-        opt.option(
-            "--lens SHOTS|lens.json",
-            "Pictures of the board that calibrate the camera, or the lens.json of an earlier run.",
-        ),
+        str | None, option("--lens SHOTS|lens.json", "Pictures of the board, or a lens of before.")
     ] = None,
     tag_size: Annotated[
-        str | None, opt.option("--tag-size 40mm", "Side of the tip's tag, for --pose.")
+        str | None, option("--tag-size 40mm", "Side of the tip's tag, for --pose.")
     ] = None,
     tag_height: Annotated[
-        str | None,
-        opt.option("--tag-height 25mm", "Height of the tip's tag above the board or the tags."),
+        str | None, option("--tag-height 25mm", "Height of the tip's tag above the desk.")
     ] = None,
     pose: Annotated[
-        bool,
-        Option("--pose", help="Write z and qx, qy, qz, qw of the tag too, for spatial arms."),
+        bool, Option("--pose", help="Write z and the tag's quaternion too, for arms in space.")
     ] = False,
     since: Annotated[
-        str | None,
-        opt.option("--since LOG", "An earlier log; prints how far the camera moved since."),
+        str | None, option("--since LOG", "An earlier log: how far has the camera moved since?")
     ] = None,
     picture: Annotated[
-        str | None, opt.option("--picture seen.png", "Draw the detections over a photo.")
+        str | None, option("--picture seen.png", "Draw the detections over a photo.")
     ] = None,
     camera: Annotated[
         str | None,
-        opt.option(
-            "--camera DEVICE",
-            "Take the pictures now, into PICTURES: one for each line of joints on standard input, "
-            "below a line with their names.",
-        ),
+        option("--camera DEVICE", "Take pictures now, one for each line of joints on stdin."),
     ] = None,
     degrees: opt.Degrees = False,
     prismatic: opt.Prismatic = None,

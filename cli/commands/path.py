@@ -7,6 +7,7 @@ from typing import Annotated, Any
 
 from .. import options as opt
 from ..files import TABLES, check_output
+from ..options import option
 from ..output import NO, Outcome, fields, note
 from ..parsing import above_zero, expects, reals
 from ..units import JointFormat, PositionFormat, meaning
@@ -20,25 +21,15 @@ def _step(text: str) -> float:
 def path(
     model: opt.Model,
     *,
-    input_: Annotated[str, opt.option("--input FILE", "Waypoints: a CSV file with columns x,y.")],
+    input_: Annotated[str, option("--input FILE", "Waypoints: a CSV file with columns x,y.")],
     columns: opt.Columns = None,
     output: opt.Output = None,
     start: Annotated[
-        Any,
-        opt.option(
-            "--from Q1,Q2",
-            "Start near these joint values; without it on the branch that goes furthest.",
-            reals,
-        ),
+        Any, option("--from Q1,Q2", "Start near these joints (default: goes furthest).", reals)
     ] = None,
     step: Annotated[
         float | None,
-        opt.option(
-            "--step S",
-            "Longest way of the tip between two rows [m, or the sensor's unit, or --unit]; inf "
-            "for the waypoints alone; 1 % of the workspace's extent if not given.",
-            _step,
-        ),
+        option("--step S", "Longest way between rows; inf: waypoints (default 1 % extent).", _step),
     ] = None,
     unit: opt.PositionUnit = None,
     degrees: opt.Degrees = False,

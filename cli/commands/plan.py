@@ -10,6 +10,7 @@ from typer import Argument, Option
 from .. import options as opt
 from ..files import TABLES, check_output
 from ..measurements import Reading, log_for, refuse
+from ..options import option
 from ..output import Outcome, fields, say
 from ..parsing import not_negative, reals
 from ..samples import Selection
@@ -22,17 +23,11 @@ if TYPE_CHECKING:
 
 def plan(
     robot: Annotated[
-        str,
-        Argument(
-            metavar="ROBOT|MODEL",
-            help="A URDF file or a bundled robot, to be measured for the first time; or a model, "
-            "to be improved or checked.",
-        ),
+        str, Argument(metavar="ROBOT|MODEL", help="A robot to measure, or a model to improve.")
     ],
     *,
     output: Annotated[
-        str,
-        opt.option("--output -o FILE", "CSV, or Parquet by its name (- for standard output)."),
+        str, option("--output -o FILE", "CSV, or Parquet by its name (- for standard output).")
     ],
     poses: Annotated[
         int, Option("--poses", "-n", metavar="N", min=1, max=1000, help="How many poses.")
@@ -45,18 +40,10 @@ def plan(
     degrees: opt.Degrees = False,
     margin: Annotated[
         float | None,
-        opt.option(
-            "--margin M",
-            "Distance from the joints' limits [rad or m]; 1 deg, but at most 2 % of the range, if "
-            "not given.",
-            not_negative,
-        ),
+        option("--margin M", "Distance from the limits [rad or m] (default 1 deg).", not_negative),
     ] = None,
     start: Annotated[
-        Any,
-        opt.option(
-            "--from Q1,Q2", "Joint values before the first pose; neutral if not given.", reals
-        ),
+        Any, option("--from Q1,Q2", "Joints before the first pose (default neutral).", reals)
     ] = None,
     data: opt.Data = None,
     columns: opt.Columns = None,

@@ -11,6 +11,7 @@ from typer import Option
 from .. import options as opt
 from ..files import check_output
 from ..measurements import Reading
+from ..options import option
 from ..output import Outcome, note, say
 from ..parsing import BadOption
 from ..photo import load_drawn
@@ -20,8 +21,7 @@ def preview(
     model: opt.Model,
     *,
     html: Annotated[
-        str | None,
-        opt.option("--html FILE", "Write the page into a file, which needs no network, and end."),
+        str | None, option("--html FILE", "Write the page, which needs no network, and end.")
     ] = None,
     data: opt.Data = None,
     columns: opt.Columns = None,
@@ -30,27 +30,16 @@ def preview(
     photo: opt.Photo = None,
     no_photo: opt.NoPhoto = False,
     meshes: Annotated[
-        str | None,
-        opt.option(
-            "--meshes FOLDER", "Folder of the URDF's mesh files; nothing outside of it is read."
-        ),
+        str | None, option("--meshes FOLDER", "Mesh files of the URDF; none from elsewhere.")
     ] = None,
     port: Annotated[
-        int,
-        Option(
-            "--port",
-            metavar="N",
-            min=0,
-            max=65535,
-            help="Port of the page (default: any free port).",
-        ),
+        int, Option("--port", metavar="N", min=0, max=65535, help="Port of the page (0: any).")
     ] = 0,
     no_open: Annotated[
         bool, Option("--no-open", help="Print the address and open no browser.")
     ] = False,
     live: Annotated[
-        bool,
-        Option("--live", help="Show a target that can be dragged, and every inverse solution."),
+        bool, Option("--live", help="Show a target that can be dragged, and all its solutions.")
     ] = False,
 ) -> Outcome:
     """Show the arm and its learned maps in a browser, with meshcat."""

@@ -8,6 +8,7 @@ from typing import Annotated
 from .. import options as opt
 from ..files import check_output
 from ..measurements import Reading
+from ..options import option
 from ..output import Outcome
 from ..parsing import BadOption
 from ..photo import load_drawn
@@ -16,12 +17,8 @@ from ..photo import load_drawn
 def report(
     model: opt.Model,
     *,
-    output: Annotated[
-        str | None, opt.option("--output -o FILE.html", "The report, in one file.")
-    ] = None,
-    png: Annotated[
-        str | None, opt.option("--png DIR", "Write its figures as PNG into this folder.")
-    ] = None,
+    output: Annotated[str | None, option("--output -o FILE.html", "One file.")] = None,
+    png: Annotated[str | None, option("--png DIR", "Its figures as PNG.")] = None,
     data: opt.Data = None,
     columns: opt.Columns = None,
     unit: opt.Unit = None,

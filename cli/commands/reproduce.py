@@ -11,6 +11,7 @@ from typer import Argument, Option
 
 from .. import options as opt
 from .. import parsing
+from ..options import option
 from ..output import Outcome, TextTable, number, progress_bar
 from ..parsing import JointValue
 from ..units import in_si, kinds_of_joints
@@ -31,34 +32,29 @@ def _length(text: str) -> JointValue:
     return JointValue(joint, length)
 
 
+_format = parsing.one_of(("png", "svg", "pdf"))
+
+
 def reproduce(
     what: Annotated[
         Subject, Argument(metavar="|".join(get_args(Subject)), help="What to repeat.")
     ] = "all",
     *,
     output: Annotated[
-        str, opt.option("--output -o DIR", "Folder of the CSV files, figures.")
+        str, option("--output -o DIR", "Folder of CSV files, figures.")
     ] = "reproduced",
-    quick: Annotated[
-        bool, Option("--quick", help="Use small lattices and few samples, for a quick trial.")
-    ] = False,
+    quick: Annotated[bool, Option("--quick", help="Small lattices and few samples.")] = False,
     robot: Annotated[
-        str | None, opt.option("--robot ROBOT", "Another arm with two revolute joints.")
+        str | None, option("--robot ROBOT", "Another arm with two revolute joints.")
     ] = None,
     ranges: opt.Ranges = None,
     lengths: Annotated[
         list[JointValue] | None,
-        opt.option(
-            "--length JOINT=M", "Length of the link that a joint moves; repeatable.", _length
-        ),
+        option("--length JOINT=M", "Length of the link that a joint moves; repeatable.", _length),
     ] = None,
     formats: Annotated[
         list[str] | None,
-        opt.option(
-            "--format png|svg|pdf",
-            "File type of the figures; repeatable (default png).",
-            parsing.one_of(("png", "svg", "pdf")),
-        ),
+        option("--format png|svg|pdf", "Of the figures; repeatable (default png).", _format),
     ] = None,
     degrees: opt.Degrees = False,
     seed: opt.Seed = 0,

@@ -16,6 +16,7 @@ from .. import options as opt
 from .. import parsing
 from ..comparison import count_line, document, failures, sweep_tables
 from ..files import TABLES, check_output
+from ..options import option
 from ..output import Outcome, note, progress_bar, say
 from ..parsing import BadOption, several
 from ..samples import Logged, Selection, check_sources, measured_samples
@@ -27,79 +28,39 @@ if TYPE_CHECKING:
 
 def _grid(usage: str, text: str, read: parsing.Reader[Any]) -> Any:
     """Declare an option of several values to try, with commas between them."""
-    return opt.option(f"{usage},..", text, several(read))
+    return option(f"{usage},..", text, several(read))
 
 
 def sweep(
     robots: Annotated[
-        list[str] | None,
-        Argument(
-            metavar="ROBOT...",
-            help="URDF files or bundled robots (calib robots). Not needed with --data.",
-        ),
+        list[str] | None, Argument(metavar="ROBOT...", help="URDF files or bundled robots.")
     ] = None,
     *,
     data: Annotated[
-        list[str] | None,
-        opt.option(
-            "--data LOG",
-            "A measured log, or several by a quoted pattern such as 'logs/*.csv'; repeatable.",
-        ),
+        list[str] | None, option("--data LOG", "A log or a quoted pattern; repeatable.")
     ] = None,
     output: Annotated[
-        str | None,
-        opt.option(
-            "--output -o FILE",
-            "A row for each training, as CSV, or Parquet by its name (- for standard output).",
-        ),
+        str | None, option("--output -o FILE", "A row a training: CSV or Parquet (- stdout).")
     ] = None,
     size: Annotated[Any, _grid("--size N|NxN|NxNxN", opt.SIZE, parsing.size)] = None,
     map: Annotated[Any, _grid("--map KIND", opt.MAP, parsing.kind_of_map)] = None,  # noqa: A002
     rule: Annotated[Any, _grid("--rule batch|online", "Rules.", parsing.one_of(RULES))] = None,
     epochs: Annotated[Any, _grid("--epochs N", opt.EPOCHS, parsing.count)] = None,
     sigma: Annotated[Any, _grid("--sigma START:END", opt.SIGMA, parsing.sigma)] = None,
-    samples: Annotated[
-        Any, _grid("--samples -n N", "How many samples to babble (default 20000).", parsing.count)
-    ] = None,
-    noise: Annotated[
-        Any,
-        _grid("--noise S", "Noise of the simulated sensor [m] (default 0).", parsing.not_negative),
-    ] = None,
+    samples: Annotated[Any, _grid("--samples -n N", opt.SAMPLES, parsing.count)] = None,
+    noise: Annotated[Any, _grid("--noise S", opt.NOISE, parsing.not_negative)] = None,
     seeds: Annotated[
-        int,
-        Option(
-            "--seeds",
-            metavar="K",
-            min=1,
-            max=1000,
-            help="Train each combination this many times, with the seeds 0, 1, 2 and so on.",
-        ),
+        int, Option(metavar="K", min=1, max=1000, help="Trainings of each, with seeds 0 to K - 1.")
     ] = 1,
     jobs: Annotated[
         int | None,
-        Option(
-            "--jobs",
-            metavar="N",
-            min=1,
-            max=10_000,
-            help="How many trainings at the same time (default all cores).",
-        ),
+        Option(metavar="N", min=1, max=10_000, help="Trainings at a time (default all cores)."),
     ] = None,
     backend: Annotated[
-        Backend,
-        Option(
-            "--backend",
-            help="Run the trainings in processes or threads of this machine, or on a Dask or Ray "
-            "cluster.",
-        ),
+        Backend, Option(help="Processes or threads of this machine, or a Dask or Ray cluster.")
     ] = "loky",
     readout: Annotated[
-        Any,
-        opt.option(
-            "--readout A,B,..",
-            "Readouts to print a table for (default the best); files and JSON hold them all.",
-            several(parsing.one_of(READOUTS)),
-        ),
+        Any, _grid("--readout A", "Readouts to print (default best).", parsing.one_of(READOUTS))
     ] = None,
     joints: opt.Joints = None,
     tip: opt.Tip = None,

@@ -10,6 +10,7 @@ from calib.common.choices import DICTIONARY
 
 from .. import options as opt
 from ..files import check_output
+from ..options import option
 from ..output import Outcome
 from ..parsing import BadOption
 
@@ -17,8 +18,8 @@ from ..parsing import BadOption
 def tag(
     number: Annotated[int | None, Argument(metavar="ID", min=0, help="Number of the tag.")] = None,
     *,
-    output: Annotated[str, opt.option("--output -o FILE.svg", "The page to print.")],
-    size: Annotated[str, opt.option("--size 40mm", "Side of the black square.")] = "40mm",
+    output: Annotated[str, option("--output -o FILE.svg", "The page to print.")],
+    size: Annotated[str, option("--size 40mm", "Side of the black square.")] = "40mm",
     dictionary: opt.Dictionary = DICTIONARY,
     board: opt.Board = None,
 ) -> Outcome:

@@ -15,6 +15,7 @@ from calib.show.facts import size_in_words
 from .. import options as opt
 from ..advice import advice, found_by_body
 from ..files import check_output
+from ..options import option
 from ..output import Outcome, progress_bar, say
 from ..parsing import BadOption
 from ..photo import photo_of_log, with_photo
@@ -34,19 +35,12 @@ if TYPE_CHECKING:
 
 def train(
     robot: Annotated[
-        str | None,
-        Argument(
-            metavar="ROBOT",
-            help="A URDF file, or a bundled robot (calib robots). Not needed with --data.",
-        ),
+        str | None, Argument(metavar="ROBOT", help="A URDF or a bundled robot; --data needs none.")
     ] = None,
     *,
     data: opt.Data = None,
     output: Annotated[
-        str | None,
-        opt.option(
-            "--output -o MODEL", "The model's file (default ROBOT.calib, without ROBOT LOG.calib)."
-        ),
+        str | None, option("--output -o MODEL", "The model (default ROBOT.calib or LOG.calib).")
     ] = None,
     force: Annotated[
         bool, Option("--force", help="Replace a model of another robot or log by that name.")
@@ -75,15 +69,10 @@ def train(
     unit: opt.Unit = None,
     prismatic: opt.Prismatic = None,
     lens: Annotated[
-        str | None,
-        opt.option(
-            "--lens lens.json",
-            "The calibrated lens of a camera that sees an arm in space (default: fitted).",
-        ),
+        str | None, option("--lens lens.json", "Lens of a camera in space (default: fitted).")
     ] = None,
     no_rows: Annotated[
-        bool,
-        Option("--no-rows", help="Keep no rows of the log in the model (default up to 5000)."),
+        bool, Option("--no-rows", help="Keep no rows of the log in the model (default up to 5000).")
     ] = False,
     photo: opt.Photo = None,
     no_photo: opt.NoPhoto = False,

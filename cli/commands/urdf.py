@@ -10,6 +10,7 @@ from calib.common.wording import for_people
 
 from .. import options as opt
 from ..files import check_output
+from ..options import option
 from ..output import NO, Outcome, TextTable, fixed, note, number, say
 from ..units import units_of
 
@@ -20,18 +21,14 @@ if TYPE_CHECKING:
 def urdf(
     model: opt.Model,
     *,
-    output: Annotated[str, opt.option("--output -o URDF", "The corrected description.")],
+    output: Annotated[str, option("--output -o URDF", "The corrected description.")],
     view: opt.LogView = "auto",
     cause: opt.FrameOrJoints = "sensor",
     move_base: Annotated[
         bool, Option("--move-base", help="Fit the place of the first joint as well.")
     ] = False,
     move_tip: Annotated[
-        bool,
-        Option(
-            "--move-tip",
-            help="Write the sensed point of a spatial arm as its tip; else it is a probe or a tag.",
-        ),
+        bool, Option("--move-tip", help="The sensed point in space is the tip, not a probe's.")
     ] = False,
 ) -> Outcome:
     """Write a copy of the URDF with the joint offsets and link placements that fit the model best.
