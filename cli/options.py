@@ -10,7 +10,17 @@ from typing import Annotated, Any
 
 from typer import Argument, Option
 
-from calib.common.choices import Body, Cause, Frame, LogFrame, Motion, Readout, Rule, View
+from calib.common.choices import (
+    MAPS,
+    Body,
+    Cause,
+    Frame,
+    LogFrame,
+    Motion,
+    Readout,
+    Rule,
+    View,
+)
 
 from . import parsing
 from .parsing import JointRange, JointValue, Reader
@@ -70,13 +80,16 @@ Seed = Annotated[int, Option("--seed", metavar="K", min=0, help="Seed of the ran
 
 # training
 SIZE = "Nodes of both maps (default 70; for three joints 17x17x17; a log chooses its own)."
-MAP = "Kind of map: vdsom (default), som, dsom or gng; vdsom:error names a variant."
+MAP = (
+    f"Kind of map: {', '.join(MAPS)}. Default vdsom:residual, which also follows the body's "
+    "residuals (vdsom is the paper's); for a log with --body none the better of it and gas."
+)
 EPOCHS = "Passes over the samples; the full lattice alone is trained then."
 SIGMA = "Neighbourhood radius, start and end [nodes]; the full lattice alone is trained then."
 Size = Annotated[Any, option("--size N|NxN|NxNxN", SIZE, parsing.size)]
 MotorSize = Annotated[Any, option("--motor-size N|NxN", "Of the motor map.", parsing.size)]
 SensorySize = Annotated[Any, option("--sensory-size N|NxN", "Of the sensory map.", parsing.size)]
-Map = Annotated[str | None, option("--map KIND", MAP, parsing.kind_of_map)]
+Map = Annotated[str | None, option("--map NAME", MAP, parsing.one_of(MAPS))]
 TrainingRule = Annotated[Rule, flag("--rule", "Training rule.")]
 Epochs = Annotated[int | None, Option("--epochs", metavar="N", min=1, help=EPOCHS)]
 Sigma = Annotated[Any, option("--sigma START:END", SIGMA, parsing.sigma)]

@@ -177,14 +177,6 @@ def one_of(choices: Sequence[str]) -> Reader[str]:
     return read
 
 
-def kind_of_map(text: str) -> str:
-    """Read a kind of map; a reading of the paper's rule may follow, as in `vdsom:error`."""
-    from calib.common.choices import MAPS
-
-    kind, colon, reading = text.partition(":")
-    return one_of(MAPS)(kind if colon and reading else text) + colon + reading
-
-
 def several(read: Reader[_T]) -> Reader[tuple[_T, ...]]:
     """Return a reader of values with commas between them, each once."""
 

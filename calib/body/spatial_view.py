@@ -78,7 +78,7 @@ class InSpace(Measurement):
         turn = exponential(own["view.rotation"])
         return Placed(self.kind, turn, own["view.shift"], scale, own["lens"])
 
-    def look(self, own: Mapping[str, Array], motion: Any) -> View:
+    def look(self, own: Mapping[str, Array], motion: Any, also: Array) -> View:  # noqa: ARG002
         """See the tip."""
         return look(self.placed(own), motion.position, motion.rotation)
 

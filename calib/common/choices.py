@@ -7,8 +7,12 @@ from __future__ import annotations
 
 from typing import Literal, get_args
 
-MAPS = ("vdsom", "som", "dsom", "gng")
-"""Networks that the command line offers; :data:`calib.maps.density.GAINS` knows their variants."""
+MAPS = (
+    "som", "vdsom", "vdsom:residual", "vdsom:border", "vdsom:rho", "vdsom:printed", "vdsom:error",
+    "vdsom:density", "vdsom:lattice", "vdsom:mixed", "vdsom:transformation", "dsom", "gng",
+    "gng:error", "gng:border", "gng:density", "gas", "grid", "random", "rows",
+)  # fmt: skip
+"""Networks: :data:`calib.maps.density.GAINS` has the same, with the gain that each trains with."""
 
 Rule = Literal["batch", "online"]
 RULES: tuple[str, ...] = get_args(Rule)
@@ -53,10 +57,6 @@ PICTURES = (".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp", ".ppm", "
 
 VIDEOS = (".mp4", ".mov", ".avi", ".mkv", ".webm", ".m4v", ".mpg", ".mpeg", ".wmv")
 """Endings of files that are videos, whatever else OpenCV opens."""
-
-Backend = Literal["loky", "threading", "dask", "ray"]
-BACKENDS: tuple[str, ...] = get_args(Backend)
-"""Where the trainings of a sweep run: processes or threads of this machine, or clusters."""
 
 Motion = Literal["uniform", "halton", "sobol", "smooth"]
 MOTIONS: tuple[str, ...] = get_args(Motion)

@@ -3,26 +3,26 @@
 from __future__ import annotations
 
 import glob
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from typer import Argument, Option
 
-from calib.common.choices import READOUTS, RULES, Backend
+from calib.common.choices import MAPS, RULES, Readout
+from calib.common.wording import for_people
 
 from .. import options as opt
 from .. import parsing
-from ..comparison import count_line, document, failures, sweep_tables
 from ..files import TABLES, check_output
 from ..options import option
-from ..output import Outcome, note, progress_bar, say
+from ..output import Outcome, TextTable, fields, note, number, progress_bar, say
 from ..parsing import BadOption, several
 from ..samples import Logged, Selection, check_sources, measured_samples
 
 if TYPE_CHECKING:
-    from calib import Samples
+    from calib import Samples, Sweep
     from calib.arm.arm import Arm
 
 
@@ -43,25 +43,22 @@ def sweep(
         str | None, option("--output -o FILE", "A row a training: CSV or Parquet (- stdout).")
     ] = None,
     size: Annotated[Any, _grid("--size N|NxN|NxNxN", opt.SIZE, parsing.size)] = None,
-    map: Annotated[Any, _grid("--map KIND", opt.MAP, parsing.kind_of_map)] = None,  # noqa: A002
+    map: Annotated[Any, _grid("--map NAME", opt.MAP, parsing.one_of(MAPS))] = None,  # noqa: A002
     rule: Annotated[Any, _grid("--rule batch|online", "Rules.", parsing.one_of(RULES))] = None,
     epochs: Annotated[Any, _grid("--epochs N", opt.EPOCHS, parsing.count)] = None,
     sigma: Annotated[Any, _grid("--sigma START:END", opt.SIGMA, parsing.sigma)] = None,
     samples: Annotated[Any, _grid("--samples -n N", opt.SAMPLES, parsing.count)] = None,
     noise: Annotated[Any, _grid("--noise S", opt.NOISE, parsing.not_negative)] = None,
     seeds: Annotated[
-        int, Option(metavar="K", min=1, max=1000, help="Trainings of each, with seeds 0 to K - 1.")
+        int, Option(metavar="K", min=1, max=1000, help="Train each with the seeds 0 to K - 1.")
     ] = 1,
     jobs: Annotated[
         int | None,
-        Option(metavar="N", min=1, max=10_000, help="Trainings at a time (default all cores)."),
+        Option(metavar="N", min=1, max=1000, help="Trainings at a time (default all cores)."),
     ] = None,
-    backend: Annotated[
-        Backend, Option(help="Processes or threads of this machine, or a Dask or Ray cluster.")
-    ] = "loky",
     readout: Annotated[
-        Any, _grid("--readout A", "Readouts to print (default best).", parsing.one_of(READOUTS))
-    ] = None,
+        Readout, Option(help="Readout of the table; files and JSON hold them all.")
+    ] = "local",
     joints: opt.Joints = None,
     tip: opt.Tip = None,
     planar: opt.Planar = False,
@@ -77,74 +74,78 @@ def sweep(
     A training that fails is reported in one line and gives exit code 1; the others continue.
     """
     from calib.samples.tables import write_table
-    from calib.sweeps.sweep import sweep as run
+    from calib.sweeps import sweep as run
 
     typed = {"size": size, "map": map, "rule": rule, "epochs": epochs, "sigma": sigma}
     typed |= {"samples": samples, "noise": noise}
     tried = {name: list(values) for name, values in typed.items() if values is not None}
-    # one unit for all: errors of logs in mm and m would stand in one column
-    logged, selection = (
-        Logged(columns, unit, prismatic),
-        Selection(joints, tip, planar, lock, ranges, degrees),
-    )
+    selection = Selection(joints, tip, planar, lock, ranges, degrees)
+    logged = Logged(columns, unit, prismatic)
     simulated = {name: tried.get(name) for name in ("samples", "noise")}
     check_sources(robots or (), bool(data), simulated, vars(logged))
-    _check_lists(robots or (), data or ())
+    if data and len(robots or ()) > 1:
+        raise BadOption(f"--data with {len(robots or ())} robots: expected one ROBOT or none")
     check_output(output, TABLES, stream=True)
     sources: dict[str, Callable[[], Arm | Samples]] = {
-        name: partial(_arm, name, selection) for name in robots or ()
+        name: partial(selection.load, name) for name in robots or ()
     }
-    unit = unit or "m"
     if data is not None:
-        robot, logged = robots[0] if robots else None, Logged(columns, unit, prismatic)
-        read = partial(measured_samples, robot, selection, logged=logged)
+        read = partial(measured_samples, robots[0] if robots else None, selection, logged=logged)
         sources = {path: partial(read, path) for path in _logs(data)}
-    with progress_bar(unit) as progress:
-        found = run(sources, tried, seeds=seeds, jobs=jobs, backend=backend, progress=progress)
+    with progress_bar(unit or "m") as progress:
+        # logs are read here: a worker cannot say what was assumed of one
+        ready: dict[str, Any] = {name: source() for name, source in sources.items()}
+        found = run(ready, tried, seeds=seeds, jobs=jobs, progress=progress)
     say(found.notes)
     for row in found.rows:
         say(row.notes)
-    for line in failures(found):
-        note(line)
+    for row in found.failed:
+        note(f"error: {row.source}, {dict(row.options)}, seed {row.seed}: {row.error}")
     if output is not None:
         write_table(output, found.columns())
-    tables = sweep_tables(found, readout or READOUTS)
-    first = len(tables) if readout else 1
-    return Outcome(
-        document(found, output),
-        [] if output == "-" else [*tables[:first], count_line(found, output)],
-        [] if output == "-" else tables[first:],
-        code=1 if found.failed else 0,
-    )
+    failed = len(found.failed)
+    told = f"{f'{output}: ' if output else ''}{len(found)} trainings, {failed} failed"
+    document = {
+        "output": output,
+        "trainings": len(found),
+        "failed": failed,
+        "units": {"errors": "unit of the row", "seconds": "s"},
+        "rows": [
+            fields(row, "source options seed unit errors seconds error") for row in found.rows
+        ],
+    }
+    lines: list[str | TextTable] = [_table(found, readout), told]
+    return Outcome(document, lines, to_stderr=output == "-", code=1 if failed else 0)
 
 
-def _arm(robot: str, selection: Selection) -> Arm:
-    arm = selection.load(robot)
-    say(arm.notes)
-    return arm
-
-
-def _check_lists(robots: Sequence[str], data: Sequence[str]) -> None:
-    if data and len(robots) > 1:
-        raise BadOption(
-            f"--data with {len(robots)} robots: expected one ROBOT or none; repeat --data for "
-            "each log, or quote a pattern such as 'logs/*.csv'"
-        )
-    if "-" in data:
-        raise BadOption("--data '-': expected files, standard input holds one log")
-    for name in robots:
-        if robots.count(name) > 1:
-            raise BadOption(f"ROBOT {name!r} is given twice: expected each once")
-
-
-def _logs(typed: Sequence[str]) -> list[str]:
-    """Return the logs that are meant, each once; a name with wildcards stands for several."""
+def _logs(typed: list[str]) -> list[str]:
+    """The logs that are meant, each once; a name with wildcards stands for several."""
     found: dict[str, None] = {}
     for text in typed:
         # a file may be called log[1].csv: what is there is no pattern
-        several_meant = glob.has_magic(text) and not Path(text).exists()
-        matches = sorted(glob.glob(text, recursive=True)) if several_meant else [text]  # noqa: PTH207
-        if not matches:
-            raise BadOption(f"--data {text!r}: expected logs, but no file matches")
+        several = glob.has_magic(text) and not Path(text).exists()
+        matches = sorted(glob.glob(text, recursive=True)) if several else [text]  # noqa: PTH207
+        if not matches or text == "-":
+            raise BadOption(f"--data {text!r}: expected files, but none matches")
         found.update(dict.fromkeys(matches))
     return list(found)
+
+
+def _table(found: Sweep, readout: str) -> TextTable:
+    """A row for each training, errors of the tip in the unit of its positions."""
+    from calib.sweeps import written
+
+    names = list(dict.fromkeys(name for row in found.rows for name in row.options))
+    rows = []
+    for row in found.rows:
+        factor, unit = for_people(row.unit or "m")
+        errors = [
+            number(factor * row.distance(readout, way, key))
+            for way in ("forward", "inverse")
+            for key in ("mean", "max")
+        ]
+        options = [str(written(row.options.get(name))) for name in names]
+        rows.append([row.source, *options, str(row.seed), *errors, unit, number(row.seconds)])
+    header = ["source", *names, "seed", "forward", "max", "inverse", "max", "unit", "seconds"]
+    title = f"{readout} readout: mean and largest error of the tip"
+    return TextTable(header, rows, title, left=2 + len(names))

@@ -59,7 +59,7 @@ def test_train_says_how_accurate_what_limits_it_and_the_file(run):
     assert "bound covers" in lines[0]
     assert "10000 fresh exact samples" in lines[0]
     assert lines[-2].startswith("limited by ")
-    assert lines[-1].startswith("other.calib: vdsom, motor 10x10, sensory 10x10, 500 samples, ")
+    assert lines[-1].startswith("other.calib: vdsom:residual, 10x10 nodes, 500 samples, ")
     told = run("train", "two_link", *SMALL, "-o", "other.calib", "-v").out
     for word in ("forward distance [mm]", "inverse shoulder [deg]", "linear", "winner"):
         assert word in told

@@ -26,7 +26,6 @@ def test_readers_answer_or_say_what_they_expected(text):
         parsing.count, parsing.not_negative, parsing.above_zero, parsing.size, parsing.sigma,
         parsing.names, parsing.reals, parsing.typed_columns, parsing.joint_value,
         parsing.joint_range, parsing.one_of(("batch", "online")), parsing.height,
-        parsing.kind_of_map,
     ]  # fmt: skip
     told = []
     for read in readers:
@@ -59,7 +58,6 @@ def test_other_values():
     assert parsing.reals("-1,2e-3") == (-1.0, 0.002)
     assert parsing.joint_value("wrist=-1") == ("wrist", -1.0)
     assert parsing.typed_columns("x=u,elbow=j 2") == {"x": "u", "elbow": "j 2"}
-    assert parsing.kind_of_map("vdsom:error") == "vdsom:error"
 
 
 @pytest.mark.parametrize(
