@@ -91,7 +91,7 @@ def _doubt(model: Model, log: Samples) -> list[str]:
     """Return one line where a log is far from what a model predicts, none where it is near."""
     import numpy as np
 
-    from calib.samples.plausibility import unit_hint
+    from calib.samples.diagnosis import unit_hint
 
     predicted, bound = model.forward(log.q), model.expected_error(log.q)
     known = np.isfinite(predicted[:, 0]) & np.isfinite(bound)

@@ -98,7 +98,7 @@ def accuracy(
     if within:
         told += f", 95 % within {number(within['p95'] * factor)} {unit}"
         told += f"; the 95 % bound covers {100 * within['covered']:.0f} %"
-    left = f"; {left_out} left out, outside of what was learned" if left_out else ""
+    left = f"; {left_out} left out, wrong or outside of what was learned" if left_out else ""
     return f"{told}, on {rows}{left}"
 
 

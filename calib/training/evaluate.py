@@ -19,6 +19,7 @@ from ..model.model import Model
 from ..model.space import Space
 from ..samples.samples import Samples
 from ..samples.simulation import Simulation
+from .sound_rows import sound_log
 
 _SAMPLES = 10_000
 _STREAM = 4  # the same as in training: the tables agree
@@ -127,12 +128,14 @@ class Evaluation:
     rows : int
         Samples that were evaluated.
     left_out : int
-        Samples outside of what was learned.
+        Samples outside of what was learned, and rows that contradict the others.
     source : str
         What the samples are.
     within : dict
         "p95": what 95 % of the answers' distances are within [unit]; "covered": the share that
         the expected error bounds. Empty where it is not known.
+    notes : tuple of str
+        What the user should be told of the samples.
     """
 
     errors: dict[str, Any]
@@ -140,6 +143,7 @@ class Evaluation:
     left_out: int
     source: str
     within: dict[str, float] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
 
 
 def evaluate(model: Model, samples: Samples | None = None) -> Evaluation:
@@ -163,18 +167,21 @@ def evaluate(model: Model, samples: Samples | None = None) -> Evaluation:
         If the joints of `samples` are not those of the model.
     """
     simulation, about = simulation_of(model), model.about
+    notes: list[str] = []
     if samples is not None:
-        residuals = evaluate_residuals(model, about.joints_of(samples), samples.x, None)
+        given = len(samples) + samples.left_out
+        samples, notes = sound_log(model, samples)
+        residuals = evaluate_residuals(model, samples.q, samples.x, None)
         errors, source = summarise(residuals, _turned(model, samples)), "measured rows of the log"
     elif simulation is not None:
         residuals, source = fresh_residuals(model, simulation), "fresh exact samples"
-        errors = summarise(residuals)
+        errors, given = summarise(residuals), len(residuals.q) + residuals.left_out
     else:
         source = "rows held out in contiguous blocks"
         errors, within = dict(about.errors), dict(about.within)
         return Evaluation(errors, about.tested, about.left_out, source, within)
-    within = answered_within(model, residuals)
-    return Evaluation(errors, len(residuals.q), residuals.left_out, source, within)
+    tested, within = len(residuals.q), answered_within(model, residuals)
+    return Evaluation(errors, tested, given - tested, source, within, tuple(notes))
 
 
 def _turned(model: Model, samples: Samples) -> Array | None:

@@ -7,7 +7,7 @@ import time
 from .. import options as opt
 from ..advice import advice
 from ..measurements import Reading, log_of
-from ..output import Outcome, fields
+from ..output import Outcome, fields, say
 from ..summary import accuracy, answers_back, error_table, summary
 
 
@@ -26,6 +26,7 @@ def evaluate(
     log = log_of(loaded, data, Reading(columns, unit, degrees))
     started = time.perf_counter()
     result = calib.evaluate(loaded, log)
+    say(result.notes)
     seconds = {"total": time.perf_counter() - started}
     document = summary(loaded, model, result.errors, seconds)
     document["evaluated"] = fields(result, "source rows left_out")
