@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from calib.common.wording import for_people, printable
-from calib.show.facts import Errors
+from calib.model.facts import Errors
 
 from .output import number
 from .summary import best_readout

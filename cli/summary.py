@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from calib.common.choices import READOUTS
 from calib.common.wording import for_people
-from calib.show.facts import STATISTICS, Errors, shown_errors
+from calib.model.facts import STATISTICS, Errors, shown_errors
 
 from .output import TextTable, number
 from .units import units_of

@@ -87,18 +87,18 @@ def summarise(residuals: Residuals, turned: Array | None = None) -> dict[str, An
     table: dict[str, Any] = {}
     for readout, gap in residuals.forward.items():
         axes = "xyz"[: gap.shape[1]]
-        forward = {axis: figures(part) for axis, part in zip(axes, gap.T, strict=True)}
-        forward["distance"] = figures(np.linalg.norm(gap, axis=1))
+        forward = {axis: error_sizes(part) for axis, part in zip(axes, gap.T, strict=True)}
+        forward["distance"] = error_sizes(np.linalg.norm(gap, axis=1))
         if turned is not None and readout in ("local", "body"):
-            forward["orientation"] = figures(turned)
+            forward["orientation"] = error_sizes(turned)
         joints = zip(residuals.joint_names, residuals.inverse[readout].T, strict=True)
-        inverse = {name: figures(part) for name, part in joints}
-        inverse["distance"] = figures(residuals.distance[readout])
+        inverse = {name: error_sizes(part) for name, part in joints}
+        inverse["distance"] = error_sizes(residuals.distance[readout])
         table[readout] = {"forward": forward, "inverse": inverse}
     return table
 
 
-def figures(error: Array) -> dict[str, float]:
+def error_sizes(error: Array) -> dict[str, float]:
     """Mean, largest and 99th percentile of the absolute errors (n,)."""
     size = np.abs(error)
     return {
@@ -116,7 +116,7 @@ def answered_within(model: Model, residuals: Residuals) -> dict[str, float]:
     return {"p95": float(np.quantile(errors, 0.95)), "covered": covered}
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Evaluation:
     """Errors of a model.
 
@@ -144,6 +144,11 @@ class Evaluation:
     source: str
     within: dict[str, float] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
+
+    def __repr__(self) -> str:
+        """Say in a line how well each readout predicts."""
+        means = (f"{r} {e['forward']['distance']['mean']:.3g}" for r, e in self.errors.items())
+        return f"Evaluation of {self.rows:,} {self.source}, mean distances: {', '.join(means)}"
 
 
 def evaluate(model: Model, samples: Samples | None = None) -> Evaluation:

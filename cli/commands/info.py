@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from calib.common.wording import printable, unit_of_joint
-from calib.show.facts import facts
+from calib.model.facts import facts
 
 from .. import options as opt
 from .. import output

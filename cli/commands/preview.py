@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import webbrowser
+import time
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 from typer import Option
 
@@ -43,36 +43,24 @@ def preview(
     ] = False,
 ) -> Outcome:
     """Show the arm and its learned maps in a browser, with meshcat."""
-    from calib.show.preview.page import html as page_of
-    from calib.show.preview.scene import draw
+    from calib.show.preview.server import preview as show
 
     if live and html is not None:
         raise BadOption("--live needs a running preview: expected it without --html")
-    if meshes is not None and not Path(meshes).is_dir():
-        raise BadOption(f"--meshes {meshes!r}: expected the folder of the URDF's mesh files")
     check_output(html, (".html", ".htm"), option="--html")
-    reading = Reading(columns, unit, degrees)
-    loaded, log = load_drawn(model, data, photo, no_photo, reading)
-    scene = draw(loaded, samples=log, meshes=None if meshes is None else Path(meshes))
-    say(scene.notes)
-    page = page_of(scene, loaded, live=live)
-    if html is not None:
-        from calib.common.atomic import atomic_write
-
-        content = page.encode("utf-8")
-        atomic_write(html, content)
-        line = f"{html}: {len(content) / 1e6:.2f} MB, open it in a browser"
-        return Outcome({"html": html, "bytes": len(content)}, [line])
-    from calib.show.preview.server import Live, PreviewServer
-
-    with PreviewServer(page, port, Live(loaded).answer if live else None) as server:
-        print(server.url, flush=True)
-        note("showing the preview; Ctrl-C ends it")
-        if not no_open:
-            webbrowser.open(server.url)
+    loaded, log = load_drawn(model, data, photo, no_photo, Reading(columns, unit, degrees))
+    how: dict[str, Any] = {"live": live, "meshes": meshes, "port": port, "browse": not no_open}
+    with show(loaded, html, log, **how) as shown:
+        say(shown.notes)
+        if html is not None:
+            size = Path(html).stat().st_size
+            line = f"{html}: {size / 1e6:.2f} MB, open it in a browser"
+            return Outcome({"html": html, "bytes": size}, [line])
         try:
-            # so often it looks whether it shall end; Ctrl-C waits no longer [s]
-            server.serve_forever(poll_interval=0.2)
+            print(shown.url, flush=True)
+            note("showing the preview; Ctrl-C ends it")
+            while True:
+                time.sleep(0.2)  # so often it looks whether it shall end [s]
         except KeyboardInterrupt:
             note("ended")
-    return Outcome({"url": server.url})
+    return Outcome({"url": shown.url})

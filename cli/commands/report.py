@@ -33,19 +33,20 @@ def report(
     reading = Reading(columns, unit, degrees)
     loaded, log = load_drawn(model, data, photo, no_photo, reading)
     from calib.common.atomic import atomic_write
-    from calib.show.report.page import pictures
-    from calib.show.report.page import report as report_of
+    from calib.show.report.drawing import to_png
+    from calib.show.report.page import figures
+    from calib.show.report.page import report as write_report
 
     lines = []
     if output is not None:
-        content = report_of(loaded, log).encode("utf-8")
-        atomic_write(output, content)
-        lines.append(f"{output}: {len(content) / 1e6:.2f} MB, open it in a browser")
+        write_report(loaded, output, log)
+        size = Path(output).stat().st_size
+        lines.append(f"{output}: {size / 1e6:.2f} MB, open it in a browser")
     if png is not None:
         folder = Path(png)
         folder.mkdir(parents=True, exist_ok=True)
-        for name, picture in pictures(loaded, log).items():
+        for name, figure in figures(loaded, log).items():
             path = folder / f"{name}.png"
-            atomic_write(path, picture)
+            atomic_write(path, to_png(figure))
             lines.append(str(path))
     return Outcome({"output": output, "png": png}, lines, result=lines)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from typer import Argument, Option
 
 from calib.common.wording import for_people
-from calib.show.facts import size_in_words
+from calib.model.facts import size_in_words
 
 from .. import options as opt
 from ..advice import advice, found_by_body
