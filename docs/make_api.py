@@ -20,7 +20,8 @@ INTRODUCTION = """\
 
 Written by `python docs/make_api.py` from the docstrings; edit those, not this page.
 
-Everything here is `calib.NAME`; `help(calib.NAME)` has examples and errors too. Joint values are in rad or m, positions in m or, for a log, in
+Everything here is `calib.NAME`; `help(calib.NAME)` has examples and errors too.
+Joint values are in rad or m, positions in m or, for a log, in
 the log's unit, written `[unit]`; `n` rows are `(n, dof)` and `(n, 2)` arrays, and single vectors
 `(dof,)` and `(2,)` work as well. Arrays of results are read-only where they are part of a model.
 Equations are those of the [paper](paper.md#what-stands-where).
@@ -30,6 +31,7 @@ CHAPTERS = {
     "Arms": ("load_arm", "list_robots", "PlanarArm"),
     "Samples": ("babble", "read_log", "write_log", "Samples", "Simulation", "plan", "Plan"),
     "Models": ("train", "load", "Model", "Answer", "Path", "evaluate", "Evaluation"),
+    "Pages": ("report", "preview", "figures", "Preview"),
     "Sweeps": ("sweep", "Sweep", "Trial"),
     "Drift and re-calibration": ("Drift", "Monitor", "adapt", "Adaptation"),
     "Maps": ("SOM",),
