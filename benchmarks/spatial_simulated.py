@@ -79,8 +79,8 @@ def measure_straight(args: argparse.Namespace) -> Iterator[Row]:
             for draw in range(args.draws):
                 rng = np.random.default_rng(draw)
                 beta = structure.neutral()
-                beta[structure.layout.shifts[1:]] = rng.normal(0, 1e-3, (5, 3))
-                beta[structure.layout.turns[1:]] = rng.normal(0, 2e-3, (5, 3))
+                beta[structure.shifts[1:]] = rng.normal(0, 1e-3, (5, 3))
+                beta[structure.turns[1:]] = rng.normal(0, 2e-3, (5, 3))
                 q, fresh = (rng.uniform(arm.lower, arm.upper, (n, 6)) for n in (rows, 500))
                 z = structure.predict(q, beta) + rng.normal(0, noise, (rows, 3))
                 true = structure.predict(fresh, beta)
@@ -105,12 +105,12 @@ def measure_camera(args: argparse.Namespace) -> Iterator[Row]:
 def _camera(seed: int, exact: bool) -> Row:
     arm = calib.load_arm(SO101)
     structure = structure_of(arm, "pinhole", unit="px")
-    rng, groups, layout = np.random.default_rng(seed), structure.groups, structure.layout
+    rng, groups = np.random.default_rng(seed), structure.groups
     beta = structure.neutral()
     beta[groups["offset"][1:]] = np.deg2rad(rng.uniform(-5, 5, arm.dof - 1))
     if not exact:
-        beta[layout.shifts[1:]] = rng.normal(0, 1e-3, (arm.dof - 1, 3))
-        beta[layout.turns[1:]] = np.deg2rad(rng.normal(0, 0.2, (arm.dof - 1, 3)))
+        beta[structure.shifts[1:]] = rng.normal(0, 1e-3, (arm.dof - 1, 3))
+        beta[structure.turns[1:]] = np.deg2rad(rng.normal(0, 0.2, (arm.dof - 1, 3)))
         beta[groups["tool"]] = rng.normal(0, 2e-3, 3)
     eye, ahead = np.array([0.15, -0.75, 0.35]) + rng.normal(0, 0.05, 3), np.array([0.15, 0, 0.12])
     z = (ahead - eye) / np.linalg.norm(ahead - eye)

@@ -1,7 +1,7 @@
 """Draw the rooms of the code and the imports between them, from the code's own imports.
 
     python docs/make_rooms.py          writes docs/rooms.svg
-    python docs/make_rooms.py --list   prints every import that runs up
+    python docs/make_rooms.py --list   prints every import that runs up, for types too
 
 The order of the rooms is that of the data: from a URDF to a command.  A room imports from
 rooms above it in this list; imports for type checkers alone are no arrows.
@@ -24,6 +24,7 @@ ROOMS = (
     ("samples", "what the arm did and the sensor saw"),
     ("body", "chain, view, curves; fit, gate, posterior"),
     ("maps", "lattices, gains, links, readouts, local models"),
+    ("kernel", "a model as C: its source, compiled"),
     ("inverse", "from positions to joints: starts, Newton, branches"),
     ("model", "what was learned, and its answers"),
     ("model_file", "how a model is kept"),
@@ -53,14 +54,14 @@ def room_of(module: str) -> str | None:
     return "common" if parts[1] == "errors" else parts[1]
 
 
-def imports(path: Path) -> Iterator[tuple[str, int]]:
-    """Modules that a file imports when it runs, with their lines."""
+def imports(path: Path, *, types: bool = False) -> Iterator[tuple[str, int]]:
+    """Modules that a file imports when it runs, or also for `types`, with their lines."""
     module = ".".join(path.relative_to(ROOT).with_suffix("").parts)
     package = module.split(".")[:-1]
     tree = ast.parse(path.read_text(encoding="utf-8"))
     typing_only = set()
     for node in ast.walk(tree):
-        if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.dump(node.test):
+        if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.dump(node.test) and not types:
             typing_only |= {id(inner) for inner in ast.walk(node)}
     for node in ast.walk(tree):
         if id(node) in typing_only:
@@ -76,25 +77,25 @@ def imports(path: Path) -> Iterator[tuple[str, int]]:
                 yield name, node.lineno
 
 
-def arrows() -> Iterator[tuple[str, str, str]]:
+def arrows(*, types: bool = False) -> Iterator[tuple[str, str, str]]:
     """(importing room, imported room, where) of every import between rooms."""
     files = [*sorted((ROOT / "calib").rglob("*.py")), *sorted((ROOT / "cli").rglob("*.py"))]
     for path in files:
         here = room_of(".".join(path.relative_to(ROOT).with_suffix("").parts))
         if here is None or path == ROOT / "calib" / "__init__.py":
             continue
-        for module, line in imports(path):
+        for module, line in imports(path, types=types):
             there = room_of(module)
             if there is not None and there != here and there in {name for name, _ in ROOMS}:
                 yield here, there, f"{path.relative_to(ROOT)}:{line} imports {module}"
 
 
 def running_up() -> list[str]:
-    """Imports of a room from one that comes later."""
+    """Imports of a room from one that comes later, those for types included."""
     place = {name: k for k, (name, _) in enumerate(ROOMS)}
     return [
         where
-        for here, there, where in arrows()
+        for here, there, where in arrows(types=True)
         if place[there] > place[here] and not where.startswith(DOORS)
     ]
 

@@ -11,15 +11,27 @@ parallel axes (Denavit-Hartenberg does), and slides and turns are treated alike.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
 from ..common.arrays import Array
 from .rotations import cross_matrix, exponential
 
-if TYPE_CHECKING:
-    from .spatial_chain import SpatialChain
+
+class Links(Protocol):
+    """What `move` needs of a chain at its zero posture; see `SpatialChain`."""
+
+    @property
+    def axes(self) -> Array: ...  # noqa: D102
+    @property
+    def points(self) -> Array: ...  # noqa: D102
+    @property
+    def tip(self) -> Array: ...  # noqa: D102
+    @property
+    def rotation(self) -> Array: ...  # noqa: D102
+    @property
+    def revolute(self) -> tuple[bool, ...]: ...  # noqa: D102
 
 
 @dataclass(frozen=True)
@@ -47,9 +59,9 @@ class Placements(NamedTuple):
     tip_turn: Array  # (3, 3), its orientation there
 
 
-def placements(chain: SpatialChain, moved: Deviations | None = None) -> Placements:
+def placements(chain: Links, moved: Deviations | None = None) -> Placements:
     """The links of a chain, of its nominal one where no deviations are given."""
-    moved = moved or Deviations.none(chain.joints)
+    moved = moved or Deviations.none(len(chain.revolute))
     return Placements(
         np.diff(chain.points, axis=0, prepend=np.zeros((1, 3))) + moved.shifts,
         exponential(moved.turns),
@@ -71,6 +83,7 @@ class Motion:
     turned: tuple[Array, ...]  # (m) of (3, 3, n), frames of the joint origins after their own turn
     axes: Array  # (m, 3, n)
     flange: Array  # (3, 3, n), axes of the tip's frame before its own turn
+    revolute: tuple[bool, ...]
 
     def joint(self, i: int, revolute: bool) -> tuple[Array, Array]:
         """Velocity (3, n) and angular velocity (3, n) of the tip as joint i moves."""
@@ -78,13 +91,19 @@ class Motion:
             return self.axes[i], np.zeros_like(self.axes[i])
         return cross(self.axes[i], self.position - self.origins[i]), self.axes[i]
 
+    def joints(self) -> tuple[Array, Array]:
+        """The same of all joints, (m, 3, n)."""
+        parts = [self.joint(i, turns) for i, turns in enumerate(self.revolute)]
+        velocity, angular = zip(*parts, strict=True)
+        return np.stack(velocity), np.stack(angular)
+
     def turns(self) -> tuple[Array, Array]:
         """The same (m, 3, 3, n) as the origins turn about the axes, second, of their own frames."""
         about = np.swapaxes(np.stack(self.turned), 1, 2)
         return np.cross(about, (self.position - self.origins)[:, None], axis=2), about
 
 
-def move(chain: SpatialChain, values: Array, moved: Deviations | None = None) -> Motion:
+def move(chain: Links, values: Array, moved: Deviations | None = None) -> Motion:
     """Evaluate a chain at the values (m, n) of its joints [rad or m]."""
     m, n = values.shape
     moved = moved or Deviations.none(m)
@@ -111,7 +130,9 @@ def move(chain: SpatialChain, values: Array, moved: Deviations | None = None) ->
     flange = _times(frames[-1], chain.rotation)
     position = position + turned(frames[-1], chain.tip - last) + turned(flange, moved.tool)
     tip = _times(flange, exponential(moved.tool_turn))
-    return Motion(position, tip, origins, places, tuple(frames), tuple(after), axes, flange)
+    return Motion(
+        position, tip, origins, places, tuple(frames), tuple(after), axes, flange, chain.revolute
+    )
 
 
 def cross(a: Array, b: Array) -> Array:

@@ -13,7 +13,7 @@ from ..common.parallel import one_blas_thread
 from ..errors import OptionError
 from ..model.model import Model
 from ..samples.samples import Samples
-from ..training.evaluate import figures
+from ..training.evaluate import error_sizes
 from ..training.learn import Progress
 from .adaptation import Adaptation, adapt_online, finished
 from .cause import KEPT
@@ -83,8 +83,8 @@ def _few_shot(found: Comparison, real: bool, report: Progress) -> Adaptation:
         made_of.improved,
         int(np.count_nonzero(found.log.kept)),
         found.outliers,
-        figures(made_of.before),
-        figures(made_of.after),
+        error_sizes(made_of.before),
+        error_sizes(made_of.after),
         made_of.correction,
         tuple(c for c in causes if c.group != "noise"),
         _left(found, best) if made_of.changed else ("the arm and the sensor",),

@@ -111,10 +111,10 @@ class Monitor:
         limit = CLIP * max(self._usual, self._noise, bound)
         if size > limit:
             residual = residual * (limit / size)
-        node = int(model.motor.tree.query(model.motor.scale.to_unit(q[None]))[1][0])
+        node = int(model.motor.nearest(model.motor.scale.to_unit(q[None]))[1][0, 0])
         row = np.concatenate([self._directions[node], residual[:, None]], axis=1)
-        away, winner = model.sensory.tree.query(model.sensory.scale.to_unit(x[None]))
-        ratio = float(away[0]) ** 2 / float(self._expected[int(winner[0])])
+        away, winner = model.sensory.nearest(model.sensory.scale.to_unit(x[None]))
+        ratio = float(away[0, 0]) ** 2 / float(self._expected[int(winner[0, 0])])
         fade = self._fade  # means over a window that forgets, in constant memory
         self._moments = fade * self._moments + row.T @ row
         self._weight = fade * self._weight + 1.0

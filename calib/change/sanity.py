@@ -11,7 +11,7 @@ import itertools
 import numpy as np
 from numpy.typing import NDArray
 
-from ..body.structure import Indices
+from ..body.parameters import Indices
 from ..common.arrays import Array
 from ..common.robust import robust_solve
 from ..common.rows import thinned

@@ -18,7 +18,7 @@ import numpy as np
 from ..body.belief import Body
 from ..body.covariance import autocorrelation_time
 from ..body.likeness import lengths_of, matern
-from ..body.structure import Indices
+from ..body.parameters import Indices
 from ..common.arrays import Array
 from ..common.rows import thinned
 from .members import FRAME, TESTED, drift
@@ -38,6 +38,7 @@ from .settings import (
     POWER,
     TESTED_NODES,
     TESTED_ROWS,
+    WAVES,
 )
 
 DRIFT = "drift"
@@ -162,6 +163,9 @@ class _Normal:
         alike[np.diag_indices(len(nodes))] += 1e-6
         smooth = np.linalg.solve(np.linalg.cholesky(alike), matern(nodes, log.q, lengths)).T
         smooth = np.einsum("nk,ij,j->nikj", smooth, np.eye(m), own).reshape(n, m, -1)
+        curves = np.flatnonzero(drift(body, WAVES) > drift(body)) if body.rows else every[:0]
+        moved = structure.linearise(log.q, reference.beta, curves)[1] / self.size[:, None]
+        self.waves = moved * drift(body, WAVES)[curves]
         crept = CREPT * drift(body)
         crept = x[..., crept[both] > 0] * crept[both][crept[both] > 0]
         known = np.concatenate([body.kappa * known.reshape(n, m, -1), crept], axis=2)
@@ -218,6 +222,11 @@ class _Normal:
             scale[self.smooth] = factor
             v, w = np.linalg.eigh(gram * scale[:, None] * scale)
             larger.append(likelihood(np.maximum(v, 0.0), w.T @ (scale * moment)))
+        if joint is None and self.waves.shape[2]:  # of a joint's curve, as of no smooth residual
+            root = np.sqrt(self.log.weight)[:, None, None]
+            more = np.concatenate([b, (self.waves * root).reshape(len(y), -1)], axis=1)
+            v, w = np.linalg.eigh(more.T @ more)
+            larger.append(likelihood(np.maximum(v, 0.0), w.T @ (more.T @ y)))
         c = vectors.T @ across
         inner, lead = j.T @ j, j.T @ y
         power, pull = np.empty((len(sizes), *inner.shape)), np.empty((len(sizes), len(lead)))
@@ -291,7 +300,12 @@ def group_tests(reference: Reference, log: Log, probes: Array) -> Tested:
         if noisy is not None:
             found, noise = _judged(profiles, normal, columns, every, moves)
     unit = float(reference.sizes[0])
-    return Tested(tuple(found), noise * unit, float(body.noise[0]), noisy)
+    # what the weights leave out, as the median tells it
+    rest = np.linalg.norm(noise * normal.rest(noise), axis=1) / np.sqrt(log.weight)
+    free = rest.size * normal.y.shape[1] / max(rest.size * normal.y.shape[1] - len(every), 1.0)
+    told = float(np.median(rest)) / (1.177 if normal.y.shape[1] == 2 else 1.54)
+    told = max(told * float(np.sqrt(min(free, 2.0))), normal.usual) if not noisy else noise
+    return Tested(tuple(found), told * unit, float(body.noise[0]), noisy)
 
 
 def _ratios(normal: _Normal, joint: int) -> Iterator[float]:

@@ -83,3 +83,6 @@ LONG = 2000.0
 CREPT = 0.25
 """Of the usual creep of an unchanged arm's parameters, what the tests allow for: the last rows of
 series A, .4 mm off, are an alarm without it; all of it hid a sensor that was moved by .1 mm."""
+
+WAVES = 0.7
+"""Size of joints' waves, over their prior's, that a drift is looked for by: 2 mrad in the plane."""

@@ -1,36 +1,52 @@
 """Names that users choose by: the library checks them and the command line offers them.
 
-Plain tuples without any import, so that `calib --help` loads nothing that is heavy.
+Plain texts without any import, so that `calib --help` loads nothing that is heavy.
 """
 
-MAPS = ("vdsom", "som", "dsom", "gng")
-"""Networks that the command line offers; :data:`calib.maps.density.GAINS` knows their variants."""
+from __future__ import annotations
 
-RULES = ("batch", "online")
+from typing import Literal, get_args
+
+MAPS = (
+    "som", "vdsom", "vdsom:residual", "vdsom:border", "vdsom:rho", "vdsom:printed", "vdsom:error",
+    "vdsom:density", "vdsom:lattice", "vdsom:mixed", "vdsom:transformation", "dsom", "gng",
+    "gng:error", "gng:border", "gng:density", "gas", "grid", "random", "rows",
+)  # fmt: skip
+"""Networks: :data:`calib.maps.density.GAINS` has the same, with the gain that each trains with."""
+
+Rule = Literal["batch", "online"]
+RULES: tuple[str, ...] = get_args(Rule)
 """Training rules of a map."""
 
 MAP_READOUTS = ("linear", "activity", "winner")
 """Readouts of maps and links alone."""
 
-READOUTS = ("local", "body", *MAP_READOUTS)
+Readout = Literal["local", "body", "linear", "activity", "winner"]
+READOUTS: tuple[str, ...] = get_args(Readout)
 """Every readout; ``body`` only where there is one."""
 
-BODIES = ("auto", "none")
+Body = Literal["auto", "none"]
+BODIES: tuple[str, ...] = get_args(Body)
 """Whether a kinematic model stands under the maps."""
 
-VIEWS = ("auto", "base", "rigid", "similarity", "affine", "homography", "pinhole")
+View = Literal["auto", "base", "rigid", "similarity", "affine", "homography", "pinhole"]
+VIEWS: tuple[str, ...] = get_args(View)
 """What a sensor measures; ``auto`` goes by the unit, ``pinhole`` is for arms in space."""
 
-FRAMES = ("sensor", "base")
+Frame = Literal["sensor", "base"]
+FRAMES: tuple[str, ...] = get_args(Frame)
 """Whose coordinates a query is asked and answered in."""
 
-LOG_FRAMES = ("auto", "base")
+LogFrame = Literal["auto", "base"]
+LOG_FRAMES: tuple[str, ...] = get_args(LogFrame)
 """Whether a log is in the robot's root frame."""
 
-CAUSES = ("sensor", "joints")
+Cause = Literal["sensor", "joints"]
+CAUSES: tuple[str, ...] = get_args(Cause)
 """What a user may know of a change."""
 
-METHODS = ("few-shot", "online")
+Method = Literal["few-shot", "online"]
+METHODS: tuple[str, ...] = get_args(Method)
 """How a model adapts."""
 
 DICTIONARY = "apriltag_36h11"
@@ -42,8 +58,6 @@ PICTURES = (".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp", ".ppm", "
 VIDEOS = (".mp4", ".mov", ".avi", ".mkv", ".webm", ".m4v", ".mpg", ".mpeg", ".wmv")
 """Endings of files that are videos, whatever else OpenCV opens."""
 
-BACKENDS = ("loky", "threading", "dask", "ray")
-"""Where the trainings of a sweep run: processes or threads of this machine, or clusters."""
-
-MOTIONS = ("uniform", "halton", "sobol", "smooth")
+Motion = Literal["uniform", "halton", "sobol", "smooth"]
+MOTIONS: tuple[str, ...] = get_args(Motion)
 """How a simulated arm babbles."""

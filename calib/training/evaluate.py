@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -19,6 +19,7 @@ from ..model.model import Model
 from ..model.space import Space
 from ..samples.samples import Samples
 from ..samples.simulation import Simulation
+from .sound_rows import sound_log
 
 _SAMPLES = 10_000
 _STREAM = 4  # the same as in training: the tables agree
@@ -86,18 +87,18 @@ def summarise(residuals: Residuals, turned: Array | None = None) -> dict[str, An
     table: dict[str, Any] = {}
     for readout, gap in residuals.forward.items():
         axes = "xyz"[: gap.shape[1]]
-        forward = {axis: figures(part) for axis, part in zip(axes, gap.T, strict=True)}
-        forward["distance"] = figures(np.linalg.norm(gap, axis=1))
+        forward = {axis: error_sizes(part) for axis, part in zip(axes, gap.T, strict=True)}
+        forward["distance"] = error_sizes(np.linalg.norm(gap, axis=1))
         if turned is not None and readout in ("local", "body"):
-            forward["orientation"] = figures(turned)
+            forward["orientation"] = error_sizes(turned)
         joints = zip(residuals.joint_names, residuals.inverse[readout].T, strict=True)
-        inverse = {name: figures(part) for name, part in joints}
-        inverse["distance"] = figures(residuals.distance[readout])
+        inverse = {name: error_sizes(part) for name, part in joints}
+        inverse["distance"] = error_sizes(residuals.distance[readout])
         table[readout] = {"forward": forward, "inverse": inverse}
     return table
 
 
-def figures(error: Array) -> dict[str, float]:
+def error_sizes(error: Array) -> dict[str, float]:
     """Mean, largest and 99th percentile of the absolute errors (n,)."""
     size = np.abs(error)
     return {
@@ -107,7 +108,15 @@ def figures(error: Array) -> dict[str, float]:
     }
 
 
-@dataclass(frozen=True, eq=False)
+def answered_within(model: Model, residuals: Residuals) -> dict[str, float]:
+    """What 95 % of a model's answers are within [unit], and what share within its own bound."""
+    errors, bound = residuals.errors[model.default_readout], model.expected_error(residuals.q)
+    # of an exact arm error and bound are both rounding
+    covered = float(np.mean(errors <= bound + 1e-12))
+    return {"p95": float(np.quantile(errors, 0.95)), "covered": covered}
+
+
+@dataclass(frozen=True, eq=False, repr=False)
 class Evaluation:
     """Errors of a model.
 
@@ -119,15 +128,27 @@ class Evaluation:
     rows : int
         Samples that were evaluated.
     left_out : int
-        Samples outside of what was learned.
+        Samples outside of what was learned, and rows that contradict the others.
     source : str
         What the samples are.
+    within : dict
+        "p95": what 95 % of the answers' distances are within [unit]; "covered": the share that
+        the expected error bounds. Empty where it is not known.
+    notes : tuple of str
+        What the user should be told of the samples.
     """
 
     errors: dict[str, Any]
     rows: int
     left_out: int
     source: str
+    within: dict[str, float] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+
+    def __repr__(self) -> str:
+        """Say in a line how well each readout predicts."""
+        means = (f"{r} {e['forward']['distance']['mean']:.3g}" for r, e in self.errors.items())
+        return f"Evaluation of {self.rows:,} {self.source}, mean distances: {', '.join(means)}"
 
 
 def evaluate(model: Model, samples: Samples | None = None) -> Evaluation:
@@ -150,16 +171,22 @@ def evaluate(model: Model, samples: Samples | None = None) -> Evaluation:
     LogError
         If the joints of `samples` are not those of the model.
     """
-    if samples is not None:
-        residuals = evaluate_residuals(model, model.about.joints_of(samples), samples.x, None)
-        errors, source = summarise(residuals, _turned(model, samples)), "measured rows of the log"
-        return Evaluation(errors, len(residuals.q), residuals.left_out, source)
     simulation, about = simulation_of(model), model.about
-    if simulation is None:
+    notes: list[str] = []
+    if samples is not None:
+        given = len(samples) + samples.left_out
+        samples, notes = sound_log(model, samples)
+        residuals = evaluate_residuals(model, samples.q, samples.x, None)
+        errors, source = summarise(residuals, _turned(model, samples)), "measured rows of the log"
+    elif simulation is not None:
+        residuals, source = fresh_residuals(model, simulation), "fresh exact samples"
+        errors, given = summarise(residuals), len(residuals.q) + residuals.left_out
+    else:
         source = "rows held out in contiguous blocks"
-        return Evaluation(dict(about.errors), about.tested, about.left_out, source)
-    residuals, source = fresh_residuals(model, simulation), "fresh exact samples"
-    return Evaluation(summarise(residuals), len(residuals.q), residuals.left_out, source)
+        errors, within = dict(about.errors), dict(about.within)
+        return Evaluation(errors, about.tested, about.left_out, source, within)
+    tested, within = len(residuals.q), answered_within(model, residuals)
+    return Evaluation(errors, tested, given - tested, source, within, tuple(notes))
 
 
 def _turned(model: Model, samples: Samples) -> Array | None:

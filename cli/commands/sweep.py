@@ -3,149 +3,149 @@
 from __future__ import annotations
 
 import glob
-from collections.abc import Callable, Sequence
-from dataclasses import replace
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
+from typer import Argument, Option
 
-from calib.common.choices import BACKENDS, READOUTS
+from calib.common.choices import MAPS, RULES, Readout
+from calib.common.wording import for_people
 
+from .. import options as opt
 from .. import parsing
-from ..comparison import count_line, document, failures, sweep_tables
-from ..options import takes
-from ..output import Notes, note, progress_bar, show, show_json, tell
-from ..parsing import several
-from ..samples import Grid, Logged, Selection, check_sources, measured_samples
-from ..usage import BadOption, argument, choice, one_document, option
+from ..files import TABLES, check_output
+from ..options import option
+from ..output import Outcome, TextTable, fields, note, number, progress_bar, say
+from ..parsing import BadOption, several
+from ..samples import Logged, Selection, check_sources, measured_samples
 
 if TYPE_CHECKING:
-    from calib import Samples
+    from calib import Samples, Sweep
     from calib.arm.arm import Arm
 
-_MOST_SEEDS = 1000
+
+def _grid(usage: str, text: str, read: parsing.Reader[Any]) -> Any:
+    """Declare an option of several values to try, with commas between them."""
+    return option(f"{usage},..", text, several(read))
 
 
-@takes(
-    robots=argument(
-        "ROBOT...", "URDF files or bundled robots (calib robots). Not needed with --data."
-    ),
-    data=option(
-        "--data LOG",
-        "A measured log, or several by a quoted pattern such as 'logs/*.csv'; repeatable.",
-    ),
-    output=option(
-        "--output -o FILE",
-        "A row for each training, as CSV, or Parquet by its name (- for standard output).",
-    ),
-    seeds=option(
-        "--seeds K",
-        "Train each combination this many times, with the seeds 0, 1, 2 and so on.",
-        parsing.integer(1, _MOST_SEEDS),
-    ),
-    jobs=option(
-        "--jobs N",
-        "How many trainings at the same time (default all cores).",
-        parsing.integer(1, 10_000),
-    ),
-    backend=choice(
-        "--backend",
-        BACKENDS,
-        "Run the trainings in processes or threads of this machine, or on a Dask or Ray cluster.",
-    ),
-    readout=option(
-        "--readout A,B,..",
-        "Readouts to print a table for (default all); files and JSON hold them all.",
-        several(parsing.one_of(READOUTS)),
-    ),
-)
 def sweep(
+    robots: Annotated[
+        list[str] | None, Argument(metavar="ROBOT...", help="URDF files or bundled robots.")
+    ] = None,
     *,
-    robots: list[str] | None = None,
-    data: list[str] | None = None,
-    output: str | None = None,
-    grid: Grid,
-    seeds: int = 1,
-    jobs: int | None = None,
-    backend: str = "loky",
-    readout: tuple[Any, ...] | None = None,
-    selection: Selection,
-    logged: Logged,
-    as_json: bool = False,
-) -> None:
+    data: Annotated[
+        list[str] | None, option("--data LOG", "A log or a quoted pattern; repeatable.")
+    ] = None,
+    output: Annotated[
+        str | None, option("--output -o FILE", "A row a training: CSV or Parquet (- stdout).")
+    ] = None,
+    size: Annotated[Any, _grid("--size N|NxN|NxNxN", opt.SIZE, parsing.size)] = None,
+    map: Annotated[Any, _grid("--map NAME", opt.MAP, parsing.one_of(MAPS))] = None,  # noqa: A002
+    rule: Annotated[Any, _grid("--rule batch|online", "Rules.", parsing.one_of(RULES))] = None,
+    epochs: Annotated[Any, _grid("--epochs N", opt.EPOCHS, parsing.count)] = None,
+    sigma: Annotated[Any, _grid("--sigma START:END", opt.SIGMA, parsing.sigma)] = None,
+    samples: Annotated[Any, _grid("--samples -n N", opt.SAMPLES, parsing.count)] = None,
+    noise: Annotated[Any, _grid("--noise S", opt.NOISE, parsing.not_negative)] = None,
+    seeds: Annotated[
+        int, Option(metavar="K", min=1, max=1000, help="Train each with the seeds 0 to K - 1.")
+    ] = 1,
+    jobs: Annotated[
+        int | None,
+        Option(metavar="N", min=1, max=1000, help="Trainings at a time (default all cores)."),
+    ] = None,
+    readout: Annotated[
+        Readout, Option(help="Readout of the table; files and JSON hold them all.")
+    ] = "local",
+    joints: opt.Joints = None,
+    tip: opt.Tip = None,
+    planar: opt.Planar = False,
+    lock: opt.Lock = None,
+    ranges: opt.Ranges = None,
+    degrees: opt.Degrees = False,
+    columns: opt.Columns = None,
+    unit: opt.Unit = None,
+    prismatic: opt.Prismatic = None,
+) -> Outcome:
     """Train with every combination of options on all cores, and compare the errors.
 
     A training that fails is reported in one line and gives exit code 1; the others continue.
     """
-    from calib.common.atomic import check_writable
     from calib.samples.tables import write_table
-    from calib.sweeps.sweep import sweep as run
+    from calib.sweeps import sweep as run
 
-    one_document(output, as_json)
-    tried = {name: list(values) for name, values in vars(grid).items() if values is not None}
+    typed = {"size": size, "map": map, "rule": rule, "epochs": epochs, "sigma": sigma}
+    typed |= {"samples": samples, "noise": noise}
+    tried = {name: list(values) for name, values in typed.items() if values is not None}
+    selection = Selection(joints, tip, planar, lock, ranges, degrees)
+    logged = Logged(columns, unit, prismatic)
     simulated = {name: tried.get(name) for name in ("samples", "noise")}
     check_sources(robots or (), bool(data), simulated, vars(logged))
-    _check_lists(robots or (), data or ())
-    if output not in (None, "-"):
-        check_writable(str(output))
-    notes, unit = Notes(), logged.unit or "m"
+    if data and len(robots or ()) > 1:
+        raise BadOption(f"--data with {len(robots or ())} robots: expected one ROBOT or none")
+    check_output(output, TABLES, stream=True)
     sources: dict[str, Callable[[], Arm | Samples]] = {
-        name: partial(_arm, name, selection, notes) for name in robots or ()
+        name: partial(selection.load, name) for name in robots or ()
     }
     if data is not None:
-        robot = robots[0] if robots else None
-        # one unit for all: errors of logs in mm and m would stand in one column
-        shared: dict[str, Any] = {"logged": replace(logged, unit=unit), "seed": 0, "notes": notes}
-        read = partial(measured_samples, robot, selection, **shared)
+        read = partial(measured_samples, robots[0] if robots else None, selection, logged=logged)
         sources = {path: partial(read, path) for path in _logs(data)}
-    with progress_bar(unit) as progress:
-        found = run(sources, tried, seeds=seeds, jobs=jobs, backend=backend, progress=progress)
-    notes.say(found.notes)
+    with progress_bar(unit or "m") as progress:
+        # logs are read here: a worker cannot say what was assumed of one
+        ready: dict[str, Any] = {name: source() for name, source in sources.items()}
+        found = run(ready, tried, seeds=seeds, jobs=jobs, progress=progress)
+    say(found.notes)
     for row in found.rows:
-        notes.say(row.notes)
-    for line in failures(found):
-        note(line)
+        say(row.notes)
+    for row in found.failed:
+        note(f"error: {row.source}, {dict(row.options)}, seed {row.seed}: {row.error}")
     if output is not None:
         write_table(output, found.columns())
-    if as_json:
-        show_json(document(found, output))
-    elif output != "-":
-        for table in sweep_tables(found, readout or READOUTS):
-            show(table)
-        tell(count_line(found, output))
-    if found.failed:
-        raise typer.Exit(1)
+    failed = len(found.failed)
+    told = f"{f'{output}: ' if output else ''}{len(found)} trainings, {failed} failed"
+    document = {
+        "output": output,
+        "trainings": len(found),
+        "failed": failed,
+        "units": {"errors": "unit of the row", "seconds": "s"},
+        "rows": [
+            fields(row, "source options seed unit errors seconds error") for row in found.rows
+        ],
+    }
+    lines: list[str | TextTable] = [_table(found, readout), told]
+    return Outcome(document, lines, to_stderr=output == "-", code=1 if failed else 0)
 
 
-def _arm(robot: str, selection: Selection, notes: Notes) -> Arm:
-    arm = selection.load(robot)
-    notes.say(arm.notes)
-    return arm
-
-
-def _check_lists(robots: Sequence[str], data: Sequence[str]) -> None:
-    if data and len(robots) > 1:
-        raise BadOption(
-            f"--data with {len(robots)} robots: expected one ROBOT or none; repeat --data for "
-            "each log, or quote a pattern such as 'logs/*.csv'"
-        )
-    if "-" in data:
-        raise BadOption("--data '-': expected files, standard input holds one log")
-    for name in robots:
-        if robots.count(name) > 1:
-            raise BadOption(f"ROBOT {name!r} is given twice: expected each once")
-
-
-def _logs(typed: Sequence[str]) -> list[str]:
-    """Return the logs that are meant, each once; a name with wildcards stands for several."""
+def _logs(typed: list[str]) -> list[str]:
+    """The logs that are meant, each once; a name with wildcards stands for several."""
     found: dict[str, None] = {}
     for text in typed:
         # a file may be called log[1].csv: what is there is no pattern
-        several_meant = glob.has_magic(text) and not Path(text).exists()
-        matches = sorted(glob.glob(text, recursive=True)) if several_meant else [text]  # noqa: PTH207
-        if not matches:
-            raise BadOption(f"--data {text!r}: expected logs, but no file matches")
+        several = glob.has_magic(text) and not Path(text).exists()
+        matches = sorted(glob.glob(text, recursive=True)) if several else [text]  # noqa: PTH207
+        if not matches or text == "-":
+            raise BadOption(f"--data {text!r}: expected files, but none matches")
         found.update(dict.fromkeys(matches))
     return list(found)
+
+
+def _table(found: Sweep, readout: str) -> TextTable:
+    """A row for each training, errors of the tip in the unit of its positions."""
+    from calib.sweeps import written
+
+    names = list(dict.fromkeys(name for row in found.rows for name in row.options))
+    rows = []
+    for row in found.rows:
+        factor, unit = for_people(row.unit or "m")
+        errors = [
+            number(factor * row.distance(readout, way, key))
+            for way in ("forward", "inverse")
+            for key in ("mean", "max")
+        ]
+        options = [str(written(row.options.get(name))) for name in names]
+        rows.append([row.source, *options, str(row.seed), *errors, unit, number(row.seconds)])
+    header = ["source", *names, "seed", "forward", "max", "inverse", "max", "unit", "seconds"]
+    title = f"{readout} readout: mean and largest error of the tip"
+    return TextTable(header, rows, title, left=2 + len(names))

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from model_files import described, split
+from hostile.test_model_file import described, split
 from models import draw, log, measured, no_arm, trained, turning
 
 import calib

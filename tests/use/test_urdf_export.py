@@ -133,7 +133,7 @@ def test_a_diff_shows_the_changed_attributes_alone():
     structure = in_plane(nominal)
     beta, zero = structure.neutral(), np.zeros(structure.size)
     beta[structure.groups["offset"][1]] = 0.02
-    beta[structure.layout.shifts[1]] = 0.003, 0.0, 0.0
+    beta[structure.shifts[1]] = 0.003, 0.0, 0.0
     geometry = PlanarGeometry(nominal, structure, beta, zero, False, True, 0.0, 0.0, 0.5)
     new = corrected_urdf(geometry)
     before, after = text.splitlines(), new.splitlines()
@@ -171,7 +171,7 @@ def test_a_second_reader_finds_what_was_written(monkeypatch):
     adapted = calib.adapt(model(), log("elbow.length=+4%", n=100, noise=0.0)).model
     geometry = fit_geometry(adapted, cause="joints")
     monkeypatch.setattr("calib.use.urdf.edited", lambda text, _: text)  # loses the change
-    with pytest.raises(RobotError, match="yourdfpy reads another origin"):
+    with pytest.raises(RobotError, match="another origin is read"):
         corrected_urdf(geometry)
 
 

@@ -1,1 +1,0 @@
-"""Hostile inputs: made from a seed, given to calib under guard, and judged."""

@@ -1,0 +1,96 @@
+"""Guard: what an input may open and say, and the seeds that inputs are made from."""
+
+from __future__ import annotations
+
+import os
+import sys
+import tempfile
+import unicodedata
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from random import Random
+
+LENGTH = int(os.environ.get("CALIB_FUZZ", "1"))
+"""How many times the usual number of inputs."""
+
+LONGEST = 2_000
+"""Characters of an error message."""
+
+RAW = {chr(c) for c in (*range(9), *range(11, 32), *range(127, 160), *range(0x202A, 0x202F))}
+"""Characters that a terminal would obey."""
+
+_FORBIDDEN = ("socket.connect", "socket.getaddrinfo", "socket.sendto", "socket.bind",
+              "urllib.Request", "http.client.connect", "ftplib.connect", "subprocess.Popen",
+              "os.system", "os.exec", "os.posix_spawn", "os.fork", "webbrowser.open",
+              "pty.spawn")  # fmt: skip
+_LIBRARIES = tuple(
+    str(Path(path).resolve())
+    for path in (sys.prefix, sys.base_prefix, *sys.path, Path(__file__).parents[2])
+    if path
+)
+_SPOOLED = str(Path(tempfile.gettempdir()).resolve() / "calib-")  # standard input is kept there
+_FONTS = (str(Path.home() / ".cache"), str(Path.home() / ".config"),
+          os.environ.get("MPLCONFIGDIR") or "/usr/share/fonts")  # fmt: skip
+_SYSTEM = (*_FONTS, _SPOOLED, "/usr/share/fonts", "/proc/", "/sys/", "/dev/", "/etc/localtime",
+           "/usr/share/zoneinfo")  # fmt: skip
+
+
+class Violation(AssertionError):  # noqa: N818
+    """An input did what no input may do."""
+
+
+def each_seed(n: int, judge: Callable[[Random], str]) -> Counter[str]:
+    """Judge `n` inputs (times `CALIB_FUZZ`), and count what became of them."""
+    found: Counter[str] = Counter()
+    for seed in range(n * LENGTH):
+        try:
+            found[judge(Random(seed))] += 1
+        except Exception as error:
+            raise Violation(f"seed {seed}: {error!r}") from error
+    return found
+
+
+class _Watch:
+    """State of the audit hook, of which a process can have only one."""
+
+    allowed: tuple[str, ...] = ()  # nothing is watched where it is empty
+    seen: tuple[str, ...] = ()
+    hooked = False
+
+    @classmethod
+    def hook(cls, event: str, args: tuple[object, ...]) -> None:
+        if not cls.allowed:
+            return
+        if event == "open" and isinstance(args[0], str | bytes | os.PathLike):
+            path = os.fsdecode(args[0])
+            if "\0" not in path and not os.path.realpath(path).startswith(cls.allowed):
+                cls.seen += (f"open {path}",)
+        elif event in _FORBIDDEN:
+            cls.seen += (f"{event} {args!r:.200}",)
+
+
+@contextmanager
+def guarded(folder: Path, named: Iterable[str] = ()) -> Iterator[None]:
+    """Allow files below `folder` and those `named`; no network, no processes."""
+    if not _Watch.hooked:
+        sys.addaudithook(_Watch.hook)
+        _Watch.hooked = True
+    given = (os.path.realpath(name) for name in (folder, *named) if "\0" not in str(name))
+    _Watch.seen, _Watch.allowed = (), (*given, *_LIBRARIES, *_SYSTEM)
+    try:
+        yield
+    finally:
+        _Watch.allowed = ()
+    if _Watch.seen:
+        raise Violation("; ".join(_Watch.seen[:5]))
+
+
+def one_line(text: str) -> str:
+    """Return a message that is one printable line of bearable length, else raise."""
+    if any(unicodedata.category(c) in ("Cc", "Zl", "Zp", "Cs") for c in text):
+        raise Violation(f"a control character in a message: {text[:200]!r}")
+    if not text.strip() or len(text) > LONGEST or "Traceback" in text or "internal error" in text:
+        raise Violation(f"a message of {len(text)} characters: {text[:500]!r}")
+    return text

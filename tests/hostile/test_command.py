@@ -1,0 +1,269 @@
+"""Command lines: good and bad values of every command and option that the program has."""
+
+from __future__ import annotations
+
+import json
+import re
+import unicodedata
+from random import Random
+
+import pytest
+import typer
+from calib_cli.app import app
+
+from hostile.arms import random_arm
+from hostile.damage import NAMES, NUMBERS, damaged
+from hostile.guard import LONGEST, RAW, Violation, each_seed, guarded
+
+LEFT_OUT = {"sweep", "reproduce", "report", "handeye"}
+"""Commands that start processes or draw a dozen figures: their own tests ask them."""
+
+NEVER = {"--camera", "--live", "--port", "--size", "--samples", "--help"}
+"""Options that wait for a device or a user, and those that every line here sets small."""
+
+HUGE = ("9223372036854775808", "10" * 40, "1" * 5000, "1e9", "-1", "0", "1.5", "nan", "１２",
+        "1_000", "4294967296x4294967296", "0x10", "1x1", "3x", "3xx3",
+        "7x7x7x7x7x7x7x7x7x7")  # fmt: skip
+BAD_NUMBERS = (*NUMBERS, "1e1000000", "9" * 5000, "nan(1)", "0b1", "- 1", "0.1,0.2", "a")
+MODELS = ("m.calib", "m.calib", "p.calib", "f.calib", "l.calib")
+LOGS = ("log.csv", "log.csv", "bent.csv", "log.parquet", "bad.csv")
+FILES = ("polar", "three_link", "bad.calib", "bad.csv", "bad.urdf", "m.calib", "log.csv", "x.csv",
+         "far.csv", "r.urdf", "folder", "none", "/dev/null", "/dev/full", "/dev/zero", "-",
+         "folder/none/x", "/proc/self/mem", "/nonexistent/x.csv", "x" * 250 + ".csv")  # fmt: skip
+OUT = ("out.csv", "out.calib", "new.parquet", "folder/out.html", "out.urdf", "m.calib", "log.csv")
+BAD_OUT = ("/dev/full", "folder", "none/x", "/proc/x", "", "x" * 300, "\0", "-", "/", "bad.csv",
+           "~/x", "a\nb", "CON", "/dev/null", ".", "folder/")  # fmt: skip
+PAIRS = ("0.5,1", "1,1", "0.5,1.0,0.2")
+BAD_PAIRS = (*BAD_NUMBERS, "nan,1", "1e308,1e308", ",", "1,2,3,4")
+VALUES = {  # by option, else by metavar: good values, bad values
+    "--output": (OUT, BAD_OUT), "--html": (("p.html",), BAD_OUT), "--photo": (("none",), FILES),
+    "--data": (LOGS, FILES), "--joints-file": (LOGS, FILES),
+    "--input": (("q.csv", "x.csv", "far.csv", "log.csv", "-"), FILES),
+    "MODEL": (MODELS, (*FILES, *NAMES)), "ROBOT": (("two_link", "two_link_full"), (*FILES, *NAMES)),
+    "ROBOT|MODEL": (("two_link", "polar", "r.urdf", "m.calib"), (*FILES, *NAMES)),
+    "BAG|PICTURES|VIDEO": (("log.csv", "none.bag", "folder"), FILES),
+    "A,B": (("shoulder,elbow", "elbow,shoulder"), ("a", "a,a", ",", *NAMES)),
+    "FRAME": (("tip", "forearm"), NAMES),
+    "JOINT=VALUE": (("elbow=1.5", "shoulder=1"), ("elbow=nan", "a=b=1", "elbow=1e308", *NAMES)),
+    "JOINT=LO:HI": (("elbow=0.5:1.5", "shoulder=0.1:1.1"), ("elbow=1:0", "elbow=nan:1",
+                    "elbow=-1e308:1e308", "elbow=0.5:inf", "=1:2", "elbow=1:1.0000000001", *NAMES)),
+    "--map": (("vdsom", "som", "dsom", "gng", "vdsom:error"), ("vdsom:", "vdsom:x", ":", *NAMES)),
+    "N|NxN": (("3", "4x3"), HUGE), "N": (("5", "3"), (*HUGE, *NUMBERS)),
+    "--epochs": (("1", "2"), HUGE),
+    "START:END": (("2:0.5", "1:1"), ("1e308:1e-308", "1:0", "nan:1", ":", "1e-320:1", *NUMBERS)),
+    "K": (("0", "7"), HUGE), "S": (("0", "0.001"), BAD_NUMBERS), "L": (("0.1",), BAD_NUMBERS),
+    "M": (("0.1", "5%"), (*BAD_NUMBERS, "50%", "1e308%", "-1%")),
+    "JOINT.WHAT=VALUE": (("elbow.length=+20%", "sensor.rotate=0.1", "sensor.mirror=x",
+                          "sensor.shift=0.1,0.2", "elbow.backlash=0.01", "elbow.noise=0.01"),
+                         ("elbow.length=1e308", "sensor.scale=1e-320", "elbow.gear=1e308", "a.b=c",
+                          "elbow.length=nan", "elbow.length=-100%", ".=", "tip.offset=1e308,0",
+                          "elbow.length=+1e308%", *NAMES)),
+    "x=U,y=V": (("x=x,y=y",), ("x=y", "x=", "=x", "x=x,x=y", "q=x", "x=y,y=x", *NAMES)),
+    "m|mm|px|..": (("m", "mm", "px"), NAMES), "--prismatic": (("elbow",), NAMES),
+    "Q1,Q2": (PAIRS, BAD_PAIRS), "--step": (("0.01", "0.1", "inf"), BAD_NUMBERS),
+    "Q1 Q2": (("0.3", "0.25", "1.0", "-0.1"), BAD_NUMBERS),
+    "X Y [Z]": (("0.3", "0.25", "0.1", "-0.1"), BAD_NUMBERS),
+    "R,P,Y": (("0,0,1",), BAD_PAIRS), "QX,QY,QZ,QW": (("0,0,0,1",), ("0,0,0,0", *BAD_PAIRS)),
+    "40mm": (("40mm",), (*BAD_NUMBERS, "mm", "1e308mm")), "ID": (("7",), HUGE),
+}  # fmt: skip
+
+
+def commands(command, words=()):
+    """Every command of the program that does something, with the words that call it."""
+    if not hasattr(command, "commands"):
+        yield words, command
+        return
+    context = typer.Context(command)
+    for name in command.list_commands(context):
+        if name not in LEFT_OUT:
+            yield from commands(command.get_command(context, name), (*words, name))
+
+
+COMMANDS = list(commands(typer.main.get_command(app)))
+
+
+def good_and_bad(part):
+    kind = part.metavar or ""
+    choices = tuple(kind.split("|")) if re.fullmatch(r"[a-z-]+(\|[a-z-]+)+", kind) else ("x",)
+    return VALUES.get(part.opts[0]) or VALUES.get(kind) or (choices, NAMES)
+
+
+def typed(rng, part, careful):
+    """What may be typed for an argument or an option."""
+    if getattr(part, "is_flag", False):
+        return [part.opts[0]]
+    good, bad = good_and_bad(part)
+    count = 1
+    if part.nargs == -1:
+        count = 2 if careful else rng.choice((0, 1, 2, 2, 3, 40))
+    values = [rng.choice(good if careful or rng.random() < 0.3 else bad) for _ in range(count)]
+    return values if not part.opts[0].startswith("-") else [part.opts[0], *values]
+
+
+def line(rng):
+    """A command line; the sizes that it asks for are small or impossible."""
+    words, command = rng.choice(
+        [*COMMANDS, *(c for c in COMMANDS if c[0][0] in ("train", "query"))]
+    )
+    # all good, so that the command gets to work; one bad value; or several
+    way = rng.choice(("good", "good", "one", "one", "one", "wild"))
+    parts = [p for p in command.params if p.opts[0] not in NEVER]
+    one = rng.choice(parts)
+    args = list(words)
+    for part in parts:
+        careful = way == "good" or (way == "one" and part is not one) or rng.random() < 0.5
+        named = not part.opts[0].startswith("-")
+        wanted = 0.97 if part.required or not careful else 0.85 if named else 0.12
+        if rng.random() < wanted:
+            args += typed(rng, part, careful)
+    options = {option for part in command.params for option in part.opts}
+    if words[0] == "preview" and "--html" not in args:
+        args += ["--html", "p.html"]
+    if words[0] == "train":
+        args += ["--size", rng.choice(("3", *HUGE) if way == "wild" else ("3", "4", "3x4"))]
+    if "--samples" in options and "--data" not in args:
+        args += ["--samples", rng.choice(("50", *HUGE) if way == "wild" else ("100", "60"))]
+    if "--json" in options and "--json" not in args and rng.random() < 0.3:
+        args.append("--json")
+    if way == "wild" and rng.random() < 0.5:  # leave out, double, replace or add an argument
+        k = rng.randrange(1, len(args) + 1)
+        if not {"--size", "--samples"} & set(args[k - 1 : k + 1]):
+            odd = (*NAMES, *NUMBERS, "--", "-h", "--help", "--version", "--no-such", "--json")
+            args[k : k + 1] = rng.choice(([], args[k : k + 1] * 2, [rng.choice(odd)]))
+    return [arg.replace("\0", "") if rng.random() < 0.9 else arg for arg in args]
+
+
+@pytest.fixture(scope="module")
+def home(tmp_path_factory, run):
+    """A folder with models, logs and tables."""
+    folder = tmp_path_factory.mktemp("work")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        for args in (
+            "train two_link --size 5 -n 300 -o m.calib",
+            "train polar --size 4 -n 200 -o p.calib",
+            "train two_link_full --size 4 -n 200 --body none -o f.calib",
+            "babble two_link -n 60 -o log.csv",
+            "babble two_link -n 30 -o log.parquet",
+            "babble two_link -n 40 --change elbow.length=+20% -o bent.csv",
+            "train --data log.csv --joints shoulder,elbow --size 4 -o l.calib",
+        ):
+            assert run(*args.split()).code == 0
+        (folder / "folder").mkdir()
+        (folder / "q.csv").write_text("shoulder,elbow\n0.5,1\n1,2\n-9,0\n")
+        (folder / "x.csv").write_text("x,y\n0.3,0.3\n0.3,0.31\n")
+        (folder / "far.csv").write_text("x,y\n0.3,0.3\n1e308,-1e308\nnan,1\na,b\n")
+        (folder / "r.urdf").write_bytes(random_arm(Random(5)).text.encode())
+        yield folder
+
+
+def no_constant(name):
+    raise ValueError(name)
+
+
+def judge_output(args, code, out, err):
+    """Check the exit code, what is said, and the JSON document; they are as the README says."""
+
+    def demand(holds, what):
+        if not holds:
+            raise Violation(f"{what}: {args!r}, exit code {code}: {out[:300]!r} {err[-500:]!r}")
+
+    demand(code in (0, 1, 2, 3), "exit code")
+    for text in (out, err):
+        demand("Traceback" not in text and "internal error" not in text, "a crash")
+        demand("Warning" not in text, "a warning")
+        odd = {c for c in text if unicodedata.category(c) in ("Cc", "Zl", "Zp")} - {"\n"}
+        demand(not odd and not RAW & set(text), "a control character")
+    lines = err.splitlines()
+    errors = [text for text in lines if text.startswith("error: ")]
+    others = [text for text in lines if not text.startswith("note: ")]
+    demand(all(len(text) <= LONGEST for text in lines), "a long line")
+    asked = "--json" in args and "--" not in args and not {"--help", "--version", "-h"} & set(args)
+    if asked and (code in (0, 3) or errors):  # an error is the document
+        try:
+            document = json.loads(out, parse_constant=no_constant)
+        except ValueError as error:
+            raise Violation(f"no JSON ({error}): {args!r} {out[:300]!r}") from None
+        demand(not errors or set(document) == {"error"}, "an error that is no document")
+    demand(code != 2 or (len(others) == len(errors) == 1 and (asked or not out)), "wrong usage")
+    demand(code != 1 or (lines and len(errors) <= 1), "an error in other than one line")
+    # of a batch, the others are answered
+    told = errors or "not all values are numbers" in err or "left out" in err
+    demand(code != 1 or told, "exit code 1 without an error")
+    demand(code not in (0, 3) or not errors, "an error")
+    demand(code != 3 or lines or out, "no answer and no word")
+
+
+def test_command_lines_end_in_order(home, run):
+    kept = {path.name: path.read_bytes() for path in home.iterdir() if path.is_file()}
+
+    def judge(rng):
+        args = line(rng)
+        for name, base in (
+            ("bad.calib", "m.calib"),
+            ("bad.csv", "log.csv"),
+            ("bad.urdf", "r.urdf"),
+        ):
+            (home / name).write_bytes(damaged(rng, kept[base], 2))
+        stdin = rng.choice(("", "x,y\n0.3,0.3\n", "shoulder,elbow\n0.1,0.5\n", "\0\n", "a"))
+        with guarded(home, (*args, *(arg.partition("=")[2] for arg in args))):
+            done = run(*args, stdin=stdin)
+        judge_output(args, done.code, done.out, done.err)
+        for name, data in kept.items():
+            path = home / name
+            if not path.exists() or path.read_bytes() != data:
+                # named as an output it may be replaced, but by no error
+                assert done.code != 2, f"{name} changed"
+                assert any(name in arg for arg in args), f"{name} changed"
+                path.write_bytes(data)
+        for path in home.iterdir():
+            if path.is_file() and path.name not in kept:
+                assert not path.name.endswith(".tmp"), f"{path.name} was left behind"
+                path.unlink()
+        return f"exit {done.code}"
+
+    found = each_seed(60, judge)
+    assert set(found) == {"exit 0", "exit 1", "exit 2", "exit 3"}
+
+
+@pytest.mark.parametrize(
+    "name", ["\x1b]0;owned\x07", "\x1b[2J", "\u202eel", "a\nb", "\x9b2J", "\t"]
+)
+def test_no_name_reaches_the_terminal_raw(home, run, name):
+    table = home / "q.csv"
+    before = table.read_bytes()
+    table.write_text(f'shoulder,elbow,"{name}"\n0.5,1,1\n')
+    for args in (
+        ["query", "forward", "m.calib", "--input", "q.csv", "--output", "o.csv"],
+        ["query", "forward", "m.calib", "--input", "q.csv", "--json"],
+        ["train", "two_link", "--joints", f"shoulder,{name}"],
+        ["train", "two_link", "--lock", f"{name}=1", "--json"],
+        ["info", f"none{name}"],
+        ["babble", "two_link", "-n", "5", "-o", f"none/{name}.csv"],
+    ):
+        done = run(*args)
+        judge_output(args, done.code, done.out, done.err)
+    table.write_bytes(before)
+    (home / "o.csv").unlink()
+
+
+@pytest.mark.parametrize(
+    ("args", "code", "out", "err"),
+    [
+        ((), 4, "", ""),
+        ((), 1, "", "Traceback (most recent call last):\n"),
+        ((), 1, "", "error: internal error, KeyError: 'x'\n"),
+        ((), 1, "", ""),
+        ((), 2, "", "error: a\nerror: b\n"),
+        ((), 2, "results", "error: a\n"),
+        ((), 0, "", "error: a\n"),
+        ((), 3, "", ""),
+        ((), 0, "a\x1b[31mb", ""),
+        (("--json",), 0, "{", ""),
+        (("--json",), 0, '{"a": NaN}', ""),
+        (("--json",), 3, "", "no answer"),
+    ],
+)
+def test_the_judge_notices(args, code, out, err):
+    with pytest.raises(Violation):
+        judge_output(args, code, out, err)

@@ -1,0 +1,256 @@
+"""Logs: damaged and odd tables, whose accepted rows have to be what a plain reader finds."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+from random import Random
+
+import numpy as np
+import polars as pl
+import pytest
+
+import calib
+from hostile.damage import NAMES, NUMBERS, damaged
+from hostile.guard import each_seed, guarded, one_line
+
+ARM = calib.load_arm("two_link")
+MISSING = {"", "na", "n/a", "nan", "null", "none", "-", "?"}
+LARGEST = 1e15
+UNITS = {"m": 1.0, "mm": 1e3, "cm": 1e2, "in": 39.3700787, "px": 640.0}
+
+
+def table(rng: Random):
+    """Header, cells and separator of a table that is mostly right."""
+    n = rng.choice((0, 1, 2, 5, 20, 60, 60))
+    draws = np.random.default_rng(rng.getrandbits(32)).random((n, 2))
+    q = ARM.lower + (ARM.upper - ARM.lower) * draws
+    x = ARM.forward(q) if n else np.zeros((0, 2))
+    if rng.random() < 0.1:
+        q = np.degrees(q)
+    columns = {"shoulder": q[:, 0], "elbow": q[:, 1], "x": x[:, 0], "y": x[:, 1]}
+    cells = {name: [repr(float(v)) for v in values] for name, values in columns.items()}
+    if rng.random() < 0.1:
+        cells["z"] = [rng.choice(("0", "0.1", "1e-3")) for _ in range(n)]
+    if rng.random() < 0.2:
+        cells["note"] = [rng.choice(("1", "a", "", "12:00")) for _ in range(n)]
+    if rng.random() < 0.1:
+        cells["cam u"] = cells.pop("x")
+    for _ in range(rng.choice((0, 0, 1, 2)) if n else 0):
+        cells[rng.choice(list(cells))][rng.randrange(n)] = rng.choice(NUMBERS)
+    header = list(cells)
+    rng.shuffle(header)
+    rows = [[cells[name][k] for name in header] for k in range(n)]
+    if rng.random() < 0.1:
+        header[rng.randrange(len(header))] = rng.choice(NAMES)
+    for _ in range(rng.choice((0, 0, 0, 1, 2)) if rows else 0):
+        odd = ([], [""], rows[0][:-1], [*rows[0], "1"], [*rows[0], ""], [" "] * len(header))
+        rows.insert(rng.randrange(len(rows)), rng.choice(odd))
+    return header, rows, rng.choice((",", ",", ",", ";", "\t"))
+
+
+def as_csv(rng, header, rows, separator):
+    out, end = io.StringIO(), rng.choice(("\n", "\n", "\r\n", "\r"))
+    quoting = rng.choice((csv.QUOTE_MINIMAL, csv.QUOTE_MINIMAL, csv.QUOTE_ALL))
+    writer = csv.writer(out, delimiter=separator, quoting=quoting, lineterminator=end)
+    try:
+        writer.writerows([header, *rows])
+    except csv.Error:
+        return b""
+    text = out.getvalue()
+    if rng.random() < 0.1:
+        text = text.replace(separator, f" {separator} ")
+    if rng.random() < 0.1:
+        text = end * rng.randint(1, 3) + text
+    return text.encode(rng.choice(("utf-8", "utf-8", "utf-8-sig")), "replace")
+
+
+def monster(rng, header, rows):
+    """A file that is long in some direction."""
+    good = "\n".join(",".join(row) for row in [header, *rows])
+    wide = [",".join([*header, *(f"c{k}" for k in range(10_000))])]
+    return rng.choice((
+        "\n".join([*wide, *(",".join([*row, *["1"] * 10_000]) for row in rows[:5])]),
+        good + "\n" + "9" * 3_000_000,
+        "x" * 3_000_000 + "," + good,
+        good + "\n" + "\0" * 3_000_000,
+        good + "\n" + '"' + good * 200,
+        good + "\n" * 500_000,
+    )).encode("utf-8", "replace")  # fmt: skip
+
+
+def as_parquet(rng, header, rows):
+    frame = {}
+    for k, name in enumerate(header):
+        cells = [number(row[k]) for row in rows if len(row) == len(header)]
+        frame[name] = pl.Series(cells, dtype=pl.Float64, strict=False)
+        if rng.random() < 0.12:  # a column of another type
+            frame[name] = rng.choice((
+                lambda c: pl.Series([str(v) for v in c], dtype=pl.String),
+                lambda c: pl.Series([v > 0 for v in c], dtype=pl.Boolean),
+                lambda c: pl.Series([[v] for v in c], dtype=pl.List(pl.Float64)),
+                lambda c: pl.Series([{"a": v} for v in c], dtype=pl.Struct({"a": pl.Float64})),
+                lambda c: pl.Series([None for _ in c], dtype=pl.Null),
+                lambda c: pl.Series([2**64 - 1 - k for k in range(len(c))], dtype=pl.UInt64),
+                lambda c: pl.Series(c, dtype=pl.Float32, strict=False),
+                lambda c: pl.Series([b"\xff" for _ in c], dtype=pl.Binary),
+                lambda c: pl.Series([1 for _ in c], dtype=pl.Datetime),
+            ))(cells)  # fmt: skip
+    out = io.BytesIO()
+    try:
+        pl.DataFrame(frame).write_parquet(out, compression=rng.choice(("zstd", "snappy", "lz4")))
+    except (pl.exceptions.PolarsError, pl.exceptions.PanicException, ValueError):
+        return b"PAR1"
+    return out.getvalue()
+
+
+def number(cell):
+    try:
+        return float(cell)
+    except ValueError:
+        return math.nan
+
+
+def plain_rows(data, names):
+    """Numbers of some columns of a CSV file, as the standard library reads it."""
+    text, line = data.decode("utf-8-sig"), data.split(b"\n", 1)[0]
+    separator = max(",;\t", key=lambda mark: line.count(mark.encode()))
+    usual = csv.field_size_limit(len(text) + 1)  # a cell may be as long as a line
+    try:
+        rows = list(csv.reader(io.StringIO(text, newline=""), delimiter=separator))
+    finally:
+        csv.field_size_limit(usual)
+    rows = [row for row in rows if row and (len(row) > 1 or row[0].strip())]
+    header = [name.strip() for name in rows[0]]
+    index = [header.index(name) for name in (*names, *(["z"] if "z" in header else []))]
+    found = np.full((len(rows) - 1, len(index)), math.nan)
+    for k, row in enumerate(rows[1:]):
+        for j, i in enumerate(index):
+            cell = row[i].strip() if i < len(row) else ""
+            if cell.lower() not in MISSING:
+                assert cell.isascii(), f"{cell!r} was taken for a number"
+                assert "_" not in cell, f"{cell!r} was taken for a number"
+                found[k, j] = float(cell)
+    return found
+
+
+def stands_in_the_file(log, data, columns, degrees):
+    """Find every accepted row in the file, in order, as Python itself reads numbers."""
+    rows = plain_rows(data, [columns.get(name, name) for name in ("shoulder", "elbow", "x", "y")])
+    good = rows[(np.abs(rows) < LARGEST).all(axis=1)]
+    assert log.dropped == len(rows) - len(good), "not as many rows dropped as miss a value"
+    turns, place = np.array(log.revolute), 0
+    joints = good[:, :2] * np.where(turns & degrees, math.radians(1.0), 1.0)
+    for q, x in zip(log.q, log.x, strict=True):
+        while place < len(good) and not (good[place, 2 : 2 + len(x)] == x).all():
+            place += 1
+        assert place < len(good), f"a row {q}, {x} that the file does not have"
+        gap = q - joints[place]
+        gap = np.where(turns, gap - 2 * np.pi * np.round(gap / (2 * np.pi)), gap)
+        assert np.abs(gap).max() <= 1e-9 * max(1.0, np.abs(joints[place]).max())
+        place += 1
+
+
+def test_damaged_and_odd_tables_are_read_as_they_are_or_refused(tmp_path):
+    def judge(rng):
+        header, rows, separator = table(rng)
+        parquet = rng.random() < 0.35
+        if parquet:
+            data = as_parquet(rng, header, rows)
+        elif rng.random() < 0.1:
+            data = monster(rng, header, rows)
+        else:
+            data = as_csv(rng, header, rows, separator)
+        if rng.random() < 0.3:
+            data = damaged(rng, data, 2)
+        columns = {"x": "cam u"} if "cam u" in header else {}
+        if rng.random() < 0.05:
+            columns[rng.choice(("x", "elbow", "q"))] = rng.choice(NAMES)
+        endings = (".parquet",) if parquet else (".csv", ".csv", ".txt", "")
+        path = tmp_path / f"log{rng.choice((*endings, '.csv') if rng.random() < 0.1 else endings)}"
+        path.write_bytes(data)
+        degrees, options = rng.random() < 0.15, {"arm": ARM}
+        if rng.random() < 0.3:
+            options = {"joints": ("shoulder", "elbow"), "prismatic": rng.choice(((), ("elbow",)))}
+        try:
+            with guarded(tmp_path):
+                log = calib.read_log(path, columns=columns, degrees=degrees, **options)
+        except calib.CalibError as error:
+            one_line(str(error))
+            return "refused"
+        for note in log.notes:
+            one_line(note)
+        assert len(log.q) == len(log.x) >= 2
+        assert np.isfinite(log.q).all()
+        assert np.isfinite(log.x).all()
+        slack = 1e-9 * (log.upper - log.lower)
+        assert (log.lower < log.upper).all()
+        assert ((log.q >= log.lower - slack) & (log.q <= log.upper + slack)).all()
+        # of a plane in space the positions are coordinates that no cell holds
+        if not data.startswith(b"PAR1") and log.plane is None:
+            stands_in_the_file(log, data, columns, degrees)
+        return "read"
+
+    found = each_seed(120, judge)
+    assert min(found["read"], found["refused"]) > 10
+
+
+def test_logs_in_other_units_than_is_said_are_refused_noted_or_right(tmp_path):
+    def judge(rng):
+        unit, draws = rng.choice(list(UNITS)), np.random.default_rng(rng.getrandbits(32))
+        said = unit if rng.random() < 0.4 else "m"
+        degrees, told, exchanged = (rng.random() < share for share in (0.4, 0.4, 0.2))
+        q = draws.uniform(ARM.lower, ARM.upper, (int(draws.integers(12, 80)), 2))
+        turn = np.exp(1j * draws.uniform(-np.pi, np.pi))
+        seen = ARM.forward(q) @ np.array([[turn.real, turn.imag], [-turn.imag, turn.real]])
+        x = UNITS[unit] * (seen + draws.normal(size=2))
+        typed = np.degrees(q) if degrees else q
+        typed = typed[:, ::-1] if exchanged else typed
+        path = tmp_path / "log.csv"
+        np.savetxt(path, np.hstack([typed, x]), delimiter=",", fmt="%.17g", comments="",
+                   header="shoulder,elbow,x,y")  # fmt: skip
+        try:
+            with guarded(tmp_path):
+                log = calib.read_log(path, ARM, degrees=told, unit=said)
+        except calib.CalibError as error:
+            one_line(str(error))
+            return "refused"
+        right = degrees == told and not exchanged
+        assert said != "m" or unit == "m", f"{unit} were read as m without a word"
+        assert right or log.notes, "read without a word"
+        assert not right or np.allclose(log.q, q, atol=1e-9)
+        return "read"
+
+    assert len(each_seed(60, judge)) == 2
+
+
+CONTAINERS = {
+    "dict": lambda table: table,
+    "other order": lambda table: dict(reversed(table.items())),
+    "polars": pl.DataFrame,
+    "extra": lambda table: {"time": np.arange(3), **table},
+    "list": lambda table: np.stack(list(table.values()), axis=1).tolist(),
+    "record": lambda table: np.array(
+        list(zip(*table.values(), strict=True)), dtype=[(name, float) for name in table]
+    ),
+    "missing": lambda table: {"elbow": table["elbow"]},
+    "date": lambda table: np.zeros((3, 2), dtype="datetime64[s]"),
+    "masked": lambda table: np.ma.masked_array(np.ones((3, 2)), mask=np.eye(3, 2)),
+}
+
+
+@pytest.mark.parametrize("kind", CONTAINERS)
+def test_joint_values_are_taken_by_name_or_refused(kind):
+    model = calib.train(calib.babble(ARM, 300, seed=0), size=4)
+    q = np.random.default_rng(0).uniform(ARM.lower, ARM.upper, (3, 2))
+    ends = 0.30 * np.exp(1j * q[:, 0]) + 0.25 * np.exp(1j * q.sum(axis=1))
+    given = CONTAINERS[kind](dict(zip(ARM.joint_names, q.T, strict=True)))
+    for answer in (ARM.forward, model.forward):
+        if kind in ("missing", "date", "masked"):
+            with pytest.raises(calib.CalibError) as caught:
+                answer(given)
+            one_line(str(caught.value))
+        else:
+            x = answer(given)
+            assert np.abs(x[:, 0] + 1j * x[:, 1] - ends).max() < 1e-3

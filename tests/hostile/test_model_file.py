@@ -1,0 +1,285 @@
+"""Model files: damaged ones are refused or are the very same model, forged ones end in peace."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import struct
+
+import numpy as np
+import pytest
+from models import log, trained
+from safetensors.numpy import load as unpack
+from safetensors.numpy import save as pack
+
+import calib
+from hostile.damage import NAMES, NUMBERS, damaged
+from hostile.guard import each_seed, guarded, one_line
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory):
+    """Files of small models: simulated, of graphs, of a redundant arm, of maps alone, of a log."""
+    folder = tmp_path_factory.mktemp("files")
+    three = calib.babble(calib.load_arm("three_link"), 300, seed=0)
+    made = {
+        "two": trained("two_link", 300, 5),
+        "gng": trained("two_link", 300, 5, map="gng"),
+        "three": calib.train(three, motor_size=(3, 3, 3), sensory_size=4),
+        "maps": calib.train(log(150, 1e-3), size=5, body="none"),
+        "log": calib.train(log(150, 1e-3), size=5),
+    }
+    for name, model in made.items():
+        model.save(folder / f"{name}.calib")
+    return {name: (folder / f"{name}.calib").read_bytes() for name in made}
+
+
+@pytest.fixture
+def load(tmp_path):
+    """Load the content of a file under guard: a model, or a refusal in one line."""
+
+    def one(data):
+        path = tmp_path / "m.calib"
+        path.write_bytes(data)
+        with guarded(tmp_path):
+            try:
+                return calib.load(path)
+            except calib.ModelError as error:
+                return one_line(str(error))
+
+    return one
+
+
+def split(data):
+    """The JSON header of a safetensors file and the bytes of its tensors."""
+    (length,) = struct.unpack("<Q", data[:8])
+    return json.loads(data[8 : 8 + length]), data[8 + length :]
+
+
+def join(header, body):
+    text = json.dumps(header).encode()
+    return struct.pack("<Q", len(text)) + text + body
+
+
+def described(data):
+    return json.loads(split(data)[0]["__metadata__"]["calib"])
+
+
+def sealed(tensors, description):
+    """A file whose checksum is right, by docs/format.md."""
+    rest = {key: value for key, value in description.items() if key != "sha256"}
+    digest = hashlib.sha256()
+    for name in sorted(tensors):
+        digest.update(f"{name} {tensors[name].dtype.str} {tensors[name].shape};".encode())
+        digest.update(tensors[name].tobytes())
+    text = json.dumps(rest, sort_keys=True, separators=(",", ":"), ensure_ascii=False)
+    digest.update(text.encode("utf-8", "surrogatepass"))
+    rest["sha256"] = digest.hexdigest()
+    return bytes(pack(tensors, metadata={"calib": json.dumps(rest)}))
+
+
+def forged(data, change):
+    """The file after `change(description, tensors)`, with a checksum that is right."""
+    description, tensors = described(data), {k: v.copy() for k, v in unpack(data).items()}
+    change(description, tensors)
+    return sealed(tensors, description)
+
+
+def probe(model):
+    """Joint values within the model's range."""
+    about = model.about
+    draws = np.random.default_rng(0).random((20, len(about.joint_names)))
+    return about.lower + (about.upper - about.lower) * draws
+
+
+def ask(model):
+    """Ask a forged model everything: answers or one line, whatever it holds."""
+    about, q = model.about, probe(model)
+    x = np.random.default_rng(1).normal(0, 0.1, (len(q), 2))
+    told = "answers"
+    for question in (
+        lambda: model.inverse(model.forward(q)[:3]),
+        lambda: model.inverse_all(model.forward(q, "winner")[:3]),
+        lambda: calib.evaluate(model),
+        lambda: calib.check(model, calib.Samples(q, x, about.joint_names, about.lower, about.upper,
+                                                 about.revolute)),
+    ):  # fmt: skip
+        try:
+            question()
+        except calib.CalibError as error:
+            told = one_line(str(error)) and "refuses"
+    return told
+
+
+def claiming(rng, data):
+    """Let the header of the tensors claim other sizes, types and places, up to terabytes."""
+    huge = rng.choice((2**40, 2**63 - 1, 2**64 - 1, 2**64, -1, 10**15, len(data) * 2, 0))
+    if rng.random() < 0.3:
+        return struct.pack("<Q", huge % 2**64) + data[8:]
+    header, body = split(data)
+    a, b = rng.sample([name for name in header if name != "__metadata__"], 2)
+    shapes = ([huge], [huge, huge], [2**32, 2**32], [0], [], [-1], [1] * 9999)
+    rng.choice((
+        lambda: header[a].update(shape=rng.choice(shapes)),
+        lambda: header[a].update(data_offsets=rng.choice(([0, huge], [huge, huge], [8, 0], [0]))),
+        lambda: header[a].update(dtype=rng.choice(("F64", "F16", "BF16", "F8_E4M3", "O", ""))),
+        lambda: header.update({rng.choice(NAMES): header.pop(a)}),
+        lambda: header.update(__metadata__=rng.choice(({}, [], None, {"calib": 1}))),
+        lambda: header.update({a: header[b], b: header[a]}),
+    ))()  # fmt: skip
+    return join(header, body)
+
+
+def places(value):
+    found = []
+    if isinstance(value, dict | list):
+        for key in value if isinstance(value, dict) else range(len(value)):
+            found += [(value, key), *places(value[key])]
+    return found
+
+
+def spoil(rng, description):
+    """Replace or remove something anywhere in plain data."""
+    parent, key = rng.choice([place for place in places(description) if place[1] != "sha256"])
+    old = parent[key]
+    values = [None, True, [], {}, "", 0, -1, 2, 7, 1e308, -1e308, 1e-320, float("nan"),
+              float("inf"), 10**30, 2**63, [[]], [1, 2, 3], {"a": 1}, rng.choice(NAMES),
+              rng.choice(NUMBERS), [old], [old, old], str(old)]  # fmt: skip
+    if isinstance(old, list):
+        values += [old[:-1], old * 2, old[::-1], [*old, None]]
+    if isinstance(old, int | float):
+        values += [old + 1, -old, old * 1e6, old * 1e-6]
+    parent[key] = rng.choice(values)
+    if rng.random() < 0.15:
+        del parent[key]
+
+
+def spoil_tensor(rng, tensors):
+    name, other = rng.choice(sorted(tensors)), rng.choice(sorted(tensors))
+    array, what = tensors[name], rng.randrange(6)
+    with np.errstate(all="ignore"):
+        if what == 0 and array.size:
+            value = rng.choice((np.nan, np.inf, 1e308, -1e308, 1e-320, -1.0, 0.0, 255.0))
+            array.reshape(-1)[rng.randrange(array.size)] = np.array(value).astype(array.dtype)
+        elif what == 1:
+            tensors[name] = array.astype(rng.choice(("f8", "f4", "f2", "i8", "u1", "u8", "?")))
+        elif what == 2:
+            tensors[name] = np.atleast_1d(array)[:-1].copy()
+        elif what == 3:
+            del tensors[name]
+        elif what == 4:
+            tensors[name] = np.full_like(array, rng.choice((0, 1, 200)))
+        else:
+            tensors[name], tensors[other] = tensors[other], array
+
+
+@pytest.mark.filterwarnings("ignore::RuntimeWarning")  # numbers of a forged file may overflow
+def test_damaged_and_forged_files_are_refused_the_same_or_answer_in_order(files, load, tmp_path):
+    def judge(rng):
+        data, way = files[rng.choice(sorted(files))], rng.random()
+        if way < 0.5:  # the checksum tells
+            model = load(damaged(rng, data) if way < 0.3 else claiming(rng, data))
+            if isinstance(model, str):
+                return "refused"
+            model.save(tmp_path / "again.calib")
+            assert (tmp_path / "again.calib").read_bytes() == data, "accepted, but not the same"
+            return "the same"
+
+        def change(description, tensors):
+            for _ in range(rng.randint(1, 2)):
+                if rng.random() < 0.6:
+                    spoil(rng, description)
+                else:
+                    spoil_tensor(rng, tensors)
+
+        try:
+            data = forged(data, change)
+        except UnicodeEncodeError:  # lone surrogates cannot be written
+            return "the same"
+        model = load(data)
+        return "forged, refused" if isinstance(model, str) else f"forged, {ask(model)}"
+
+    found = each_seed(100, judge)
+    assert min(found["refused"], found["forged, refused"], found["forged, answers"]) > 0
+
+
+def test_an_honest_forgery_is_a_model(files, load, tmp_path):
+    for data in files.values():
+        load(forged(data, lambda description, tensors: None)).save(tmp_path / "again.calib")
+        assert (tmp_path / "again.calib").read_bytes() == data
+
+
+def test_every_flipped_bit_and_every_cut_is_noticed(files, load):
+    def judge(rng):
+        data = bytearray(files["two"])
+        end = len(data) if rng.random() < 0.5 else struct.unpack("<Q", data[:8])[0]
+        place = rng.randrange(end)
+        data[place] ^= 1 << rng.randrange(8)
+        if rng.random() < 0.3:
+            data = data[:place]
+        assert isinstance(load(bytes(data)), str)
+        return "refused"
+
+    each_seed(100, judge)
+    assert isinstance(load(files["two"] + b"\0"), str)
+
+
+def test_what_is_wrong_with_a_file_is_told(files, load):
+    data = files["two"]
+    header, body = split(data)
+
+    def with_description(text):
+        return join({**header, "__metadata__": {"calib": text}}, body)
+
+    foreign = pack({"weight": np.zeros(3)}, metadata={"author": "someone"})
+    assert "calib train" in load(foreign)
+    newer = {**described(data), "format": described(data)["format"] + 1}
+    assert "pip install -U calib-arm" in load(with_description(json.dumps(newer)))
+    assert "checksum" in load(data[:-1] + bytes([data[-1] ^ 1]))
+    assert "checksum" in load(with_description(json.dumps({**described(data), "sha256": "0"})))
+    for text in ("", "{", "[]", "1", "null", '"calib"', "[" * 100_000):
+        assert isinstance(load(with_description(text)), str)
+    for version in (0, -1, "1", None, 1.5):
+        assert isinstance(load(with_description(json.dumps({**newer, "format": version}))), str)
+
+
+def put(name, index, value):
+    return lambda h, t: t[name].reshape(-1).__setitem__(index, value)
+
+
+NONSENSE = {  # each was once accepted, and crashed or answered nonsense later
+    "without its motor map": lambda h, t: t.pop("motor.units"),
+    "with a joint more": lambda h, t: h["about"]["joint_names"].append("wrist"),
+    "of a lattice that no memory holds": lambda h, t: h["motor"].update(lattice=[10**6, 10**6]),
+    "of a lattice without nodes": lambda h, t: h["motor"].update(lattice=[0, 0]),
+    "with a link to nowhere": put("links.indices", 0, 60_000),
+    "with a weight that is no number": put("motor.units", 0, np.nan),
+    "with an infinite bound": put("bounds", 0, np.inf),
+    "with a negative bound": put("bounds", 0, -1.0),
+    "with bounds of another map": lambda h, t: t.update(bounds=t["bounds"][:-1]),
+    "with a list for its description": lambda h, t: h.update(about=[]),
+    "with a name that is a number": lambda h, t: h["about"].update(joint_names=[1, "elbow"]),
+    "with a range without width": lambda h, t: h["about"].update(upper=h["about"]["lower"]),
+    "with errors of other joints": lambda h, t: h["about"]["errors"]["local"].update(inverse={}),
+    "with nodes all in one place": lambda h, t: t.update({"motor.units": 0 * t["motor.units"]}),
+    "with a history that is text": lambda h, t: h.update(history=["adapted"]),
+    "with a bandwidth of nearly nothing": lambda h, t: h["links"].update(bandwidth=1e-320),
+    "with links of no strength": lambda h, t: t.update({"links.data": 0 * t["links.data"]}),
+    "with a link of a negative strength": put("links.data", 0, -1.0),
+    "with no node visited": lambda h, t: t.update(visited=0 * t["visited"]),
+}
+
+
+@pytest.mark.parametrize("kind", NONSENSE)
+def test_what_makes_no_sense_is_refused_even_with_the_right_checksum(files, load, kind):
+    assert isinstance(load(forged(files["two"], NONSENSE[kind])), str)
+
+
+def test_rows_that_make_no_sense_are_refused(files, load):
+    for change in (
+        put("rows.x", 0, np.nan),
+        lambda h, t: t.update({"rows.q": t["rows.q"][:, :1].copy()}),
+        lambda h, t: t.update({"rows.x": t["rows.x"][:-1]}),
+        lambda h, t: t.update({n: np.tile(t[n], (40, 1)) for n in ("rows.q", "rows.x")}),
+    ):
+        assert isinstance(load(forged(files["log"], change)), str)

@@ -1,0 +1,271 @@
+"""Bags: ROS 1, ROS 2 and MCAP recordings become logs."""
+
+from __future__ import annotations
+
+import sys
+
+import numpy as np
+import pytest
+
+import calib
+from calib.errors import LogError, OptionError
+from calib.recording.bags import read_bag
+
+rosbags = pytest.importorskip("rosbags")
+from rosbags.rosbag1 import Writer as Writer1  # noqa: E402
+from rosbags.rosbag2 import StoragePlugin  # noqa: E402
+from rosbags.rosbag2 import Writer as Writer2  # noqa: E402
+from rosbags.typesys import Stores, get_typestore  # noqa: E402
+
+STEP = 0.02
+
+
+def q_at(t):
+    first = 0.8 + 0.3 * np.sin(t) + 0.2 * np.sin(1.618 * t + 1)  # it does not repeat itself
+    return np.stack([first, 1.2 + 0.3 * np.cos(1.3 * t) + 0.1 * np.cos(0.37 * t)], axis=1)
+
+
+def x_at(t):
+    q = q_at(t)
+    angle = q.sum(axis=1)
+    return np.stack(
+        [
+            0.3 * np.cos(q[:, 0]) + 0.25 * np.cos(angle),
+            0.3 * np.sin(q[:, 0]) + 0.25 * np.sin(angle),
+            np.zeros(len(q)),
+        ],
+        axis=1,
+    )
+
+
+UNTURNED = (0.0, 0.0, 0.0, 1.0)
+
+
+def turn_at(t):
+    """A turn of t [rad] about x, as qx, qy, qz, qw."""
+    return float(np.sin(t / 2)), 0.0, 0.0, float(np.cos(t / 2))
+
+
+def write(path, kind="ros2", tip="PointStamped", n=300, hole=None, latency=0.0, turning=False):
+    store = get_typestore(Stores.ROS1_NOETIC if kind == "ros1" else Stores.ROS2_HUMBLE)
+    types = store.types
+    joint_t = np.arange(n) * STEP
+    if hole is not None:
+        joint_t = joint_t[(joint_t < hole[0]) | (joint_t > hole[1])]
+    tip_t = 0.013 + np.arange(n - 2) * STEP
+
+    def header(t):
+        stamp = types["builtin_interfaces/msg/Time"](int(100 + t), int(1e9 * (t % 1)))
+        extra = {"seq": 0} if kind == "ros1" else {}
+        return types["std_msgs/msg/Header"](stamp=stamp, frame_id="base", **extra)
+
+    def joint_state(t, q):
+        return types["sensor_msgs/msg/JointState"](
+            header(t), ["elbow", "shoulder"], q[::-1].copy(), np.zeros(0), np.zeros(0)
+        )
+
+    def position(t, x):
+        point = types["geometry_msgs/msg/Point"](*map(float, x))
+        turn = types["geometry_msgs/msg/Quaternion"](*(turn_at(t) if turning else UNTURNED))
+        if tip == "TFMessage":
+            return types["tf2_msgs/msg/TFMessage"](
+                [
+                    transformed(t, "camera", "tag", x, turn),
+                    transformed(t, "base", "link", 2 * x, turn),
+                ]
+            )
+        if tip == "PointStamped":
+            return types["geometry_msgs/msg/PointStamped"](header(t), point)
+        if tip == "PoseStamped":
+            pose = types["geometry_msgs/msg/Pose"](point, turn)
+            return types["geometry_msgs/msg/PoseStamped"](header(t), pose)
+        return transformed(t, "base", "tip", x, turn)
+
+    def transformed(t, parent, child, x, turn):
+        vector = types["geometry_msgs/msg/Vector3"](*map(float, x))
+        transform = types["geometry_msgs/msg/Transform"](vector, turn)
+        stamped = types["geometry_msgs/msg/TransformStamped"](header(t), child, transform)
+        stamped.header.frame_id = parent
+        return stamped
+
+    messages = [
+        (t, "/joint_states", "sensor_msgs/msg/JointState", joint_state(t, q))
+        for t, q in zip(joint_t, q_at(joint_t), strict=True)
+    ]
+    kinds = "tf2_msgs" if tip == "TFMessage" else "geometry_msgs"
+    messages += [
+        (
+            t,
+            "/tf" if tip == "TFMessage" else "/tracker",
+            f"{kinds}/msg/{tip}",
+            position(t + latency, x),
+        )
+        for t, x in zip(tip_t, x_at(tip_t), strict=True)
+    ]
+    if tip == "TFMessage":
+        unturned = types["geometry_msgs/msg/Quaternion"](*UNTURNED)
+        still = [transformed(0.0, "tag", "tool", (0.0, 0.0, 0.1), unturned)]
+        still += [transformed(0.0, "world", "camera", (1.0, 0.0, 0.0), unturned)]
+        static = types["tf2_msgs/msg/TFMessage"](still)
+        messages.append((0.0, "/tf_static", "tf2_msgs/msg/TFMessage", static))
+    rng = np.random.default_rng(0)
+    if kind == "ros1":
+        writer = Writer1(path)
+    else:
+        plugin = StoragePlugin.MCAP if kind == "mcap" else StoragePlugin.SQLITE3
+        writer = Writer2(path, version=9, storage_plugin=plugin)
+    with writer:
+        connections = {}
+        for k in rng.permutation(len(messages)):  # out of order
+            t, topic, name, message = messages[k]
+            if topic not in connections:
+                connections[topic] = writer.add_connection(topic, name, typestore=store)
+            raw = (store.serialize_ros1 if kind == "ros1" else store.serialize_cdr)(message, name)
+            writer.write(connections[topic], int(1e9 * (100 + t)), raw)
+    return path
+
+
+@pytest.mark.parametrize(
+    ("kind", "name", "tip"),
+    [
+        ("ros1", "a.bag", "PointStamped"),
+        ("ros2", "a", "PoseStamped"),
+        ("mcap", "a", "TransformStamped"),
+    ],
+)
+def test_joints_are_interpolated_to_the_positions(tmp_path, kind, name, tip):
+    found = read_bag(write(tmp_path / name, kind, tip), joints=["shoulder", "elbow"])
+    assert found.joint_names == ("shoulder", "elbow")
+    assert len(found.q) == 298
+    assert (np.diff(found.time) > 0).all()
+    assert np.abs(found.x - x_at(0.013 + found.time)).max() < 1e-9
+    assert np.abs(found.q - q_at(0.013 + found.time)).max() < 2e-4  # linear between 20 ms
+
+
+@pytest.mark.parametrize("kind", ["mcap", "ros2"])
+def test_poses_of_tf_between_two_frames(tmp_path, kind):
+    bag = write(tmp_path / "a", kind, "TFMessage", turning=True)
+    with pytest.raises(LogError, match=r"2 transforms of tf move: base,link.*camera,tag"):
+        read_bag(bag)
+    found = read_bag(bag, frames=("world", "tool"))
+    t = 0.013 + found.time
+    # the camera stands at x = 1, the tool 0.1 along the turned z of the tag
+    away = np.stack([1 + 0 * t, -0.1 * np.sin(t), 0.1 * np.cos(t)], axis=1)
+    assert np.abs(found.x - x_at(t) - away).max() < 1e-8
+    expected = np.array([turn_at(each) for each in t])
+    assert np.abs(np.abs((found.quaternion * expected).sum(axis=1)) - 1).max() < 1e-12
+    with pytest.raises(LogError, match="no way from 'base' to 'tool'"):
+        read_bag(bag, frames=("base", "tool"))
+    with pytest.raises(LogError, match=r"0 transforms move between 'tag' and 'tool'"):
+        read_bag(bag, frames=("tag", "tool"))
+
+
+def test_orientations_of_poses_become_columns(tmp_path, run):
+    bag = write(tmp_path / "a", tip="PoseStamped", turning=True)
+    done = run("log", bag, "-o", tmp_path / "log.csv")
+    assert done.code == 0, done.err
+    header = (tmp_path / "log.csv").read_text().splitlines()[0]
+    assert header == "elbow,shoulder,x,y,z,qx,qy,qz,qw,time"
+    assert read_bag(write(tmp_path / "b", tip="PoseStamped")).quaternion is None  # left unset
+    refused = run("log", bag, "--frames", "camera,tag", "-o", tmp_path / "no.csv")
+    assert (refused.code, refused.err.count("\n")) == (1, 1)
+    assert "no tf" in refused.err
+
+
+def test_an_mcap_file_on_its_own(tmp_path):
+    folder = write(tmp_path / "a", "mcap")
+    file = next(folder.glob("*.mcap"))
+    assert len(read_bag(file).q) == 298
+
+
+def test_gaps_are_not_bridged(tmp_path):
+    found = read_bag(write(tmp_path / "a", hole=(2.0, 3.0)), max_gap=0.1)
+    inside = (found.time > 2.05) & (found.time < 2.9)
+    assert not inside.any()
+    assert any("more than 0.1 s apart" in note for note in found.notes)
+
+
+def test_samples_in_motion_are_left_out(tmp_path):
+    path = write(tmp_path / "a")
+    slow = read_bag(path, still=0.4)
+    assert 0 < len(slow.q) < len(read_bag(path).q)
+    assert any("moved faster than 0.4" in note for note in slow.notes)
+
+
+def test_time_offset_undoes_latency(tmp_path):
+    path = write(tmp_path / "a", latency=0.2)
+    wrong, right = (read_bag(path, time_offset=offset) for offset in (0.0, -0.2))
+    arm = calib.load_arm("two_link")
+
+    def misfit(found):
+        q = found.q[:, [found.joint_names.index(n) for n in arm.joint_names]]
+        return np.abs(arm.forward(q) - found.x[:, :2]).max()
+
+    assert misfit(right) < 2e-4 < 0.01 < misfit(wrong)
+    found = read_bag(path)
+    assert misfit(found) < 1e-3
+    assert any("clock is corrected by -0.20" in note for note in found.notes)
+
+
+def test_topics_are_listed(tmp_path):
+    path = write(tmp_path / "a")
+    with pytest.raises(
+        LogError, match=r"topic '/tip' is not there.*/joint_states.*/tracker \(PointStamped\)"
+    ):
+        read_bag(path, tip_topic="/tip")
+    with pytest.raises(LogError, match="is a JointState, expected PointStamped"):
+        read_bag(path, tip_topic="/joint_states")
+    with pytest.raises(LogError, match="no joint 'wrist'; its joints: elbow, shoulder"):
+        read_bag(path, joints=["wrist"])
+
+
+def test_what_is_no_recording(tmp_path):
+    with pytest.raises(LogError, match="there is no file"):
+        read_bag(tmp_path / "none.bag")
+    (tmp_path / "text.bag").write_text("no bag\n")
+    with pytest.raises(LogError, match=r"text\.bag is no recording"):
+        read_bag(tmp_path / "text.bag")
+    with pytest.raises(OptionError, match="`max_gap=0`: expected more than zero"):
+        read_bag(tmp_path / "text.bag", max_gap=0)
+
+
+def test_without_rosbags_it_says_what_to_install(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "rosbags.highlevel", None)
+    with pytest.raises(LogError, match=r"pip install 'calib-arm\[ros\]'"):
+        read_bag(tmp_path)
+
+
+def test_the_command_writes_a_log_that_can_be_learned_from(tmp_path, run):
+    path = write(tmp_path / "a")
+    out = tmp_path / "log.csv"
+    done = run("log", path, "-o", out)
+    assert done.code == 0, done.err
+    samples = calib.read_log(out, joints=["shoulder", "elbow"])
+    assert len(samples) == 298
+    assert samples.plane is not None
+    again = run("log", path, "-o", tmp_path / "b.csv", "--json", "--still", "0.5")
+    assert again.document["joints"] == ["elbow", "shoulder"]
+    assert run("log", tmp_path / "no", "-o", out).code == 1
+    assert run("log", path, "-o", out, "--max-gap", "-1").code == 2
+
+
+def test_clocks_that_are_years_apart_are_brought_together(tmp_path):
+    """They were told as positions outside of the joints' times."""
+    apart = write(tmp_path / "apart", n=1500, latency=1.7e9)
+    made = read_bag(apart)
+    assert any("-1700000" in note or "-17000" in note for note in made.notes)
+    q = q_at(made.time + 0.013)
+    assert np.abs(made.q[:, ::-1] - q).max() < 3e-3 or np.abs(made.q - q).max() < 3e-3
+
+
+def test_clocks_without_common_times_are_told_by_how_much(tmp_path):
+    short = write(tmp_path / "short", n=60, latency=1.7e9)
+    with pytest.raises(LogError, match=r"are 17000000\d\d.* s apart") as caught:
+        read_bag(short)
+    assert caught.value.parameter == "time_offset"
+
+
+def test_a_bag_in_a_log_s_place_names_the_command(tmp_path):
+    bag = write(tmp_path / "bag", n=60)
+    with pytest.raises(LogError, match="calib log"):
+        calib.read_log(bag, joints=["shoulder", "elbow"])

@@ -1,0 +1,159 @@
+"""Wrong rows of a log are left out and told; rows that agree with their neighbours never are."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import calib
+from calib.samples.tables import write_table
+from calib.samples.wrong_rows import screen
+
+
+def log_of(robot, n, noise=1e-3, seed=1):
+    """Simulated rows as if they had been measured."""
+    return replace(calib.babble(calib.load_arm(robot), n, seed=seed, noise=noise), simulation=None)
+
+
+def spoiled(log, share, size=0.05, seed=7):
+    """The log with a share of its rows moved by `size` [m] in random directions."""
+    rng = np.random.default_rng(seed)
+    wrong = rng.random(len(log)) < share
+    angle = rng.uniform(0, 2 * np.pi, len(log))
+    step = size * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    return replace(log, x=log.x + wrong[:, None] * step), wrong
+
+
+@pytest.mark.parametrize("robot", ["two_link", "two_link_full", "three_link", "scara"])
+@pytest.mark.parametrize("noise", [0.0, 1e-3])
+@pytest.mark.parametrize("n", [20, 50, 140, 600])
+def test_clean_logs_lose_no_row(robot, noise, n):
+    for seed in (1, 2):
+        kept, notes = screen(log_of(robot, n, noise, seed))
+        assert kept.all()
+        assert notes == []
+
+
+@pytest.mark.parametrize("n", [300, 2000])
+@pytest.mark.parametrize("share", [0.01, 0.05, 0.15])
+def test_rows_wrong_by_centimetres_are_found_and_no_others(n, share):
+    log, wrong = spoiled(log_of("two_link", n), share)
+    kept, notes = screen(log)
+    assert (kept == ~wrong).all()
+    assert f"{wrong.sum():,} of {n:,} rows" in notes[0]
+
+
+def test_one_wild_row_is_told_in_the_singular():
+    log = log_of("two_link", 200)
+    x = log.x.copy()
+    x[17] = [1e6, -1e6]
+    kept, notes = screen(replace(log, x=x))
+    assert np.flatnonzero(~kept).tolist() == [17]
+    assert notes[0].startswith("1 row of 200 rows contradicts its neighbours")
+    assert notes[0].endswith("row 18")
+
+
+def test_a_corner_where_the_sensor_is_worse_is_no_outlier():
+    log = log_of("two_link", 2000)
+    corner = (log.q > np.quantile(log.q, 0.7, axis=0)).all(axis=1)
+    rng = np.random.default_rng(2)
+    x = log.x + 0.015 * corner[:, None] * rng.standard_normal(log.x.shape)
+    assert np.count_nonzero(~screen(replace(log, x=x))[0]) <= 2
+
+
+def test_a_patch_that_bends_away_is_no_outlier():
+    """No smooth function of few terms follows a bump, but neighbours share it."""
+    log = log_of("two_link", 3000)
+    u = (log.q - log.lower) / (log.upper - log.lower)
+    bump = 0.05 * np.exp(-0.5 * np.sum((u - 0.5) ** 2, axis=1) / 0.05**2)
+    assert np.count_nonzero(~screen(replace(log, x=log.x + bump[:, None]))[0]) <= 3
+
+
+def test_a_row_far_from_all_others_is_no_outlier():
+    """What a fit to the other rows says there is a guess."""
+    log = log_of("two_link", 1000)
+    near = (log.q < np.quantile(log.q, 0.5, axis=0)).all(axis=1)
+    alone = int(np.argmax(log.q.sum(axis=1)))
+    rows = np.append(np.flatnonzero(near), alone)
+    x = log.x.copy()
+    x[alone] += 0.03
+    assert screen(replace(log, x=x).take(rows))[0].all()
+
+
+def test_more_than_a_quarter_wrong_is_no_case_for_screening():
+    log, _ = spoiled(log_of("two_link", 500), 0.45)
+    assert screen(log)[0].all()
+
+
+def test_training_leaves_outliers_out_aloud():
+    arm = calib.load_arm("two_link")
+    clean = log_of("two_link", 1200)
+    log, wrong = spoiled(clean, 0.05)
+    model = calib.train(log, size=6)
+    assert model.about.samples == 1200 - wrong.sum()
+    assert any("contradict their neighbours" in note for note in model.about.notes)
+    q = calib.babble(arm, 1000, seed=9).q
+    kept = calib.train(clean.take(~wrong), size=6)
+    assert (model.forward(q) == kept.forward(q)).all()
+    assert model.about.errors == kept.about.errors
+
+
+def in_space(n=120, seed=2):
+    arm = calib.load_arm("spatial_three")
+    rng = np.random.default_rng(seed)
+    q = rng.uniform(arm.lower, arm.upper, (n, 3))
+    place, turns = arm.pose(q)
+    place += rng.normal(0.0, 1e-4, place.shape)
+    table = dict(zip((*arm.joint_names, *"xyz"), np.hstack([q, place]).T, strict=True))
+    return arm, table, dict(zip(("qx", "qy", "qz", "qw"), turns.T, strict=True))
+
+
+@pytest.mark.parametrize("lost", [[17], [3, 17, 40, 41, 99]])
+def test_rows_of_zeros_in_space_are_left_out_of_learning_and_of_errors(tmp_path, lost):
+    """122 of them were neither dropped nor counted, and the table said 54 mm for .01."""
+    arm, table, _ = in_space()
+    clean = calib.train(_read(tmp_path, table, arm), size=6)
+    for axis in "xyz":
+        table[axis][lost] = 0.0
+    log = _read(tmp_path, table, arm)
+    model = calib.train(log, size=6)
+    assert model.about.left_out == len(lost)
+    assert model.about.samples == 120 - len(lost)
+    told = [note for note in (*log.notes, *model.about.notes) if "left out" in note]
+    assert f"row {lost[0] + 1}" in told[0] or f"rows {lost[0] + 1}, " in told[0]
+    errors = [m.about.errors["local"]["forward"]["distance"]["max"] for m in (model, clean)]
+    assert errors[0] < 1.5 * errors[1]
+    evaluated = calib.evaluate(clean, log)
+    assert evaluated.left_out >= len(lost)
+    assert evaluated.errors["local"]["forward"]["distance"]["max"] < 2e-3
+
+
+def test_quaternions_of_zeros_are_left_out_and_told(tmp_path):
+    """They stopped training, and no option left them out."""
+    arm, table, turns = in_space()
+    for name in turns:
+        turns[name] = turns[name].copy()
+        turns[name][[5, 50]] = 0.0
+    log = _read(tmp_path, table | turns, arm)
+    assert len(log) == 118
+    assert log.left_out == 2
+    assert any("rows 6, 51" in note for note in log.notes)
+
+
+def _read(tmp_path, table, arm):
+    write_table(tmp_path / "log.csv", table)
+    return calib.read_log(tmp_path / "log.csv", arm)
+
+
+@pytest.mark.parametrize("share", [0.05, 0.1, 0.2])
+def test_a_corner_that_contradicts_the_rest_is_told(share):
+    """Rows that stand together, all off by the same, were learned without a word."""
+    log = log_of("two_link", 400, noise=1e-4)
+    corner = log.q[:, 0] <= np.quantile(log.q[:, 0], share)
+    moved = replace(log, x=log.x + corner[:, None] * [0.02, -0.01])
+    model = calib.train(moved, size=8)
+    # few are left out, as each has right ones around it
+    told = "contradict their neighbours" if share < 0.1 else "a corner contradicts the rest"
+    assert any(told in note for note in model.about.notes)
+    model = calib.train(log, size=8)
+    assert not any("corner" in note for note in model.about.notes)
