@@ -94,11 +94,14 @@ class CalibGroup(TyperGroup):
             )
 
     def invoke(self, ctx: Any) -> Any:
-        """Run the command that was chosen; Typer would end Ctrl-C without a word."""
+        """Run the command that was chosen; Typer would end Ctrl-C without a word, and a closed pipe as an error."""
         try:
             return super().invoke(ctx)
         except KeyboardInterrupt:
             raise typer.Abort from None
+        except BrokenPipeError:  # a reader who has seen enough
+            silence(sys.stdout)
+            raise typer.Exit from None
 
     def main(
         self,
