@@ -14,10 +14,10 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from ablation_cases import Case, measured, simulated
 
 from calib.common.parallel import one_blas_thread
 from calib.common.scale import Scale
-from calib.paper.ablation_cases import Case, measured, simulated
 from calib.training.learn import Options, associate
 from calib.training.map_choice import lattice_sizes, with_chosen_map
 

@@ -9,13 +9,13 @@ import argparse
 from functools import partial
 
 import numpy as np
+from ablation import Ground, train_on
+from ablation_cases import bump, ripple, simulated
 
 from calib.common.parallel import one_blas_thread
-from calib.paper.ablation import Ground, train_on
-from calib.paper.ablation_cases import bump, ripple, simulated
 
 ROWS, TESTED, SIDE = 20_000, 20_000, 20
-NETWORKS = ("vdsom", "som", "grid", "random")
+NETWORKS = ("vdsom:residual", "som", "grid", "random")
 WIDE = partial(bump, width=np.radians(6.0))
 LOW = partial(bump, height=1e-3, width=np.radians(3.0))
 ELSEWHERE = partial(ripple, window=np.radians([100.0, 110.0]))

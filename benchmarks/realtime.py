@@ -56,11 +56,11 @@ def six_axis() -> Any:
     arm = calib.load_arm("six_axis")
     structure = structure_of(arm, "rigid")
     rng, beta = np.random.default_rng(0), structure.neutral()
-    groups, layout = structure.groups, structure.layout
+    groups = structure.groups
     for group, size in (("view.rotation", 1.0), ("view.shift", 1.0), ("elastic", 1e-3)):
         beta[groups[group]] = rng.normal(0, size, len(groups[group]))
-    beta[layout.shifts] = rng.normal(0, 5e-4, layout.shifts.shape)
-    beta[layout.turns] = rng.normal(0, 1e-3, layout.turns.shape)
+    beta[structure.shifts] = rng.normal(0, 5e-4, structure.shifts.shape)
+    beta[structure.turns] = rng.normal(0, 1e-3, structure.turns.shape)
     for k in range(6):
         beta[groups[f"curve.{k}"][[9, 48 + 14]]] = rng.normal(0, 3e-4, 2)
     q = rng.uniform(arm.lower, arm.upper, (300, 6))

@@ -35,9 +35,11 @@ if TYPE_CHECKING:
     from .errors import OptionError as OptionError
     from .errors import QueryError as QueryError
     from .errors import RobotError as RobotError
+    from .maps.association import Association as Association
     from .maps.density import Visit as Visit
     from .maps.fields import Pairs as Pairs
     from .maps.fields import Surroundings as Surroundings
+    from .maps.map import Map as Map
     from .maps.pair import Pair as Pair
     from .maps.som import SOM as SOM
     from .model.answers import Answer as Answer
@@ -49,9 +51,9 @@ if TYPE_CHECKING:
     from .samples.logs import write_log as write_log
     from .samples.samples import Samples as Samples
     from .samples.simulation import Simulation as Simulation
-    from .sweeps.sweep import sweep as sweep
-    from .sweeps.trials import Sweep as Sweep
-    from .sweeps.trials import Trial as Trial
+    from .sweeps import Sweep as Sweep
+    from .sweeps import Trial as Trial
+    from .sweeps import sweep as sweep
     from .training.evaluate import Evaluation as Evaluation
     from .training.evaluate import evaluate as evaluate
     from .training.train import train as train
@@ -66,11 +68,13 @@ __version__ = "0.1.0"
 _HOME = {
     "Adaptation": "change.adaptation",
     "Answer": "model.answers",
+    "Association": "maps.association",
     "CalibError": "errors",
     "Corrected": "use.correct",
     "Drift": "change.check",
     "Evaluation": "training.evaluate",
     "LogError": "errors",
+    "Map": "maps.map",
     "Model": "model.model",
     "ModelError": "errors",
     "Monitor": "change.monitor",
@@ -87,8 +91,8 @@ _HOME = {
     "Samples": "samples.samples",
     "Simulation": "samples.simulation",
     "Surroundings": "maps.fields",
-    "Sweep": "sweeps.trials",
-    "Trial": "sweeps.trials",
+    "Sweep": "sweeps",
+    "Trial": "sweeps",
     "Visit": "maps.density",
     "adapt": "change.adapt",
     "babble": "samples.babbling",
@@ -103,7 +107,7 @@ _HOME = {
     "plan": "use.plan",
     "read_log": "samples.logs",
     "recognise": "change.recognise",
-    "sweep": "sweeps.sweep",
+    "sweep": "sweeps",
     "train": "training.train",
     "write_log": "samples.logs",
 }

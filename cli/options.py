@@ -23,10 +23,11 @@ _OF_TRAINING: dict[str, tuple[str, str, parsing.Reader[Any]]] = {
         parsing.size,
     ),
     "map": (
-        f"--map {'|'.join(MAPS)}",
-        "Kind of map (default vdsom; for a log with --body none gas where held-out blocks prefer "
-        "it); vdsom:error and the like name variants of the paper's rule.",
-        parsing.kind_of_map(MAPS),
+        "--map NAME",
+        "Kind of map: " + ", ".join(MAPS) + ". Default vdsom:residual, which also follows the "
+        "body's residuals (vdsom is the paper's); for a log with --body none gas where held-out "
+        "blocks prefer it.",
+        parsing.one_of(MAPS),
     ),
     "rule": (f"--rule {'|'.join(RULES)}", "Training rule.", parsing.one_of(RULES)),
     "epochs": (

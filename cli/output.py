@@ -77,7 +77,8 @@ _MEANINGS = (
     ({"som"}, "SOM: self-organizing map of even density"),
     (
         {"vdsom"},
-        "VDSOM: the same with varying density; behind a colon, the gain of each sample (eq. 8)",
+        "VDSOM: the same with varying density; behind a colon, another gain (eq. 8), "
+        "residual: where the body is wrong",
     ),
     ({"dsom"}, "DSOM: steps grow with the distance to the winner"),
     ({"gng"}, "GNG: growing neural gas, a map without a lattice"),

@@ -108,17 +108,6 @@ def one_of(choices: Sequence[str]) -> Reader[str]:
     return read
 
 
-def kind_of_map(choices: Sequence[str]) -> Reader[str]:
-    """Return a reader of kinds of maps; a reading may follow, as in `vdsom:error`."""
-    known = one_of(choices)
-
-    def read(text: str) -> str:
-        kind, colon, reading = text.partition(":")
-        return known(kind if colon and reading else text) + colon + reading
-
-    return read
-
-
 def several(read: Reader[_T]) -> Reader[tuple[_T, ...]]:
     """Return a reader of values with commas between them."""
 

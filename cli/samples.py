@@ -151,7 +151,6 @@ def babbled_samples(
     babbling: Babbling,
     seed: int,
     notes: Notes,
-    strategy: str | None = None,
 ) -> Samples:
     """Babble in simulation, and say what was assumed."""
     import calib
@@ -171,12 +170,6 @@ def babbled_samples(
         "noise": babbling.noise or 0.0,
         "changes": changes,
     }
-    if strategy == "goal":
-        from calib.training.goal_babbling import goal_babble
-
-        if babbling.motion is not None:
-            raise BadOption("--motion says how joints babble, --strategy goal picks positions")
-        return goal_babble(arm, **shared)
     log = calib.babble(arm, **shared, method=babbling.motion or "uniform")
     notes.say(log.notes)
     return log

@@ -1,4 +1,4 @@
-"""Write the tables of maps.md from what `calib reproduce ablation -o DIR` wrote.
+"""Write the tables of maps.md from what `python benchmarks/ablation.py -o DIR` wrote.
 
 python docs/make_ablation.py DIR/ablation.csv
 """

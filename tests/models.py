@@ -100,13 +100,13 @@ def in_space(n: int = 240):
     """Return a model of a log of `spatial_three` as it was built, with joint curves."""
     arm = calib.load_arm("spatial_three")
     structure = structure_of(arm, "rigid")
-    rng, groups, layout = np.random.default_rng(0), structure.groups, structure.layout
+    rng, groups = np.random.default_rng(0), structure.groups
     beta = structure.neutral()
     beta[groups["view.rotation"]] = rng.normal(0, 1, 3)
     beta[groups["view.shift"]] = rng.normal(0, 1, 3)
     beta[groups["tool"]] = rng.normal(0, 0.02, 3)
-    beta[layout.shifts] = rng.normal(0, 5e-4, (3, 3))
-    beta[layout.turns] = rng.normal(0, 1e-3, (3, 3))
+    beta[structure.shifts] = rng.normal(0, 5e-4, (3, 3))
+    beta[structure.turns] = rng.normal(0, 1e-3, (3, 3))
     beta[groups["elastic"]] = -1e-3
     for k in range(3):
         beta[groups[f"curve.{k}"][[9, 48 + 14]]] = rng.normal(0, 5e-4, 2)

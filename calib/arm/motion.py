@@ -71,12 +71,19 @@ class Motion:
     turned: tuple[Array, ...]  # (m) of (3, 3, n), frames of the joint origins after their own turn
     axes: Array  # (m, 3, n)
     flange: Array  # (3, 3, n), axes of the tip's frame before its own turn
+    revolute: tuple[bool, ...]
 
     def joint(self, i: int, revolute: bool) -> tuple[Array, Array]:
         """Velocity (3, n) and angular velocity (3, n) of the tip as joint i moves."""
         if not revolute:
             return self.axes[i], np.zeros_like(self.axes[i])
         return cross(self.axes[i], self.position - self.origins[i]), self.axes[i]
+
+    def joints(self) -> tuple[Array, Array]:
+        """The same of all joints, (m, 3, n)."""
+        parts = [self.joint(i, turns) for i, turns in enumerate(self.revolute)]
+        velocity, angular = zip(*parts, strict=True)
+        return np.stack(velocity), np.stack(angular)
 
     def turns(self) -> tuple[Array, Array]:
         """The same (m, 3, 3, n) as the origins turn about the axes, second, of their own frames."""
@@ -111,7 +118,9 @@ def move(chain: SpatialChain, values: Array, moved: Deviations | None = None) ->
     flange = _times(frames[-1], chain.rotation)
     position = position + turned(frames[-1], chain.tip - last) + turned(flange, moved.tool)
     tip = _times(flange, exponential(moved.tool_turn))
-    return Motion(position, tip, origins, places, tuple(frames), tuple(after), axes, flange)
+    return Motion(
+        position, tip, origins, places, tuple(frames), tuple(after), axes, flange, chain.revolute
+    )
 
 
 def cross(a: Array, b: Array) -> Array:

@@ -12,8 +12,9 @@ import numpy as np
 from ..common.arrays import Array
 from ..common.frozen import ReadOnly, frozen
 from .covariance import radius_95, spread_of
+from .parameters import Indices
 from .sensor import SensorPose
-from .structure import Indices, Structure
+from .structure import Structure
 from .views import is_camera
 
 _CHUNK = 2000

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..common.arrays import Array
-from .structure import Indices
+from .parameters import Indices
 
 
 class Waves(NamedTuple):

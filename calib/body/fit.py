@@ -17,8 +17,9 @@ from .normal import (
     negative_log_likelihood,
     with_prior,
 )
+from .parameters import Indices, Prior
 from .search import Search
-from .structure import Indices, Prior, Structure
+from .structure import Structure
 
 MANY = 60
 """Parameters beyond which the information of an earlier step serves where the steps are small."""

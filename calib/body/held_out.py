@@ -12,7 +12,7 @@ from ..common.arrays import Array
 from .covariance import radius_95
 from .fit import Fit
 from .normal import Factor, slices
-from .structure import Indices
+from .parameters import Indices
 
 _WORK = 5e5
 """Rows times parameters beyond which only some rows, evenly spaced, get a predicted spread."""

@@ -12,7 +12,8 @@ from scipy.linalg.lapack import dpotrf, dpotri, dtrtri
 
 from ..common.arrays import Array
 from .derivative import Derivative
-from .structure import Indices, Structure
+from .parameters import Indices
+from .structure import Structure
 
 
 class Factor:

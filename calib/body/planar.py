@@ -1,31 +1,80 @@
-"""A planar arm and its sensor: chain, joint curves, elasticity and view, with derivatives.
+"""A planar arm: a chain of parallel axes, of which nothing leaves the plane, and its sensor.
 
-Equations of ``docs/body.md``; angles accumulate along the chain::
+The angles of parallel axes add up, so that tips are sums of complex numbers: five times faster than
+the matrices of an arm in space, and the same positions.  Parameters are full lengths and offsets,
+as a planar arm without any drawing has them (equations of ``docs/body.md``)::
 
-    theta_i = g_i s_i q_i + o_i + elastic_i + c_i(q_i)          joints that turn
+    theta_i = gain_i s_i q_i + o_i + elastic_i + c_i(q_i)       joints that turn
     elastic_i = sum_{j>=i} a_ij cos psi_j + b_ij sin psi_j      psi: sums of s q, gravity
-    p = sum_i l_i exp(j phi_i) + sum_sliding (l_i + g_i s_i q_i) exp(j (phi_i + o_i))
-    z = lens(t + A p / (1 + h.p)),  A = exp(s) R(alpha) [[1+a, b], [b, 1-a]] mirror
+    p = sum_i l_i exp(j phi_i) + sum_sliding (l_i + gain_i s_i q_i) exp(j (phi_i + o_i))
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..common.arrays import Array
-from . import planar_start, planar_view, priors
-from .curves import curve_slope, curve_value, powers
-from .derivative import Derivative
-from .layout import PlanarLayout, planar_layout
+from .curves import curve_shape
+from .measurement import Moved
 from .nominal import Nominal
-from .structure import Indices, Structure
+from .parameters import Block, Indices, Scale
+from .planar_view import InPlane
+from .settings import (
+    CURVE,
+    CURVE_ROWS_FLAT,
+    ELASTIC_FLAT,
+    GAIN,
+    LONG,
+    OFFSET_SCALES,
+    SCALES,
+    SHIFT,
+    TURN,
+)
+from .structure import Ladder, Structure
+from .views import PLANAR
 from .words import planar_words
 
 _Complex = NDArray[np.complex128]
+
+
+@dataclass(frozen=True, eq=False)
+class PlanarMotion:
+    """Where a planar chain is at n rows, as complex numbers."""
+
+    direction: _Complex  # (dof, n), of each link or slide
+    terms: _Complex  # (dof, n), the links
+    swept: _Complex  # (dof, n), how the tip moves as each joint turns
+    slides: tuple[int, ...]
+    slide: float  # chain units in a metre of a slide
+
+    @property
+    def tip(self) -> _Complex:
+        """The tip (n,)."""
+        return np.asarray(self.terms.sum(axis=0))
+
+    @property
+    def position(self) -> Array:
+        """The tip (2, n)."""
+        return _pairs(self.tip)
+
+    def joints(self) -> Moved:
+        """How the tip moves with the value of each joint, (dof, 2, n)."""
+        moved = self.swept
+        if self.slides:
+            moved = moved.copy()
+            moved[list(self.slides)] = self.slide * self.direction[list(self.slides)]
+        return _pairs(moved), 0.0
+
+
+def _pairs(values: _Complex) -> Array:
+    """Complex numbers (..., n) as coordinates (..., 2, n)."""
+    return np.stack([values.real, values.imag], axis=-2)
 
 
 @dataclass(frozen=True)
@@ -33,6 +82,8 @@ class PlanarStructure(Structure):
     """Structure of a planar body; its parameters are a plain vector."""
 
     kind = "planar"
+    gate_rows = 3000
+    wide = (200.0, 3e-3)
     joint_names: tuple[str, ...]
     revolute: tuple[bool, ...]
     view: str  # one of :data:`calib.body.views.PLANAR`
@@ -47,21 +98,9 @@ class PlanarStructure(Structure):
     simulated: bool  # whether the rows are samples of a simulation
 
     @property
-    def layout(self) -> PlanarLayout:
-        """Where each parameter stands, and what it is."""
-        return planar_layout(self.joint_names, self.revolute)
-
-    @property
-    def extents(self) -> Array:
-        """Spread (2,) of the positions [unit]."""
-        return np.full(2, self.extent)
-
-    @property
-    def units(self) -> Mapping[str, str]:
-        """Units that depend on the sensor: lengths are relative where its scale is free."""
-        relative = "1" if self.nominal is None else "m"
-        length = relative if self.scaled else self.unit
-        return {"position": self.unit, "length": length, "tilt": f"1/{length}"}
+    def directions(self) -> Sequence[int]:
+        """Which way each joint (dof,) turns against its log, 1 or -1."""
+        return self.signs
 
     @property
     def scaled(self) -> bool:
@@ -73,119 +112,165 @@ class PlanarStructure(Structure):
         """Chain units per metre of a slide."""
         return 1.0 if self.scaled else self.metre
 
-    def angles(self, q: Array, beta: Array) -> tuple[Array, Array, Array]:
-        """Signed joint values, their sums along the chain, and joint angles, each (n, dof)."""
-        lay = self.layout
-        signed = q * np.asarray(self.signs, dtype=float)
-        turning = np.asarray(self.revolute)
-        sums = np.cumsum(np.where(turning, signed, 0.0), axis=1)
-        theta = signed * beta[lay.gain] + beta[lay.offset]
-        theta[:, ~turning] = 0.0
-        elastic = beta[lay.elastic]
-        if elastic.any():
-            for c, (i, j) in enumerate(lay.pairs):
-                theta[:, i] += elastic[2 * c] * np.cos(sums[:, j])
-                theta[:, i] += elastic[2 * c + 1] * np.sin(sums[:, j])
-        for i, ix in lay.curve.items():
-            if beta[ix].any():
-                theta[:, i] += curve_value(q[:, i], beta[ix])
-        return signed, sums, theta
+    @cached_property
+    def slides(self) -> tuple[int, ...]:
+        """Joints that slide."""
+        return tuple(i for i, turns in enumerate(self.revolute) if not turns)
 
-    def terms(self, signed: Array, theta: Array, beta: Array) -> tuple[_Complex, _Complex]:
-        """Directions and terms of the chain, each (n, dof) complex."""
-        lay = self.layout
-        direction = np.exp(1j * np.cumsum(theta, axis=1))  # a slide's own direction is added below
-        reach = np.broadcast_to(beta[lay.length], signed.shape)
-        if lay.sliding:
-            ix = list(lay.sliding)
-            direction[:, ix] *= np.exp(1j * beta[lay.offset[ix]])
-            reach = reach.copy()
-            reach[:, ix] += signed[:, ix] * beta[lay.gain[ix]] * self.slide
-        return direction, direction * reach
-
-    def moved(self, q: Array, beta: Array) -> tuple[Array, Array, _Complex, _Complex, _Complex]:
-        """Signed joint values, their sums, directions, terms, and dp / d theta; each (n, dof)."""
-        signed, sums, theta = self.angles(q, beta)
-        direction, terms = self.terms(signed, theta, beta)
-        # a joint turns all that comes after it about its own place
-        return signed, sums, direction, terms, 1j * np.cumsum(terms[:, ::-1], axis=1)[:, ::-1]
-
-    def chain(self, q: Array, beta: Array) -> _Complex:
-        """Tip (n,) of the chain in its own frame, as complex numbers."""
-        signed, _, theta = self.angles(q, beta)
-        return np.asarray(self.terms(signed, theta, beta)[1].sum(axis=1))
+    @cached_property
+    def pairs(self) -> tuple[tuple[int, int], ...]:
+        """Joints that bend, and the links (by their joints) that bend them."""
+        turning = [i for i, turns in enumerate(self.revolute) if turns]
+        return tuple((i, j) for i, j in product(turning, repeat=2) if j >= i)
 
     @property
-    def size_of_lens(self) -> float:
-        """Radius [unit] at which the lens bends by its radial parameter."""
-        return 1.5 * self.extent
+    def anchored(self) -> bool:
+        """Whether the first length is the chain's unit: a scaled view, no drawing, no slide."""
+        return self.scaled and self.nominal is None and not self.slides
 
-    def matrix(self, beta: Array) -> Array:
-        """Linear part A (2, 2) of the view, with the mirror."""
-        return planar_view.matrix(beta, self.mirror)
+    @cached_property
+    def measurement(self) -> InPlane:
+        """What its sensor measures."""
+        nominal = self.nominal
+        reach = 1.0 if self.scaled else self.extent  # of the chain, in its own units
+        if nominal is not None:
+            reach = max(float(np.sum(nominal.lengths)) * self.slide, 1e-12)
+        known = nominal if self.view == "base" else None
+        at = (self.metre * known.shift[0], self.metre * known.shift[1]) if known else (0.0, 0.0)
+        return InPlane(
+            self.view, self.unit, self._length, self.mirror, self.extent, self.centre, reach,
+            known.rotation if known else 0.0, at,
+        )  # fmt: skip
 
-    seen = planar_view.seen
+    @property
+    def _length(self) -> str:
+        """Unit of lengths."""
+        return ("1" if self.nominal is None else "m") if self.scaled else self.unit
 
-    def predict(self, q: Array, beta: Array) -> Array:
-        """Positions (n, 2) [unit] at joint values (n, dof)."""
-        return self.seen(self.chain(q, beta), beta)
+    def geometry(self) -> Sequence[Block]:
+        """Blocks of the chain's geometry and of its joints."""
+        names, nominal = self.joint_names, self.nominal
+        turning, drawn = np.asarray(self.revolute), nominal is not None
+        mean, sd = np.where(turning, 1.0 if self.scaled else self.extent / 2, 0.0), np.zeros(0)
+        if nominal is not None:
+            mean = np.asarray(nominal.lengths) * self.slide
+        else:
+            sd = np.where(turning, 1.0 if self.anchored else self.extent, 0.0)
+            sd *= 10.0 / self.extent if self.scaled and not self.anchored else 1.0
+            sd[0] *= not self.anchored  # the view's scale is the first length
+        flat = np.full(self.dof, 10.0)
+        flat[0] = 0.0  # in a free frame the first joint's offset and a turn of the frame are one
+        first = np.arange(0 if self.view == "base" else 1, self.dof)
 
-    def derivative(self, q: Array, beta: Array, active: Indices) -> tuple[Array, Derivative]:
-        """Positions (n, 2) and derivatives (n, 2, k) by the parameters `active`."""
-        lay = self.layout
-        place = np.full(lay.size, -1)
-        place[active] = np.arange(len(active))
-        signed, sums, direction, terms, turned = self.moved(q, beta)
-        z, view, out = planar_view.columns(self, terms.sum(axis=1), beta, place, len(active))
+        def known(name: str, *scale: object) -> tuple[Scale, ...]:
+            return (Scale(name, *scale),) if drawn else ()  # type: ignore[arg-type]
 
-        def put(ix: Indices, columns: _Complex) -> None:
-            where = place[ix]
-            columns, where = columns[:, where >= 0], where[where >= 0]
-            for m in range(2):
-                out[:, m, where] = (
-                    view[:, m, 0, None] * columns.real + view[:, m, 1, None] * columns.imag
-                )
+        def parts(what: str, unit: str) -> tuple[tuple[str | None, str, str], ...]:
+            return tuple((name, f"{name}.{what}", unit) for name in names)
 
-        slides = list(lay.sliding)
-        by_offset, by_gain = turned.copy(), turned * signed
+        bent = 1.0 if drawn else 2.0
+        return (
+            Block(
+                "length", parts("length", self._length), mean, 0.0 if drawn else sd,
+                known("length", SHIFT * self.slide, SCALES),
+            ),
+            Block(
+                "offset", parts("offset", "rad"), np.asarray(nominal.offsets) if nominal else 0.0,
+                0.0 if drawn else flat, known("offset", TURN, OFFSET_SCALES, 0.0, first),
+            ),
+            Block(
+                "gain", parts("gain", "1"), 1.0, 0.0 if drawn else 2 * GAIN,
+                known("gain", GAIN, SCALES),
+            ),
+            Block(
+                "elastic",
+                tuple(
+                    (names[i], f"{names[i]}.elastic {wave} {names[j]}", "rad")
+                    for (i, j), wave in product(self.pairs, ("cos", "sin"))
+                ),
+                scales=(Scale("elastic", bent * ELASTIC_FLAT, pseudo=4.0),),
+            ),
+            *self.curves(CURVE, CURVE_ROWS_FLAT, curve_shape(LONG)),
+        )  # fmt: skip
+
+    def offsets(self, beta: Array) -> Array:
+        """What is added to the joints' values (dof,); a slide's offset is its direction."""
+        return np.where(self.revolute, beta[self.groups["offset"]], 0.0)
+
+    def move(self, values: Array, beta: Array) -> PlanarMotion:
+        """Where the chain is at the true values (dof, n) of its joints."""
+        slides, length = list(self.slides), beta[self.groups["length"], None]
+        angles = values
         if slides:
-            by_offset[:, slides] = 1j * terms[:, slides]
-            by_gain[:, slides] = direction[:, slides] * signed[:, slides] * self.slide
-        put(lay.length, direction)
-        put(lay.offset, by_offset)
-        put(lay.gain, by_gain)
-        if (place[lay.elastic] >= 0).any():
-            columns = np.empty((len(q), len(lay.elastic)), dtype=complex)
-            for c, (i, j) in enumerate(lay.pairs):
-                columns[:, 2 * c] = turned[:, i] * np.cos(sums[:, j])
-                columns[:, 2 * c + 1] = turned[:, i] * np.sin(sums[:, j])
-            put(lay.elastic, columns)
-        for i, ix in lay.curve.items():
-            if (place[ix] >= 0).any():
-                waves = powers(q[:, i])
-                put(ix, turned[:, i, None] * np.concatenate([waves.real, waves.imag], axis=1))
-        return z, Derivative.of(out)
+            angles = np.where(np.asarray(self.revolute)[:, None], values, 0.0)
+        direction = np.exp(1j * np.cumsum(angles, axis=0))
+        if slides:
+            direction[slides] *= np.exp(1j * beta[self.groups["offset"][slides]])[:, None]
+            length = np.repeat(length, values.shape[1], axis=1)
+            length[slides] += values[slides] * self.slide
+        terms = direction * length
+        # a joint turns all that comes after it about its own place
+        swept = 1j * np.cumsum(terms[::-1], axis=0)[::-1]
+        return PlanarMotion(direction, terms, swept, self.slides, self.slide)
 
-    def predict_and_slope(self, q: Array, beta: Array) -> tuple[Array, Array]:
-        """Positions (n, 2) and their derivative (n, 2, dof) by the joint values."""
-        lay = self.layout
-        _, sums, direction, terms, turned = self.moved(q, beta)
-        by_joint = turned * (beta[lay.gain] * np.asarray(self.signs, dtype=float))
-        for i, ix in lay.curve.items():
-            if beta[ix].any():
-                by_joint[:, i] += turned[:, i] * curve_slope(q[:, i], beta[ix])
-        elastic = beta[lay.elastic]
-        if elastic.any():
-            for c, (i, j) in enumerate(lay.pairs):
-                bend = elastic[2 * c + 1] * np.cos(sums[:, j]) - elastic[2 * c] * np.sin(sums[:, j])
-                for k in lay.turning:
-                    if k <= j:
-                        by_joint[:, k] += turned[:, i] * bend * self.signs[k]
-        for i in lay.sliding:
-            by_joint[:, i] = direction[:, i] * beta[lay.gain[i]] * self.signs[i] * self.slide
-        place = np.full(lay.size, -1)
-        z, view, _ = planar_view.columns(self, terms.sum(axis=1), beta, place, 0)
-        return z, np.asarray(view @ np.stack([by_joint.real, by_joint.imag], axis=1))
+    def moving(self, motion: PlanarMotion) -> Iterator[tuple[Indices, Callable[[], Moved]]]:  # type: ignore[override]
+        """How the tip moves with each part of the geometry."""
+        yield self.groups["length"], lambda: (_pairs(motion.direction), 0.0)
+        if slides := list(self.slides):  # turning a slide's direction turns no other link
+            yield self.groups["offset"][slides], lambda: (_pairs(1j * motion.terms[slides]), 0.0)
 
-    prior, members = priors.planar_prior, priors.planar_members
-    starts, words = planar_start.planar_starts, planar_words
+    def _sums(self, q: Array) -> Array:
+        """Sums (dof, n) of the logged angles along the chain: directions of the links but for o."""
+        signed = q * self.signs * np.asarray(self.revolute)
+        return np.ascontiguousarray(np.cumsum(signed, axis=1).T)
+
+    def loads(self, q: Array) -> tuple[Array, Indices]:
+        """Cosines and sines (e, n) of the links' directions, and the joints (e,) they bend."""
+        sums = self._sums(q)
+        waves = [wave(sums[j]) for _, j in self.pairs for wave in (np.cos, np.sin)]
+        return np.array(waves), np.repeat([i for i, _ in self.pairs], 2).astype(np.intp)
+
+    def load_slopes(self, q: Array) -> Array:
+        """Derivatives (e, dof, n) of the loads by the joint values."""
+        sums, out = self._sums(q), np.zeros((2 * len(self.pairs), self.dof, len(q)))
+        for e, (_, j) in enumerate(self.pairs):
+            for k in range(j + 1):
+                if self.revolute[k]:
+                    out[2 * e, k] = -self.signs[k] * np.sin(sums[j])
+                    out[2 * e + 1, k] = self.signs[k] * np.cos(sums[j])
+        return out
+
+    def members(self) -> Ladder:
+        """The gate's members from simple to rich."""
+        frame = self.seen_as.groups
+        joints = ("length", "offset", "gain")
+        chain = (*frame, *joints)
+        ladder: list[tuple[str, tuple[str, ...]]] = []
+        if self.nominal is not None:
+            ladder.append(("frame", frame or ("offset",)))
+        if self.seen_as.tilted:
+            # few rows of a camera that looks straight down need no more
+            ladder.append(("similarity", (*PLANAR["similarity"].groups, *joints)))
+        ladder.append(("chain", chain))
+        if self.simulated:
+            if any(self.revolute):
+                ladder.append(("elastic", (*chain, "elastic")))
+            # a simulated sensor may be tilted or bent; the lengths hold the scale
+            ladder.append(("view", (*chain, "view.shear", "view.tilt", "lens")))
+        elif self.lens:
+            ladder.append(("lens", (*chain, "lens")))
+        if any(self.revolute):
+            ladder.append(("curves", (*chain, "curve")))
+            ladder.append(("elastic", (*chain, "elastic")))
+            ladder.append(("curves and elastic", (*chain, "elastic", "curve")))
+        return tuple(ladder)
+
+    def starts(self, q: Array, z: Array) -> Sequence[tuple[Structure, Array]]:
+        """Candidate starts, the best linear fits first."""
+        from .planar_start import planar_starts
+
+        return planar_starts(self, q, z)
+
+    def words(self, beta: Array, sd: Array) -> tuple[str, ...]:
+        """Lines that say the parameters in words."""
+        return planar_words(self, beta, sd)

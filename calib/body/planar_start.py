@@ -11,7 +11,6 @@ import numpy as np
 
 from ..common.arrays import Array
 from .nominal import chain_of, regressors
-from .priors import anchored, planar_neutral
 from .structure import Structure
 
 if TYPE_CHECKING:
@@ -43,8 +42,8 @@ def planar_starts(structure: PlanarStructure, q: Array, z: Array) -> list[tuple[
             out += [(each, b) for b in _affine(each, q, z)]
         if structure.nominal is None and structure.scaled and structure.dof == 2:
             for offset in _ELBOWS:  # equal links
-                beta = planar_neutral(each)
-                beta[each.layout.offset[1]] = offset
+                beta = each.neutral()
+                beta[each.groups["offset"][1]] = offset
                 out.append((each, _placed(each, beta, q, tip)))
     return out
 
@@ -72,14 +71,13 @@ def _linear(
     structure: PlanarStructure, q: Array, tip: Array
 ) -> tuple[float, PlanarStructure, Array]:
     """Error, structure and parameters of the best similarity of the chain."""
-    lay = structure.layout
-    beta = planar_neutral(structure)
-    one = np.ones(len(q))
+    beta = structure.neutral()
+    groups, one = structure.groups, np.ones(len(q))
     if structure.nominal is not None:
         if structure.view != "base":
             beta = _placed(structure, beta, q, tip)
-        error = structure.seen(structure.chain(q, beta), beta)
-        miss = tip - (error[:, 0] + 1j * error[:, 1])
+        seen = structure.predict(q, beta)
+        miss = tip - (seen[:, 0] + 1j * seen[:, 1])
         return float(np.sqrt(np.mean(np.abs(miss) ** 2))), structure, beta
     waves = regressors(q, np.asarray(structure.signs, dtype=float), structure.revolute)
     columns = np.c_[waves if structure.mirror > 0 else waves.conj(), one]
@@ -90,38 +88,38 @@ def _linear(
     t = np.linalg.solve(normal, columns.conj().T @ tip)
     miss = tip - columns @ t
     t = t / scale
-    size, offsets, beta[0] = chain_of(t[:-1], structure.mirror, structure.revolute)
-    beta[lay.offset] = offsets
-    beta[4:6] = t[-1].real, t[-1].imag
+    size, offsets, turn = chain_of(t[:-1], structure.mirror, structure.revolute)
+    beta[groups["offset"]], beta[groups["view.rotation"]] = offsets, turn
+    beta[groups["view.shift"]] = t[-1].real, t[-1].imag
     turning = np.asarray(structure.revolute)
     if structure.scaled:
         slides = size[~turning]
-        unit = float(size[0] if anchored(structure) else np.exp(np.mean(np.log(slides + 1e-300))))
+        unit = float(size[0] if structure.anchored else np.exp(np.mean(np.log(slides + 1e-300))))
         unit = max(unit, 1e-9 * structure.extent)
-        beta[1] = np.log(unit)
+        beta[groups["view.scale"]] = np.log(unit)
         size = size / unit
-    beta[lay.length] = np.where(turning, size, 0.0)
+    beta[groups["length"]] = np.where(turning, size, 0.0)
     return float(np.sqrt(np.mean(np.abs(miss) ** 2))), structure, beta
 
 
 def _placed(structure: PlanarStructure, beta: Array, q: Array, tip: Array) -> Array:
     """`beta` with the rotation, scale and shift that fit its chain best."""
-    p = structure.chain(q, beta)
+    groups, p = structure.groups, structure.move(structure.joint_values(q, beta), beta).tip
     p = p if structure.mirror > 0 else p.conj()
     centred = p - p.mean()
     t = np.vdot(centred, tip) / (np.vdot(centred, centred).real + 1e-300)
     out = beta.copy()
-    out[0] = np.angle(t)
-    out[1] = np.log(max(abs(t), 1e-12)) if structure.scaled else 0.0
-    shift = np.mean(tip - np.exp(out[1] + 1j * out[0]) * p)
-    out[4:6] = shift.real, shift.imag
+    scale = np.log(max(abs(t), 1e-12)) if structure.scaled else 0.0
+    shift = np.mean(tip - np.exp(scale + 1j * np.angle(t)) * p)
+    out[groups["view.rotation"]], out[groups["view.scale"]] = np.angle(t), scale
+    out[groups["view.shift"]] = shift.real, shift.imag
     return out
 
 
 def _affine(structure: PlanarStructure, q: Array, z: Array) -> list[Array]:
     """The start of an affine view: a real 2x2 block for each turning joint."""
-    n, lay = structure.dof, structure.layout
-    if lay.sliding:
+    n, groups = structure.dof, structure.groups
+    if structure.slides:
         return []
     sums = np.cumsum(q * np.asarray(structure.signs, dtype=float), axis=1)
     columns = np.concatenate([np.cos(sums), np.sin(sums), np.ones((len(q), 1))], axis=1)
@@ -138,18 +136,18 @@ def _affine(structure: PlanarStructure, q: Array, z: Array) -> list[Array]:
     rotation = u @ vt
     stretch = rotation.T @ rotated
     scale = np.trace(stretch) / 2
-    beta = planar_neutral(structure)
-    beta[0] = np.arctan2(rotation[1, 0], rotation[0, 0])
-    beta[1] = np.log(scale)
-    beta[2] = (stretch[0, 0] - stretch[1, 1]) / 2 / scale
-    beta[3] = stretch[0, 1] / scale
-    beta[4:6] = t[2 * n]
+    beta = structure.neutral()
+    beta[groups["view.rotation"]] = np.arctan2(rotation[1, 0], rotation[0, 0])
+    beta[groups["view.scale"]] = np.log(scale)
+    sheared = (stretch[0, 0] - stretch[1, 1]) / 2, stretch[0, 1]
+    beta[groups["view.shear"]] = np.array(sheared) / scale
+    beta[groups["view.shift"]] = t[2 * n]
     before = 0.0
     for k in range(1, n):
         x = np.linalg.solve(first, blocks[k])
         # nearest to a rotation times a length, as a complex number
         c = (x[0, 0] + x[1, 1]) / 2 + 1j * (x[1, 0] - x[0, 1]) / 2
-        beta[lay.length[k]] = max(abs(c), 0.05)
-        beta[lay.offset[k]] = np.angle(c) - before
+        beta[groups["length"][k]] = max(abs(c), 0.05)
+        beta[groups["offset"][k]] = np.angle(c) - before
         before = np.angle(c)
     return [beta]

@@ -1,4 +1,4 @@
-"""What a sensor sees of a planar arm: rotation, scale, shear, shift, tilt, lens.
+"""Positions in a plane as a sensor sees them: turned, scaled, sheared, shifted, tilted, bent.
 
 Equation 6 of :mod:`calib.body.planar`::
 
@@ -11,105 +11,153 @@ Its law `b` is that of the view (:mod:`calib.body.views`), as a rule k |u|^2.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..common.arrays import Array
-from .structure import Indices
+from .measurement import Measurement
+from .parameters import Block
+from .settings import FREE
+from .views import PLANAR
 
-if TYPE_CHECKING:
-    from .planar import PlanarStructure
-
-_Complex = NDArray[np.complex128]
-
-
-def view_rotation(beta: Array) -> Array:
-    """Rotation (2, 2) of the view."""
-    c, s = np.cos(beta[0]), np.sin(beta[0])
-    return np.array([[c, -s], [s, c]])
+_LENS = 1.5  # extents at which the lens bends by its radial parameter
+_QUARTER_TURN = np.array([[0.0, -1.0], [1.0, 0.0]])
 
 
-def matrix(beta: Array, mirror: int) -> Array:
-    """Linear part A (2, 2) of the view, with the mirror."""
-    a, b = beta[2], beta[3]
-    shear = np.array([[1 + a, b], [b, 1 - a]])
-    out: Array = np.exp(beta[1]) * view_rotation(beta) @ shear @ np.diag([1.0, float(mirror)])
+@dataclass(frozen=True, eq=False)
+class InPlane(Measurement):
+    """Two coordinates in the plane of an arm."""
+
+    kind: str  # one of :data:`calib.body.views.PLANAR`
+    unit: str  # unit of positions
+    length: str  # unit of the chain's lengths
+    mirror: int  # -1 where the sensor sees the plane from behind
+    extent: float  # [unit]
+    centre: tuple[float, float]  # [unit], origin of the lens
+    reach: float  # of the chain, in its own unit
+    rotation: float = 0.0  # prior means where the sensor's frame is known
+    shift: tuple[float, float] = (0.0, 0.0)
+    blocks = (2,)
+
+    def parameters(self) -> tuple[Block, ...]:
+        """What the sensor has of its own."""
+        parts: dict[str, tuple[tuple[str, str], ...]] = {
+            "view.rotation": (("view.rotation", "rad"),),
+            "view.scale": (("view.log scale", "1"),),
+            "view.shear": (("view.stretch", "1"), ("view.shear", "1")),
+            "view.shift": (("view.shift x", self.unit), ("view.shift y", self.unit)),
+            "view.tilt": tuple((f"view.tilt {axis}", f"1/{self.length}") for axis in "xy"),
+            "lens": tuple((f"lens.{what}", "1") for what in ("radial", "centre x", "centre y")),
+        }
+        means: dict[str, Array | float] = {
+            "view.rotation": self.rotation,
+            "view.shift": np.asarray(self.shift),
+        }
+        sds = {
+            "view.rotation": 100.0,
+            "view.scale": 100.0,
+            "view.shear": 1.0,
+            "view.shift": FREE * self.extent,
+            "view.tilt": 1.0 / self.reach,
+            "lens": 0.5,
+        }
+        return tuple(
+            Block(name, tuple((None, *part) for part in own), means.get(name, 0.0), sds[name])
+            for name, own in parts.items()
+        )
+
+    @property
+    def size_of_lens(self) -> float:
+        """Radius [unit] at which the lens bends by its radial parameter."""
+        return _LENS * self.extent
+
+    def look(self, own: Mapping[str, Array], motion: Any, also: Array) -> Seen:  # noqa: ARG002
+        """See the tip."""
+        x, linear, depth = motion.position, self.matrix(own), np.ones(1)
+        y, slope = _times(linear[:, :, None], x), linear[:, :, None]
+        h = own["view.tilt"]
+        if h.any():
+            depth = 1 + h @ x
+            y = y / depth
+            slope = (slope - y[:, None] * h[:, None]) / depth
+        seen, lens = y + own["view.shift"][:, None], None
+        if own["lens"][0]:
+            u, rise, ratio, _ = self.bend(seen, own["lens"])
+            grown = rise * (ratio * np.eye(2)[:, :, None] + 2 * u[:, None] * u)
+            lens = np.eye(2)[:, :, None] + grown
+            slope = np.swapaxes(_times(lens, np.swapaxes(slope, 0, 1)), 0, 1)
+            bent = seen + self.size_of_lens * rise * ratio * u
+            return Seen(np.ascontiguousarray(bent.T), self, own, x, y, depth, slope, lens)
+        return Seen(np.ascontiguousarray(seen.T), self, own, x, y, depth, slope, lens)
+
+    def bend(self, seen: Array, lens: Array) -> tuple[Array, Any, Any, Any]:
+        """Places (2, n) from the lens's centre, in its own size, and how it bends there."""
+        u = (seen - np.reshape(self.centre, (2, 1))) / self.size_of_lens - lens[1:, None]
+        return u, *PLANAR[self.kind].bend(float(lens[0]), (u**2).sum(axis=0))
+
+    def turned(self, own: Mapping[str, Array]) -> Array:
+        """Rotation and scale (2, 2) of the view."""
+        c, s = np.cos(own["view.rotation"][0]), np.sin(own["view.rotation"][0])
+        return np.asarray(np.exp(own["view.scale"][0]) * np.array([[c, -s], [s, c]]))
+
+    def matrix(self, own: Mapping[str, Array]) -> Array:
+        """Linear part A (2, 2) of the view, with the mirror."""
+        a, b = own["view.shear"]
+        shear = np.array([[1 + a, b], [b, 1 - a]])
+        return np.asarray(self.turned(own) @ shear @ np.diag([1.0, float(self.mirror)]))
+
+
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """What a sensor sees of the tip at n rows."""
+
+    values: Array  # (n, 2)
+    sensor: InPlane
+    own: Mapping[str, Array]  # the sensor's parameters
+    point: Array  # (2, n), the tip
+    y: Array  # (2, n), seen before shift and lens
+    depth: Array  # (n or 1)
+    slope: Array  # (2, 2, n or 1), derivative by the tip
+    lens: Array | None  # (2, 2, n), derivative of the lens, None where it does nothing
+
+    def push(self, velocity: Array, angular: Any = 0.0) -> Array:  # noqa: ARG002
+        """How outputs (..., 2, n) move when the tip moves (..., 2, n)."""
+        return _times(self.slope, velocity)
+
+    def columns(self) -> Iterator[tuple[str, Callable[[], Array]]]:
+        """The derivative (k, 2, n) by each of the sensor's own blocks."""
+        yield "view.rotation", lambda: self._bent(_QUARTER_TURN @ self.y)
+        yield "view.scale", lambda: self._bent(self.y)
+        yield "view.shear", self._sheared
+        yield "view.shift", self._shifted
+        yield "view.tilt", lambda: self._bent(-self.y * (self.point / self.depth)[:, None])
+        yield "lens", self._refocused
+
+    def _bent(self, moved: Array) -> Array:
+        return moved if self.lens is None else _times(self.lens, moved)
+
+    def _sheared(self) -> Array:
+        x = self.point * np.array([[1.0], [float(self.sensor.mirror)]])
+        stretched = np.stack([x * np.array([[1.0], [-1.0]]), x[::-1]])
+        return self._bent(self.sensor.turned(self.own) @ stretched / self.depth)
+
+    def _shifted(self) -> Array:
+        return self._bent(np.repeat(np.eye(2)[:, :, None], self.point.shape[1], axis=2))
+
+    def _refocused(self) -> Array:
+        seen = self.y + self.own["view.shift"][:, None]
+        u, _, _, by_k = self.sensor.bend(seen, self.own["lens"])
+        # without a bend its centre is nowhere
+        grown = 0.0 * u[:, None] * u if self.lens is None else self.lens - np.eye(2)[:, :, None]
+        return self.sensor.size_of_lens * np.concatenate([(u * by_k)[None], -grown])
+
+
+def _times(matrix: Array, vector: Array) -> Array:
+    """Products (..., 2, n) of matrices (2, 2, n or 1) with vectors (..., 2, n)."""
+    out = np.empty(np.broadcast_shapes(vector.shape, (*vector.shape[:-1], matrix.shape[-1])))
+    for i in range(2):
+        out[..., i, :] = matrix[i, 0] * vector[..., 0, :] + matrix[i, 1] * vector[..., 1, :]
     return out
-
-
-def seen(structure: PlanarStructure, p: _Complex, beta: Array) -> Array:
-    """Sensor positions (n, 2) of tips (n,) given as complex numbers."""
-    x = np.stack([p.real, p.imag], axis=1)
-    y = x @ matrix(beta, structure.mirror).T
-    if beta[6] or beta[7]:
-        y /= (1 + x @ beta[6:8])[:, None]
-    z = y + beta[4:6]
-    return _through_lens(structure, z, beta) if beta[8] else z
-
-
-def _from_centre(structure: PlanarStructure, z: Array, beta: Array) -> Array:
-    """Positions (n, 2) from the lens's centre, in its own size."""
-    return np.asarray((z - structure.centre) / structure.size_of_lens - beta[9:11])
-
-
-def _through_lens(structure: PlanarStructure, z: Array, beta: Array) -> Array:
-    """Positions (n, 2) as the lens shows them."""
-    u = _from_centre(structure, z, beta)
-    r2 = (u**2).sum(axis=1, keepdims=True)
-    slope, ratio, _ = structure.seen_as.bend(float(beta[8]), r2)
-    return np.asarray(z + structure.size_of_lens * slope * ratio * u)
-
-
-def columns(
-    structure: PlanarStructure, p: _Complex, beta: Array, place: Indices, k: int
-) -> tuple[Array, Array, Array]:
-    """Positions, their derivative (n, 2, 2) by the tip, and (n, 2, k) with the view's columns.
-
-    p : (n,) complex array, tips
-    beta : (d,)
-    place : (d,), column of each parameter, -1 where it has none
-    k : number of columns
-    """
-    n = len(p)
-    out = np.zeros((n, 2, k))
-    x = np.stack([p.real, p.imag], axis=1)
-    linear = matrix(beta, structure.mirror)
-    depth = 1 + x @ beta[6:8]
-    y = (x @ linear.T) / depth[:, None]
-    view = (linear - y[:, :, None] * beta[6:8]) / depth[:, None, None]
-    if not k and not beta[8]:
-        return y + beta[4:6], view, out
-    mirrored = x * [1.0, float(structure.mirror)]
-    turn = np.exp(beta[1]) * view_rotation(beta)
-    one, zero = np.ones(n), np.zeros(n)
-    before = {
-        0: np.stack([-y[:, 1], y[:, 0]], axis=1),
-        1: y,
-        2: mirrored @ (turn @ np.diag([1.0, -1.0])).T / depth[:, None],
-        3: mirrored[:, ::-1] @ turn.T / depth[:, None],
-        4: np.stack([one, zero], axis=1),
-        5: np.stack([zero, one], axis=1),
-        6: -y * (x[:, :1] / depth[:, None]),
-        7: -y * (x[:, 1:] / depth[:, None]),
-    }
-    z = y + beta[4:6]
-    u = _from_centre(structure, z, beta)
-    r2 = (u**2).sum(axis=1)
-    slope, ratio, by_k = structure.seen_as.bend(float(beta[8]), r2)
-    slope = np.reshape(slope, (-1, 1, 1))
-    grow = ratio[:, None, None] * np.eye(2) + 2 * u[:, :, None] * u[:, None, :]
-    lens = np.eye(2) + slope * grow
-    bent = bool(beta[8])
-    for index, column in before.items():
-        if place[index] >= 0:
-            out[:, :, place[index]] = np.einsum("nij,nj->ni", lens, column) if bent else column
-    size = structure.size_of_lens
-    if place[8] >= 0:
-        out[:, :, place[8]] = size * u * by_k[:, None]
-    for axis in range(2):
-        if place[9 + axis] >= 0:
-            out[:, :, place[9 + axis]] = (-size * slope * grow)[:, :, axis]
-    z = _through_lens(structure, z, beta) if bent else z
-    return z, lens @ view if bent else view, out

@@ -13,8 +13,9 @@ from .covariance import as_kept
 from .fit import MANY, Fit, maximise
 from .gate import SETTLED, Passed, pass_gate
 from .held_out import HeldOut, leave_blocks_out
+from .parameters import Prior
 from .starts import best_starts
-from .structure import Prior, Structure
+from .structure import Structure
 
 _LOG_FLOOR, _SIMULATED_FLOOR = 1e-4, 1e-7
 """Least noise, as a share of the extents."""

@@ -17,7 +17,8 @@ from .normal import (
     sums_of,
     with_prior,
 )
-from .structure import Hyper, Prior, Structure
+from .parameters import Hyper, Prior
+from .structure import Structure
 
 BLOCKS = 10
 """Contiguous blocks of rows whose information is kept apart."""

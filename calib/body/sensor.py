@@ -16,7 +16,7 @@ import numpy as np
 from ..arm.rotations import cross_matrix, quaternion_of
 from ..common.arrays import Array
 from ..errors import LogError
-from .structure import Indices
+from .parameters import Indices
 
 if TYPE_CHECKING:
     from .belief import Body, Second

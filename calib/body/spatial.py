@@ -7,23 +7,34 @@ under gravity, and an error curve per joint.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import product
 from typing import Any
 
 import numpy as np
 
-from ..arm.motion import Deviations, Motion, move
-from ..arm.rotations import exponential, logarithm
+from ..arm.motion import Deviations, move
+from ..arm.motion import Motion as ChainMotion
 from ..arm.spatial_chain import GRAVITY, SpatialChain
 from ..common.arrays import Array
-from . import priors
-from .curves import curve_value
-from .layout import SpatialLayout, spatial_layout
-from .spatial_slopes import by_joints, by_parameters
-from .spatial_view import Placed, View, compose, look
-from .structure import Structure
+from .curves import curve_shape
+from .measurement import Measurement, Moved
+from .parameters import Block, Indices, Scale
+from .settings import (
+    CURVE,
+    CURVE_ROWS,
+    ELASTIC,
+    FREE,
+    GAIN,
+    OFFSET_SCALES,
+    SCALES,
+    SHIFT,
+    TURN,
+)
+from .spatial_view import InSpace, Placed, compose
+from .structure import Ladder, Structure
 from .words import spatial_words
 
 
@@ -54,34 +65,93 @@ class SpatialStructure(Structure):
     simulated: bool = False  # whether the rows are samples of a simulation
     # whether the rows are too few to move joint origins; `spatial_starts` finds out
     few: bool = False
-
-    @property
-    def outputs(self) -> int:
-        """Number of outputs: 3 positions, 6 of a pose, 2 pixels."""
-        return self.seen_as.outputs
+    reading: Measurement | None = None  # what is measured, where its view's name does not say all
 
     @property
     def camera(self) -> bool:
         """Whether a camera sees the arm, in pixels."""
         return self.outputs == 2
 
-    @property
-    def extents(self) -> Array:
-        """Size of the workspace along each output [unit]; 1 rad for rotations."""
-        out = np.full(self.outputs, self.extent)
-        out[3:] = 1.0
-        return out
-
     @cached_property
-    def layout(self) -> SpatialLayout:
-        """Where each parameter stands, and what it is."""
-        weighted = len(self.chain.masses) > 0
-        return spatial_layout(self.joint_names, self.chain_names, self.revolute, weighted)
+    def measurement(self) -> Measurement:
+        """What its sensor measures."""
+        if self.reading is not None:
+            return self.reading
+        size = self._reach if self.camera else self.extent
+        return InSpace(self.view, self.unit, self.metre, size, self.lens, self.lens_sd)
 
     @property
-    def units(self) -> Mapping[str, str]:
-        """Units that depend on the sensor: a camera stands metres away."""
-        return {"position": "m" if self.camera else self.unit}
+    def _reach(self) -> float:
+        return max(self.chain.reach, 1e-9)
+
+    @property
+    def shifts(self) -> Indices:
+        """Parameters (c, 3) that shift the joint origins."""
+        return self.groups["placement"].reshape(-1, 2, 3)[:, 0]
+
+    @property
+    def turns(self) -> Indices:
+        """Parameters (c, 3) that turn the joint origins."""
+        return self.groups["placement"].reshape(-1, 2, 3)[:, 1]
+
+    def geometry(self) -> Sequence[Block]:
+        """Blocks of the tip, the joint origins and the joints."""
+        turning, informed = np.asarray(self.revolute), self.informed
+        weighted = self.chain_names if len(self.chain.masses) else ()
+        # in a free frame the first turning joint's offset and a turn of the frame about its axis
+        # are one, and the first origin's place is the frame's own
+        first = 0 if self.view == "base" else 1
+        tool = self.seen_as.tool
+        held = (tool,) if tool is not None and informed else ()
+        own = np.arange(first, self.dof)
+        flat = np.repeat((self._reach, 3.0), 3)  # shifts and turns where no drawing says
+        turned, slid = own[turning[first:]], own[~turning[first:]]
+        placed = np.arange(6 * first, 6 * len(self.chain_names)).reshape(-1, 2, 3)
+        choices = SCALES if self.measurement.sized else (1.0,)
+        places = list(product((("shift", "m"), ("turn", "rad")), "xyz"))
+        drawn = (
+            Scale("placement.shift", SHIFT, choices, within=placed[:, 0].ravel()),
+            Scale("placement.turn", TURN, choices, within=placed[:, 1].ravel()),
+        )
+        return (
+            Block(
+                "tool", tuple((None, f"tool.{axis}", "m") for axis in "xyz"),
+                sd=FREE * self._reach if informed else self._reach, scales=held,
+            ),
+            Block(
+                "tool.rotation", tuple((None, f"tool.rotation.{axis}", "rad") for axis in "xyz"),
+                sd=100.0,
+            ),
+            Block(
+                "placement",
+                tuple(
+                    (name, f"{name}.{what}.{axis}", unit)
+                    for name in self.chain_names for (what, unit), axis in places
+                ),
+                sd=0.0 if informed else np.tile(flat, len(self.chain_names)),
+                scales=drawn if informed else (),
+            ),
+            Block(
+                "offset",
+                tuple(
+                    (name, f"{name}.offset", "rad" if turns else "m")
+                    for name, turns in zip(self.joint_names, self.revolute, strict=True)
+                ),
+                scales=(
+                    Scale("offset", TURN, OFFSET_SCALES, within=turned),
+                    Scale("offset.slide", SHIFT, SCALES, within=slid),
+                ),
+            ),
+            Block(
+                "gain", tuple((name, f"{name}.gain", "1") for name in self.joint_names), 1.0,
+                scales=(Scale("gain", GAIN, SCALES),),
+            ),
+            Block(
+                "elastic", tuple((name, f"{name}.elastic", "rad") for name in weighted),
+                scales=(Scale("elastic", ELASTIC, pseudo=1.0),),
+            ),
+            *self.curves(CURVE, CURVE_ROWS, curve_shape()),
+        )  # fmt: skip
 
     @cached_property
     def torque(self) -> float:
@@ -89,39 +159,38 @@ class SpatialStructure(Structure):
         away = np.linalg.norm(self.chain.centres - self.chain.points[0], axis=1)
         return max(float(self.chain.masses @ away * np.linalg.norm(self.gravity)), 1e-12)
 
-    def loads(self, q: Array) -> Array:
-        """Torques (m, n) of gravity on the chain's joints, as shares of the largest.
+    def loads(self, q: Array) -> tuple[Array, Indices]:
+        """Torques (c, n) of gravity on the chain's joints, as shares of the largest.
 
         Where nothing is known of its masses, there are none.
         """
-        # a fit asks for the same rows again, and they do not depend on its parameters
-        last = self._memory.get("loads")
-        if last is None or last[0] is not q:
-            loads = self.chain.torques(q, np.asarray(self.gravity)).T / self.torque
-            last = self._memory["loads"] = (q, np.ascontiguousarray(loads))
-        return last[1]
+        loads = self.chain.torques(q, np.asarray(self.gravity)).T / self.torque
+        return np.ascontiguousarray(loads), np.arange(self.chain.joints)
 
     def load_slopes(self, q: Array) -> Array:
-        """Derivatives (m, dof, n) of the loads by the joint values."""
+        """Derivatives (c, dof, n) of the loads by the joint values."""
         slopes = self.chain.torque_slopes(q, np.asarray(self.gravity)) / self.torque
         return np.moveaxis(slopes, 0, 2)
 
-    @cached_property
-    def _memory(self) -> dict[str, tuple[Array, Array]]:
-        return {}
+    def coupled(self, own: Array) -> Array:
+        """Values (c, n) of the chain's joints that follow the logged ones (dof, n)."""
+        return np.asarray(self.chain.coupling @ own + self.chain.bias[:, None])
 
-    def neutral(self) -> Array:
-        """Parameters (d,) of the nominal arm in a sensor frame at its root."""
-        beta = np.zeros(self.size)
-        beta[self.groups["gain"]] = 1.0
-        beta[self.groups["lens"]] = self.lens
-        return beta
+    def led(self, chained: Array) -> Array:
+        """How outputs move with each logged joint (dof, m, n), from the chain's (c, m, n)."""
+        return np.tensordot(self.chain.coupling.T, chained, axes=1)
 
-    def predict(self, q: Array, beta: Array) -> Array:
-        """Outputs (n, m) at joint values (n, dof); a rotation is a rotation vector."""
-        return self.seen(q, beta)[1].values
+    def move(self, values: Array, beta: Array) -> ChainMotion:
+        """Where the chain is at the true values (c, n) of its joints."""
+        return move(self.chain, values, self.deviations(beta))
 
-    derivative, predict_and_slope = by_parameters, by_joints
+    def moving(self, motion: ChainMotion) -> Iterator[tuple[Indices, Callable[[], Moved]]]:  # type: ignore[override]
+        """How the tip moves with each part of the geometry."""
+        still = np.zeros((3, *motion.position.shape))
+        yield self.groups["tool"], lambda: (_axes(motion.flange), 0.0)
+        yield self.groups["tool.rotation"], lambda: (still, _axes(motion.rotation))
+        yield self.shifts, lambda: (_axes(np.stack(motion.frames[:-1])), 0.0)
+        yield self.turns, motion.turns
 
     def retract(self, beta: Array, delta: Array) -> Array:
         """`beta` (d,) moved by `delta` (d,): the sum, or a step on a rotation."""
@@ -130,30 +199,48 @@ class SpatialStructure(Structure):
         view = self.groups["view.rotation"]
         if delta[view].any():
             out[view] = compose(delta[view], beta[view])
-        own = np.vstack([self.groups["tool.rotation"], self.layout.turns])
+        own = np.vstack([self.groups["tool.rotation"], self.turns])
         if delta[own].any():
             out[own] = compose(beta[own], delta[own])
         return out
 
-    def residual(self, z: Array, predicted: Array) -> Array:
-        """Residuals (n, m) of observed against predicted outputs.
+    def members(self) -> Ladder:
+        """The gate's members from simple to rich."""
+        frame = self.frame_groups
+        chain = (*frame, "placement")
+        ladder: list[tuple[str, tuple[str, ...]]] = []
+        if self.informed:
+            chain = (*chain, "offset")
+            ladder.append(("frame", frame))
+            if self.few:
+                return tuple(ladder)
+            if self.camera:
+                ladder.append(("offsets", (*frame, "offset")))
+        ladder.append(("chain", chain))
+        if len(self.groups["elastic"]) and self.informed:
+            chain = (*chain, "elastic")
+            ladder.append(("elastic", chain))
+        if any(self.revolute):
+            ladder.append(("curves", (*chain, "curve")))
+        return tuple(ladder)
 
-        Of a pose, the last three are the rotation vector, in the sensor's frame, that turns the
-        predicted orientation into the observed one.
-        """
-        out = z - predicted
-        if self.outputs == 6:
-            seen, expected = exponential(z[:, 3:]), exponential(predicted[:, 3:])
-            out[:, 3:] = logarithm(seen @ np.swapaxes(expected, 1, 2))
-        return np.asarray(out)
-
-    prior, members, words = priors.spatial_prior, priors.spatial_members, spatial_words
+    @property
+    def frame_groups(self) -> tuple[str, ...]:
+        """Blocks that every member fits: the sensor's place and the tip that it sees."""
+        lens = ("lens",) if self.camera and any(self.lens_sd) else ()
+        return (*self.seen_as.groups, *lens)
 
     def starts(self, q: Array, z: Array) -> Sequence[tuple[Structure, Array]]:
         """Candidate starts: structures with their parameters (d,)."""
+        if self.reading is not None:
+            return [(self, self.reading.start(self, q))]
         from .spatial_start import spatial_starts  # SciPy's linear algebra, which no query needs
 
         return spatial_starts(self, q, z)
+
+    def words(self, beta: Array, sd: Array) -> tuple[str, ...]:
+        """Lines that say the parameters in words."""
+        return spatial_words(self, beta, sd)
 
     def with_view(self, view: str, **changes: Any) -> SpatialStructure:
         """Return the structure with another view."""
@@ -165,42 +252,20 @@ class SpatialStructure(Structure):
         # rows first and contiguous, or every product that follows would copy
         return np.ascontiguousarray(motion.position.T), np.moveaxis(motion.rotation, 2, 0).copy()
 
-    def joint_values(self, q: Array, beta: Array) -> Array:
-        """True values (m, n) of the chain's joints at logged values (n, dof) [rad or m]."""
-        own = np.empty((self.dof, len(q)))
-        for k in range(self.dof):
-            own[k] = beta[self.groups["gain"][k]] * q[:, k] + beta[self.groups["offset"][k]]
-            curve = self.groups[f"curve.{k}"]
-            if len(curve) and beta[curve].any():
-                own[k] += curve_value(q[:, k], beta[curve])
-        values = self.chain.coupling @ own + self.chain.bias[:, None]
-        elastic = beta[self.groups["elastic"]]
-        if elastic.any():
-            values = values + elastic[:, None] * self.loads(q)
-        return np.asarray(values)
-
     def deviations(self, beta: Array) -> Deviations:
         """How the chain differs from its nominal one."""
-        layout, groups = self.layout, self.groups
-        parts = (layout.shifts, layout.turns, groups["tool"], groups["tool.rotation"])
+        parts = (self.shifts, self.turns, self.groups["tool"], self.groups["tool.rotation"])
         return Deviations(*(beta[index] for index in parts))
 
     def sensor(self, beta: Array) -> Placed:
         """The sensor: where it stands, its scale and its lens."""
-        groups = self.groups
-        scale = float(np.exp(beta[groups["view.scale"][0]]))
-        return Placed(
-            self.view,
-            exponential(beta[groups["view.rotation"]]),
-            beta[groups["view.shift"]],
-            scale if self.camera else scale * self.metre,
-            beta[groups["lens"]],
-        )
+        assert isinstance(self.measurement, InSpace)  # noqa: S101 - other readings are of fits alone
+        return self.measurement.placed(self.seeing(beta))
 
-    def seen(self, q: Array, beta: Array) -> tuple[Motion, View]:
-        """Where the chain is at joint values (n, dof), and what the sensor sees of it."""
-        motion = move(self.chain, self.joint_values(q, beta), self.deviations(beta))
-        return motion, look(self.sensor(beta), motion.position, motion.rotation)
+
+def _axes(rotation: Array) -> Array:
+    """Axes (..., 3, 3, n) of frames (..., 3, 3, n): their columns first."""
+    return np.swapaxes(rotation, -3, -2)
 
 
 def structure_of(arm: Any, view: str = "rigid", **options: Any) -> SpatialStructure:

@@ -12,10 +12,10 @@ from ..arm.rotations import exponential, logarithm, nearest_rotation, similarity
 from ..common.arrays import Array
 from ..common.rows import thinned
 from ..errors import LogError
-from .priors import frame_groups
+from .parameters import Prior
 from .spatial_random import chains
 from .starts import settle
-from .structure import Prior, Structure
+from .structure import Structure
 
 if TYPE_CHECKING:
     from .spatial import SpatialStructure
@@ -69,7 +69,7 @@ def frame(structure: SpatialStructure, q: Array, z: Array, arm: Array | None = N
     """
     arm = structure.neutral() if arm is None else arm
 
-    groups = [group for group in frame_groups(structure) if group != "lens"]
+    groups = [group for group in structure.frame_groups if group != "lens"]
     sd = structure.prior(groups).sd
     every = max(1, len(q) // _GUESSED)
     steps = _STEPS if every == 1 else _FIRST

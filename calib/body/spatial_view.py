@@ -1,4 +1,4 @@
-"""Views of a spatial arm: how a sensor sees the tip, and how that changes with its motion.
+"""Readings of an arm in space: positions, poses and pixels of its tip.
 
 ``base``, ``rigid`` and ``similarity`` see a position, ``pose`` a position and an orientation,
 ``pinhole`` pixels. A view is evaluated at rows; `View.push` differentiates it.
@@ -6,12 +6,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from ..arm.rotations import exponential, logarithm
 from ..common.arrays import Array
+from .measurement import Measurement
+from .parameters import Block
+from .settings import FREE
 from .views import SPATIAL
 
 #: A point nearer to the camera's plane than this [m] has no pixel; it is held there.
@@ -29,6 +34,67 @@ class Placed:
     lens: Array
 
 
+@dataclass(frozen=True, eq=False)
+class InSpace(Measurement):
+    """Positions, poses or pixels of the tip in the frame of a sensor."""
+
+    kind: str  # one of :data:`calib.body.views.SPATIAL`
+    unit: str  # unit of positions
+    metre: float  # units of positions in one metre; not used by a camera
+    size: float  # of the workspace [unit]; a camera's that of the arm [m]
+    lens: tuple[float, float, float, float]  # of a camera: focal length, centre [px] and k1
+    lens_sd: tuple[float, float, float, float]
+
+    @property
+    def blocks(self) -> tuple[int, ...]:  # type: ignore[override]
+        """Sizes of the outputs that share a unit and a noise."""
+        outputs = SPATIAL[self.kind].outputs
+        return (3, 3) if outputs == 6 else (outputs,)
+
+    @property
+    def camera(self) -> bool:
+        """Whether it sees pixels."""
+        return self.blocks == (2,)
+
+    def parameters(self) -> tuple[Block, ...]:
+        """What the sensor has of its own."""
+        unit = "m" if self.camera else self.unit  # a camera stands metres away
+        lens = {"focal": "px", "centre.u": "px", "centre.v": "px", "k1": "1"}
+        turn = tuple((None, f"view.rotation.{axis}", "rad") for axis in "xyz")
+        shift = tuple((None, f"view.shift.{axis}", unit) for axis in "xyz")
+        return (
+            Block("view.rotation", turn, sd=100.0),
+            Block("view.shift", shift, sd=FREE * self.size),
+            Block("view.scale", ((None, "view.scale", "1"),), sd=100.0),
+            Block(
+                "lens", tuple((None, f"lens.{what}", unit) for what, unit in lens.items()),
+                np.asarray(self.lens), np.asarray(self.lens_sd),
+            ),
+        )  # fmt: skip
+
+    def placed(self, own: Mapping[str, Array]) -> Placed:
+        """The sensor: where it stands, its scale and its lens."""
+        scale = float(np.exp(own["view.scale"][0])) * (1.0 if self.camera else self.metre)
+        turn = exponential(own["view.rotation"])
+        return Placed(self.kind, turn, own["view.shift"], scale, own["lens"])
+
+    def look(self, own: Mapping[str, Array], motion: Any, also: Array) -> View:  # noqa: ARG002
+        """See the tip."""
+        return look(self.placed(own), motion.position, motion.rotation)
+
+    def residual(self, z: Array, predicted: Array) -> Array:
+        """Residuals (n, m) of observed against predicted outputs.
+
+        Of a pose, the last three are the rotation vector, in the sensor's frame, that turns the
+        predicted orientation into the observed one.
+        """
+        out = z - predicted
+        if len(self.blocks) == 2:
+            seen, expected = exponential(z[:, 3:]), exponential(predicted[:, 3:])
+            out[:, 3:] = logarithm(seen @ np.swapaxes(expected, 1, 2))
+        return np.asarray(out)
+
+
 @dataclass(frozen=True)
 class View:
     """What a sensor sees of the tip at n rows."""
@@ -39,13 +105,22 @@ class View:
     point: Array
     slope: Array | None  # (2, 3, n), derivative of pixels by the point
 
-    def push(self, velocity: Array, angular: Array) -> Array:
+    def push(self, velocity: Array, angular: Any = 0.0) -> Array:
         """How outputs (..., outputs, n) move when the tip moves in the arm's root frame.
 
         `velocity` (..., 3, n) [m] and `angular` (..., 3, n) [rad] are those of the tip.
         """
         rotation = self.sensor.rotation
-        return self.seen(self.sensor.scale * (rotation @ velocity), rotation @ angular)
+        turned = rotation @ angular if np.ndim(angular) else 0.0
+        return self.seen(self.sensor.scale * (rotation @ velocity), turned)
+
+    def columns(self) -> Iterator[tuple[str, Callable[[], Array]]]:
+        """The derivative (k, outputs, n) by each of the sensor's own blocks."""
+        yield "view.rotation", self.turned
+        yield "view.shift", self.shifted
+        yield "view.scale", self.scaled
+        if self.slope is not None:
+            yield "lens", self.refocused
 
     def turned(self) -> Array:
         """How outputs (3, outputs, n) move when the sensor's frame turns about its own axes."""

@@ -8,8 +8,9 @@ import numpy as np
 
 from ..common.arrays import Array
 from .normal import Factor, slices, with_prior
+from .parameters import Prior
 from .search import Search
-from .structure import Prior, Structure
+from .structure import Structure
 
 _ROWS = 400
 """Rows that the runs use at most."""

@@ -1,91 +1,52 @@
-"""What a body's structure is: its parameters, its prediction and their derivatives.
+"""What a body's structure is: a chain, a measurement, and their parameters.
 
-The fit, the gate, the bound, ``check`` and ``adapt`` know a body only through this class, of which
-`PlanarStructure` and `SpatialStructure` are kinds.  A structure is immutable.  Its vector of
-parameters ``beta`` (d,) always has the full layout: a group that a model does not use (a lens,
-the joint curves) is there with its neutral value, so that it can be freed later.
+The fit, the gate, the bound, ``check`` and ``adapt`` know a body only through `Structure`.  A
+chain says how each of its parts moves the tip, a measurement what a sensor tells of the tip;
+joints, their error curves and their elasticity are the same for all arms::
+
+    v_i = gain s q_i + offset + curve_i(q_i) + sum_e elastic_e load_e(q)
+
+A structure is immutable.  Its vector of parameters ``beta`` (d,) always has the full layout: a
+block that a model does not use (a lens, the joint curves) is there with its neutral value.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cached_property
-from typing import TYPE_CHECKING, ClassVar, NamedTuple
+from itertools import product
+from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..common.arrays import Array
+from .curves import HARMONICS, curve_slope, curve_value, powers
+from .derivative import Derivative, Waves
+from .measurement import Measurement, Motion, Moved, Sight
+from .parameters import Block, Blocks, Indices, Label, Layout, Prior, Scale
 from .views import VIEWS_OF_BODIES, ViewKind
 
-if TYPE_CHECKING:
-    from .derivative import Derivative
-    from .layout import Layout
-
-Indices = NDArray[np.intp]
-
-
-class Label(NamedTuple):
-    """What one parameter is, for words and JSON."""
-
-    group: str  # key of `Structure.groups`
-    joint: str | None  # the joint that it belongs to
-    name: str  # its name within the body, unique: ``"elbow_joint.offset"``, ``"view.rotation"``
-    unit: str  # ``"rad"``, ``"1"``, the unit of positions,
-
-
-@dataclass(frozen=True)
-class Hyper:
-    """Parameters whose common prior scale is chosen by evidence.
-
-    The prior variance of parameter ``indices[k]`` is ``scale**2 * shape[k]``.
-    """
-
-    name: str  # name of the scale, as `Body.scales` keeps it: ``"length"``, ``"curve.0"``
-    indices: Indices  # (g,), the parameters
-    shape: Array  # (g,), relative variances (mean 1 for curves)
-    scale: float  # starting scale; also the scale of the pseudo-observations
-    # number of pseudo-observations at `scale` (an inverse-gamma hyperprior); used by EM
-    pseudo: float = 0.0
-    # factors on `scale` that are compared by evidence; empty: the scale moves freely by EM
-    choices: tuple[float, ...] = ()
-
-
-@dataclass(frozen=True)
-class Prior:
-    """A Gaussian prior over the parameters: a zero `sd` keeps a parameter at its `mean`."""
-
-    # (d,), prior mean and standard deviation, in each parameter's own unit
-    mean: Array
-    sd: Array
-    # groups whose scale the evidence chooses; `sd` holds their starting values
-    hypers: tuple[Hyper, ...] = ()
-    # (k, k), precision of the active parameters where they depend on each other, in place of `sd`
-    known: Array | None = None
-
-    @property
-    def active(self) -> Indices:
-        """Indices (k,) of the parameters that are fitted."""
-        return np.flatnonzero(self.sd > 0)
+Ladder = tuple[tuple[str, tuple[str, ...]], ...]
+"""The gate's members from simple to rich: a name and the blocks that it frees."""
 
 
 class Structure:
-    """What a body needs to know of its structure (planar chain and view, spatial chain and view).
+    """A chain and what a sensor measures of it.
 
-    ``n`` rows, ``dof`` joints, ``m`` outputs, ``d`` parameters.  Joint values are in rad or m as
-    they are logged; positions in the structure's own unit.
+    ``n`` rows, ``dof`` joints, ``m`` outputs, ``d`` parameters, ``c`` joints of the chain.  Joint
+    values are in rad or m as they are logged; positions in the structure's own unit.
     """
 
     kind: ClassVar[str]  # ``"planar"`` or ``"spatial"``: how a model file finds the class again
     # rows that the gate and the evidence use; the rest enters the final step
-    gate_rows: ClassVar[int] = 3000
+    gate_rows: ClassVar[int]
     # wider hyperprior of the curves for a second fit: pseudo-observations, rms [rad]
-    wide: ClassVar[tuple[float, float]] = (200.0, 3e-3)
+    wide: ClassVar[tuple[float, float]]
     joint_names: tuple[str, ...]  # names of the joints, base to tip
     revolute: tuple[bool, ...]  # which joints turn; the others slide
-    view: str  # ``"rigid"``, ``"similarity"``, ``"affine"``, ``"homography"``, ``"base"``,
-    unit: str  # unit of positions: ``"m"``, ``"px"``, ``"sensor"``,
+    view: str  # one of :data:`calib.body.views.PLANAR` or `SPATIAL`
+    unit: str  # unit of positions
+    extent: float  # size of the workspace along an output [unit]
     simulated: bool  # whether the rows are samples of a simulation
 
     @property
@@ -101,85 +62,54 @@ class Structure:
     @property
     def outputs(self) -> int:
         """Number m of outputs: 2 in the plane or pixels, 3 in space, 6 with orientation."""
-        return 2
+        return self.seen_as.outputs
 
     @property
     def blocks(self) -> tuple[int, ...]:
         """Sizes of the outputs that share a unit and a noise: ``(2,)``, ``(3,)``, ``(3, 3)``."""
-        return (3, 3) if self.outputs == 6 else (self.outputs,)
+        return self.measurement.blocks
 
     @property
     def extents(self) -> Array:
-        """Size (m,) of the workspace along the outputs: the reach [unit]; 1 rad for rotations."""
-        raise NotImplementedError
+        """Size (m,) of the workspace along the outputs [unit]; 1 rad for rotations."""
+        out = np.full(self.outputs, self.extent)
+        out[3:] = 1.0
+        return out
 
     @property
-    def layout(self) -> Layout:
-        """Where each parameter stands, and what it is."""
-        raise NotImplementedError
+    def directions(self) -> Sequence[int]:
+        """Which way each joint (dof,) turns against its log, 1 or -1."""
+        return (1,) * self.dof
 
-    @property
-    def groups(self) -> Mapping[str, Indices]:
-        """Indices of each group of parameters.
-
-        Keys: ``"view.rotation"``, ``"view.shift"``, ``"view.scale"``, ``"view.shear"``,
-        ``"view.tilt"``, ``"lens"``, ``"length"``, ``"offset"``, ``"gain"``, ``"elastic"``,
-        ``"curve.0"``, ... (planar); spatial ones add ``"placement"``, ``"tool"``.
-        """
-        return self.layout.groups
+    # What the kinds of chains give.
 
     @cached_property
-    def size(self) -> int:
-        """Number d of parameters."""
-        return sum(len(ix) for ix in self.groups.values())  # a kind may leave groups out
-
-    @property
-    def units(self) -> Mapping[str, str]:
-        """Units that depend on the sensor, by how the layout calls them."""
-        return {"position": self.unit}
-
-    def predict(self, q: Array, beta: Array) -> Array:
-        """Outputs (n, m) at joint values (n, dof); a rotation is a rotation vector."""
+    def measurement(self) -> Measurement:
+        """What its sensor measures."""
         raise NotImplementedError
 
-    def linearise(
-        self, q: Array, beta: Array, active: Indices | None = None
-    ) -> tuple[Array, Array]:
-        """Outputs (n, m) and their derivative (n, m, k) by the parameters `active` (or all)."""
-        values, x = self.derivative(q, beta, np.arange(self.size) if active is None else active)
-        return values, x.dense()
-
-    def derivative(self, q: Array, beta: Array, active: Indices) -> tuple[Array, Derivative]:
-        """The same with the derivative's structure, where it has one."""
+    def geometry(self) -> Sequence[Block]:
+        """Blocks of the chain's geometry and of its joints' offsets."""
         raise NotImplementedError
 
-    def predict_and_slope(self, q: Array, beta: Array) -> tuple[Array, Array]:
-        """Outputs (n, m) and their derivative (n, m, dof) by the joint values."""
+    def move(self, values: Array, beta: Array) -> Motion:
+        """Where the chain is at the true values (c, n) of its joints."""
         raise NotImplementedError
 
-    def slope(self, q: Array, beta: Array) -> Array:
-        """Derivative (n, m, dof) of the outputs by the joint values."""
-        return self.predict_and_slope(q, beta)[1]
-
-    def retract(self, beta: Array, delta: Array) -> Array:
-        """`beta` (d,) moved by `delta` (d,): the sum, or a step on a rotation."""
-        return beta + delta
-
-    def residual(self, z: Array, predicted: Array) -> Array:
-        """Residuals (n, m) of observed against predicted outputs."""
-        return z - predicted
-
-    def label(self, index: int) -> Label:
-        """What parameter `index` is."""
-        found = self.layout.labels[index]
-        return found._replace(unit=self.units.get(found.unit, found.unit))
-
-    def prior(self, free: Sequence[str]) -> Prior:
-        """Prior of the member that fits the groups of `free`; ``"curve"`` stands for all curves."""
+    def moving(self, motion: Motion) -> Iterator[tuple[Indices, Callable[[], Moved]]]:
+        """How the tip moves with each part of the geometry: parameters, and their motions."""
         raise NotImplementedError
 
-    def members(self) -> tuple[tuple[str, tuple[str, ...]], ...]:
-        """The gate's members from simple to rich: a name and the groups that it fits."""
+    def loads(self, q: Array) -> tuple[Array, Indices]:
+        """Loads (e, n) that bend joints, one for each elastic parameter, and which joints (e,)."""
+        raise NotImplementedError
+
+    def load_slopes(self, q: Array) -> Array:
+        """Derivatives (e, dof, n) of the loads by the joint values."""
+        raise NotImplementedError
+
+    def members(self) -> Ladder:
+        """The gate's members from simple to rich."""
         raise NotImplementedError
 
     def starts(self, q: Array, z: Array) -> Sequence[tuple[Structure, Array]]:
@@ -189,3 +119,199 @@ class Structure:
     def words(self, beta: Array, sd: Array) -> tuple[str, ...]:
         """Lines that say the parameters in words; `sd` (d,) is zero where nothing was fitted."""
         raise NotImplementedError
+
+    # Parameters.
+
+    @cached_property
+    def parameters(self) -> Blocks:
+        """The blocks of the sensor, the geometry and the joints."""
+        return Blocks((*self._sensor, *self.geometry()))
+
+    @property
+    def layout(self) -> Layout:
+        """Where each parameter stands, and what it is."""
+        return self.parameters.layout
+
+    @property
+    def groups(self) -> Mapping[str, Indices]:
+        """Indices of the parameters of each block, by its name."""
+        return self.layout.groups
+
+    @property
+    def size(self) -> int:
+        """Number d of parameters."""
+        return self.layout.size
+
+    def label(self, index: int) -> Label:
+        """What parameter `index` is."""
+        return self.layout.labels[index]
+
+    def neutral(self) -> Array:
+        """Parameters (d,) at the mean of the prior."""
+        return self.parameters.mean()
+
+    def prior(self, free: Sequence[str]) -> Prior:
+        """Prior that frees the blocks of `free`; ``"curve"`` stands for all joints' curves."""
+        return self.parameters.prior(free)
+
+    def curves(self, rms: float, pseudo: float, shape: Array) -> Iterator[Block]:
+        """Blocks of the joints' error curves, of an rms [rad] that the evidence moves."""
+        for k, (name, turns) in enumerate(zip(self.joint_names, self.revolute, strict=True)):
+            waves = product(("cos", "sin"), range(1, HARMONICS + 1 if turns else 1))
+            parts = tuple((name, f"{name}.curve {wave} {order}", "rad") for wave, order in waves)
+            scale = Scale(f"curve.{k}", rms / np.sqrt(2 * HARMONICS), pseudo=pseudo, shape=shape)
+            yield Block(f"curve.{k}", parts, scales=(scale,) if turns else ())
+
+    # Predictions.
+
+    def joint_values(self, q: Array, beta: Array) -> Array:
+        """True values (c, n) of the chain's joints at logged values (n, dof) [rad or m]."""
+        groups = self.groups
+        gain = beta[groups["gain"]] * self.directions
+        own = np.ascontiguousarray(q.T) * gain[:, None] + self.offsets(beta)[:, None]
+        for k in range(self.dof):
+            curve = groups[f"curve.{k}"]
+            if len(curve) and beta[curve].any():
+                own[k] += curve_value(q[:, k], beta[curve])
+        values, elastic = self.coupled(own), beta[groups["elastic"]]
+        if elastic.any():
+            loads, joints = self.known_loads(q)
+            for e in np.flatnonzero(elastic):
+                values[joints[e]] += elastic[e] * loads[e]
+        return values
+
+    def offsets(self, beta: Array) -> Array:
+        """What is added to the joints' values (dof,)."""
+        return beta[self.groups["offset"]]
+
+    def coupled(self, own: Array) -> Array:
+        """Values (c, n) of the chain's joints that follow the logged ones (dof, n)."""
+        return own
+
+    def known_loads(self, q: Array) -> tuple[Array, Indices]:
+        """The loads: a fit asks for the same rows again, and they depend on no parameter."""
+        last = self._memory.get("loads")
+        if last is None or last[0] is not q:
+            last = self._memory["loads"] = (q, self.loads(q))
+        return last[1]
+
+    @cached_property
+    def _memory(self) -> dict[str, tuple[Array, Any]]:
+        return {}
+
+    def apart(self, q: Array) -> tuple[Array, Array]:
+        """Joint values (n, dof) of rows, and what else they tell the measurement (n, g)."""
+        if q.shape[1] == self.dof:
+            return q, q[:, :0]
+        last = self._memory.get("apart")
+        if last is None or last[0] is not q:
+            parts = np.ascontiguousarray(q[:, : self.dof]), q[:, self.dof :]
+            last = self._memory["apart"] = (q, parts)
+        return last[1]
+
+    def seen(self, q: Array, beta: Array) -> tuple[Motion, Sight]:
+        """Where the chain is at rows (n, dof + g), and what the sensor sees of it."""
+        joints, also = self.apart(q)
+        motion = self.move(self.joint_values(joints, beta), beta)
+        return motion, self.measurement.look(self.seeing(beta), motion, also)
+
+    def seeing(self, beta: Array) -> dict[str, Array]:
+        """Values of the sensor's own parameters, by block."""
+        return {block.name: beta[self.groups[block.name]] for block in self._sensor}
+
+    @cached_property
+    def _sensor(self) -> tuple[Block, ...]:
+        return self.measurement.parameters()
+
+    def predict(self, q: Array, beta: Array) -> Array:
+        """Outputs (n, m) at joint values (n, dof); a rotation is a rotation vector."""
+        return self.seen(q, beta)[1].values
+
+    def residual(self, z: Array, predicted: Array) -> Array:
+        """Residuals (n, m) of observed against predicted outputs."""
+        return self.measurement.residual(z, predicted)
+
+    def retract(self, beta: Array, delta: Array) -> Array:
+        """`beta` (d,) moved by `delta` (d,): the sum, or a step on a rotation."""
+        return beta + delta
+
+    # Derivatives.
+
+    def linearise(
+        self, q: Array, beta: Array, active: Indices | None = None
+    ) -> tuple[Array, Array]:
+        """Outputs (n, m) and their derivative (n, m, k) by the parameters `active` (or all)."""
+        values, x = self.derivative(q, beta, np.arange(self.size) if active is None else active)
+        return values, x.dense()
+
+    def derivative(self, q: Array, beta: Array, active: Indices) -> tuple[Array, Derivative]:
+        """The same with the derivative's structure."""
+        motion, sight = self.seen(q, beta)
+        q = self.apart(q)[0]
+        n, outputs = sight.values.shape
+        groups, place, wanted = self.groups, *np.full((2, self.size), -1)
+        place[active] = np.arange(len(active))
+        curves = [groups[f"curve.{k}"] for k in range(self.dof)]
+        bare = np.flatnonzero(~np.isin(active, np.concatenate(curves)))
+        wanted[active[bare]] = np.arange(len(bare))
+        out = np.zeros((n, outputs, len(bare)))
+
+        def put(indices: Indices, columns: Callable[[], Array]) -> None:
+            """Set the columns (..., outputs, n) of parameters, if one of them is asked for."""
+            stands = wanted[indices.ravel()]
+            if (stands >= 0).any():
+                found = columns().reshape(len(stands), outputs, n)
+                out[:, :, stands[stands >= 0]] = found[stands >= 0].transpose(2, 1, 0)
+
+        for name, own in sight.columns():
+            put(groups[name], own)
+        chained = sight.push(*motion.joints())
+        put(groups["elastic"], lambda: self._by_loads(chained, q))
+        led = self.led(chained)
+        put(groups["offset"], lambda: led)
+        put(groups["gain"], lambda: led * (q * self.directions).T[:, None])
+        for indices, moved in self.moving(motion):
+            put(indices, lambda moved=moved: sight.push(*moved()))  # type: ignore[misc]
+        waved: list[Waves] = []
+        for k, curve in enumerate(curves):
+            stands = place[curve]
+            if not (stands >= 0).any():
+                continue
+            chosen, waves = np.flatnonzero(stands >= 0), powers(q[:, k])
+            factors = np.concatenate([waves.real, waves.imag], axis=1)
+            gaps = np.flatnonzero(np.diff(stands[chosen]) != 1) + 1
+            for run in np.split(chosen, gaps):  # of harmonics in a row, mostly all of them
+                at = slice(int(stands[run[0]]), int(stands[run[-1]]) + 1)
+                waved.append(Waves(at, np.ascontiguousarray(led[k].T), factors[:, run]))
+        return sight.values, Derivative(out, bare, tuple(waved))
+
+    def led(self, chained: Array) -> Array:
+        """How outputs move with each logged joint (dof, m, n), from the chain's (c, m, n)."""
+        return chained
+
+    def _by_loads(self, chained: Array, q: Array) -> Array:
+        loads, joints = self.known_loads(q)
+        return np.asarray(chained[joints] * loads[:, None])
+
+    def predict_and_slope(self, q: Array, beta: Array) -> tuple[Array, Array]:
+        """Outputs (n, m) and their derivative (n, m, dof) by the joint values."""
+        motion, sight = self.seen(q, beta)
+        chained = sight.push(*motion.joints())
+        led, groups = self.led(chained), self.groups
+        rates = beta[groups["gain"]] * self.directions
+        elastic = beta[groups["elastic"]]
+        out = np.empty((*sight.values.shape, self.dof))
+        slopes = elastic[:, None, None] * self.load_slopes(q) if elastic.any() else None
+        for k, rate in enumerate(rates):
+            curve = groups[f"curve.{k}"]
+            bent = len(curve) and beta[curve].any()
+            moved = led[k] * (rate + curve_slope(q[:, k], beta[curve]) if bent else rate)
+            if slopes is not None:
+                joints = self.loads(q[:1])[1]
+                moved = moved + np.einsum("emn,en->mn", chained[joints], slopes[:, k])
+            out[:, :, k] = moved.T
+        return sight.values, out
+
+    def slope(self, q: Array, beta: Array) -> Array:
+        """Derivative (n, m, dof) of the outputs by the joint values."""
+        return self.predict_and_slope(q, beta)[1]

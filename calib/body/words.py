@@ -24,47 +24,49 @@ def _tilt_angle(structure: PlanarStructure, beta: Array) -> float:
     angle's cosine.  It is the angle of the line of sight, not of the optical axis: that one
     needs the focal length and the image's centre.
     """
-    matrix = structure.matrix(beta)
+    own = structure.seeing(beta)
+    matrix, tilt = structure.measurement.matrix(own), own["view.tilt"]
     # Local scales at the middle of the workspace: the derivative of the homography there.
-    middle = (structure.centre - beta[4:6]) @ np.linalg.inv(matrix).T
-    depth = 1.0 + middle @ beta[6:8]
+    middle = (structure.centre - own["view.shift"]) @ np.linalg.inv(matrix).T
+    depth = 1.0 + middle @ tilt
     y = matrix @ middle / depth
-    local = (matrix - np.outer(y, beta[6:8])) / depth
+    local = (matrix - np.outer(y, tilt)) / depth
     values = np.linalg.svd(local, compute_uv=False)
     return float(np.arccos(np.clip(values[1] / values[0], 0.0, 1.0)))
 
 
 def planar_words(structure: PlanarStructure, beta: Array, sd: Array) -> tuple[str, ...]:
     """Lines that say the parameters; the intervals are 95 %."""
-    lay = structure.layout
+    groups = structure.groups
     lines: list[str] = []
     for i, name in enumerate(structure.joint_names):
         parts: list[str] = []
         nominal = structure.nominal
-        at = lay.offset[i]
+        at = groups["offset"][i]
         if sd[at] > 0:
             value = beta[at] - (nominal.offsets[i] if nominal else 0.0)
             value = (value + np.pi) % (2 * np.pi) - np.pi
             what = "" if structure.revolute[i] else "direction "
             parts.append(f"{what}{np.degrees(value):+.2f} ± {np.degrees(1.96 * sd[at]):.2f} deg")
-        at = lay.length[i]
+        at = groups["length"][i]
         if sd[at] > 0:
-            unit = structure.units["length"]
+            unit = structure.label(int(at)).unit
             unit = "" if unit == "1" else f" {unit}"
             digits = _digits(1.96 * sd[at])
             parts.append(f"length {beta[at]:.{digits}f} ± {1.96 * sd[at]:.{digits}f}{unit}")
-        at = lay.gain[i]
+        at = groups["gain"][i]
         if sd[at] > 0:
             parts.append(f"gain {beta[at]:.{min(_digits(1.96 * sd[at]), 8)}f}")
         if structure.signs[i] < 0:
             parts.append("turns against its log")
         if parts:
             lines.append(f"{name}: {', '.join(parts)}")
-        if i in lay.curve and sd[lay.curve[i]].any():
-            rms = 1e3 * curve_rms(beta[lay.curve[i]])
+        curve = groups[f"curve.{i}"]
+        if sd[curve].any():
+            rms = 1e3 * curve_rms(beta[curve])
             lines.append(f"joint curve of {name} {rms:.2f} mrad rms")
-    if sd[lay.elastic].any():
-        rms = 1e3 * float(np.sqrt((beta[lay.elastic] ** 2).mean()))
+    if sd[groups["elastic"]].any():
+        rms = 1e3 * float(np.sqrt((beta[groups["elastic"]] ** 2).mean()))
         lines.append(f"elasticity {rms:.2f} mrad rms")
     if structure.seen_as.tilted:
         lines.append(
@@ -72,10 +74,11 @@ def planar_words(structure: PlanarStructure, beta: Array, sd: Array) -> tuple[st
         )
     if structure.mirror != (structure.nominal.mirror if structure.nominal else 1):
         lines.append("the sensor sees the plane mirrored")
-    if sd[8] > 0:
+    radial = groups["lens"][0]
+    if sd[radial] > 0:
         lines.append(
-            f"lens bends by {100 * beta[8]:+.2f} ± {196 * sd[8]:.2f} % at "
-            f"{structure.size_of_lens:.3g} {structure.unit} from its centre"
+            f"lens bends by {100 * beta[radial]:+.2f} ± {196 * sd[radial]:.2f} % at "
+            f"{structure.measurement.size_of_lens:.3g} {structure.unit} from its centre"
         )
     return tuple(lines)
 
@@ -83,7 +86,7 @@ def planar_words(structure: PlanarStructure, beta: Array, sd: Array) -> tuple[st
 def spatial_words(structure: SpatialStructure, beta: Array, sd: Array) -> tuple[str, ...]:
     """Lines that say the parameters; the intervals are 95 %."""
     lines: list[str] = []
-    groups, layout = structure.groups, structure.layout
+    groups = structure.groups
     for i, name in enumerate(structure.chain_names):
         parts: list[str] = []
         if name in structure.joint_names:
@@ -97,7 +100,7 @@ def spatial_words(structure: SpatialStructure, beta: Array, sd: Array) -> tuple[
             at = groups["gain"][k]
             if sd[at] > 0:
                 parts.append(f"gain {beta[at]:.6f}")
-        shifts, turns = layout.shifts[i], layout.turns[i]
+        shifts, turns = structure.shifts[i], structure.turns[i]
         if sd[shifts].any():
             parts.append(
                 f"origin moved {1e3 * _length(beta[shifts]):.2f} ± "

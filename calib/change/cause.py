@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
-from ..body.structure import Label
+from ..body.parameters import Label
 
 AS_ONE = {
     "view.scale": "the sensor's scale changed",

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from ..body.covariance import autocorrelation_time
 from ..body.normal import Factor
-from ..body.structure import Indices
+from ..body.parameters import Indices
 from ..common.arrays import Array
 from .members import ANYWHERE, CREEP, NOTHING, Member, anywhere, drift, freedom, members_of
 from .reference import Reference

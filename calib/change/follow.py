@@ -8,19 +8,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..common.arrays import Array
 from ..errors import OptionError
 from ..maps import dsom
-from ..maps.density import Visit, gain_of, kind_of
+from ..maps.density import gain_of, kind_of
 from ..maps.lattice import Lattice
-from ..maps.links import oja, without_weak
+from ..maps.links import without_weak
 from ..maps.map import Map
-from ..maps.online import present_online
+from ..maps.vdsom import VDSOM, Layer, Rates
 from ..model.model import Model
 from .settled import settled_model
 from .watch import Step, Watch, matching_sigma
@@ -33,11 +32,7 @@ BLOCK = 100
 
 _GLANCE = 5  # one sample in so many tells the error
 _SIGMA_END = 0.5  # neighbourhood radius once settled [nodes]
-_ALPHA = (0.5, 0.05)  # learning rate just after a reset and once settled
-_ETA = 0.13  # eta_init of eq. 12: eta beta stays below 1, where eq. 11 is stable
-_BETA = 1.0  # beta_init of eq. 12
 _KEPT = 20_000  # latest samples that the local models are fitted to
-_LARGEST = 60_000_000  # links that are held densely
 _CALM = 3  # blocks after a reset before another change can be told from the first
 _LEAST = 10  # samples since a change that a model can rest on
 
@@ -62,18 +57,21 @@ class OnlineAdapter:
         if horizon < 1:
             raise OptionError(f"horizon {horizon}: expected one or more samples")
         check_followable(model)
-        if model.motor.size * model.sensory.size > _LARGEST:
-            raise OptionError(
-                f"lattices of {model.motor.size:,} and {model.sensory.size:,} nodes are too "
-                "large for online adaptation, which holds every link: use `method='few-shot'`"
-            )
         self._model = model
         self._horizon = horizon
         self._force = force
-        self._weights = {n: getattr(model, n).units.copy() for n in ("motor", "sensory")}
-        # by sensory node, so that the columns that eq. 11 changes are contiguous
-        # half the memory of float64; eq. 11 loses nothing by it
-        self._links: Any = np.ascontiguousarray(model.links.T.toarray(), dtype=np.float32)
+        rule = str(model.about.options.get("map", "vdsom"))
+        try:
+            gain, kind = gain_of(rule), kind_of(rule)
+        except OptionError:  # a function that the model file could not keep
+            gain, kind = gain_of("vdsom"), "som"
+        self._dynamic = kind == "dsom"  # its rate and radius follow the distance, not time
+        layers = [
+            Layer(part.units, part.lattice, part.scale, gain)
+            for part in (model.motor, model.sensory)
+            if isinstance(part.lattice, Lattice)
+        ]
+        self._net = VDSOM(layers, model.association.wiring, model.links.toarray())
         self._idle = np.zeros(model.sensory.size)  # what unvisited nodes should have forgotten
         self._seen = 0
         self._since = -1
@@ -106,7 +104,7 @@ class OnlineAdapter:
     def _feed(self, u: Array, v: Array) -> Step:
         motor, sensory = self._map("motor"), self._map("sensory")
         some = slice(0, None, _GLANCE)
-        gap = (self._say(motor, u[some]) - v[some]) * sensory.scale.span
+        gap = (self._net.said(u[some], self._idle) - v[some]) * sensory.scale.span
         error = float(np.linalg.norm(gap, axis=1).mean())
         expected = self._watch.look(motor, sensory, u, v, error, self._since >= 0)
         self._seen += len(u)
@@ -124,27 +122,26 @@ class OnlineAdapter:
 
     def _learn(self, u: Array, v: Array, kept: slice) -> tuple[float, float, float]:
         """Form maps and links by samples; sigma, eta and beta of the last one."""
-        for name, network, points in (("motor", self._map("motor"), u),
-                                      ("sensory", self._map("sensory"), v)):  # fmt: skip
-            self._form(name, network, points)
-        wiring = self._model.association.wiring
-        t = np.minimum(self._since + np.arange(len(u)), self._horizon)
-        beta = _BETA * np.exp(1.0 - t / self._horizon)  # eq. 12
-        eta = _ETA * np.exp(1.0 - t / self._horizon)
-        a = wiring.activity(self._map("motor"), u).toarray()
-        b = wiring.activity(self._map("sensory"), v).toarray()
-        for a_motor, a_sensory, e, f in zip(a, b, eta, beta, strict=True):
-            oja(self._links.T, a_motor, a_sensory, float(e), float(f))  # eq. 11
+        t = self._since + np.arange(len(u))
+        starts = [self._start[name] for name in ("motor", "sensory")]
+        rates = Rates.following(t, starts, _SIGMA_END, self._horizon)  # eq. 10, 12
+        if self._dynamic:
+            for layer, points in zip(self._net.layers, (u, v), strict=True):
+                layer.weights = layer.weights.copy()
+                dsom.present_dsom(layer.weights, layer.lattice, points)
+        self._net.show((u, v), rates, maps=not self._dynamic)
         # eq. 11 forgets where a_j > 0 alone; a node that no sample visits forgets at the
         # mean pace of all, or a shortened arm would promise its old reach for ever
-        self._idle += float(eta * beta @ (b**2).sum(axis=1)) / b.shape[1]
-        self._idle[b.any(axis=0)] = 0.0
+        b = self._model.association.wiring.activity(self._map("sensory"), v)
+        forgot = rates.eta * rates.beta @ np.asarray(b.multiply(b).sum(axis=1)).ravel()
+        self._idle += float(forgot) / b.shape[1]
+        self._idle[np.unique(b.indices)] = 0.0
         self._since += len(u)
         self._q.append(self._model.motor.scale.from_unit(u)[kept])
         self._x.append(self._model.sensory.scale.from_unit(v)[kept])
         while sum(map(len, self._x)) - len(self._x[0]) >= _KEPT:
             del self._q[0], self._x[0]
-        return float(self._sigma("sensory", t[-1:])[0]), float(eta[-1]), float(beta[-1])
+        return float(rates.sigma[1][-1]), float(rates.eta[-1]), float(rates.beta[-1])
 
     def model(self, links: Literal["rest", "rule"] = "rest") -> Model:
         """The model as it stands, with local models of the latest samples.
@@ -159,7 +156,7 @@ class OnlineAdapter:
             return self._model
         found = None
         if links == "rule":
-            found = without_weak((self._links * np.exp(-self._idle)[:, None]).T)
+            found = without_weak(self._net.links * np.exp(-self._idle))
         maps = self._map("motor"), self._map("sensory")
         return settled_model(
             self._model, *maps, np.concatenate(self._q), np.concatenate(self._x), found
@@ -167,17 +164,8 @@ class OnlineAdapter:
 
     def _map(self, name: str) -> Map:
         network: Map = getattr(self._model, name)
-        return Map(self._weights[name], network.lattice, network.scale, network.history)
-
-    def _say(self, motor: Map, u: Array) -> Array:
-        """Readout ``activity`` of the dense links, (n, 2) in the sensory unit box."""
-        a = self._model.association.wiring.activity(motor, u)
-        k = a.nnz // len(u)
-        nodes, weight = a.indices.reshape(-1, k), a.data.reshape(-1, k)
-        strength = np.einsum("jnk,nk->nj", self._links[:, nodes], weight)
-        strength *= np.exp(-self._idle)
-        total = strength.sum(axis=1, keepdims=True)
-        return np.asarray(strength @ self._weights["sensory"] / np.maximum(total, 1e-30))
+        layer = self._net.layers[name == "sensory"]
+        return Map(layer.weights, network.lattice, network.scale, network.history)
 
     def _changed(self, u: Array, v: Array, expected: float) -> bool:
         """Whether the arm or the sensor has just changed."""
@@ -206,33 +194,6 @@ class OnlineAdapter:
             after = max(self._watch.mean[name], self._watch.block[name])
             self._start[name] = max(_SIGMA_END, matching_sigma(network, math.sqrt(after)))
         self._watch.reset()
-
-    def _sigma(self, name: str, t: NDArray[np.int_]) -> Array:
-        start = self._start[name]
-        # eq. 10: exp(-(t + tau) / T) with T such that it ends at half a node
-        return np.asarray(start * (_SIGMA_END / start) ** (t / self._horizon))
-
-    def _form(self, name: str, network: Map, points: Array) -> None:
-        t = np.minimum(self._since + np.arange(len(points)), self._horizon)
-        share = t / self._horizon
-        rate = _ALPHA[0] * (_ALPHA[1] / _ALPHA[0]) ** share
-        rule = str(self._model.about.options.get("map", "vdsom"))
-        assert isinstance(network.lattice, Lattice)  # noqa: S101 - checked at the start
-        try:
-            gain, kind = gain_of(rule), kind_of(rule)
-        except OptionError:  # a function that the model file could not keep
-            gain, kind = gain_of("vdsom"), "som"
-        weights = self._weights[name] = self._weights[name].copy()
-        if kind == "dsom":  # its rate and radius follow the distance, not time
-            dsom.present_dsom(weights, network.lattice, points)
-            return
-        if gain is not None:
-            distance, winner = network.nearest(points)
-            before = network.units
-            rate = rate * gain(
-                Visit(float(share[-1]), winner[:, 0], distance[:, 0], before, network.lattice)
-            )
-        present_online(weights, network.lattice, points, self._sigma(name, t), rate)
 
 
 def check_followable(model: Model) -> None:

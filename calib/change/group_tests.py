@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..body.belief import Body
-from ..body.structure import Indices
+from ..body.parameters import Indices
 from ..common.arrays import Array
 from .members import FRAME, TESTED, drift
 from .reference import Reference

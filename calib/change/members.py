@@ -15,9 +15,10 @@ from numpy.typing import NDArray
 
 from ..body.belief import Body
 from ..body.covariance import root_of
-from ..body.priors import SHIFT, TURN
+from ..body.parameters import Indices
+from ..body.settings import SHIFT, TURN
 from ..body.spatial import SpatialStructure
-from ..body.structure import Indices, Structure
+from ..body.structure import Structure
 from ..common.arrays import Array
 from ..common.choices import CAUSES
 from ..errors import OptionError
@@ -225,7 +226,7 @@ def _usual(structure: Structure, group: str, ix: Indices) -> Array:
     """
     sd = structure.prior((group,)).sd[ix]
     if isinstance(structure, SpatialStructure) and group == "placement":
-        turns = np.isin(ix, structure.layout.turns)
+        turns = np.isin(ix, structure.turns)
         sd = np.minimum(sd, np.where(turns, TURN, SHIFT))
     return np.asarray(sd)
 
@@ -262,7 +263,7 @@ def as_built(body: Body) -> Body:
     sd = _deviations(body, _arm_groups(structure), "built", _CURVE, metre)
     _keep_gauge(body, sd, None)
     if isinstance(structure, SpatialStructure):  # the first origin's place is the frame's own
-        sd[np.concatenate([structure.layout.shifts[0], structure.layout.turns[0]])] = 0.0
+        sd[np.concatenate([structure.shifts[0], structure.turns[0]])] = 0.0
     # What the samples left open stays correlated: along the gauge of a chain without a drawing,
     # deviations alone, of radians, would say that nothing was learned.
     active = np.union1d(np.flatnonzero(sd), body.active)

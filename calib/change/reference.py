@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 
 from ..arm.rotations import logarithm
 from ..body.belief import Body
-from ..body.structure import Indices, Structure
+from ..body.parameters import Indices
+from ..body.structure import Structure
 from ..body.views import is_camera
 from ..common.arrays import Array
 from ..common.rows import thinned

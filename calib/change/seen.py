@@ -6,25 +6,22 @@ the sensor's; everything else is a smooth correction of the readout.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field
-from types import MappingProxyType
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..body import planar_view
 from ..body.belief import Body
 from ..body.covariance import RADIUS_95
 from ..body.derivative import Derivative
+from ..body.measurement import Motion, Moved, Sight
+from ..body.parameters import Block, Indices
 from ..body.planar import PlanarStructure
-from ..body.structure import Indices, Structure
+from ..body.structure import Structure
 from ..common.arrays import Array
 from ..maps.map import search_tree
 from ..model.model import Model
 
-_VIEW = ("view.", "lens")
 _ALIKE = 3.0  # spacings of nodes within which the errors of maps have one sign
 
 
@@ -34,31 +31,40 @@ class SeenStructure(PlanarStructure):
 
     model: Any = field(default=None, compare=False)  # what predicts positions
 
-    @property
-    def groups(self) -> Mapping[str, Indices]:
-        """The view's groups; there are no others."""
-        found = {k: ix for k, ix in self.layout.groups.items() if k.startswith(_VIEW)}
-        return MappingProxyType(found)
+    def geometry(self) -> tuple[Block, ...]:
+        """Blocks of the chain: there are none."""
+        return ()
 
-    def chain(self, q: Array, beta: Array) -> NDArray[np.complex128]:  # noqa: ARG002
-        """Predicted positions (n,), as complex numbers."""
+    def seen(self, q: Array, beta: Array) -> tuple[Motion, Sight]:
+        """Where the model predicts the tip, and what the view makes of it."""
         value = self.model.predictor.value(self.model.motor.scale.to_unit(q))
-        return np.asarray(value[:, 0] + 1j * value[:, 1])
+        motion = _Predicted(np.ascontiguousarray(value.T))
+        return motion, self.measurement.look(self.seeing(beta), motion, q[:, :0])
 
     def derivative(self, q: Array, beta: Array, active: Indices) -> tuple[Array, Derivative]:
         """Positions (n, 2) and derivatives (n, 2, k) by the view's parameters."""
-        place = np.full(self.size, -1)
-        place[active] = np.arange(len(active))
-        z, _, out = planar_view.columns(self, self.chain(q, beta), beta, place, len(active))
-        return z, Derivative.of(out)
+        sight, out = self.seen(q, beta)[1], np.zeros((len(q), 2, self.size))
+        for name, columns in sight.columns():
+            moved = columns().reshape(-1, 2, len(q))
+            out[:, :, self.groups[name]] = moved.transpose(2, 1, 0)
+        return sight.values, Derivative.of(out[:, :, active])
 
     def predict_and_slope(self, q: Array, beta: Array) -> tuple[Array, Array]:
         """Positions (n, 2) and their derivative (n, 2, dof) by the joint values."""
         scale = self.model.motor.scale
-        _, tilt = self.model.predictor.value_and_slope(scale.to_unit(q))
-        place = np.full(self.size, -1)
-        z, view, _ = planar_view.columns(self, self.chain(q, beta), beta, place, 0)
-        return z, np.asarray(view @ (tilt / scale.span))
+        tilt = self.model.predictor.value_and_slope(scale.to_unit(q))[1] / scale.span
+        sight = self.seen(q, beta)[1]
+        return sight.values, sight.push(tilt.transpose(2, 1, 0)).transpose(2, 1, 0)
+
+
+class _Predicted(NamedTuple):
+    """Tips that a model predicts, (2, n)."""
+
+    position: Array
+
+    def joints(self) -> Moved:
+        """Nothing moves them."""
+        return np.zeros((0, *self.position.shape)), 0.0
 
 
 def body_of(model: Model) -> Body:

@@ -18,8 +18,8 @@ from ..body.fitting import fit_body
 from ..body.likeness import lengths_of, matern
 from ..body.nominal import nominal_of
 from ..body.normal import Factor
+from ..body.parameters import Indices
 from ..body.posterior import BodyFit
-from ..body.structure import Indices
 from ..common.arrays import Array
 from ..common.rows import thinned
 from ..common.scale import METRES

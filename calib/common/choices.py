@@ -3,8 +3,12 @@
 Plain tuples without any import, so that `calib --help` loads nothing that is heavy.
 """
 
-MAPS = ("vdsom", "som", "dsom", "gng")
-"""Networks that the command line offers; :data:`calib.maps.density.GAINS` knows their variants."""
+MAPS = (
+    "som", "vdsom", "vdsom:residual", "vdsom:border", "vdsom:rho", "vdsom:printed", "vdsom:error",
+    "vdsom:density", "vdsom:lattice", "vdsom:mixed", "vdsom:transformation", "dsom", "gng",
+    "gng:error", "gng:border", "gng:density", "gas", "grid", "random", "rows",
+)  # fmt: skip
+"""Networks: :data:`calib.maps.density.GAINS` has the same, with the gain that each trains with."""
 
 RULES = ("batch", "online")
 """Training rules of a map."""
@@ -41,9 +45,6 @@ PICTURES = (".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp", ".ppm", "
 
 VIDEOS = (".mp4", ".mov", ".avi", ".mkv", ".webm", ".m4v", ".mpg", ".mpeg", ".wmv")
 """Endings of files that are videos, whatever else OpenCV opens."""
-
-BACKENDS = ("loky", "threading", "dask", "ray")
-"""Where the trainings of a sweep run: processes or threads of this machine, or clusters."""
 
 MOTIONS = ("uniform", "halton", "sobol", "smooth")
 """How a simulated arm babbles."""

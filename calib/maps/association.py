@@ -59,6 +59,10 @@ class Association:
     motor_means: Array | None = None
     sensory_means: Array | None = None
 
+    def __repr__(self) -> str:
+        strong = f"{len(self.linked.data):,} links"
+        return f"Association({self.motor!r}, {self.sensory!r}, {strong})"
+
     def __post_init__(self) -> None:
         freeze(self, "motor_means", "sensory_means")
         links = self.linked

@@ -64,7 +64,7 @@ def learn_batch(
             if gain is not None and stage.progress is not None:
                 first, last = stage.progress
                 t, by, far = first + (last - first) * share, winner[back], distance[back]
-                visit = Visit(t, by, far, weights, lattice, known, wrong, stage.grown, per_node)
+                visit = Visit(t, by, far, weights, lattice, known, wrong, float(sigma), per_node)
                 g[back] = gain(visit)
             topographic = topographic_error(some, tree, lattice)
             # of each node: sum of the samples that it won, and their weight

@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..common.arrays import Array
-from ..common.choices import MAPS
 from ..errors import OptionError
 from .graph import Graph
 from .lattice import Lattice
@@ -42,8 +41,8 @@ class Visit:
         The same samples in the other space, in its unit box, where it is known.
     residual : (n,) array, optional
         Held-out error of a smooth model at each sample, where one was fitted [unit].
-    grown : bool
-        Whether the map trains at the default schedule of its rule.
+    sigma : float [nodes]
+        Neighbourhood radius now; NaN where a network has none.
     per_node : float
         Training samples per node.
     """
@@ -55,30 +54,48 @@ class Visit:
     lattice: Lattice | Graph
     partners: Array | None = None
     residual: Array | None = None
-    grown: bool = False
+    sigma: float = np.nan
     per_node: float = np.inf
+
+    @property
+    def sums(self) -> Array:
+        """Sum over the neighbours i of |w_j - w_i|^2, for each node j, (nodes,): that of eq. 7."""
+        a, b = self.lattice.edges().T
+        square = np.sum((self.weights[a] - self.weights[b]) ** 2, axis=1)
+        n = len(self.weights)
+        return np.asarray(np.bincount(a, square, n) + np.bincount(b, square, n), dtype=float)
 
 
 Gain = Callable[[Visit], Array]
 
 
-_STRENGTH = 9.0  # of the border's gain at a radius that the user chooses, and in the paper's tables
 _FULL = 2 / 3  # share of the training after which the gain at the border is full
 _LEAST, _MOST = 0.05, 50.0  # of the residual's share in the gain
 _OWN = 5.0  # samples that each node keeps
 
 
-def border(visit: Visit, strength: float = _STRENGTH) -> Array:
-    """Gain of nodes "with a small number of neighbors": corners, edges.
+def border(visit: Visit, share: float = 1.0) -> Array:
+    """Gain of nodes "with a small number of neighbors", corners and edges: what the paper means.
 
-    g = exp(p min(1, 3/2 t/T) (1 - neighbours / most neighbours)).  It needs no distances,
-    has no feedback and cannot tear the map; the last third of the training, at the full
-    gain, brings the map to rest.
+    g = exp(p min(1, 3/2 t/T) (1 - neighbours / most neighbours)), p a `share` of
+    :func:`border_strength`.  It needs no distances, has no feedback and cannot tear the map; the
+    last third of the training, at the full gain, brings the map to rest.
     """
     lonely = 1.0 - visit.lattice.neighbours()
-    ramp = min(1.0, visit.progress / _FULL)
+    ramp = share * min(1.0, visit.progress / _FULL)
+    strength = border_strength(visit.lattice, visit.per_node)
     gain: Array = np.exp(strength * ramp * lonely)[visit.winners]
     return gain
+
+
+def as_printed(_visit: Visit) -> Array:
+    """Equations 7 and 8 as printed, which no factor on a sample is: see `vdsom.py`.
+
+    h = (t / (rho T))^4 exp(-t / (sigma^2 T)) does not depend on the node: all follow each sample.
+    """
+    raise OptionError(
+        "eq. 8 as printed is a rule for one sample at a time: give rule='online'", parameter="rule"
+    )
 
 
 def error(visit: Visit, strength: float = 1.0) -> Array:
@@ -126,22 +143,13 @@ def transformation(visit: Visit, strength: float = 1.0) -> Array:
     return np.asarray((variance / overall + 1e-6) ** (strength * visit.progress))
 
 
-def _local_distances(visit: Visit) -> Array:
-    """Sum over the lattice neighbours i of |w_j - w_i|^2, for each node j."""
-    a, b = visit.lattice.edges().T
-    square = np.sum((visit.weights[a] - visit.weights[b]) ** 2, axis=1)
-    n = visit.lattice.size
-    total: Array = np.bincount(a, square, n) + np.bincount(b, square, n).astype(float)
-    return total
-
-
 def density(visit: Visit, strength: float = 1.0) -> Array:
     """Gain of dense nodes: equation 7 with O the local neighbourhood, ramp of equation 8.
 
     rho = exp(-sum |w_bmu - w_i|^2 / its mean), g = (rho / mean rho)^(p (t/T)^4).  Dense
     attracts denser: the feedback is positive and tears the map when it is strong.
     """
-    total = _local_distances(visit)
+    total = visit.sums
     rho = np.exp(-total / max(float(total.mean()), 1e-300))
     gain: Array = (rho / rho.mean()) ** (strength * visit.progress**4)
     return gain[visit.winners]
@@ -167,10 +175,11 @@ def lattice(visit: Visit, strength: float = 3.0) -> Array:
 
 
 def rho(visit: Visit) -> Array:
-    """Equations 7 and 8 to the letter, with O the whole lattice.
+    """Equations 7 and 8 as a factor beside eq. 3, with O the whole lattice: their stable reading.
 
-    g = 1 + (t mean(rho) / (rho T))^4.  The fourth power is a factor on the update and no
-    exponent of the time: at t = 0 the gain is 1, at the end it is 2 where rho is its mean.
+    g = 1 + (t mean(rho) / (rho T))^4, rho = exp(-sum |w_bmu - w_i|^2 / its mean).  It differs
+    from what is printed: exp(-t / (sigma^2 T)) stays the Gaussian of eq. 3, so that a pull falls
+    with the distance, and the gain starts at 1 instead of 0, as eq. 2 needs to begin at all.
     With the sum over "each node in the lattice" rho is smallest at the border.
     """
     rho = _remoteness(visit)
@@ -185,12 +194,10 @@ def residual(visit: Visit) -> Array:
     samples are few for the nodes, see :func:`rationed`, and r the mean square of
     the model's held-out residuals around a sample, see
     :func:`calib.maps.misfit.misfit`; "concentration of nodes in regions with large
-    transformation errors".  Without residuals it is the border's gain alone.  At the
-    default schedule of either rule its strength follows the lattice, see
-    :func:`border_strength`; at a radius that the user chooses it is that of :func:`border`.
+    transformation errors".  The border's gain has two thirds of its strength; without residuals
+    it is all there is.
     """
-    own = border_strength(visit.lattice, visit.per_node) if visit.grown else _STRENGTH
-    gain = border(visit, own)
+    gain = border(visit, 2 / 3)
     if visit.residual is None:
         return gain
     ramp = min(1.0, visit.progress / _FULL)
@@ -227,20 +234,21 @@ def rationed(residual: Array, per_node: float, dim: int) -> Array:
 
 
 def border_strength(lattice: Lattice | Graph, per_node: float = np.inf) -> float:
-    """Strength p of the border's gain: 2 log2(side / 4), 1 to 6, by the nodes along a side.
+    """Strength p of the border's gain: 3 log2(side / 4), 1.5 to 9, by the nodes along a side.
 
     Of a small lattice a large share is border: drawn there, its nodes would be missed inside.
     With fewer than 4 samples per node it is less, down to half: at full strength the readout
     ``winner`` lost 7 % on 30x30 nodes of 2,000 samples.
     """
     side = lattice.size ** (1 / getattr(lattice, "dim", 2))
-    return float(np.clip(2.0 * np.log2(side / 4.0), 1.0, 6.0) * np.clip(per_node / 4.0, 0.5, 1.0))
+    return float(np.clip(3.0 * np.log2(side / 4.0), 1.5, 9.0) * np.clip(per_node / 4.0, 0.5, 1.0))
 
 
 READINGS: dict[str, Gain] = {
     "residual": residual,
     "border": border,
     "rho": rho,
+    "printed": as_printed,
     "error": error,
     "density": density,
     "lattice": lattice,
@@ -252,10 +260,12 @@ READINGS: dict[str, Gain] = {
 _VARYING_GNG = ("error", "border", "density")
 
 GAINS: dict[str, Gain | None] = {
-    **dict.fromkeys((*MAPS, "gas", *UNTRAINED)),
-    "vdsom": residual,
+    "som": None,
+    "vdsom": border,
     **{f"vdsom:{name}": gain for name, gain in READINGS.items()},
+    **dict.fromkeys(("dsom", "gng")),
     **{f"gng:{name}": READINGS[name] for name in _VARYING_GNG},
+    **dict.fromkeys(("gas", *UNTRAINED)),
 }
 """Networks by their name in ``--map`` and the gain that each trains with."""
 

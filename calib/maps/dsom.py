@@ -27,7 +27,7 @@ _RATE = 0.1
 def learn_dsom(
     u: Array, lattice: Lattice, epochs: int, rng: np.random.Generator
 ) -> Iterator[Epoch]:
-    """Train a map that starts in the middle, see :func:`calib.maps.online.learn_online`."""
+    """Train a map that starts in the middle, see :func:`calib.maps.vdsom.passes`."""
     # from one place it unfolds; scattered nodes are close to every sample and stay put
     weights = 0.5 + 0.01 * (rng.random((lattice.size, u.shape[1])) - 0.5)
     for _ in range(epochs):
@@ -52,7 +52,7 @@ def present_dsom(
 
     Exact, but for the neighbourhood being cut where it falls below exp(-8).
 
-    Arguments and result are those of :func:`calib.maps.online.present_online`, but for the source's
+    Arguments and result are those of :meth:`calib.maps.vdsom.VDSOM.show`, but for the source's
     `elasticity` and `rate`.
     """
     dim = samples.shape[1]

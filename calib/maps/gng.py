@@ -81,7 +81,7 @@ def learn_gng(
 ) -> Iterator[Epoch]:
     """Grow a gas of `nodes` nodes; yields after each pass over the samples.
 
-    Parameters that are not here are those of :func:`calib.maps.online.learn_online`.
+    Parameters that are not here are those of :func:`calib.maps.vdsom.passes`.
 
     nodes : nodes to grow to: within the first 60 % of the samples, at an even pace
     gain : varying density: a factor on the errors that are accumulated

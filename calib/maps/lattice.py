@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +15,32 @@ from ..errors import OptionError
 
 MAX_NODES = 4_000_000
 """Largest lattice that is built: some 2 GB while training."""
+
+
+Size = int | str | Sequence[int]
+"""Nodes along each axis as users give them: 10 or "10" for 10x10, "5x8", (5, 5, 5)."""
+
+
+def shape_of(size: Size, name: str = "size") -> tuple[int, ...]:
+    """A size as the shape of a lattice.
+
+    Raises OptionError if it is none.
+    """
+    parts: Any = size.lower().split("x") if isinstance(size, str) else size
+    try:
+        several = [parts] if isinstance(size, int | np.integer) else list(parts)
+        if isinstance(size, bool) or any(isinstance(n, float | bool) for n in several):
+            raise ValueError
+        whole = [int(n) for n in several]
+    except (TypeError, ValueError):
+        raise OptionError(
+            f"{name} {size!r}: expected whole numbers of nodes such as 9, '9x9' or (9, 9)",
+            parameter=name,
+            value=size,
+        ) from None
+    if len(whole) == 1 and isinstance(size, str | int | np.integer):
+        whole *= 2
+    return Lattice(tuple(whole)).shape
 
 
 @dataclass(frozen=True)
@@ -61,6 +89,11 @@ class Lattice:
             along[[0, -1]] = 2.0
             counts *= along.reshape([-1 if a == axis else 1 for a in range(self.dim)])
         return (counts.ravel() - 1.0) / (3.0**self.dim - 1.0)
+
+    def beside(self, i: int) -> NDArray[np.intp]:
+        """Nodes around node `i`, diagonal ones included, (k,): O of eq. 7."""
+        apart = np.abs(self.positions() - self.positions()[i]).max(axis=1)
+        return np.flatnonzero(apart == 1.0)
 
     def edges(self) -> NDArray[np.intp]:
         """Pairs of nodes that are neighbours along an axis, (m, 2)."""

@@ -154,18 +154,3 @@ def _settled(square: Array, beta: float) -> Array:
     exposure = beta * square
     reached = -np.expm1(-exposure)
     return np.divide(reached, exposure, out=np.zeros_like(square), where=exposure > 0)
-
-
-def oja(links: Array, a_motor: Array, a_sensory: Array, eta: float, beta: float = 1.0) -> None:
-    """One step of Oja's rule on dense links, in place (eq. 5; eq. 11 with `beta`).
-
-    links : (motor nodes, sensory nodes), c_ij, changed in place
-    a_motor, a_sensory : (motor nodes,), (sensory nodes,), activities a_i and a_j of one sample
-    eta : learning rate
-    beta : forgetting factor
-    """
-    i, j = np.flatnonzero(a_motor), np.flatnonzero(a_sensory)
-    c = links[:, j]
-    c -= eta * beta * c * a_sensory[j] ** 2
-    c[i] += eta * np.outer(a_motor[i], a_sensory[j])
-    links[:, j] = c

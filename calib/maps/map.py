@@ -39,6 +39,10 @@ class Map:
     def __post_init__(self) -> None:
         freeze(self, "units", "history")
 
+    def __repr__(self) -> str:
+        nodes, axes = "x".join(map(str, self.lattice.shape)), self.units.shape[1]
+        return f"Map({nodes} nodes in {axes} dimensions, {len(self.history)} epochs)"
+
     @property
     def weights(self) -> Array:
         """Weights of the nodes, (nodes, d) [rad, m or the sensor's unit]; read-only."""
@@ -79,6 +83,19 @@ class Map:
         own = total / np.maximum(np.bincount(ends, minlength=self.size), 1)
         # a node on top of its neighbours, or joined to none, has the spacing of the map
         return frozen(np.where(own > 1e-6 * self.spacing, own, max(self.spacing, 1e-300)))
+
+    @property
+    def u_matrix(self) -> Array:
+        """Mean distance of each node to its neighbours in the space's own unit.
+
+        Shaped like the lattice; of a map without one (nodes,).
+        """
+        a, b = self.edges.T
+        gap = self.scale.difference(self.units[a], self.units[b]) * self.scale.span
+        length = np.tile(np.linalg.norm(gap, axis=1), 2)
+        ends = self.edges.T.ravel()
+        count = np.maximum(np.bincount(ends, minlength=self.size), 1)
+        return np.asarray(np.bincount(ends, length, self.size) / count).reshape(self.lattice.shape)
 
     def nearest(self, u: Array, k: int = 1) -> tuple[Array, Index]:
         """Distances and indices, (n, k), of the `k` nodes nearest to `u` in the unit box."""

@@ -1,40 +1,25 @@
-"""Two maps and their links from any paired samples: the paper's network as a building block.
-
-``calib.SOM(...).fit_pair(q, x)``.  With the batch rule the links are those at which eq. 5
-comes to rest.  With the online rule maps and links develop together: eq. 1 to 4 move the
-nodes while eq. 5 is stepped sample by sample, and a curve tells how far they are.
-"""
+"""Two maps and their links from any paired samples: what ``calib.SOM.fit_pair`` returns."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..common.arrays import Array
 from ..common.parallel import one_blas_thread
-from ..common.scale import Scale
-from ..errors import OptionError
 from .association import Association
-from .density import Gain
-from .epoch import Epoch
-from .fields import Neighbourhood
-from .lattice import Lattice
-from .links import Wiring, oja, without_weak
+from .links import Wiring, without_weak
 from .map import Map, nearest_nodes, search_tree
-from .online import Learner
+from .vdsom import VDSOM, Layer, Rates, passes
 
 CURVE = ("samples", "sigma", "zeta_motor", "zeta_sensory", "error")
 """Columns of a curve: samples shown, radius [nodes], distortions (eq. 9, unit box), and the
 mean distance from new samples to what the readout ``activity`` says of them [unit]."""
 
-_ETA = 0.13
-"""Learning rate of the links (eq. 5)."""
-
-_CHUNK = 250  # samples between two points of the curve
-_LARGEST = 60_000_000  # links that are held densely
+_GLANCE = 5  # one sample in so many tells the error
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,6 +37,9 @@ class Pair:
     association: Association
     curve: Array
 
+    def __repr__(self) -> str:
+        return f"Pair({self.association!r}, curve of {len(self.curve)} points)"
+
     def forward(self, q: Array, readout: str = "activity") -> Array:
         """What the links say of rows (n, d) of the first space, (n, k) in the second's unit."""
         pair = self.association
@@ -60,88 +48,44 @@ class Pair:
 
 
 def develop(
-    q: Array,
-    x: Array,
-    lattice: Lattice,
-    gain: Gain | None,
-    sigma: tuple[float, float],
+    layers: Sequence[Layer],
+    points: Sequence[Array],
     epochs: int,
+    sigma: tuple[float, float],
     wiring: Wiring,
     rng: np.random.Generator,
-    neighbourhood: Neighbourhood | None = None,
-    *,
-    grown: bool = False,
+    tell: Callable[[float, float], None] | None = None,
 ) -> Pair:
-    """Let two maps and their links develop together, one sample at a time (eq. 1 to 6).
+    """Let two maps and their links develop together, one sample at a time (eq. 1 to 8).
 
-    q, x : (n, d), (n, k), paired samples
-    wiring : how nodes are active (eq. 6)
-    The other parameters are those of :func:`calib.maps.online.learn_online`.
+    layers : the motor and the sensory map as they start
+    points : (n, d), (n, k), paired samples in the unit boxes
+    tell : called with the share of the work done and the sensory quantization error
+    The other parameters are those of :func:`calib.maps.vdsom.passes`.
     """
-    if lattice.size**2 > _LARGEST:
-        raise OptionError(
-            f"two maps of {lattice.size:,} nodes: eq. 5 keeps a Hebbian link for every pair of "
-            f"nodes; give maps of at most {int(_LARGEST**0.5):,} nodes, or rule='batch'"
-        )
-    scales = (Scale.of_data(q), Scale.of_data(x))
-    points = [scale.to_unit(rows) for scale, rows in zip(scales, (q, x), strict=True)]
-    starts = [rng.random((lattice.size, p.shape[1])) for p in points]
-    learners = [
-        Learner(weights, lattice, gain, sigma, epochs * len(q), neighbourhood, grown)
-        for weights in starts
-    ]
-    links: Any = np.zeros((lattice.size, lattice.size), dtype=np.float32)
-    history: list[list[Epoch]] = [[], []]
-    curve = []
+    net, curve, history = VDSOM(layers, wiring), [], []
+    box = layers[1].scale
 
-    def maps() -> tuple[Map, Map]:
-        motor, sensory = (
-            Map(learner.weights, lattice, scale, np.array([e.row for e in told]).reshape(-1, 4))
-            for learner, scale, told in zip(learners, scales, history, strict=True)
-        )
-        return motor, sensory
+    def look(rows: NDArray[np.intp], done: int, rates: Rates) -> None:
+        if done > len(rows):
+            some = rows[::_GLANCE]
+            gap = (net.said(points[0][some]) - points[1][some]) * box.span
+            error = float(np.linalg.norm(gap, axis=1).mean())
+        else:
+            error = float("nan")  # there are no links yet
+        found = [
+            float(np.mean(nearest_nodes(search_tree(layer.weights), p[rows])[0] ** 2))  # eq. 9
+            for layer, p in zip(net.layers, points, strict=True)
+        ]
+        curve.append((done, float(rates.sigma[1][-1]), *found, error))
 
     with one_blas_thread():
-        for _ in range(epochs):
-            order = rng.permutation(len(q))
-            zeta = np.zeros(2)
-            for first in range(0, len(order), _CHUNK):
-                rows = order[first : first + _CHUNK]
-                error = _error(*maps(), links, wiring, points, rows, x)
-                found = []
-                for k, learner in enumerate(learners):
-                    distance, _ = nearest_nodes(search_tree(learner.weights), points[k][rows])
-                    found.append(float(np.mean(distance**2)))
-                    zeta[k] += distance.sum()
-                    learner.show(points[k][rows])
-                curve.append((learner.done, learner.radius, *found, error))
-                active = (
-                    wiring.activity(net, p[rows]).toarray()
-                    for net, p in zip(maps(), points, strict=True)
-                )
-                for a_motor, a_sensory in zip(*active, strict=True):
-                    oja(links, a_motor, a_sensory, _ETA)  # eq. 5
-            for told, learner, p, total in zip(history, learners, points, zeta, strict=True):
-                error = float(total / len(q))
-                told.append(Epoch.of(p, learner.weights, lattice, learner.radius, error))
-        motor, sensory = maps()
-        return Pair(Association(motor, sensory, without_weak(links), wiring), np.array(curve))
-
-
-def _error(
-    motor: Map,
-    sensory: Map,
-    links: Any,
-    wiring: Wiring,
-    points: list[Array],
-    rows: NDArray[np.intp],
-    x: Array,
-) -> float:
-    """Mean distance of samples to what the dense links say of them, before they are learned."""
-    a = wiring.activity(motor, points[0][rows])
-    strength = np.asarray(a @ links)
-    total = strength.sum(axis=1, keepdims=True)
-    if not (total > 0.0).any():
-        return float("nan")
-    predicted = sensory.scale.from_unit(strength @ sensory.units / np.maximum(total, 1e-30))
-    return float(np.linalg.norm(predicted - x[rows], axis=1).mean())
+        for told in passes(net, points, epochs, sigma, rng, look):
+            history.append(told)
+            if tell is not None:
+                tell(len(history) / epochs, told[1].error)
+    motor, sensory = (
+        Map(layer.weights, layer.lattice, layer.scale, np.array([e[k].row for e in history]))
+        for k, layer in enumerate(net.layers)
+    )
+    return Pair(Association(motor, sensory, without_weak(net.links), wiring), np.array(curve))

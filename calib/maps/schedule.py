@@ -31,8 +31,6 @@ class Stage:
     # t / T of a varying density before and after this stage; without it the density does not vary
     # here
     progress: tuple[float, float] | None = None
-    # whether it belongs to the default schedule of a varying density, see :func:`growing`
-    grown: bool = False
 
 
 _LAST, _LAST_VARYING = 0.4, 1.5  # last radii of the full lattice [nodes]
@@ -104,15 +102,15 @@ def growing(
         return coarse_to_fine(lattice, epochs, sigma, varying=True)
     stages = coarse_to_fine(lattice)
     if stages[0].final:
-        return [replace(stages[0], progress=(0.0, 1.0), grown=True)]
+        return [replace(stages[0], progress=(0.0, 1.0))]
     first, *coarse = stages[:-1]
     share = np.linspace(0.0, _GROWN, len(coarse) + 1)
     varying = [
-        replace(stage, progress=(float(share[k]), float(share[k + 1])), grown=True)
+        replace(stage, progress=(float(share[k]), float(share[k + 1])))
         for k, stage in enumerate(coarse)
     ]
     radii = decay(_FIRST_GROWING, _last_growing(lattice), _EPOCHS_GROWING)
-    last = Stage(lattice, radii, _ALL, final=True, progress=(_GROWN, 1.0), grown=True)
+    last = Stage(lattice, radii, _ALL, final=True, progress=(_GROWN, 1.0))
     return [first, *varying, last]
 
 

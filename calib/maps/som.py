@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,7 +12,6 @@ from ..common.choices import RULES
 from ..common.parallel import one_blas_thread
 from ..common.scale import Scale
 from ..errors import LogError, OptionError
-from . import pair as pairs
 from . import untrained
 from .association import Association
 from .batch import learn_batch
@@ -23,14 +21,12 @@ from .epoch import Epoch
 from .fields import LinkRule, Neighbourhood, checked_gain
 from .gas import learn_gas
 from .gng import learn_gng, samples_shown
-from .lattice import Lattice
+from .lattice import Lattice, Size, shape_of
 from .links import wiring_of
 from .map import Map
-from .online import learn_online
+from .pair import CURVE, Pair, develop
 from .schedule import Stage, coarse_to_fine, growing, total_work
-
-if TYPE_CHECKING:
-    from .pair import Pair
+from .vdsom import VDSOM, Layer, passes
 
 _Progress = Callable[[float, float], None]
 """Called with the share of the work done and the current quantization error."""
@@ -44,16 +40,17 @@ class SOM:
 
     Attributes
     ----------
-    size : tuple of int
-        Nodes along each lattice axis; a growing neural gas takes their number.
+    size : int, str or tuple of int
+        Nodes along each lattice axis: 10 stands for 10x10, as does "10x10"; a growing neural gas
+        takes their number.
     map : str or gain function
-        "som", "vdsom" or a reading of it ("vdsom:error"), "dsom", "gng" or one with a
-        varying density ("gng:error"), "gas", nodes that are not trained ("grid", "random",
-        "rows"), or a function of a
-        :class:`~calib.maps.density.Visit` that returns a gain per sample.
+        "som", "vdsom" (as the paper means it) or another reading of it ("vdsom:rho"), "dsom",
+        "gng" or one with a varying density ("gng:error"), "gas", nodes that are not trained
+        ("grid", "random", "rows"), or a function of a :class:`calib.Visit` that returns a
+        gain per sample.
     rule : {"batch", "online"}
-        Batch map (Kohonen 2013), or eq. 1 to 4 one sample at a time.  A dynamic map and a
-        growing neural gas know only the latter and take no notice.
+        Batch map (Kohonen 2013), or eq. 1 to 8 one sample at a time (`vdsom.py`).  A dynamic
+        map and a growing neural gas know only the latter and take no notice.
     epochs : int, optional
         Passes over the samples.
     sigma : (float, float), optional
@@ -75,19 +72,21 @@ class SOM:
     --------
     >>> import numpy as np, calib
     >>> x = np.random.default_rng(0).uniform(size=(2000, 2))
-    >>> som = calib.SOM((10, 10), map="som").fit(x)
+    >>> som = calib.SOM(10, map="som").fit(x)
     >>> som.weights.shape
     (100, 2)
+    >>> som
+    Map(10x10 nodes in 2 dimensions, 20 epochs)
 
     A varying density of one's own, four times as dense where x is large:
 
     >>> def gain(visit: calib.Visit):
     ...     return 1.0 + 3.0 * visit.progress * visit.weights[visit.winners, 0]
-    >>> bool(calib.SOM((10, 10), map=gain).fit(x).weights[:, 0].mean() > 0.5)
+    >>> bool(calib.SOM(10, map=gain).fit(x).weights[:, 0].mean() > 0.5)
     True
     """
 
-    size: tuple[int, ...]
+    size: Size
     map: str | Gain = "vdsom"
     rule: str = "batch"
     epochs: int | None = None
@@ -100,13 +99,7 @@ class SOM:
     def __post_init__(self) -> None:
         wiring_of(self.links)
         kind = kind_of(self.map)
-        whole = isinstance(self.size, (tuple, list)) and self.size
-        if not whole or not all(isinstance(n, (int, np.integer)) for n in self.size):
-            raise OptionError(
-                f"size {self.size!r}: expected whole numbers of nodes such as (9, 9)",
-                parameter="size",
-                value=self.size,
-            )
+        object.__setattr__(self, "size", shape_of(self.size))
         if self.neighbourhood is not None and kind != "som":
             raise OptionError(
                 f"map {self.map!r} has a neighbourhood of its own: give one with 'som' or 'vdsom'"
@@ -172,7 +165,7 @@ class SOM:
         gain = self._gain()
         scale = scale or Scale.of_data(x)
         u = scale.to_unit(x)
-        epochs, work = self._training(u, gain, partners, residual)
+        epochs, work = self._training(u, scale, gain, partners, residual)
         history, done = [], 0
         # small products of matrices: threads would only wait for each other
         with one_blas_thread():
@@ -201,7 +194,7 @@ class SOM:
         --------
         >>> import numpy as np, calib
         >>> q = np.random.default_rng(0).uniform(size=(1500, 2))
-        >>> pair = calib.SOM((8, 8), rule="online", epochs=4).fit_pair(q, q**2)
+        >>> pair = calib.SOM(8, "som", "online", epochs=8).fit_pair(q, q**2)
         >>> bool(pair.curve[-1, 4] < 0.1 < pair.curve[1, 4])
         True
         """
@@ -209,32 +202,47 @@ class SOM:
         if q.ndim != 2 or x.ndim != 2 or len(q) != len(x) or len(q) < 2:
             raise LogError(f"samples of shapes {q.shape} and {x.shape}: expected (n, d) and (n, k)")
         wiring = wiring_of(self.links)
-        if self.rule == "online" and kind_of(self.map) == "som":
-            if wiring.rule is not None:
-                raise OptionError("a link rule of your own needs rule='batch'")
-            lattice = Lattice(self.size)
-            return pairs.develop(
-                q,
-                x,
-                lattice,
-                self._gain(),
-                self._online_sigma(lattice),
-                self._passes(),
-                wiring,
-                np.random.default_rng(self.seed),
-                self.neighbourhood,
-                grown=self.sigma is None,
-            )
         scales = (Scale.of_data(q), Scale.of_data(x))
+        u, v = scales[0].to_unit(q), scales[1].to_unit(x)
+        if self.rule == "online" and kind_of(self.map) == "som":
+            return self.developed((u, v), scales)
         own = self.seed.entropy if isinstance(self.seed, np.random.SeedSequence) else self.seed
         seeds = np.random.SeedSequence(own).spawn(2)
-        u, v = scales[0].to_unit(q), scales[1].to_unit(x)
         motor, sensory = (
             replace(self, seed=seed).fit(rows, scale=scale, partners=partners)
             for seed, rows, scale, partners in zip(seeds, (q, x), scales, (v, u), strict=True)
         )
         association = Association.learn(motor, u, sensory, v, wiring)
-        return pairs.Pair(association, np.zeros((0, len(pairs.CURVE))))
+        return Pair(association, np.zeros((0, len(CURVE))))
+
+    def developed(
+        self,
+        points: tuple[Array, Array],
+        scales: tuple[Scale, Scale],
+        shapes: tuple[Size, Size] | None = None,
+        tell: _Progress | None = None,
+    ) -> Pair:
+        """Maps and links that develop together by the online rule.
+
+        points : (n, d), (n, k), paired samples in the unit boxes of the `scales`
+        shapes : of the two lattices, where they differ
+        """
+        wiring = wiring_of(self.links)
+        if wiring.rule is not None:
+            raise OptionError("a link rule of your own needs rule='batch'")
+        rng, lattices = np.random.default_rng(self.seed), shapes or (self.size, self.size)
+        layers = [
+            self._layer(Lattice(shape_of(shape)), scale, p, rng)
+            for shape, scale, p in zip(lattices, scales, points, strict=True)
+        ]
+        sigma = self._online_sigma(layers[0].lattice)
+        return develop(layers, points, self._passes(), sigma, wiring, rng, tell)
+
+    def _layer(self, lattice: Lattice, scale: Scale, u: Array, rng: np.random.Generator) -> Layer:
+        """A map at its random start."""
+        weights = rng.random((lattice.size, u.shape[1]))
+        per_node = len(u) / lattice.size
+        return Layer(weights, lattice, scale, self._gain(), self.neighbourhood, per_node)
 
     def _gain(self) -> Gain | None:
         return gain_of(self.map) if isinstance(self.map, str) else checked_gain(self.map)
@@ -246,32 +254,42 @@ class SOM:
         """Passes over the samples of the rules that do not go from coarse to fine."""
         return self.epochs or {"gas": 8, "gng": 10}.get(kind_of(self.map), 5)
 
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Nodes along each lattice axis."""
+        return shape_of(self.size)
+
     def _stages(self) -> list[Stage]:
         # a neighbourhood of the user's own trains the full lattice alone
         epochs = self.epochs or (None if self.neighbourhood is None else 20)
-        if self.map in ("vdsom", "vdsom:residual"):
-            return growing(Lattice(self.size), epochs, self.sigma)
-        return coarse_to_fine(Lattice(self.size), epochs, self.sigma, varying=self.map != "som")
+        if self.map == "vdsom:residual":
+            return growing(Lattice(self.shape), epochs, self.sigma)
+        return coarse_to_fine(Lattice(self.shape), epochs, self.sigma, varying=self.map != "som")
 
     def _training(
-        self, u: Array, gain: Gain | None, partners: Array | None, residual: Array | None
+        self,
+        u: Array,
+        scale: Scale,
+        gain: Gain | None,
+        partners: Array | None,
+        residual: Array | None,
     ) -> tuple[Iterator[Epoch], int]:
         """The epochs that train, and how many samples they show in all."""
         rng = np.random.default_rng(self.seed)
-        kind, lattice, n, passes = kind_of(self.map), Lattice(self.size), len(u), self._passes()
+        kind, lattice, n, epochs = kind_of(self.map), Lattice(self.shape), len(u), self._passes()
         if kind in untrained.KINDS:
             return untrained.place(kind, u, lattice, rng), n
         if kind == "gas":
-            return learn_gas(u, lattice.size, passes, rng), n * passes
+            return learn_gas(u, lattice.size, epochs, rng), n * epochs
         if kind == "gng":
             shown = samples_shown(n, lattice.size)
-            return learn_gng(u, lattice.size, gain, passes, rng, self.error), shown * passes
+            return learn_gng(u, lattice.size, gain, epochs, rng, self.error), shown * epochs
         if kind == "dsom":
-            return learn_dsom(u, lattice, passes, rng), n * passes
-        own = self.neighbourhood
+            return learn_dsom(u, lattice, epochs, rng), n * epochs
         if self.rule == "online":
-            sigma, grown = self._online_sigma(lattice), self.sigma is None
-            epochs = learn_online(u, lattice, gain, passes, sigma, rng, own, grown=grown)
-            return epochs, n * passes
+            net = VDSOM([self._layer(lattice, scale, u, rng)])
+            every = passes(net, [u], epochs, self._online_sigma(lattice), rng)
+            return (epoch for (epoch,) in every), n * epochs
         stages = self._stages()
-        return learn_batch(u, stages, gain, rng, partners, residual, own), total_work(stages, n)
+        told = learn_batch(u, stages, gain, rng, partners, residual, self.neighbourhood)
+        return told, total_work(stages, n)

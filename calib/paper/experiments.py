@@ -25,7 +25,7 @@ def networks(setting: Setting) -> Result:
     """Every network and reading of the varying density, at its own default schedule."""
     n = min(setting.samples, _ROWS)
     few = replace(setting, seeds=setting.seeds[: 1 if setting.quick else 2])
-    names = ["som", *(f"vdsom:{name}" for name in READINGS)]
+    names = ["som", *(f"vdsom:{name}" for name in READINGS if name != "printed")]
     names += ["dsom", "gng", "gng:error", "gng:border", "gng:density"]
     rows: dict[str, Row] = {}
     for k, name in enumerate(names):

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -24,8 +23,8 @@ ROBOT = "two_link"
 """Links of 0.30 and 0.25 m, shoulder 0..90 deg, elbow 15..150 deg.  The paper states
 neither lengths nor ranges, and its tables do not settle them."""
 
-NETWORKS = {"som": "som", "vdsom": "vdsom:border"}
-"""The paper's networks by our names: its varying density is that of the border."""
+NETWORKS = {"som": "som", "vdsom": "vdsom"}
+"""The paper's networks by our names."""
 
 _VALIDATION = 77  # stream of the points on which schedules are chosen
 
@@ -41,7 +40,6 @@ class Setting:
     seeds: tuple[int, ...] = (0, 1, 2, 3, 4)
     quick: bool = False  # small lattices and few samples, to see that everything runs
     report: _Report = field(default=lambda _share, _what: None)
-    data: Path | None = None  # folder of real logs, for the ablation
     robot: str = ROBOT  # a bundled robot or a URDF with two joints that turn
     # parts of the joints' ranges that are babbled [rad]
     ranges: tuple[tuple[str, tuple[float, float]], ...] = ()

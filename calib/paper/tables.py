@@ -65,7 +65,7 @@ def table1(setting: Setting) -> Result:
     }
     paper = printed(TABLE1)
     setting.report(1.0, "the default varying density")
-    default = NetworkTrial("vdsom", Schedule(), setting.side).row(setting)
+    default = NetworkTrial("vdsom:residual", Schedule(), setting.side).row(setting)
     schedules = {n: str(found[0].schedule) for n, found in searched.items()}
     data = {
         **best,
@@ -87,7 +87,7 @@ def table1(setting: Setting) -> Result:
     beside = TABLE1 if setting.printed else dict.fromkeys(TABLE1)
     lines = {f"{n.upper()}, best: {schedules[n]}": (best[n], beside[n]) for n in NETWORKS}
     lines |= {f"{n.upper()}, same: {SAME_SCHEDULE}": (same[n], beside[n]) for n in NETWORKS}
-    lines["VDSOM, default gain"] = (default, beside["vdsom"])
+    lines["VDSOM:residual, the default"] = (default, beside["vdsom"])
     tables = [
         _comparison("table1", f"Table 1, {size} nodes, {conditions(setting)}", lines),
         _ratio_table(data["ratios"]),
@@ -177,7 +177,7 @@ def _ratio_table(found: Mapping[str, Mapping[str, Mapping[str, float]]]) -> Tabl
         "best": "best against best",
         "same_schedule": f"same schedule, {SAME_SCHEDULE}",
         "linear": "best against best, readout linear",
-        "default_linear": "default gain against the best SOM, readout linear",
+        "default_linear": "default (vdsom:residual) against the best SOM, readout linear",
         "paper": "the paper",
     }
     names = list(found["best"])

@@ -73,7 +73,7 @@ def size_in_words(model: Model) -> str:
     motor, sensory = (
         "x".join(map(str, part.lattice.shape)) for part in (model.motor, model.sensory)
     )
-    return f"motor {motor}, sensory {sensory}"
+    return f"{motor} nodes" if motor == sensory else f"motor {motor}, sensory {sensory}"
 
 
 def _source(about: About) -> str:

@@ -8,19 +8,17 @@ cover both spaces the lattice is as good or better, and it can follow a stream.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from ..common.scale import Scale
 from ..errors import OptionError
-from ..maps.lattice import Lattice
+from ..maps.lattice import Size, shape_of
 from ..samples.samples import Samples
 from .learn import Options, associate
 
-Size = int | Sequence[int] | None
-LATTICE, GAS = "vdsom", "gas"
+LATTICE, GAS = "vdsom:residual", "gas"
 
 _SIDE = 70  # nodes along each axis of a plane lattice, as in the paper's best table
 _ROWS_PER_NODE = 5
@@ -62,7 +60,12 @@ def with_chosen_map(samples: Samples, options: Options) -> tuple[Options, list[s
 
 
 def lattice_sizes(
-    samples: Samples, size: Size, motor_size: Size, sensory_size: Size, *, imagined: bool = True
+    samples: Samples,
+    size: Size | None,
+    motor_size: Size | None,
+    sensory_size: Size | None,
+    *,
+    imagined: bool = True,
 ) -> tuple[tuple[int, ...], tuple[int, ...], list[str]]:
     """Choose the lattices.
 
@@ -76,7 +79,7 @@ def lattice_sizes(
     """
     notes: list[str] = []
     given, motor, sensory = (
-        _checked(value, name)
+        None if value is None else shape_of(value, name)
         for value, name in ((size, "size"), (motor_size, "motor_size"),
                             (sensory_size, "sensory_size"))
     )  # fmt: skip
@@ -108,14 +111,3 @@ def lattice_sizes(
 def _of_dimension(dim: int, nodes: tuple[int, ...]) -> tuple[int, ...]:
     """A lattice of so many axes with as many nodes as another one."""
     return (max(2, round(math.prod(nodes) ** (1 / dim))),) * dim
-
-
-def _checked(size: Size, name: str) -> tuple[int, ...] | None:
-    """A size as a tuple; one number n stands for n x n."""
-    if size is None:
-        return None
-    numbers = tuple(size) if isinstance(size, Sequence | np.ndarray) else (size, size)
-    for n in numbers:
-        if isinstance(n, bool) or not isinstance(n, int | np.integer):
-            raise OptionError(f"{name} {size!r}: expected whole numbers of nodes, such as 70")
-    return Lattice(tuple(int(n) for n in numbers)).shape

@@ -16,6 +16,7 @@ from ..common.scale import Scale
 from ..errors import LogError, OptionError
 from ..maps.density import Gain
 from ..maps.fields import LinkRule
+from ..maps.lattice import Size
 from ..maps.links import wiring_of
 from ..maps.local_models import NO_MODELS
 from ..maps.model_selection import select
@@ -31,8 +32,8 @@ from ..samples.simulation import Simulation
 from .approach import play_of, play_words, simulated_approach, widened
 from .evaluate import fresh_residuals, summarise
 from .held_out import held_out_residuals, node_bounds, tested_rows, turned_of
-from .learn import UNFOLD, Options, Progress, both_maps, link
-from .map_choice import LATTICE, Size, lattice_sizes, with_chosen_map
+from .learn import UNFOLD, Options, Progress, associate
+from .map_choice import LATTICE, lattice_sizes, with_chosen_map
 from .screening import screen
 from .smooth import find_smooth_part, to_learn
 
@@ -45,9 +46,9 @@ _TESTED = 20_000  # rows of a log that errors are measured on; more would tell n
 def train(
     samples: Samples,
     *,
-    size: Size = None,
-    motor_size: Size = None,
-    sensory_size: Size = None,
+    size: Size | None = None,
+    motor_size: Size | None = None,
+    sensory_size: Size | None = None,
     map: str | Gain | None = None,  # noqa: A002
     rule: str = "batch",
     epochs: int | None = None,
@@ -164,7 +165,7 @@ def _learned(samples: Samples, options: Options, notes: list[str], progress: Pro
     notes += [*(part.fit.notes if part.fit is not None else ()), *part.notes]
     begin(0.1, "maps")
     seen_u, seen_x, wrong = to_learn(samples, scale, part, options)
-    motor, sensory = both_maps(
+    association = associate(
         scale,
         seen_u,
         seen_x,
@@ -172,12 +173,9 @@ def _learned(samples: Samples, options: Options, notes: list[str], progress: Pro
         wrong,
         lambda done, stage, error: progress(0.1 + 0.6 * done, stage, error),
     )
-    begin(0.7, "Hebbian links and local models")
-    u = scale.to_unit(samples.q)
-    selected, association = side_by_side(
-        lambda: select(motor, u[part.rows], part.candidates) if part.candidates else None,
-        lambda: link(motor, sensory, seen_u, seen_x, options),
-    )
+    begin(0.7, "local models")
+    motor, u = association.motor, scale.to_unit(samples.q)
+    selected = select(motor, u[part.rows], part.candidates) if part.candidates else None
     linear = Predictor(motor, association.linear, NO_MODELS)
     predictor = linear if selected is None else selected.predictor
     begin(0.8, "evaluation")

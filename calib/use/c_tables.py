@@ -16,11 +16,11 @@ import numpy as np
 
 from ..arm.motion import placements
 from ..body.curves import HARMONICS
+from ..body.parameters import Indices
 from ..body.planar import PlanarStructure
-from ..body.planar_view import view_rotation
 from ..body.spatial import SpatialStructure
 from ..body.spatial_view import LEAST_DEPTH
-from ..body.structure import Indices, Structure
+from ..body.structure import Structure
 from ..common.arrays import Array
 
 REAL, DOF = "calib_real", "CALIB_DOF"
@@ -91,17 +91,17 @@ def curves(structure: Structure, beta: Array, single: bool) -> str:
 
 def planar(structure: PlanarStructure, beta: Array, single: bool) -> tuple[str, dict[str, object]]:
     """Tables of a planar body (signs, geometry, view, lens), and words of its source."""
-    lay = structure.layout
-    view = np.concatenate([structure.matrix(beta).ravel(), beta[4:8]])
+    lay, own = structure.groups, structure.seeing(beta)
+    view = np.concatenate([structure.measurement.matrix(own).ravel(), beta[4:8]])
     lens = np.concatenate([beta[8:11], structure.centre, [1.5 * structure.extent]])
     geometry = beta.copy()
-    geometry[: lay.length[0]] = 0.0  # the view and the lens have tables of their own
+    geometry[: lay["length"][0]] = 0.0  # the view and the lens have tables of their own
     words = {
-        "gain": int(lay.gain[0]),
-        "offset": int(lay.offset[0]),
-        "length": int(lay.length[0]),
-        "elastic": int(lay.elastic[0]) if len(lay.elastic) else 0,
-        "curves": int(any(beta[ix].any() for ix in lay.curve.values())),
+        "gain": int(lay["gain"][0]),
+        "offset": int(lay["offset"][0]),
+        "length": int(lay["length"][0]),
+        "elastic": int(lay["elastic"][0]) if len(lay["elastic"]) else 0,
+        "curves": int(any(beta[ix].any() for ix in curves_of(structure).values())),
         "slide": c_number(structure.slide, single),
     }
     tables = (
@@ -116,15 +116,16 @@ def planar(structure: PlanarStructure, beta: Array, single: bool) -> tuple[str, 
 
 def shears(structure: PlanarStructure, beta: Array, single: bool) -> str:
     """How the view's linear part changes with its shear: two matrices, row by row."""
-    turn, mirror = np.exp(beta[1]) * view_rotation(beta), np.diag([1.0, float(structure.mirror)])
+    turn = structure.measurement.turned(structure.seeing(beta))
+    mirror = np.diag([1.0, float(structure.mirror)])
     both = [turn @ shear @ mirror for shear in (np.diag([1.0, -1.0]), np.eye(2)[::-1])]
     return array(REAL, "calib_shears", ["8"], np.ravel(both), single)
 
 
 def planar_arm(name: str, structure: PlanarStructure, beta: Array, single: bool) -> str:
     """Parameters of one planar arm, the body's or the nominal one's, without curves."""
-    lay = structure.layout
-    short = int(max(lay.elastic, default=lay.gain[-1])) + 1
+    groups = structure.groups
+    short = int(max(groups["elastic"], default=groups["gain"][-1])) + 1
     return array(REAL, name, [str(short)], beta[:short], single)
 
 

@@ -16,7 +16,6 @@ from ..arm.loading import arm_from_urdf
 from ..arm.rotations import exponential, logarithm
 from ..body.nominal import nominal_of
 from ..body.planar import PlanarStructure
-from ..body.priors import planar_neutral
 from ..body.spatial import SpatialStructure
 from ..common.arrays import Array
 from ..errors import OptionError
@@ -41,8 +40,8 @@ def nominal_in_plane(model: Model, *, based: bool = False) -> tuple[PlanarStruct
     structure = replace(body.structure, nominal=nominal, signs=nominal.signs)
     if based:
         structure = replace(structure, view="base", mirror=nominal.mirror)
-        return structure, planar_neutral(structure)
-    beta, view = planar_neutral(structure), slice(structure.layout.length[0])
+        return structure, structure.neutral()
+    beta, view = structure.neutral(), slice(structure.groups["length"][0])
     beta[view] = body.beta[view]  # the sensor's own parameters come first
     return structure, beta
 

@@ -16,9 +16,9 @@ from ..arm.arm import PlanarArm
 from ..arm.rotations import logarithm, similarity
 from ..body.derivative import Derivative
 from ..body.fit import Fit
-from ..body.priors import FREE, SCALES, SHIFT
+from ..body.parameters import Indices, Prior
+from ..body.settings import FREE, SCALES, SHIFT
 from ..body.spatial import SpatialStructure, structure_of
-from ..body.structure import Indices, Prior
 from ..common.arrays import Array
 from ..model.alignment import Alignment
 from .spatial_geometry import SpatialGeometry, deviations, fit_prior, rms
@@ -71,7 +71,7 @@ class PlanarGeometry(SpatialGeometry):
     def ends(self) -> tuple[Array, Array]:
         """Displacement of each joint and of the tip (dof + 1, 2) [m], and intervals."""
         axes = np.stack([self.arm.plane.x, self.arm.plane.y])
-        index = np.vstack([self.structure.layout.shifts, self.structure.groups["tool"]])
+        index = np.vstack([self.structure.shifts, self.structure.groups["tool"]])
         turned = np.stack([axes] * self.arm.dof + [axes @ self.arm.chain.rotation])
         moved = np.einsum("kij,kj->ki", turned, self.beta[index])
         return moved, 1.96 * np.sqrt(np.einsum("kij,kj->ki", turned**2, self.sd[index] ** 2))
@@ -147,7 +147,7 @@ def _prior(
     Across a link its far end keeps the narrow width: there a displacement is the same as a turn,
     which an offset should carry.
     """
-    groups, shifts, chain = structure.groups, structure.layout.shifts, structure.chain
+    groups, shifts, chain = structure.groups, structure.shifts, structure.chain
     ends, sd = np.vstack([shifts[1:], groups["tool"]]), np.zeros(structure.size)
     sd[groups["offset"]] = np.where(structure.revolute, _OFFSET, SHIFT * wider)
     sd[ends] = SHIFT * wider

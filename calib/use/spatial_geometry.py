@@ -17,10 +17,10 @@ from ..arm.urdf import parse_urdf
 from ..body.belief import Body
 from ..body.fit import Fit, maximise
 from ..body.normal import Factor, with_prior
-from ..body.priors import SHIFT, frame_groups
+from ..body.parameters import Prior
+from ..body.settings import SHIFT
 from ..body.spatial import SpatialStructure, structure_of
 from ..body.spatial_start import frame
-from ..body.structure import Prior
 from ..common.arrays import Array
 from ..common.scale import METRES
 
@@ -69,9 +69,9 @@ class SpatialGeometry:
         """
         if joint not in self.places:
             return np.zeros(3), np.zeros(3), 0.0
-        k, layout = self.places.index(joint), self.structure.layout
+        k, structure = self.places.index(joint), self.structure
         value = self.structure.chain.coupling[k] @ self.beta[self.structure.groups["offset"]]
-        return self.beta[layout.shifts[k]], self.beta[layout.turns[k]], float(value)
+        return self.beta[structure.shifts[k]], self.beta[structure.turns[k]], float(value)
 
     def tip(self) -> tuple[Array, Array]:
         """What is written of the tip: a shift (3,) [m] in the root's axes, a turn in its own."""
@@ -81,8 +81,8 @@ class SpatialGeometry:
 
     def to_json(self) -> dict[str, Any]:
         """Plain data; intervals are half widths of 95 %."""
-        groups, layout = self.structure.groups, self.structure.layout
-        places = zip(self.places, layout.shifts, layout.turns, strict=True)
+        groups = self.structure.groups
+        places = zip(self.places, self.structure.shifts, self.structure.turns, strict=True)
         return {
             "offsets": self.offsets(),
             "places": {n: {"shift": self.told(s), "turn": self.told(t)} for n, s, t in places},
@@ -138,8 +138,8 @@ def fit_spatial(
     within the intervals.
     """
     structure = _structure(arm, body, x, unit, free)
-    groups, layout = frame_groups(structure), structure.layout
-    tool, none = structure.groups["tool"], layout.shifts[0][:0]
+    groups, shifts = structure.frame_groups, structure.shifts
+    tool, none = structure.groups["tool"], shifts[0][:0]
     still = none if probe else tool
     prior = _held(structure.prior(groups), still)
     nominal = _known(body, structure)
@@ -151,7 +151,7 @@ def fit_spatial(
     if not probe:  # a simulation's point is the tip, as sure as any other place
         prior.sd[tool] = SHIFT
         still = none if move_tip else tool
-    first = np.concatenate([layout.shifts[0], layout.turns[0]])
+    first = np.concatenate([shifts[0], structure.turns[0]])
     prior = _held(prior, np.concatenate([still, none if move_base else first]))
     fitted = fit_prior(structure, q, x, nominal, prior)
     sd = deviations(fitted, q)

@@ -5,18 +5,11 @@ from __future__ import annotations
 from ..options import takes
 from ..output import Notes, conclude
 from ..samples import Babbling, Selection, babbled_samples
-from ..usage import choice, one_document, option
-
-STRATEGIES = ("uniform", "goal")
+from ..usage import one_document, option
 
 
 @takes(
     output=option("--output -o LOG", "CSV, or Parquet by its name (- standard output)."),
-    strategy=choice(
-        "--strategy",
-        STRATEGIES,
-        "Next joints at random, or next targets where the map's own error is largest.",
-    ),
 )
 def babble(
     *,
@@ -25,14 +18,13 @@ def babble(
     babbling: Babbling,
     selection: Selection,
     seed: int = 0,
-    strategy: str = "uniform",
     as_json: bool = False,
 ) -> None:
     """Write a log of simulated babbling [rad, m]."""
     import calib
 
     one_document(output, as_json)
-    log = babbled_samples(robot, selection, babbling, seed, Notes(), strategy)
+    log = babbled_samples(robot, selection, babbling, seed, Notes())
     calib.write_log(log, output)
     turning = zip(log.joint_names, log.revolute, strict=True)
     units = {"joints": {name: "rad" if turns else "m" for name, turns in turning}}

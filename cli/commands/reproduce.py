@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -21,7 +20,7 @@ if TYPE_CHECKING:
 
 _LONGEST = 1e3  # of a link [m]
 FORMATS = ("png", "svg", "pdf")
-SUBJECTS = ("table1", "table2", "figures", "adaptation", "networks", "experiments", "ablation")
+SUBJECTS = ("table1", "table2", "figures", "adaptation", "networks", "experiments")
 CHOICES = (*SUBJECTS, "all")
 
 
@@ -37,7 +36,6 @@ def _length(text: str) -> JointValue:
     what=argument("|".join(CHOICES), "What to repeat.", parsing.one_of(CHOICES)),
     output=option("--output -o DIR", "Folder of the CSV files, figures."),
     quick=flag("--quick", "Use small lattices and few samples, for a quick trial."),
-    data=option("--data DIR", "Folder of real logs, for the ablation."),
     robot=option("--robot ROBOT", "Another arm with two revolute joints."),
     lengths=option(
         "--length JOINT=M", "Length of the link that a joint moves; repeatable.", _length
@@ -48,7 +46,6 @@ def reproduce(
     what: str = "all",
     output: str = "reproduced",
     quick: bool = False,
-    data: str | None = None,
     robot: str | None = None,
     ranges: list[JointRange] | None = None,
     lengths: list[JointValue] | None = None,
@@ -75,7 +72,6 @@ def reproduce(
         setting = Setting.of(
             seed, quick=quick, report=report, robot=arm, ranges=typed, lengths=dict(lengths or ())
         )
-        setting = replace(setting, data=None if data is None else Path(data))
         drawn = tuple(dict.fromkeys(formats or ("png",)))
         # the figures bring the adaptation along
         names = [name for name in SUBJECTS if name != "adaptation"] if what == "all" else [what]
@@ -96,7 +92,7 @@ def _run(
     name: str, setting: Setting, folder: Path, formats: Sequence[str]
 ) -> Iterator[tuple[str, Result]]:
     """Redo one subject: draw its figures, and yield its results by name."""
-    from calib.paper import ablation, experiments, figures, tables
+    from calib.paper import experiments, figures, tables
     from calib.paper.adaptation import adaptation
 
     runs: dict[str, tuple[Callable[[Setting], Result], ...]] = {
@@ -108,7 +104,6 @@ def _run(
             experiments.perturbation,
             experiments.both_directions,
         ),
-        "ablation": (ablation.ablation,),
     }
     if name == "figures":
         figures.lattice_figure(setting, folder / "lattices.png", formats)
@@ -121,7 +116,7 @@ def _run(
         yield run.__name__, run(setting)
 
 
-_LONG = ("schedules", "adaptation_curves", "ablation")  # for the CSV files only
+_LONG = ("schedules", "adaptation_curves")  # for the CSV files only
 
 
 def _keep(result: Result, folder: Path, *, shown: bool) -> None:

@@ -18,8 +18,8 @@ from calib.body.covariance import (
 from calib.body.fit import maximise
 from calib.body.held_out import leave_blocks_out
 from calib.body.nominal import Nominal
+from calib.body.parameters import Prior
 from calib.body.planar import PlanarStructure
-from calib.body.structure import Prior
 
 
 @pytest.mark.parametrize("p", [1, 2, 3])

@@ -5,15 +5,17 @@ from __future__ import annotations
 import numpy as np
 
 from calib.body.derivative import Derivative
+from calib.body.measurement import Measurement
 from calib.body.normal import Factor, with_prior
+from calib.body.parameters import Prior
 from calib.body.search import Search
-from calib.body.structure import Prior, Structure
+from calib.body.structure import Structure
 
 
 class Bent(Structure):
     """Outputs (u + v) q + c (u - v + b)^2: what q tells is u + v; u - v is long and curved."""
 
-    size, outputs, blocks, dof = 2, 2, (2,), 1
+    size, outputs, blocks, dof, measurement = 2, 2, (2,), 1, Measurement()
     curve, middle = 1e-3, 0.01
 
     def predict(self, q, beta):

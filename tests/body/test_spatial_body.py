@@ -97,13 +97,13 @@ def truth(view="rigid", *, curves=False, seed=0):
     """A spatial arm as it might be built, seen by a sensor that stands anywhere."""
     arm = load_arm("spatial_three")
     structure = structure_of(arm, view)
-    rng, groups, layout = np.random.default_rng(seed), structure.groups, structure.layout
+    rng, groups = np.random.default_rng(seed), structure.groups
     beta = structure.neutral()
     beta[groups["view.rotation"]] = rng.normal(0, 1, 3)
     beta[groups["view.shift"]] = rng.normal(0, 1, 3)
     beta[groups["tool"]] = rng.normal(0, 0.02, 3)
-    beta[layout.shifts] = rng.normal(0, 5e-4, (3, 3))
-    beta[layout.turns] = rng.normal(0, 1e-3, (3, 3))
+    beta[structure.shifts] = rng.normal(0, 5e-4, (3, 3))
+    beta[structure.turns] = rng.normal(0, 1e-3, (3, 3))
     beta[groups["elastic"]] = -1e-3
     if curves:
         for k in range(3):

@@ -27,12 +27,12 @@ def arm():
 
 def true_arm(structure, seed, *, size=1.0):
     """Parameters of an arm as it might be built, in a sensor's frame that stands anywhere."""
-    rng, groups, layout = np.random.default_rng(seed), structure.groups, structure.layout
+    rng, groups = np.random.default_rng(seed), structure.groups
     beta = structure.neutral()
     beta[groups["view.rotation"]], beta[groups["view.shift"]] = rng.normal(0, 1, (2, 3))
     beta[groups["tool"]] = rng.normal(0, 0.02, 3)
-    beta[layout.shifts] = size * rng.normal(0, 1e-3, (3, 3))
-    beta[layout.turns] = size * rng.normal(0, 2e-3, (3, 3))
+    beta[structure.shifts] = size * rng.normal(0, 1e-3, (3, 3))
+    beta[structure.turns] = size * rng.normal(0, 2e-3, (3, 3))
     return beta
 
 

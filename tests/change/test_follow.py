@@ -14,12 +14,7 @@ import calib
 from calib.change import adaptation
 from calib.change import follow as online
 from calib.change.follow import BLOCK, OnlineAdapter, follow
-from calib.change.watch import matching_sigma
-from calib.maps.density import Visit, border
-from calib.maps.links import oja
-from calib.maps.map import Map
 from calib.maps.model_selection import blocks
-from calib.maps.online import present_online
 
 
 @pytest.fixture(autouse=True)
@@ -145,30 +140,3 @@ def test_only_the_latest_samples_are_kept(monkeypatch):
     adapter.feed(samples.q, samples.x)
     np.testing.assert_allclose(np.concatenate(adapter._q), samples.q[400:], atol=1e-12)
     np.testing.assert_allclose(np.concatenate(adapter._x), samples.x[400:], atol=1e-12)
-
-
-def test_maps_and_links_follow_by_equations_1_to_3_and_11():
-    samples = log("elbow.length=+20%", n=40)
-    adapter = OnlineAdapter(model(), 500, force=True)
-    step = adapter.feed(samples.q, samples.x)
-    t = np.arange(40)
-    points = {"motor": samples.q, "sensory": samples.x}
-    maps = {}
-    for name in points:
-        network = getattr(model(), name)
-        u = network.scale.to_unit(points[name])
-        start = max(0.5, matching_sigma(network, np.mean(network.nearest(u)[0] ** 2) ** 0.5))
-        distance, winner = network.nearest(u)
-        visit = Visit(t[-1] / 500, winner[:, 0], distance[:, 0], network.units, network.lattice)
-        rate = 0.5 * 0.1 ** (t / 500) * border(visit)
-        weights = network.units.copy()
-        present_online(weights, network.lattice, u, start * (0.5 / start) ** (t / 500), rate)
-        np.testing.assert_allclose(adapter._weights[name], weights, atol=1e-12)
-        maps[name] = Map(weights, network.lattice, network.scale, network.history)
-        sigma = start * (0.5 / start) ** (t[-1] / 500)
-    assert step.sigma == pytest.approx(sigma)  # the sensory map's
-    wiring, links = model().association.wiring, model().links.toarray()
-    active = [wiring.activity(maps[n], maps[n].scale.to_unit(points[n])).toarray() for n in points]
-    for k in t:
-        oja(links, active[0][k], active[1][k], 0.13 * np.exp(1 - k / 500), np.exp(1 - k / 500))
-    np.testing.assert_allclose(adapter._links.T, links, atol=1e-5)

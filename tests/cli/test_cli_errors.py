@@ -51,7 +51,7 @@ CASES = [
     ("train two_link --range elbow=0:9", 1, "elbow=0:9 limits"),
     ("train two_link --range nope=0:1", 1, "'nope'"),
     ("train two_link --map foo", 2, "--map 'foo' vdsom"),
-    ("train two_link --map vdsom:foo -n 500 --size 10", 1, "vdsom:foo vdsom:error"),
+    ("train two_link --map vdsom:foo -n 500 --size 10", 2, "vdsom:foo vdsom:error"),
     ("train two_link --size 0", 2, "--size '0' 70x70"),
     ("train two_link --size -3", 2, "--size '-3'"),
     ("train two_link --size 70x", 2, "--size '70x'"),

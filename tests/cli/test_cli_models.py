@@ -60,7 +60,7 @@ def test_train_prints_a_table_a_time_and_a_file(run):
     assert lines[1].split()[2:] == ["max", "local", "max", "linear", "activity", "winner"]
     assert lines[2].startswith("forward distance [mm]")
     assert lines[3].startswith("inverse shoulder [deg]")
-    assert lines[-1].startswith("other.calib: vdsom, motor 10x10, sensory 10x10, 500 samples, ")
+    assert lines[-1].startswith("other.calib: vdsom:residual, 10x10 nodes, 500 samples, ")
     assert lines[-1].endswith(" MB")
     assert max(map(len, lines)) <= 80
 

@@ -26,7 +26,6 @@ def test_readers_answer_or_say_what_they_expected(text):
         parsing.integer(0), parsing.at_least_zero("m"), parsing.above_zero("m"), parsing.size,
         parsing.sigma, parsing.names, parsing.reals, parsing.typed_columns, parsing.joint_value,
         parsing.joint_range, parsing.one_of(("batch", "online")), parsing.height,
-        parsing.kind_of_map(("vdsom", "som")),
     ]  # fmt: skip
     told = []
     for read in readers:
@@ -60,7 +59,6 @@ def test_other_values():
     assert parsing.reals("-1,2e-3") == (-1.0, 0.002)
     assert parsing.joint_value("wrist=-1") == ("wrist", -1.0)
     assert parsing.typed_columns("x=u,elbow=j 2") == {"x": "u", "elbow": "j 2"}
-    assert parsing.kind_of_map(("vdsom", "som"))("vdsom:error") == "vdsom:error"
     assert option("--seed K", "", parsing.integer(0)).parser(7) == 7
 
 

@@ -8,8 +8,8 @@ import calib
 from calib.common.scale import Scale
 from calib.errors import LogError, OptionError
 from calib.maps.lattice import Lattice
-from calib.maps.online import present_online
 from calib.maps.som import SOM
+from calib.maps.vdsom import VDSOM, Layer, Rates
 
 UNIT_BOX = Scale(np.zeros(2), np.ones(2), np.zeros(2, dtype=bool))
 BOUND = 0.377  # quantization error of the best (hexagonal) quantizer: 0.377 sqrt(A / N)
@@ -38,10 +38,9 @@ def batch_target(weights, lattice, x, sigma, gain=None):
 
 
 def present(weights, lattice, x, sigma, rate):
-    weights = weights.copy()
-    n = len(x)
-    present_online(weights, lattice, x, np.full(n, float(sigma)), np.full(n, float(rate)))
-    return weights
+    net, every = VDSOM([Layer(weights, lattice, UNIT_BOX)]), np.ones(len(x))
+    net.show([x], Rates((sigma * every,), rate * every, every, every, every))
+    return net.layers[0].weights
 
 
 @pytest.fixture(scope="module")
@@ -316,7 +315,7 @@ def test_online_the_radius_falls_from_half_the_longest_side(name, last):
     np.testing.assert_allclose(history[:, 1], 5.0 * (last / 5.0) ** (steps / 399))
 
 
-@pytest.mark.parametrize("size", [5, "5x5", (5.5, 5), None, ()])
+@pytest.mark.parametrize("size", ["5xa", (5.5, 5), None, 5.0, True])
 def test_a_size_that_is_no_whole_numbers(size):
     with pytest.raises(OptionError, match="whole numbers of nodes"):
         SOM(size)

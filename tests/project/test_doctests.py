@@ -11,7 +11,6 @@ import pytest
 
 import calib
 from calib.common.choices import (
-    BACKENDS,
     BODIES,
     CAUSES,
     FRAMES,
@@ -67,7 +66,6 @@ CHOICES = {
     "method": (*METHODS, *MOTIONS, *BABBLING),
     "links": tuple(WIRINGS),
     "frame": FRAMES,
-    "backend": BACKENDS,
 }
 _ITEM = re.compile(r"^(\w+(?:, \w+)*) : (.*(?:\n(?:    .*|$))*)", re.MULTILINE)
 _QUOTED = re.compile(r'"([a-z][\w:-]*)"')

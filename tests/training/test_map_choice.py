@@ -32,7 +32,7 @@ def test_a_log_of_repeated_paths_has_a_gas_and_the_user_is_told(paths):
     assert model.about.options["map"] == "gas"
     assert any("without a lattice (gas)" in note for note in model.about.notes)
     # by the arm itself, which no choice has seen, it was right
-    sheet = calib.train(paths, size=8, body="none", map="vdsom")
+    sheet = calib.train(paths, size=8, body="none", map="vdsom:residual")
     true = paths.arm.forward(paths.q)
     miss = [np.linalg.norm(m.forward(paths.q) - true, axis=1) for m in (model, sheet)]
     assert np.nanmean(miss[0]) < 0.8 * np.nanmean(miss[1])
@@ -43,6 +43,6 @@ def test_a_log_of_repeated_paths_has_a_gas_and_the_user_is_told(paths):
 )
 def test_a_body_or_a_schedule_of_the_user_leaves_the_lattice(paths, given):
     size = (8, 8)
-    options = Options(size, size, "vdsom", "batch", None, None, 0, False, body="none")
+    options = Options(size, size, "vdsom:residual", "batch", None, None, 0, False, body="none")
     options = replace(options, **given)
     assert with_chosen_map(paths, options) == (options, [])

@@ -304,7 +304,7 @@ def test_progress_grows_from_stage_to_stage_up_to_1():
     assert shares == sorted(shares)
     assert shares[-1] == 1.0
     stages = list(dict.fromkeys(stage for _, stage, _ in calls))
-    assert stages[:3] == ["body", "maps", "Hebbian links and local models"]
+    assert stages[:3] == ["body", "maps", "local models"]
     assert stages[-1] == "done"
 
 

@@ -16,7 +16,7 @@ from calib.errors import LogError, OptionError
         ({"size": 100_000}, "10,000,000,000 nodes are more than"),
         ({"size": 7.5}, "expected whole numbers"),
         ({"size": (7, 7.5)}, "expected whole numbers"),
-        ({"size": "70"}, "expected whole numbers"),
+        ({"size": "70x"}, "expected whole numbers"),
         ({"size": (5, 5, 5)}, "5x5x5: expected at most 2 numbers, one per joint"),
         ({"motor_size": (5, 5, 5)}, "at most 2 numbers, one per joint"),
         ({"sensory_size": (5, 5, 5)}, "5x5x5: expected at most 2 numbers, one per coordinate"),

@@ -63,9 +63,9 @@ def test_a_fit_beats_the_drawing_and_holds_the_first_joint(tmp_path, run):
     geometry = fit_geometry(model)
     assert geometry.free
     assert geometry.residual < 0.5 * geometry.before
-    layout = geometry.structure.layout
-    assert not geometry.beta[layout.shifts[0]].any()
-    assert geometry.sd[layout.shifts[1]].all()
+    structure = geometry.structure
+    assert not geometry.beta[structure.shifts[0]].any()
+    assert geometry.sd[structure.shifts[1]].all()
     model.save(tmp_path / "m.calib")
     done = run("urdf", tmp_path / "m.calib", "-o", tmp_path / "c.urdf", "--json")
     assert done.code == 0
@@ -114,5 +114,5 @@ def test_pixels_tell_offsets():
     assert geometry.unit == "px"
     assert geometry.residual < 0.6 < 2.0 < geometry.before
     # an offset and a turn of the joint's origin about its axis are one
-    turned = geometry.beta[geometry.structure.layout.turns] * geometry.structure.chain.axes
+    turned = geometry.beta[geometry.structure.turns] * geometry.structure.chain.axes
     assert (offsets + turned.sum(axis=1))[1:] == pytest.approx([0.03, -0.02], abs=3e-3)

@@ -133,7 +133,7 @@ def test_a_diff_shows_the_changed_attributes_alone():
     structure = in_plane(nominal)
     beta, zero = structure.neutral(), np.zeros(structure.size)
     beta[structure.groups["offset"][1]] = 0.02
-    beta[structure.layout.shifts[1]] = 0.003, 0.0, 0.0
+    beta[structure.shifts[1]] = 0.003, 0.0, 0.0
     geometry = PlanarGeometry(nominal, structure, beta, zero, False, True, 0.0, 0.0, 0.5)
     new = corrected_urdf(geometry)
     before, after = text.splitlines(), new.splitlines()

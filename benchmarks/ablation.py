@@ -1,42 +1,46 @@
 """Ablation: what the maps are for, and where they do not help.
 
+python benchmarks/ablation.py [--data DIR] [--quick] [--seed K] [--sides 20,40] -o OUT
+
 Everything that can be left out is left out in turn: the body, the local models (the body
 alone), the training of the maps, their varying density.  ``docs/maps.md`` reads the table.
 """
 
 from __future__ import annotations
 
+import argparse
 import itertools
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+from ablation_cases import Case, measured, simulated
 from numpy.typing import NDArray
 
-from ..arm.arm import PlanarArm
-from ..common.arrays import Array
-from ..common.choices import MAP_READOUTS
-from ..common.parallel import one_blas_thread
-from ..common.scale import Scale
-from ..inverse.solver import Solver
-from ..maps.association import Association
-from ..maps.local_models import NO_MODELS
-from ..maps.model_selection import select
-from ..maps.node_bounds import blend_nodes, learn_bounds
-from ..maps.predictor import Predictor
-from ..training.learn import Options, associate, both_maps, link
-from ..training.smooth import SmoothPart, find_smooth_part, wrong_around
-from .ablation_cases import Case, measured, simulated
-from .setting import Setting
-from .tables import Result, Table
+from calib.arm.arm import PlanarArm
+from calib.common.arrays import Array
+from calib.common.choices import MAP_READOUTS
+from calib.common.parallel import one_blas_thread
+from calib.common.scale import Scale
+from calib.inverse.solver import Solver
+from calib.maps.association import Association
+from calib.maps.local_models import NO_MODELS
+from calib.maps.model_selection import select
+from calib.maps.node_bounds import blend_nodes, learn_bounds
+from calib.maps.predictor import Predictor
+from calib.paper.setting import Setting
+from calib.paper.tables import Result, Table
+from calib.training.learn import Options, associate
+from calib.training.smooth import SmoothPart, find_smooth_part, wrong_around
 
-_NETWORKS = ("vdsom", "vdsom:border", "vdsom:rho", "som", "gng", "grid", "random", "rows")
+_NETWORKS = ("vdsom:residual", "vdsom", "vdsom:rho", "som", "gng", "grid", "random", "rows")
 """Networks that are compared; the last three are not trained."""
 
 _CASES = ("exact", "noise", "bump", "ripple", "uneven")
-"""Simulated cases, see :func:`calib.paper.ablation_cases.simulated`."""
+"""Simulated cases, see :func:`ablation_cases.simulated`."""
 
 _SERIES = {"a": "UR10 A", "c": "UR10 C"}
 """Real logs of a data folder, by the letter in ``series_<letter>.csv``."""
@@ -62,18 +66,18 @@ class Trained:
     # dict of str to (nodes,) array [unit], 95 % bound of ``local`` and ``linear`` at the nodes,
     # from errors on held-out rows
     bounds: dict[str, Array]
-    seconds: float  # training of both maps alone [s]
+    seconds: float  # training of both maps and their links [s]
 
 
-def ablation(setting: Setting) -> Result:
+def ablation(setting: Setting, data: Path | None = None, sides: tuple[int, ...] = _SIDES) -> Result:
     """Run the ablation.
 
-    setting : its first seed is used; ``quick`` makes everything small; ``data`` is a folder with
-        ``series_a.csv`` and ``series_c.csv`` of a UR10
+    setting : its first seed is used; ``quick`` makes everything small
+    data : a folder with ``series_a.csv`` and ``series_c.csv`` of a UR10
     """
-    sides = (6, 8) if setting.quick else _SIDES
+    sides = (6, 8) if setting.quick else sides
     rows = 600 if setting.quick else _ROWS
-    seed, cases = setting.seeds[0], list(_cases(setting, rows))
+    seed, cases = setting.seeds[0], list(_cases(setting, rows, data))
     records: list[dict[str, Any]] = []
     total = len(cases) * len(sides) * len(_NETWORKS)
     with one_blas_thread():
@@ -93,11 +97,10 @@ def ablation(setting: Setting) -> Result:
     return Result({"rows": merged, "quick": setting.quick}, tuple(tables))
 
 
-def _cases(setting: Setting, rows: int) -> Iterator[Case]:
+def _cases(setting: Setting, rows: int, data: Path | None) -> Iterator[Case]:
     tested = 500 if setting.quick else _TESTED
     for name in _CASES:
         yield simulated(name, rows, tested, setting.seeds[0])
-    data = setting.data
     if data is None:
         return
     for letter, name in _SERIES.items():
@@ -137,13 +140,14 @@ def train_on(case: Case, ground: Ground, network: str, side: int, seed: int) -> 
     options = Options((side,) * 2, (side,) * 2, network, "batch", None, None, seed, False)
     u = scale.to_unit(samples.q)
     started = time.perf_counter()
-    motor, sensory = both_maps(scale, u, samples.x, options, wrong)
-    seconds = time.perf_counter() - started
-    pair = link(motor, sensory, u, samples.x, options)
+    pair = associate(scale, u, samples.x, options, wrong)
+    seconds, motor = time.perf_counter() - started, pair.motor
     selected = select(motor, u[part.rows], part.candidates)
     smooth = part.candidates[0].smooth
     alone = pair
-    if wrong is not None and network == "vdsom":  # without a body nothing tells where it is wrong
+    if (
+        wrong is not None and network == "vdsom:residual"
+    ):  # without a body nothing tells where it is wrong
         alone = associate(scale, u, samples.x, options)
     predictors = {
         "local": selected.predictor,
@@ -255,3 +259,24 @@ def _table(name: str, records: list[dict[str, Any]]) -> Table:
         f"{name}: mean errors [mm], inverse [deg], missed branches and coverage [%], training [s]"
     )
     return Table(f"ablation_{name.lower().replace(' ', '_')}", title, header, rows)
+
+
+def main() -> None:
+    """Run it, and write CSV files."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--data", type=Path)
+    parser.add_argument("--quick", action="store_true")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--sides", default=",".join(map(str, _SIDES)))
+    parser.add_argument("-o", "--output", type=Path, default=Path("reproduced"))
+    told = parser.parse_args()
+    sides = tuple(int(side) for side in told.sides.split(","))
+    found = ablation(Setting.of(told.seed, quick=told.quick), told.data, sides)
+    told.output.mkdir(parents=True, exist_ok=True)
+    for table in found.tables:
+        (told.output / f"{table.name}.csv").write_text(table.csv())
+        print(told.output / f"{table.name}.csv")
+
+
+if __name__ == "__main__":
+    main()

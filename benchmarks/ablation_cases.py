@@ -13,11 +13,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arm.arm import PlanarArm
-from ..arm.loading import load_arm
-from ..common.arrays import Array
-from ..samples.logs import read_log
-from ..samples.samples import Samples
+from calib.arm.arm import PlanarArm
+from calib.arm.loading import load_arm
+from calib.common.arrays import Array
+from calib.samples.logs import read_log
+from calib.samples.samples import Samples
 
 _Truth = Callable[[Array], Array]
 _Defect = tuple[_Truth, Callable[[Array], NDArray[np.bool_]]]
@@ -102,7 +102,7 @@ def simulated(
     """
     defect = defect or _SHAPES.get(name)
     arm = load_arm(_ROBOT if defect is None else "two_link")
-    assert isinstance(arm, PlanarArm)  # noqa: S101
+    assert isinstance(arm, PlanarArm)
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(_STREAM,)))
     span = arm.upper - arm.lower
     q = arm.lower + span * rng.random((n, 2))

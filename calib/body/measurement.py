@@ -1,0 +1,80 @@
+"""Measurement: what a sensor tells of a chain, and how that depends on both.
+
+Positions in a plane (`planar_view`), positions, poses and pixels in space (`spatial_view`).  A new
+one is a class with these two faces; the fit knows no others.  Arrays have rows last.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any, Protocol
+
+import numpy as np
+
+from ..common.arrays import Array
+from .parameters import Block
+
+Moved = tuple[Array, Any]
+"""How the tip moves: velocity (..., D, n) [m] and angular velocity (..., 3, n) [rad], or 0."""
+
+
+class Motion(Protocol):
+    """Where a chain is at n rows, in D coordinates: 2 in the plane, 3 in space."""
+
+    @property
+    def position(self) -> Array:
+        """The tip (D, n) [m]."""
+        ...
+
+    def joints(self) -> Moved:
+        """How the tip moves with the value of each joint, (m, D, n)."""
+        ...
+
+
+class Sight(Protocol):
+    """What a sensor sees at n rows."""
+
+    @property
+    def values(self) -> Array:
+        """Outputs (n, m)."""
+        ...
+
+    def push(self, velocity: Array, angular: Any = 0.0) -> Array:
+        """How outputs (..., m, n) move when the tip does."""
+        ...
+
+    def columns(self) -> Iterator[tuple[str, Callable[[], Array]]]:
+        """The derivative (k, m, n) by each of the sensor's own blocks."""
+        ...
+
+
+class Measurement:
+    """A kind of reading, with the sensor's own parameters."""
+
+    blocks: tuple[int, ...]  # sizes of the outputs that share a unit and a noise
+    sized: bool = True  # whether its rows tell how large the arm is
+
+    @property
+    def outputs(self) -> int:
+        """Number m of outputs."""
+        return sum(self.blocks)
+
+    def parameters(self) -> tuple[Block, ...]:
+        """The sensor's own parameters."""
+        raise NotImplementedError
+
+    def look(self, own: Mapping[str, Array], motion: Any, also: Array) -> Sight:
+        """See a chain.
+
+        own : values of the sensor's parameters by block
+        also : (n, g), what else a row tells: which point was touched, which corner was seen
+        """
+        raise NotImplementedError
+
+    def residual(self, z: Array, predicted: Array) -> Array:
+        """Residuals (n, m) of observed against predicted outputs."""
+        return np.asarray(z - predicted)
+
+    def start(self, structure: Any, q: Array) -> Array:
+        """Parameters (d,) of a structure to begin a fit of rows (n, dof + g) with."""
+        raise NotImplementedError

@@ -1,0 +1,283 @@
+"""The paper's algorithm, one sample at a time, in its own symbols: two maps and their links.
+
+`VDSOM.show` is the algorithm: eq. 1, 3, 7, 8, 2 form the maps and eq. 5 (11) the links, at rates
+that fall by eq. 4 while a model is trained and by eq. 10 and 12 while it follows a change.  Eq. 9,
+the distortion, is `zeta`.  The readings of eq. 7 and 8 that are factors on a sample's update stand
+in `density.py`.
+
+`calib train --rule online`, `calib.SOM(rule="online")`, `calib adapt --method online` and
+`calib reproduce adaptation` run this loop.  The batch rule (`batch.py`) goes to where eq. 2
+comes to rest, in a twentieth of the time.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..common.arrays import Array
+from ..common.scale import Scale
+from ..errors import OptionError
+from .density import Gain, Visit, as_printed
+from .epoch import Epoch
+from .fields import Neighbourhood, Surroundings, checked_h, lattice_steps
+from .lattice import Lattice
+from .links import Wiring
+from .map import Map, nearest_nodes, search_tree
+from .neighbourhood import around
+
+ALPHA = 0.5
+"""Learning rate of the maps at the start, alpha_init of eq. 4."""
+
+ETA = 0.13
+"""Learning rate of the links (eq. 5), eta_init of eq. 12: eta beta stays below 1."""
+
+CHUNK = 250
+"""Samples between two looks at the nodes' spacings (eq. 6) and at a gain of the whole lattice."""
+
+_Active = tuple[NDArray[np.intp], Array]
+_SILENT = 7.0  # exponent of eq. 6 beyond which a node is silent: below 1e-3
+_SMALL = 1e-6  # share of a row that is kept, below which it is multiplied out
+_LARGEST = 100_000_000  # links that are held densely, 400 MB
+
+
+@dataclass(frozen=True)
+class Rates:
+    """How fast some samples are learned; each array has a value for every sample."""
+
+    sigma: tuple[Array, ...]  # neighbourhood radius of each map [nodes]
+    alpha: Array  # learning rate of the maps
+    progress: Array  # t / T
+    eta: Array  # learning rate of the links
+    beta: Array  # their forgetting factor
+
+    @staticmethod
+    def training(t: NDArray[Any], sigma: tuple[float, float], T: int, maps: int) -> Rates:
+        """Rates at the times `t` of a training of `T` samples, sigma from the first to the last."""
+        fall = (sigma[1] / sigma[0]) ** (t / max(T - 1, 1))  # exp(-t / T), T such that it ends so
+        return Rates(
+            (sigma[0] * fall,) * maps,  # eq. 4
+            ALPHA * fall,  # eq. 4
+            t / T,
+            np.full(len(t), ETA),
+            np.ones(len(t)),
+        )
+
+    @staticmethod
+    def following(t: NDArray[Any], start: Sequence[float], end: float, T: int) -> Rates:
+        """Rates `t` samples after a change, sigma of each map from its `start` [nodes]."""
+        t = np.minimum(t, T)
+        rise = np.exp(1.0 - t / T)
+        return Rates(
+            tuple(s * (end / s) ** (t / T) for s in start),  # eq. 10
+            ALPHA * 0.1 ** (t / T),
+            t / T,
+            ETA * rise,  # eq. 12
+            1.0 * rise,  # eq. 12, beta_init = 1
+        )
+
+
+@dataclass
+class Layer:
+    """One map while it learns."""
+
+    weights: Array  # w, (nodes, d), in the unit box; another array after each `VDSOM.show`
+    lattice: Lattice
+    scale: Scale
+    gain: Gain | None = None  # eq. 7 and 8, see `density.py`
+    neighbourhood: Neighbourhood | None = None  # in place of the Gaussian of eq. 3
+    per_node: float = np.inf  # samples of the training per node
+
+    @property
+    def map(self) -> Map:
+        """The map as it stands."""
+        return Map(self.weights, self.lattice, self.scale, np.zeros((0, 4)))
+
+    def gains(self, x: Array, sigma: float, progress: float) -> Array:
+        """Eq. 7 and 8 as a factor g on the update of each sample (n, d), for all at once."""
+        if self.gain is None or self.gain is as_printed:
+            return np.ones(len(x))
+        distance, winner = nearest_nodes(search_tree(self.weights), x)
+        visit = Visit(
+            progress, winner[:, 0], distance[:, 0], self.weights, self.lattice,
+            sigma=sigma, per_node=self.per_node,
+        )  # fmt: skip
+        return self.gain(visit)
+
+    def around(self, i: int, sigma: float, progress: float) -> tuple[tuple[slice, ...], Array]:
+        """The nodes near the winner `i`, and h_ji of each (eq. 3), cut below exp(-8)."""
+        if self.neighbourhood is None:
+            return around(self.lattice, i, 1.0, (sigma,) * self.lattice.dim)
+        place = np.unravel_index(i, self.lattice.shape)
+        here = tuple(  # the part of all steps that begins at this winner
+            slice(n - 1 - int(p), 2 * n - 1 - int(p))
+            for n, p in zip(self.lattice.shape, place, strict=True)
+        )
+        distance, steps = lattice_steps(self.lattice)
+        around_it = Surroundings(distance[here], steps[here], sigma, progress)
+        h = checked_h(self.neighbourhood, around_it)
+        return (slice(None),) * self.lattice.dim, h
+
+    def active(self, w: Array, x: Array, widths: Array) -> _Active:
+        """The nodes that are active at a sample, and how much beside the most active (eq. 6)."""
+        gap = w - x[:, None]
+        if self.scale.periodic.any():
+            gap = self.scale.difference(w.T, x).T
+        exponent = (gap * gap).sum(axis=0) / widths
+        least = exponent.min()
+        j = np.flatnonzero(exponent < least + _SILENT)
+        return j, np.exp(least - exponent[j])
+
+
+class VDSOM:
+    """Maps of varying density, and where there are two the links between them, while they learn.
+
+    layers : one map, or the motor and the sensory one
+    wiring : how nodes are active (eq. 6); without it there are no links
+    links : (motor nodes, sensory nodes), c_ij to start from
+    """
+
+    def __init__(
+        self, layers: Sequence[Layer], wiring: Wiring | None = None, links: Array | None = None
+    ) -> None:
+        self.layers, self.wiring = tuple(layers), wiring
+        # c_ij = rest_ij kept_j, so that a node forgets by one product; rest in single precision
+        self._kept: Array = np.ones(0)
+        self._rest: Any = None
+        if wiring is not None:
+            motor, sensory = (len(layer.weights) for layer in self.layers)
+            if motor * sensory > _LARGEST:
+                raise OptionError(
+                    f"maps of {motor:,} and {sensory:,} nodes: eq. 5 keeps a Hebbian link for "
+                    f"every pair of nodes; give maps of at most {int(_LARGEST**0.5):,} nodes, or "
+                    "rule='batch' (adapt: method='few-shot')"
+                )
+            self._kept = np.ones(sensory)
+            self._rest = np.zeros((motor, sensory), np.float32)
+            if links is not None:
+                self._rest[:] = links
+
+    def show(self, samples: Sequence[Array], rates: Rates, *, maps: bool = True) -> list[Array]:
+        """Learn from samples (n, d) of each map's space, in the unit boxes, in this order.
+
+        maps : whether the maps learn, and not the links alone
+        Returns the distance of each sample to its winner, (n,) for each map.
+        """
+        found = [np.empty(len(samples[0])) for _ in self.layers]
+        for first in range(0, len(samples[0]), CHUNK):
+            chunk = range(first, min(first + CHUNK, len(samples[0])))
+            now, last = slice(first, chunk.stop), chunk.stop - 1
+            grids, g = [], []
+            widths = [self._widths(layer) for layer in self.layers]
+            for layer, x, sigma in zip(self.layers, samples, rates.sigma, strict=True):
+                t = float(rates.progress[last])
+                g.append(layer.gains(x[now], float(sigma[last]), t))  # eq. 7
+                grids.append(np.ascontiguousarray(layer.weights.T))  # of one coordinate each
+            for k in chunk:
+                t, alpha = float(rates.progress[k]), rates.alpha[k]  # t / T and eq. 4
+                for m, layer in enumerate(self.layers if maps else ()):
+                    w, x, wide = grids[m], samples[m][k], float(rates.sigma[m][k])
+                    square = ((w - x[:, None]) ** 2).sum(axis=0)
+                    i = int(square.argmin())  # eq. 1
+                    found[m][k] = square[i] ** 0.5
+                    grid = w.reshape(-1, *layer.lattice.shape)
+                    if layer.gain is as_printed:
+                        # no h_ji: nothing in eq. 8 falls with the distance from the winner, so
+                        # that all nodes follow each sample, and end in one place
+                        local = w[:, i, None] - w[:, layer.lattice.beside(i)]
+                        rho = np.exp(-np.sum(local**2))  # eq. 7
+                        h = np.asarray((t / rho) ** 4 * np.exp(-t / wide**2))  # eq. 8, printed
+                        step = np.minimum(alpha * h, 1.0)
+                    else:
+                        near, h = layer.around(i, wide, t)  # eq. 3
+                        grid = grid[(slice(None), *near)]
+                        # stable: eq. 8 weighs the sample (g), and eq. 3 says how far it reaches;
+                        # beyond 1 the nodes around a winner would all jump to the sample
+                        step = min(alpha * g[m][k - first], 1.0) * h  # eq. 8
+                    grid += step * (x.reshape(-1, *(1,) * layer.lattice.dim) - grid)  # eq. 2
+                if self.wiring is not None:
+                    (from_, a_i), (j, a_j) = (
+                        layer.active(w, x[k], width)  # eq. 6
+                        for layer, w, x, width in zip(
+                            self.layers, grids, samples, widths, strict=True
+                        )
+                    )
+                    eta, beta = rates.eta[k], rates.beta[k]
+                    self._kept[j] *= 1.0 - eta * beta * a_j**2  # eq. 5, 11: forgetting
+                    more = eta * np.outer(a_i, a_j / self._kept[j])  # eq. 5: active together
+                    self._rest[from_[:, None], j] += more
+                    if self._kept[j].min() < _SMALL:
+                        self._settle(j)
+            for layer, w in zip(self.layers, grids, strict=True):
+                layer.weights = np.ascontiguousarray(w.T)
+        return found
+
+    @property
+    def links(self) -> Any:
+        """c_ij as they stand, (motor nodes, sensory nodes)."""
+        self._settle(np.flatnonzero(self._kept != 1.0))
+        return self._rest
+
+    def _settle(self, j: Any) -> None:
+        self._rest[:, j] *= self._kept[j]
+        self._kept[j] = 1.0
+
+    def said(self, u: Array, idle: Array | float = 0.0) -> Array:
+        """Readout ``activity`` of the links for places (n, dof), (n, m), in the unit boxes.
+
+        idle : (sensory nodes,), what each node should have forgotten besides, as an exponent
+        """
+        assert self.wiring is not None  # noqa: S101
+        a = self.wiring.activity(self.layers[0].map, u).astype(np.float32)
+        strength = np.asarray(a @ self._rest) * (self._kept * np.exp(-np.asarray(idle)))
+        total = np.maximum(strength.sum(axis=1, keepdims=True), 1e-30)
+        return np.asarray(strength @ self.layers[1].weights / total)
+
+    def _widths(self, layer: Layer) -> Array:
+        """Squared bandwidth of each node's activity (eq. 6), in the unit box."""
+        if self.wiring is None:
+            return np.ones(1)
+        network = layer.map
+        spacing = network.spacings if self.wiring.local else np.array([network.spacing])
+        return np.asarray((self.wiring.bandwidth * spacing) ** 2)
+
+
+def zeta(network: Map, u: Array) -> float:
+    """Distortion of a map: mean squared distance of samples (n, d) to their winners (eq. 9)."""
+    return float(np.mean(network.nearest(u)[0] ** 2))
+
+
+def passes(
+    net: VDSOM,
+    points: Sequence[Array],
+    epochs: int,
+    sigma: tuple[float, float],
+    rng: np.random.Generator,
+    look: Any = None,
+) -> Iterator[list[Epoch]]:
+    """Show all samples `epochs` times, each time in another order; yields after each.
+
+    points : (n, d) for each map, samples in the unit boxes
+    sigma : neighbourhood radius at the start and at the end [nodes]
+    look : called with the rows that come next and their rates, every :data:`CHUNK` samples
+    """
+    n, done = len(points[0]), 0
+    for _ in range(epochs):
+        order = rng.permutation(n)
+        total = np.zeros(len(points))
+        for first in range(0, n, CHUNK):
+            rows = order[first : first + CHUNK]
+            t = done + np.arange(len(rows))
+            rates = Rates.training(t, sigma, epochs * n, len(points))
+            if look is not None:
+                look(rows, done + len(rows), rates)
+            total += [part.sum() for part in net.show([p[rows] for p in points], rates)]
+            done += len(rows)
+        yield [
+            Epoch.of(p, layer.weights, layer.lattice, float(s[-1]), float(error / n))
+            for p, layer, s, error in zip(points, net.layers, rates.sigma, total, strict=True)
+        ]

@@ -1,1 +1,0 @@
-"""Sweeps: many trainings over a grid of options, robots and logs."""

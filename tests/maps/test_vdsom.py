@@ -1,0 +1,175 @@
+"""The paper's algorithm: every equation against plain NumPy, and what it reaches."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import calib
+from calib.common.scale import Scale
+from calib.errors import OptionError
+from calib.maps.density import READINGS, Visit
+from calib.maps.lattice import Lattice
+from calib.maps.links import WIRINGS
+from calib.maps.map import Map
+from calib.maps.vdsom import CHUNK, VDSOM, Layer, Rates, zeta
+from calib.paper.setting import Setting
+from calib.paper.trial import Schedule, activity_errors, association
+
+BOX = Scale(np.zeros(2), np.ones(2), np.zeros(2, dtype=bool))
+
+
+def rates(n, sigma, alpha, maps=1, eta=0.13, beta=1.0):
+    progress = np.linspace(0.1, 1.0, n)
+    return Rates((sigma,) * maps, alpha, progress, np.full(n, eta), np.full(n, beta))
+
+
+def h_of(lattice, winner, sigma):
+    r = lattice.positions()
+    return np.exp(-np.sum((r - r[winner]) ** 2, axis=1) / (2 * sigma**2))
+
+
+@pytest.mark.parametrize("shape", [(9,), (7, 8), (4, 5, 3)])
+def test_a_step_is_eq_1_to_3(shape):
+    rng, lattice = np.random.default_rng(0), Lattice(shape)
+    w, x = rng.random((lattice.size, 2)), rng.random((5, 2))
+    sigma, alpha = np.linspace(3.0, 2.0, 5), np.linspace(0.9, 0.5, 5)
+    wanted, distances = w.copy(), []
+    for sample, s, a in zip(x, sigma, alpha, strict=True):
+        away = np.linalg.norm(wanted - sample, axis=1)
+        winner = away.argmin()  # eq. 1
+        distances.append(away[winner])
+        wanted += a * h_of(lattice, winner, s)[:, None] * (sample - wanted)  # eq. 3, 2
+    net = VDSOM([Layer(w, lattice, BOX)])
+    (found,) = net.show([x], rates(5, sigma, alpha))
+    np.testing.assert_allclose(net.layers[0].weights, wanted, atol=5 * np.exp(-8.0))
+    np.testing.assert_allclose(found, distances, atol=5 * np.exp(-8.0))
+
+
+def test_sigma_and_alpha_fall_as_eq_4_says():
+    told = Rates.training(np.arange(100), (8.0, 0.5), 100, 2)
+    T = 99 / np.log(8.0 / 0.5)  # the time constant at which it ends at half a node
+    np.testing.assert_allclose(told.sigma[0], 8.0 * np.exp(-np.arange(100) / T))
+    np.testing.assert_allclose(told.alpha, 0.5 * np.exp(-np.arange(100) / T))
+
+
+def test_after_a_change_sigma_falls_by_eq_10_and_the_links_rates_by_eq_12():
+    t = np.arange(0, 900, 100)
+    told = Rates.following(t, (4.0, 2.0), 0.5, 800)
+    now = np.minimum(t, 800)
+    np.testing.assert_allclose(told.sigma[0], 4.0 * (0.5 / 4.0) ** (now / 800))
+    np.testing.assert_allclose(told.beta, np.exp((800 - now) / 800))
+    np.testing.assert_allclose(told.eta, 0.13 * np.exp((800 - now) / 800))
+
+
+def test_eq_7_and_8_weigh_a_sample_and_never_beyond_its_place():
+    lattice = Lattice((6, 6))
+    w, x = np.random.default_rng(1).random((36, 2)), np.array([[0.3, 0.9]])
+    winner = np.linalg.norm(w - x, axis=1).argmin()
+    visit = Visit(1.0, np.array([winner]), np.zeros(1), w, lattice)
+    for name in ("rho", "border", "density"):
+        g = READINGS[name](visit)[0]
+        net = VDSOM([Layer(w, lattice, BOX, READINGS[name])])
+        net.show([x], Rates((np.array([1.0]),), *(np.array([v]) for v in (0.3, 1.0, 0.1, 1.0))))
+        step = min(0.3 * g, 1.0) * h_of(lattice, winner, 1.0)[:, None]
+        np.testing.assert_allclose(net.layers[0].weights, w + step * (x - w), atol=1e-3)
+
+
+def test_eq_7_of_the_whole_lattice_is_smallest_at_the_border():
+    lattice = Lattice((9, 9))
+    w = lattice.positions() / 8
+    every = Visit(1.0, np.arange(81), np.zeros(81), w, lattice)
+    rho = np.exp(-np.array([np.sum((w - at) ** 2) for at in w]) / 27.0)
+    assert rho.argmin() in (0, 8, 72, 80)
+    gain = READINGS["rho"](every)  # 1 + (t mean / (rho T))^4, largest where rho is smallest
+    assert gain.argmax() in (0, 8, 72, 80)
+    start = READINGS["rho"](Visit(0.0, np.arange(81), np.zeros(81), w, lattice))
+    np.testing.assert_array_equal(start, 1.0)
+
+
+def test_eq_8_as_printed_gathers_all_nodes_in_one_place_and_only_online():
+    x = np.random.default_rng(0).random((2000, 2))
+    printed, stable = (
+        calib.SOM(10, f"vdsom:{name}", rule="online", epochs=3).fit(x)
+        for name in ("printed", "rho")
+    )
+    assert np.ptp(printed.units, axis=0).max() < 0.02
+    assert printed.quantization_error(x) > 0.3
+    assert stable.quantization_error(x) < 0.06
+    with pytest.raises(OptionError, match="one sample at a time"):
+        calib.SOM(10, "vdsom:printed").fit(x)
+
+
+def linked(c, wiring=WIRINGS["oja"]):
+    """Two maps of three nodes in a row, and links to start from."""
+    layers = [Layer(np.column_stack([[0.0, 0.5, 1.0], [0.0] * 3]), Lattice((3,)), BOX)] * 2
+    return VDSOM(layers, wiring, c)
+
+
+@pytest.mark.parametrize("beta", [1.0, 0.25])
+def test_links_are_those_of_eq_5_and_11_step_by_step(beta):
+    rng = np.random.default_rng(2)
+    samples = [rng.random((CHUNK + 30, 2)) for _ in range(2)]
+    c = rng.random((3, 3))
+    net, eta, n = linked(c), 0.4, len(samples[0])
+    a, b = (
+        WIRINGS["oja"].activity(layer.map, x).toarray()
+        for layer, x in zip(net.layers, samples, strict=True)
+    )
+    for i, j in zip(a, b, strict=True):
+        c = c + eta * (np.outer(i, j) - beta * c * j**2)
+    none = np.zeros(n)
+    net.show(samples, rates(n, none + 1, none, 2, eta, beta), maps=False)
+    np.testing.assert_allclose(net.links, c, rtol=2e-3)
+
+
+def test_a_link_whose_motor_node_is_silent_is_forgotten():
+    net = linked(np.eye(3))
+    at = [np.array([[1.0, 0.0]]), np.array([[0.0, 0.0]])]
+    net.show(at, rates(1, np.ones(1), np.zeros(1), 2, eta=0.5), maps=False)
+    assert net.links[0, 0] == pytest.approx(0.5, abs=0.05)
+    assert net.links[2, 0] > 0.4
+
+
+def test_zeta_is_the_mean_square_distance_to_the_winner():
+    network = Map(np.array([[0.0, 0.0], [1.0, 1.0]]), Lattice((2,)), BOX, np.zeros((0, 4)))
+    assert zeta(network, np.array([[0.3, 0.0], [1.0, 0.9]])) == pytest.approx((0.09 + 0.01) / 2)
+
+
+def test_maps_and_links_develop_together():
+    q = np.random.default_rng(0).uniform(size=(1500, 2))
+    pair = calib.SOM(8, "som", "online", epochs=8).fit_pair(q, q**2)
+    assert pair.curve[-1, 4] < 0.5 * pair.curve[1, 4]
+    assert np.linalg.norm(pair.forward(q) - q**2, axis=1).mean() < 0.1
+    assert pair.curve[:, 2].argmin() > len(pair.curve) / 2
+
+
+def test_a_start_with_too_many_links_is_refused():
+    with pytest.raises(OptionError, match="rule='batch'"):
+        VDSOM([Layer(np.zeros((160_000, 2)), Lattice((400, 400)), BOX)] * 2, WIRINGS["oja"])
+
+
+def test_online_and_batch_are_equally_precise_on_the_papers_arm():
+    """The same schedule, three seeds each: no further apart than seeds are, or a tenth."""
+    found = {}
+    for rule in ("batch", "online"):
+        errors = []
+        for seed in (0, 1, 2):
+            log = calib.babble(calib.load_arm("two_link"), 3000, seed=seed)
+            pair = association(log, "som", Schedule(8, 0.8, rule=rule), 12, seed)
+            errors.append(activity_errors(pair, *Setting().validation(log, seed, 3000)).mean())
+        found[rule] = np.array(errors)
+    a, b = found["batch"], found["online"]
+    assert abs(a.mean() - b.mean()) < max(2 * np.hypot(a.std(), b.std()), 0.1 * a.mean())
+
+
+@pytest.mark.parametrize("side", [6, 8, 16])
+def test_a_varying_density_helps_small_lattices_too(side):
+    """At one strength for all sizes it tore a lattice of 8x8, and the map was useless."""
+    q = calib.babble(calib.load_arm("two_link"), 3000, seed=0).q
+    plain, varying = (
+        calib.SOM(side, network, rule="online", sigma=(side / 2, 1.5)).fit(q).history[-1, 2:]
+        for network in ("som", "vdsom")
+    )
+    assert varying[0] < plain[0]  # distance to the winner
+    assert varying[1] < 0.02  # topographic error
