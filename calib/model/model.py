@@ -20,7 +20,10 @@ from .trust import MOST_BLENDED, MOST_SHARE
 if TYPE_CHECKING:
     from .paths import Path
 
-FUNCTIONS = ("adapt", "check", "correct", "evaluate", "follow", "monitor", "recognise", "report")
+FUNCTIONS = (
+    *("adapt", "check", "correct", "evaluate", "figures", "follow", "monitor", "preview"),
+    *("recognise", "report"),
+)
 """What is done with a model, rather than asked of it, is a function of the package."""
 
 
@@ -64,6 +67,19 @@ class Model(Parts, Saving):
             """Name the function where a method is asked for that is none."""
             hint = f": call `calib.{name}(model, ...)`" if name in FUNCTIONS else ""
             raise AttributeError(f"a model has no attribute {name!r}{hint}")
+
+    def _repr_html_(self) -> str:
+        """What it is and how well it does, as a small table for notebooks."""
+        from html import escape
+
+        from .facts import facts
+
+        title, *_, error = repr(self).splitlines()
+        rows = "".join(
+            f"<tr><th style='text-align:left'>{escape(name)}</th><td>{escape(text)}</td></tr>"
+            for name, text in facts(self).items()
+        )
+        return f"<b>{escape(title)}</b><br>{escape(error)}<table>{rows}</table>"
 
     def warm_up(self) -> Model:
         """Compile and fill everything that queries use, so that none of them is slow.
