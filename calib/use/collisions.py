@@ -14,8 +14,8 @@ from ..arm.arm import Arm
 from ..body.views import is_camera
 from ..common.arrays import Array
 from ..model.model import Model
+from ..model.nominal import moves_in_space
 from ..model.space import Space
-from .nominal import moves_in_space
 from .pose_space import PoseSpace
 
 _TRIED, _ALWAYS = 100, 0.9  # postures in which links meet that are built so, and their share

@@ -9,7 +9,7 @@ import numpy as np
 from ...body.curves import powers
 from ...common.wording import length_in_words
 from ...maps.node_bounds import COVERAGE
-from ...use.nominal import moves_in_space
+from ...model.nominal import moves_in_space
 from .drawing import HUE, HUES, INK, figure_unit, label_steps, over_each_joint, panels
 from .evidence import Evidence
 
