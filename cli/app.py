@@ -94,14 +94,22 @@ class CalibGroup(TyperGroup):
             )
 
     def invoke(self, ctx: Any) -> Any:
+<<<<<<< HEAD
         """Run the command that was chosen; Typer would end Ctrl-C without a word, and a closed pipe as an error."""
+=======
+        """Run the command that was chosen; Typer has codes of its own for Ctrl-C and pipes."""
+>>>>>>> main
         try:
             return super().invoke(ctx)
         except KeyboardInterrupt:
             raise typer.Abort from None
         except BrokenPipeError:  # a reader who has seen enough
             silence(sys.stdout)
+<<<<<<< HEAD
             raise typer.Exit from None
+=======
+            return 0
+>>>>>>> main
 
     def main(
         self,
@@ -118,7 +126,7 @@ class CalibGroup(TyperGroup):
             # not standalone: Click would print its own errors in several lines and exit
             code = super().main(args, prog_name, complete_var, False, windows_expand_args, **extra)
             sys.stdout.flush()
-        except BrokenPipeError:  # a reader who has seen enough
+        except BrokenPipeError:  # only now, by the flush
             silence(sys.stdout)
             code = 0
         except Exception as error:
