@@ -94,22 +94,14 @@ class CalibGroup(TyperGroup):
             )
 
     def invoke(self, ctx: Any) -> Any:
-<<<<<<< HEAD
-        """Run the command that was chosen; Typer would end Ctrl-C without a word, and a closed pipe as an error."""
-=======
         """Run the command that was chosen; Typer has codes of its own for Ctrl-C and pipes."""
->>>>>>> main
         try:
             return super().invoke(ctx)
         except KeyboardInterrupt:
             raise typer.Abort from None
         except BrokenPipeError:  # a reader who has seen enough
             silence(sys.stdout)
-<<<<<<< HEAD
-            raise typer.Exit from None
-=======
             return 0
->>>>>>> main
 
     def main(
         self,
