@@ -34,6 +34,9 @@ LOG_FRAMES = ("auto", "base")
 CAUSES = ("sensor", "joints")
 """What a user may know of a change."""
 
+EYES = ("hand", "base")
+"""Where the camera is: in the hand and the board stands still, or the other way round."""
+
 METHODS = ("few-shot", "online")
 """How a model adapts."""
 
