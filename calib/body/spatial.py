@@ -26,7 +26,6 @@ from .settings import (
     CURVE,
     CURVE_ROWS,
     ELASTIC,
-    FREE,
     GAIN,
     OFFSET_SCALES,
     SCALES,
@@ -116,11 +115,11 @@ class SpatialStructure(Structure):
         return (
             Block(
                 "tool", tuple((None, f"tool.{axis}", "m") for axis in "xyz"),
-                sd=FREE * self._reach if informed else self._reach, scales=held,
+                sd=self._reach, scales=held,  # what one orientation does not tell is held
             ),
             Block(
                 "tool.rotation", tuple((None, f"tool.rotation.{axis}", "rad") for axis in "xyz"),
-                sd=100.0,
+                sd=3.0,
             ),
             Block(
                 "placement",

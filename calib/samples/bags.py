@@ -16,7 +16,7 @@ import numpy as np
 
 from ..arm.rotations import matrix_of, quaternion_of
 from ..common.arrays import Array
-from ..common.wording import listed
+from ..common.wording import INSTALL, listed
 from ..errors import LogError
 from .joint_values import MAX_GAP, check_limits, covered, joint_speed, joints_at
 from .recorded import Recorded, told
@@ -31,7 +31,7 @@ _POSITIONS = {
 _TF = "tf2_msgs/msg/TFMessage"
 #: Turns [rad] and lengths [m] below which a transform is the same.
 _SAME = 1e-9
-_INSTALL = "reading bags needs rosbags: pip install 'calib-arm[ros]'"
+_INSTALL = f"reading bags needs rosbags: {INSTALL.format('ros')}"
 
 
 def read_bag(
