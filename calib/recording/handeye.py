@@ -12,13 +12,13 @@ from typing import Any
 
 import numpy as np
 
-from ..arm.arm import SpatialArm
+from ..arm.arm import Arm, SpatialArm
 from ..arm.rotations import exponential, logarithm, quaternion_of
 from ..body.belief import Body
 from ..body.corners import fit_corners
 from ..body.sensor import SensorPose
 from ..body.spatial import SpatialStructure, structure_of
-from ..common.arrays import Array
+from ..common.arrays import Array, Mask
 from ..common.choices import EYES
 from ..common.parallel import one_blas_thread
 from ..common.wording import listed
@@ -49,7 +49,7 @@ class Seen:
     corners: Array  # (n, 3), in the board's frame [m]
     pixels: Array  # (n, 2), where a lens without distortion shows them
 
-    def take(self, kept: Array) -> Seen:
+    def take(self, kept: Mask) -> Seen:
         """Return the pictures of a mask (p,)."""
         own = kept[self.rows]
         names = tuple(name for name, stays in zip(self.names, kept, strict=True) if stays)
@@ -114,7 +114,7 @@ class HandEye:
 
 
 def handeye(
-    arm: SpatialArm,
+    arm: Arm,
     pictures: str | os.PathLike[str] | Sequence[Array],
     joints: str | os.PathLike[str] | JointTable,
     board: Board | str,
@@ -252,7 +252,7 @@ def _solved(
 
 def _fitted(
     structure: SpatialStructure, seen: Seen, eye: str
-) -> tuple[tuple[Any, Body], Array, Array]:
+) -> tuple[tuple[Any, Body], Mask, Array]:
     """The fit of the pictures that agree, which these are, and their corners' errors [px]."""
     kept = np.ones(len(seen.q), bool)
     for _ in range(3):
@@ -287,7 +287,7 @@ def _refuse_other(structure: SpatialStructure, seen: Seen, eye: str, misfit: flo
         )  # fmt: skip
 
 
-def _left_out(names: Sequence[str], kept: Array) -> list[str]:
+def _left_out(names: Sequence[str], kept: Mask) -> list[str]:
     """Say which pictures show the board elsewhere."""
     gone = [name for name, stays in zip(names, kept, strict=True) if not stays]
     if not gone:
@@ -378,7 +378,7 @@ def _gauge(arm: SpatialArm) -> list[str]:
     return [
         f"a turn about {first} and a shift along it are not told by pictures: what stands still is "
         f"known in the base frame but for them; {first}'s offset is zero by convention, and a turn "
-        f"of what is in the hand about {last} is one with the offset of {last}"
+        f"of what is in the hand about {last} is one with that joint's offset"
     ]
 
 
@@ -403,7 +403,7 @@ def _limit(
         return f"few pictures: {len(seen.q)}; 20 to 30 are better, with the wrist turned each way"
     if off > 0.5:
         return (
-            f"the arm's own errors, or blurred pictures: corners miss their places by {off:.2g} px; "
+            f"the arm's own errors, or blurred pictures: corners miss by {off:.2g} px; "
             "let the arm stand still before each picture"
         )
     worst = 1e3 * max(hand["position_95"])

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import dataclass
 from functools import cache
 
+import cv2
 import numpy as np
 import pytest
 from boards import Rig
 from rendering import Camera, Desk, board
 
+import calib
 from calib.arm.rotations import exponential, logarithm, matrix_of
 from calib.errors import LogError, OptionError
 from calib.recording.handeye import handeye
@@ -32,7 +35,7 @@ class Held(Camera):
 
 
 @cache
-def shots(in_hand, pictures=9, seed=0):
+def shots(in_hand, pictures=10, seed=0):
     """A rig, its pictures and its joints; the board lies on the desk in its own frame."""
     rig = Rig(in_hand, seed=seed, pictures=pictures)
     z = rig.structure.predict(rig.q, rig.beta)
@@ -66,7 +69,7 @@ def test_camera_and_board_are_found_from_pictures(in_hand):
     assert (abs(off) < 1.5 * np.array(found.hand["position_95"])).all()
     turned = matrix_of(np.array(found.hand["quaternion"])[None])[0]
     assert np.linalg.norm(logarithm((turned.T @ turn)[None])) < np.radians(0.15)
-    assert found.used == found.pictures == 9
+    assert found.used == found.pictures == 10
     assert found.reprojection["mean"] < 0.3
     assert found.to_json()["eye"] == ("hand" if in_hand else "base")
     assert abs(found.lens["focal"] - rig.lens[0]) < 2.0 + found.lens["focal_95"]
@@ -85,7 +88,7 @@ def test_a_board_that_was_moved_is_left_out_and_told():
     q = np.concatenate([rig.q, rig.q[:3]])
     table = JointTable("joints", rig.arm.joint_names, q, None, None)
     found = handeye(rig.arm, mixed, table, SPEC, "hand")
-    assert found.used == 9
+    assert found.used == 10
     assert any("moved" in note for note in found.notes)
 
 
@@ -95,3 +98,26 @@ def test_refusals_name_what_was_given():
         handeye(rig.arm, pictures, joints, SPEC, "wrist")
     with pytest.raises(LogError, match="board"):
         handeye(rig.arm, pictures, joints, "9x9:24mm:18mm:4x4_100", "hand")
+
+
+def test_the_command_says_where_the_camera_is(tmp_path, run):
+    rig, pictures, joints = shots(True)
+    folder = tmp_path / "shots"
+    folder.mkdir()
+    for k, picture in enumerate(pictures):
+        cv2.imwrite(str(folder / f"{k:02d}.png"), picture)
+    table = tmp_path / "joints.csv"
+    rows = [",".join(map(repr, row.tolist())) for row in joints.q]
+    table.write_text("\n".join([",".join(joints.names), *rows]))
+    transform = tmp_path / "rig.json"
+    words = ["six_axis", folder, "--joints-file", table, "--board", SPEC, "--eye", "hand"]
+    done = run("handeye", *words, "--transform", transform, "-o", tmp_path / "rig.calib", "--json")
+    assert done.code == 0, done.err
+    position, _ = rig.hand(rig.beta)
+    assert np.allclose(done.document["hand"]["position"], position, atol=1e-3)
+    frames = [each["child_frame_id"] for each in json.loads(transform.read_text())]
+    assert frames == ["camera_frame", "board_frame"]
+    told = run("handeye", *words)
+    assert len(told.out.splitlines()) <= 10
+    assert "limited by" in told.out
+    assert calib.load(tmp_path / "rig.calib").about.joint_names == rig.arm.joint_names
