@@ -45,7 +45,7 @@ def correct(
     """Correct joint values so that the real arm reaches where the nominal arm would be.
 
     Exit code 3 if the real arm cannot reach one of these places, or if a joint would change by
-    more than the limit; then nothing is written.
+    more than the limit; the other rows are written.
     """
     import numpy as np
 
@@ -70,14 +70,18 @@ def correct(
     )
     notes = Notes()
     notes.say(found.notes)
-    columns = dict(zip(joints.names, (found.q * factors).T, strict=True))
+    commanded = np.where(found.exceeded[:, None], np.nan, found.q)
+    columns = dict(zip(joints.names, (commanded * factors).T, strict=True))
     columns |= dict(zip(loaded.axes, found.target.T, strict=True))
     columns |= fields(found, "distance expected_error reachable")
     columns |= {} if found.angle is None else {"angle": found.angle}
+    placed = found.placement_error
+    columns |= {} if placed is None else {"placement_error": placed}
     beyond, missed = rows[found.exceeded].tolist(), rows[~found.reachable].tolist()
+    answered = bool((found.reachable & ~found.exceeded).any())
     changes = _changes(found, joints)
     write_answers(
-        None if beyond else batch.answered(over_all_rows(valid, columns)),
+        batch.answered(over_all_rows(valid, columns)) if answered or not beyond else None,
         output,
         as_json,
         joints,
@@ -108,7 +112,7 @@ def correct(
             f"{numbered(beyond)} of {n}: a joint would change by more than the limit (row "
             f"{rows[row]}: {joints.change(worst, found.change[row, worst])}, limit "
             f"{joints.change(worst, found.limit[worst])}); "
-            "nothing was written; if the change is right, give a larger --limit"
+            "no answer; if the change is right, give a larger --limit"
         )
     if batch.invalid and not beyond:
         raise typer.Exit(1)
