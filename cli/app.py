@@ -94,11 +94,14 @@ class CalibGroup(TyperGroup):
             )
 
     def invoke(self, ctx: Any) -> Any:
-        """Run the command that was chosen; Typer would end Ctrl-C without a word."""
+        """Run the command that was chosen; Typer has codes of its own for Ctrl-C and pipes."""
         try:
             return super().invoke(ctx)
         except KeyboardInterrupt:
             raise typer.Abort from None
+        except BrokenPipeError:  # a reader who has seen enough
+            silence(sys.stdout)
+            return 0
 
     def main(
         self,
@@ -115,7 +118,7 @@ class CalibGroup(TyperGroup):
             # not standalone: Click would print its own errors in several lines and exit
             code = super().main(args, prog_name, complete_var, False, windows_expand_args, **extra)
             sys.stdout.flush()
-        except BrokenPipeError:  # a reader who has seen enough
+        except BrokenPipeError:  # only now, by the flush
             silence(sys.stdout)
             code = 0
         except Exception as error:

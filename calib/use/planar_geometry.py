@@ -39,7 +39,7 @@ class InPlane(SpatialStructure):
 
     @property
     def blocks(self) -> tuple[int, ...]:
-        """Sizes of the outputs that share a unit and a noise."""
+        """Widths of the outputs that share a noise: both coordinates."""
         return (2,)
 
     @property
