@@ -45,6 +45,10 @@ CauseWord = Literal["sensor", "joints"]
 CAUSES: tuple[str, ...] = get_args(CauseWord)
 """What a user may know of a change."""
 
+Eye = Literal["hand", "base"]
+EYES: tuple[str, ...] = get_args(Eye)
+"""Where the camera is: in the hand and the board stands still, or the other way round."""
+
 MethodWord = Literal["few-shot", "online"]
 METHODS: tuple[str, ...] = get_args(MethodWord)
 """How a model adapts."""
