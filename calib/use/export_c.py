@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..body.basis import exponents
 from ..body.belief import Body
 from ..body.curves import HARMONICS
 from ..body.planar import PlanarStructure
@@ -17,7 +16,7 @@ from ..common.arrays import Array
 from ..common.parallel import one_blas_thread
 from ..common.wording import one_line
 from ..errors import OptionError
-from ..maps.local_models import FULL, blend_size, predict, reach_of
+from ..maps.local_models import FULL, SILENT, blend_size, exponents, predict, reach_of
 from ..maps.predictor import BodyInBox
 from ..model.model import Model
 from ..model.trust import MOST_BLENDED, ROUNDED
@@ -172,11 +171,8 @@ class _Writer:
             "harmonics": HARMONICS,
             "trusted": "" if self._trusted else blended,
             "local": self._local,
-            "fades": int(models.fades),
-            "votes": int(models.votes > 0.0),
-            "silent": self._n(models.votes),
+            "silent": self._n(SILENT),
             "full": self._n(FULL),
-            "gated": models.gates is not None,
             "terms": models.coefficients.shape[1] if self._local else 1,
             "slack": self._n(-ROUNDED),
             "calm": self._n(_CALM),
@@ -221,8 +217,6 @@ class _Writer:
         below = [[place.get(tuple((t - e).tolist()), 0) for e in unit] for t in terms]
         parent = [row[k] for row, k in zip(below, along, strict=True)]
         count = str(len(terms))
-        if models.gates is not None:
-            out += array(REAL, "calib_gate", [nodes, f"{DOF} + 1"], models.gates, one)
         flat = models.coefficients.reshape(len(models.coefficients), -1)
         return (
             out

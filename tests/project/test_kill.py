@@ -24,7 +24,6 @@ pytestmark = pytest.mark.skipif(os.name == "nt", reason="signals and locks of PO
 REPLACED = STEPS.index("replace") + 1
 """From this step on the new file is there."""
 
-OLD = Path(__file__).parents[1] / "data" / "model-format-1.calib"
 
 
 KILLED = f"""
