@@ -67,12 +67,12 @@ def timed(work: Any) -> tuple[float, Any]:
     return statistics.median(times), result
 
 
-def build(model: Model) -> str:
-    """Build the page of a preview."""
-    from calib.show.preview.page import html
-    from calib.show.preview.scene import draw
-
-    return html(draw(model), model)
+def build(model: Model, what: Any = calib.preview) -> str:
+    """Build the page of a preview or of a report."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "page.html"
+        what(model, path)
+        return path.read_text(encoding="utf-8")
 
 
 def rotate(page: str) -> dict[str, float] | None:
@@ -110,8 +110,6 @@ def main() -> None:
     parser.add_argument("--size", type=int, default=70, help="nodes along each side")
     parser.add_argument("--json", metavar="FILE", help="write the figures, too")
     arguments = parser.parse_args()
-    from calib.show.report.page import report
-
     model = train(arguments.size)
     start = time.perf_counter()
     first = build(model)
@@ -119,7 +117,7 @@ def main() -> None:
     seconds, page = timed(lambda: build(model))
     assert page == first
     start = time.perf_counter()
-    told = report(model)
+    told = build(model, calib.report)
     report_cold = time.perf_counter() - start
     result = {
         "size": arguments.size,
@@ -128,7 +126,7 @@ def main() -> None:
         "preview_mb": len(page.encode()) / 1e6,
         "rotation": rotate(page),
         "report_first_s": report_cold,
-        "report_s": timed(lambda: report(model))[0],
+        "report_s": timed(lambda: build(model, calib.report))[0],
         "report_mb": len(told.encode()) / 1e6,
     }
     print(json.dumps(result, indent=2))

@@ -51,6 +51,10 @@ if TYPE_CHECKING:
     from .samples.logs import write_log as write_log
     from .samples.samples import Samples as Samples
     from .samples.simulation import Simulation as Simulation
+    from .show.preview.server import Preview as Preview
+    from .show.preview.server import preview as preview
+    from .show.report.page import figures as figures
+    from .show.report.page import report as report
     from .sweeps import Sweep as Sweep
     from .sweeps import Trial as Trial
     from .sweeps import sweep as sweep
@@ -84,6 +88,7 @@ _HOME = {
     "Path": "model.paths",
     "Plan": "use.plan",
     "PlanarArm": "arm.arm",
+    "Preview": "show.preview.server",
     "QueryError": "errors",
     "Recognition": "change.recognise",
     "RobotError": "errors",
@@ -99,14 +104,17 @@ _HOME = {
     "check": "change.check",
     "correct": "use.correct",
     "evaluate": "training.evaluate",
+    "figures": "show.report.page",
     "follow": "change.follow",
     "list_robots": "arm.robots",
     "load": "model_file.storage",
     "load_arm": "arm.loading",
     "monitor": "change.monitor",
     "plan": "use.plan",
+    "preview": "show.preview.server",
     "read_log": "samples.logs",
     "recognise": "change.recognise",
+    "report": "show.report.page",
     "sweep": "sweeps",
     "train": "training.train",
     "write_log": "samples.logs",

@@ -47,12 +47,17 @@ class Trial:
         return math.nan if value is None else float(value)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Sweep:
     """What came out of a grid of options: a row for each training, in the order given."""
 
     rows: tuple[Trial, ...]
     notes: tuple[str, ...] = ()
+
+    def __repr__(self) -> str:
+        """Say in a line how many trainings there are."""
+        bad = f", {len(self.failed)} failed" if self.failed else ""
+        return f"Sweep of {len(self)} trainings{bad}"
 
     def __len__(self) -> int:
         return len(self.rows)

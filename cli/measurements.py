@@ -88,7 +88,7 @@ def _doubt(model: Model, log: Samples) -> list[str]:
     """Return one line where a log is far from what a model predicts, none where it is near."""
     import numpy as np
 
-    from calib.samples.plausibility import unit_hint
+    from calib.samples.diagnosis import unit_hint
 
     gap = np.linalg.norm(model.forward(log.q) - log.x, axis=1)
     bound = model.expected_error(log.q)

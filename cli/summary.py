@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 from calib.common.choices import READOUTS
-from calib.show.facts import STATISTICS, Errors, shown_errors
+from calib.model.facts import STATISTICS, Errors, shown_errors
 
 from .output import TextTable, explained, number
 from .units import units_of

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from calib.common.wording import for_people, unit_of_joint
-from calib.show.facts import learned_range
+from calib.model.facts import learned_range
 
 from .output import fixed
 from .usage import BadOption, bad_option

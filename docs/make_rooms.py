@@ -24,6 +24,7 @@ ROOMS = (
     ("samples", "what the arm did and the sensor saw"),
     ("body", "chain, view, curves; fit, gate, posterior"),
     ("maps", "lattices, gains, links, readouts, local models"),
+    ("kernel", "a model as C: its source, compiled"),
     ("inverse", "from positions to joints: starts, Newton, branches"),
     ("model", "what was learned, and its answers"),
     ("model_file", "how a model is kept"),

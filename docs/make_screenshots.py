@@ -15,9 +15,6 @@ from PIL import Image
 
 import calib
 from calib.model.model import Model
-from calib.show.preview.page import html
-from calib.show.preview.scene import draw
-from calib.show.report.page import report
 
 NAMES = ("chromium", "chromium-browser", "google-chrome", "chrome")
 OPTIONS = (
@@ -37,14 +34,13 @@ OPTIONS = (
 )
 
 
-def photograph(page: str, width: int, height: int) -> Image.Image:
+def photograph(source: Path, width: int, height: int) -> Image.Image:
     """Return what a browser shows of a page."""
     browser = next((path for name in NAMES if (path := shutil.which(name))), None)
     if browser is None:
         raise SystemExit("no Chromium here: apt-get install chromium")
     with tempfile.TemporaryDirectory() as folder:
-        source, target = Path(folder) / "page.html", Path(folder) / "seen.png"
-        source.write_text(page, encoding="utf-8")
+        target = Path(folder) / "seen.png"
         subprocess.run(  # noqa: S603 - a browser found on this computer, no shell
             [
                 browser,
@@ -66,8 +62,12 @@ def main() -> None:
     out = Path(__file__).parent / "img"
     out.mkdir(exist_ok=True)
     full, paper = (train(robot) for robot in ("two_link_full", "two_link"))
-    save(photograph(html(draw(full), full), 1200, 680), out / "preview.png")
-    save(photograph(report(paper), 900, 1190), out / "report.png")
+    with tempfile.TemporaryDirectory() as folder:
+        page = Path(folder) / "page.html"
+        calib.preview(full, page)
+        save(photograph(page, 1200, 680), out / "preview.png")
+        calib.report(paper, page)
+        save(photograph(page, 900, 1190), out / "report.png")
 
 
 def save(picture: Image.Image, path: Path) -> None:

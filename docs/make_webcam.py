@@ -28,7 +28,6 @@ from calib.recording.lens import Lens  # noqa: E402
 from calib.recording.photo import take_photo, write_seen  # noqa: E402
 from calib.recording.pictures import list_pictures, read_picture  # noqa: E402
 from calib.recording.setting import Setup  # noqa: E402
-from calib.show.report.page import pictures  # noqa: E402
 
 
 def render(folder: Path, count: int = 60) -> Desk:
@@ -66,7 +65,9 @@ def main(target: Path) -> None:
         log = calib.read_log(folder / "log.csv", joints=list(made.joint_names))
         model = calib.train(log)
         shown = take_photo(list_pictures(folder / "pictures")[7], model.sensory.weights, "px")
-        drawn = io.BytesIO(pictures(replace(model, photo=shown))["photo"])
+        drawn = io.BytesIO()
+        figure = calib.figures(replace(model, photo=shown), names=["photo"])["photo"]
+        figure.savefig(drawn, dpi=144, facecolor="white")
         save(Image.open(drawn), target / "webcam-map.jpg")
 
 

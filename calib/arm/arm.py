@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from ..common.arrays import Array
 from ..common.frozen import own_floats
 from ..common.rows import checked_rows
-from ..common.wording import quoted, suggestion
+from ..common.wording import one_line, quoted, suggestion
 from ..errors import OptionError
 from .plane import Plane
 from .ranges import Range, checked_range, cut_to_one_turn, notes_of_turns
@@ -27,7 +27,7 @@ _MIN_LENGTH = 1e-9
 _CACHED = 65_536  # rows whose intermediate arrays stay in the processor's cache
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class Arm:
     """A serial arm: names, ranges and the URDF that they come from.
 
@@ -71,6 +71,13 @@ class Arm:
     def __post_init__(self) -> None:
         """Freeze the arrays."""
         own_floats(self, "lower", "upper")
+
+    def __repr__(self) -> str:
+        """Say in a line which robot, joints and tip it is."""
+        words = (
+            f"{type(self).__name__} of {self.name}: {', '.join(self.joint_names)}, tip {self.tip}"
+        )
+        return one_line(words)
 
     def forward(self, q: ArrayLike) -> Array:
         """Positions (n, outputs) or (outputs,) [m] at joint values (n, dof) or (dof,)."""
@@ -212,7 +219,7 @@ class Arm:
         return self.joint_names.index(joint)
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class PlanarArm(Arm):
     """A planar arm: joints, limits, tip, plane and kinematics.
 
@@ -251,7 +258,7 @@ class PlanarArm(Arm):
         return np.stack([along, np.cross(self.plane.normal, along), self.plane.normal])
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class SpatialArm(Arm):
     """A spatial arm: joints, limits, tip and kinematics.
 

@@ -87,6 +87,8 @@ class Body(Gaussian):
     simulated: bool = False  # whether the rows were exact samples of a simulation
     member: str = ""  # name of the gate's member
     second: Second | None = None
+    # sd of readings that repeated poses show [unit]; 0 where no pose was repeated
+    repeat: float = 0.0
 
     def predict(self, q: Array) -> Array:
         """Outputs (n, m) at joint values (n, dof) [rad or m]."""
@@ -106,6 +108,19 @@ class Body(Gaussian):
         parts = [self._bound(q[i : i + _CHUNK], noise) for i in range(0, len(q), _CHUNK)]
         return np.concatenate(parts) if parts else np.zeros(0)
 
+    def unexplained(self, *, noise: bool) -> Array:
+        """Variance (p,) of positions that no parameter explains, of readings or of the truth.
+
+        An error of the model that repeats and the noise of readings look alike unless poses are
+        repeated: without these all of a log's residual counts as the model's, with them as much as
+        they show.  A simulation's is the sensor's.
+        """
+        part = slice(self.structure.blocks[0])  # positions, without the orientation of a pose
+        own = self.noise[part] ** 2
+        if not noise:
+            own = np.maximum(own - self.repeat**2, 0.0) * (not self.simulated)
+        return np.asarray(self.residual[part] ** 2 + own)
+
     def spread(self, q: Array) -> Array:
         """Covariance (n, m, m) of the predictions from the parameters alone, without kappa."""
         _, x = self.structure.linearise(np.asarray(q, dtype=float), self.beta, self.active)
@@ -113,7 +128,7 @@ class Body(Gaussian):
 
     def _bound(self, q: Array, noise: bool) -> Array:
         part = slice(self.structure.blocks[0])  # positions, without the orientation of a pose
-        extra = self.residual[part] ** 2 + (self.noise[part] ** 2 if noise else 0.0)
+        extra = self.unexplained(noise=noise)
         z, x = self.structure.linearise(q, self.beta, self.active)
         spread = SHARED**2 * spread_of(x[:, part], self.root)
         out = self.kappa * radius_95(spread + np.diag(extra))
@@ -144,11 +159,23 @@ class Body(Gaussian):
 
     def describe(self) -> tuple[str, ...]:
         """The body in words, one line for each joint, curve and view."""
-        lines = self.structure.words(self.beta, self.deviations)
+        lines = (*self.structure.words(self.beta, self.deviations), *self._bounds_in_words())
         if (sensor := SensorPose.of(self)) is None or self.structure.view == "base":
             return lines
         what = "camera" if is_camera(self.structure.view) else "sensor's frame"
         return (*lines, *sensor.words(what))
+
+    def _bounds_in_words(self) -> tuple[str, ...]:
+        """What the two bounds of a log's model are of; of a simulation both are of the truth."""
+        if self.simulated:
+            return ()
+        told = "no pose was repeated: all of the residual counts as the model's"
+        if self.repeat:
+            told = f"readings of one pose repeat to {self.repeat:.2g} {self.structure.unit}"
+        return (
+            "`expected_error` bounds what the sensor reads, `model_error` where the tip is; "
+            + told,
+        )
 
     def to_json(self) -> dict[str, Any]:
         """JSON-ready summary: member, view, noise, parameters with intervals, words."""

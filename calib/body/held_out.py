@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..common.arrays import Array
+from ..common.rows import thinned
 from .covariance import radius_95
 from .fit import Fit
 from .normal import Factor, slices
@@ -25,8 +26,26 @@ _FEW = 20
 _OUTLIER = 0.1
 """A row of less Student weight than this, beyond eight noise sd, is an outlier."""
 
+_OWN = 200
+"""Rows that are compared with what is stated there."""
+
 _UNKNOWN_KAPPA = 1.5
 """Inflation where there are too few rows to tell."""
+
+
+def own_ratio(fit: Fit) -> float:
+    """The 95 % quantile of rows' own residuals over what the fit states there.
+
+    Residuals beyond it contradict the statement, whatever the blocks say of each other.
+    """
+    p, k = fit.structure.blocks[0], fit.derivative.size
+    rows = thinned(len(fit.residual), _OWN)
+    x = fit.derivative.rows(rows, slice(p))
+    y = fit.softer(fit.grams.sum(axis=0)).whiten(x.dense().reshape(-1, k).T).reshape(k, -1, p)
+    spread = np.einsum("kni,knj->nij", y, y) + np.diag(fit.noise[:p] ** 2)
+    ratio = np.linalg.norm(fit.residual[rows, :p], axis=1) / radius_95(spread)
+    common = ratio[fit.weight[rows, 0] > _OUTLIER]
+    return float(np.quantile(common, 0.95)) if len(common) else 1.0
 
 
 @dataclass(frozen=True)

@@ -52,6 +52,7 @@ class Measurement:
     """A kind of reading, with the sensor's own parameters."""
 
     blocks: tuple[int, ...]  # sizes of the outputs that share a unit and a noise
+    sized: bool = True  # whether its rows tell how large the arm is
 
     @property
     def outputs(self) -> int:
@@ -62,10 +63,18 @@ class Measurement:
         """The sensor's own parameters."""
         raise NotImplementedError
 
-    def look(self, own: Mapping[str, Array], motion: Any) -> Sight:
-        """See a chain; `own` are values of the sensor's parameters by block."""
+    def look(self, own: Mapping[str, Array], motion: Any, also: Array) -> Sight:
+        """See a chain.
+
+        own : values of the sensor's parameters by block
+        also : (n, g), what else a row tells: which point was touched, which corner was seen
+        """
         raise NotImplementedError
 
     def residual(self, z: Array, predicted: Array) -> Array:
         """Residuals (n, m) of observed against predicted outputs."""
         return np.asarray(z - predicted)
+
+    def start(self, structure: Any, q: Array) -> Array:
+        """Parameters (d,) of a structure to begin a fit of rows (n, dof + g) with."""
+        raise NotImplementedError

@@ -74,7 +74,7 @@ class InPlane(Measurement):
         """Radius [unit] at which the lens bends by its radial parameter."""
         return _LENS * self.extent
 
-    def look(self, own: Mapping[str, Array], motion: Any) -> Seen:
+    def look(self, own: Mapping[str, Array], motion: Any, also: Array) -> Seen:  # noqa: ARG002
         """See the tip."""
         x, linear, depth = motion.position, self.matrix(own), np.ones(1)
         y, slope = _times(linear[:, :, None], x), linear[:, :, None]

@@ -20,18 +20,16 @@ from ..arm.motion import Motion as ChainMotion
 from ..arm.spatial_chain import GRAVITY, SpatialChain
 from ..common.arrays import Array
 from .curves import curve_shape
-from .measurement import Moved
+from .measurement import Measurement, Moved
 from .parameters import Block, Indices, Scale
 from .settings import (
     CURVE,
     CURVE_ROWS,
     ELASTIC,
-    FREE,
     GAIN,
     OFFSET_SCALES,
     SCALES,
     SHIFT,
-    TAG,
     TURN,
 )
 from .spatial_view import InSpace, Placed, compose
@@ -66,6 +64,7 @@ class SpatialStructure(Structure):
     simulated: bool = False  # whether the rows are samples of a simulation
     # whether the rows are too few to move joint origins; `spatial_starts` finds out
     few: bool = False
+    reading: Measurement | None = None  # what is measured, where its view's name does not say all
 
     @property
     def camera(self) -> bool:
@@ -73,8 +72,10 @@ class SpatialStructure(Structure):
         return self.outputs == 2
 
     @cached_property
-    def measurement(self) -> InSpace:
+    def measurement(self) -> Measurement:
         """What its sensor measures."""
+        if self.reading is not None:
+            return self.reading
         size = self._reach if self.camera else self.extent
         return InSpace(self.view, self.unit, self.metre, size, self.lens, self.lens_sd)
 
@@ -99,24 +100,26 @@ class SpatialStructure(Structure):
         # in a free frame the first turning joint's offset and a turn of the frame about its axis
         # are one, and the first origin's place is the frame's own
         first = 0 if self.view == "base" else 1
-        tag = (Scale("tool", TAG, SCALES),) if self.camera and informed else ()
+        tool = self.seen_as.tool
+        held = (tool,) if tool is not None and informed else ()
         own = np.arange(first, self.dof)
         flat = np.repeat((self._reach, 3.0), 3)  # shifts and turns where no drawing says
         turned, slid = own[turning[first:]], own[~turning[first:]]
         placed = np.arange(6 * first, 6 * len(self.chain_names)).reshape(-1, 2, 3)
+        choices = SCALES if self.measurement.sized else (1.0,)
         places = list(product((("shift", "m"), ("turn", "rad")), "xyz"))
         drawn = (
-            Scale("placement.shift", SHIFT, SCALES, within=placed[:, 0].ravel()),
-            Scale("placement.turn", TURN, SCALES, within=placed[:, 1].ravel()),
+            Scale("placement.shift", SHIFT, choices, within=placed[:, 0].ravel()),
+            Scale("placement.turn", TURN, choices, within=placed[:, 1].ravel()),
         )
         return (
             Block(
                 "tool", tuple((None, f"tool.{axis}", "m") for axis in "xyz"),
-                sd=FREE * self._reach if informed else self._reach, scales=tag,
+                sd=self._reach, scales=held,  # what one orientation does not tell is held
             ),
             Block(
                 "tool.rotation", tuple((None, f"tool.rotation.{axis}", "rad") for axis in "xyz"),
-                sd=100.0,
+                sd=3.0,
             ),
             Block(
                 "placement",
@@ -228,6 +231,8 @@ class SpatialStructure(Structure):
 
     def starts(self, q: Array, z: Array) -> Sequence[tuple[Structure, Array]]:
         """Candidate starts: structures with their parameters (d,)."""
+        if self.reading is not None:
+            return [(self, self.reading.start(self, q))]
         from .spatial_start import spatial_starts  # SciPy's linear algebra, which no query needs
 
         return spatial_starts(self, q, z)
@@ -253,6 +258,7 @@ class SpatialStructure(Structure):
 
     def sensor(self, beta: Array) -> Placed:
         """The sensor: where it stands, its scale and its lens."""
+        assert isinstance(self.measurement, InSpace)  # noqa: S101 - other readings are of fits alone
         return self.measurement.placed(self.seeing(beta))
 
 

@@ -39,6 +39,8 @@ _MISFIT = 0.1
 CLEAR = 0.3
 #: Tools, as shares of the reach, from which tool and frame are fitted by turns, and how often.
 _TOOL, _TURNS = 0.1, 8
+#: Orientations that vary by less than this [rad] leave the tool where the drawing has it.
+_HELD = 1e-3
 
 
 def spatial_starts(
@@ -141,11 +143,14 @@ def _guesses(structure: SpatialStructure, q: Array, z: Array, arm: Array) -> lis
     if structure.camera:
         return _cameras(structure, points, z, beta)
     if structure.outputs == 6:
-        return [_from_pose(structure, points, rotations, z, beta)]
+        found = [_from_pose(structure, points, rotations, z, beta)]
+        # of a tool that keeps one orientation relative rotations are noise: positions tell more
+        turn = _placed(structure, points, rotations, z[:, :3], np.zeros(3))[2]
+        return [*found, _turned(structure, points, rotations, z, beta, turn)]
     reach = _TOOL * structure.chain.reach
     tools = np.vstack([np.zeros(3), reach * np.eye(3), -reach * np.eye(3)])
-    found = [_placed(structure, points, rotations, z, tool) for tool in tools]
-    _, tool, turn, shift, factor = min(found, key=lambda each: each[0])
+    placed = [_placed(structure, points, rotations, z, tool) for tool in tools]
+    _, tool, turn, shift, factor = min(placed, key=lambda each: each[0])
     beta[structure.groups["tool"]], beta[structure.groups["view.shift"]] = tool, shift
     beta[structure.groups["view.rotation"]] = logarithm(turn)
     if structure.seen_as.scaled:
@@ -171,12 +176,12 @@ def _tool(
     points: Array, rotations: Array, z: Array, turn: Array, factor: float
 ) -> tuple[Array, Array]:
     """Tool (3,) and shift (3,) of z = shift + factor turn (p + R tool), which is linear in both."""
-    arms = np.concatenate(
-        [factor * (turn @ rotations), np.broadcast_to(np.eye(3), rotations.shape)], axis=2
-    )
-    target = (z[:, :3] - factor * points @ turn.T).reshape(-1)
-    solution = np.linalg.lstsq(arms.reshape(-1, 6), target, rcond=None)[0]
-    return solution[:3], solution[3:]
+    arms, target = factor * (turn @ rotations), z[:, :3] - factor * points @ turn.T
+    a, b = (each - each.mean(axis=0) for each in (arms, target))
+    # where the tool keeps one orientation the frame's shift is the same: the tool stays where drawn
+    gram = np.einsum("nij,nik->jk", a, a) + len(a) * (_HELD * factor) ** 2 * np.eye(3)
+    tool = np.linalg.solve(gram, np.einsum("nij,ni->j", a, b))
+    return tool, (target - arms @ tool).mean(axis=0)
 
 
 def _from_pose(
@@ -187,7 +192,6 @@ def _from_pose(
     Relative rotations of any two rows are conjugate, so that X turns the axes of A_k A_l' into
     those of Z_k Z_l' (Park and Martin 1994); rows are paired with their neighbours.
     """
-    beta, groups = arm.copy(), structure.groups
     seen = exponential(z[:, 3:])
     nominal = logarithm(rotations[1:] @ np.swapaxes(rotations[:-1], 1, 2))
     observed = logarithm(seen[1:] @ np.swapaxes(seen[:-1], 1, 2))
@@ -195,8 +199,16 @@ def _from_pose(
     if sane.sum() < 3:
         sane[:] = True
     turn = nearest_rotation(observed[sane].T @ nominal[sane])
+    return _turned(structure, points, rotations, z, arm, turn)
+
+
+def _turned(
+    structure: SpatialStructure, points: Array, rotations: Array, z: Array, arm: Array, turn: Array
+) -> Array:
+    """Parameters of a sensor that is turned by `turn` (3, 3), with the tool that fits poses."""
+    beta, groups = arm.copy(), structure.groups
     # Y = A' X' Z of every row, averaged as a matrix and made a rotation again
-    left = np.einsum("nij,jk,nkl->nil", np.swapaxes(rotations, 1, 2), turn.T, seen)
+    left = np.einsum("nij,jk,nkl->nil", np.swapaxes(rotations, 1, 2), turn.T, exponential(z[:, 3:]))
     beta[groups["view.rotation"]] = logarithm(turn)
     beta[groups["tool.rotation"]] = logarithm(nearest_rotation(left.sum(axis=0)))
     beta[groups["tool"]], beta[groups["view.shift"]] = _tool(

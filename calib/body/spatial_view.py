@@ -78,7 +78,7 @@ class InSpace(Measurement):
         turn = exponential(own["view.rotation"])
         return Placed(self.kind, turn, own["view.shift"], scale, own["lens"])
 
-    def look(self, own: Mapping[str, Array], motion: Any) -> View:
+    def look(self, own: Mapping[str, Array], motion: Any, also: Array) -> View:  # noqa: ARG002
         """See the tip."""
         return look(self.placed(own), motion.position, motion.rotation)
 
@@ -164,7 +164,7 @@ def look(sensor: Placed, position: Array, rotation: Array) -> View:
     """See the tip at `position` (3, n) [m] with orientation `rotation` (3, 3, n)."""
     turned = sensor.scale * (sensor.rotation @ position)
     if SPATIAL[sensor.kind].outputs == 2:
-        return _pixels(sensor, turned + sensor.shift[:, None])
+        return pixels(sensor, turned + sensor.shift[:, None])
     values = (turned + sensor.shift[:, None]).T
     if sensor.kind == "pose":
         matrices = sensor.rotation @ np.moveaxis(rotation, 2, 0)
@@ -172,14 +172,15 @@ def look(sensor: Placed, position: Array, rotation: Array) -> View:
     return View(np.ascontiguousarray(values), sensor, turned, None)
 
 
-def _pixels(sensor: Placed, point: Array) -> View:
+def pixels(sensor: Placed, point: Array) -> View:
+    """See points (3, n) of a camera's frame [m]."""
     f, u0, v0, k1 = sensor.lens
     depth = np.maximum(point[2], LEAST_DEPTH)
     point = np.stack([point[0], point[1], depth])
     ideal = point[:2] / depth
     rise, ratio, _ = SPATIAL[sensor.kind].bend(float(k1), (ideal**2).sum(axis=0))
     bent = 1 + rise * ratio
-    pixels = f * ideal * bent + np.array([[u0], [v0]])
+    values = f * ideal * bent + np.array([[u0], [v0]])
     # d pixel / d ideal = f ((1 + b) 1 + 2 b' u u'), d ideal / d point = [1, -u] / depth
     slope = np.empty((2, 3, len(depth)))
     for i in range(2):
@@ -187,7 +188,7 @@ def _pixels(sensor: Placed, point: Array) -> View:
             slope[i, j] = f * 2 * rise * ideal[i] * ideal[j] / depth
         slope[i, i] += f * bent / depth
     slope[:, 2] = -(slope[:, 0] * ideal[0] + slope[:, 1] * ideal[1])
-    return View(np.ascontiguousarray(pixels.T), sensor, point, slope)
+    return View(np.ascontiguousarray(values.T), sensor, point, slope)
 
 
 def compose(first: Array, second: Array) -> Array:

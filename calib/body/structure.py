@@ -199,10 +199,21 @@ class Structure:
     def _memory(self) -> dict[str, tuple[Array, Any]]:
         return {}
 
+    def apart(self, q: Array) -> tuple[Array, Array]:
+        """Joint values (n, dof) of rows, and what else they tell the measurement (n, g)."""
+        if q.shape[1] == self.dof:
+            return q, q[:, :0]
+        last = self._memory.get("apart")
+        if last is None or last[0] is not q:
+            parts = np.ascontiguousarray(q[:, : self.dof]), q[:, self.dof :]
+            last = self._memory["apart"] = (q, parts)
+        return last[1]
+
     def seen(self, q: Array, beta: Array) -> tuple[Motion, Sight]:
-        """Where the chain is at joint values (n, dof), and what the sensor sees of it."""
-        motion = self.move(self.joint_values(q, beta), beta)
-        return motion, self.measurement.look(self.seeing(beta), motion)
+        """Where the chain is at rows (n, dof + g), and what the sensor sees of it."""
+        joints, also = self.apart(q)
+        motion = self.move(self.joint_values(joints, beta), beta)
+        return motion, self.measurement.look(self.seeing(beta), motion, also)
 
     def seeing(self, beta: Array) -> dict[str, Array]:
         """Values of the sensor's own parameters, by block."""
@@ -236,6 +247,7 @@ class Structure:
     def derivative(self, q: Array, beta: Array, active: Indices) -> tuple[Array, Derivative]:
         """The same with the derivative's structure."""
         motion, sight = self.seen(q, beta)
+        q = self.apart(q)[0]
         n, outputs = sight.values.shape
         groups, place, wanted = self.groups, *np.full((2, self.size), -1)
         place[active] = np.arange(len(active))

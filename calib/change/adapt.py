@@ -16,7 +16,7 @@ from ..common.rows import thinned
 from ..errors import OptionError
 from ..model.model import Model
 from ..samples.samples import Samples
-from ..training.evaluate import figures
+from ..training.evaluate import error_sizes
 from ..training.learn import Progress
 from .adaptation import Adaptation, adapt_online, finished
 from .cause import KEPT, Cause
@@ -126,8 +126,8 @@ def _few_shot(found: Comparison, log: Samples, report: Progress) -> Adaptation:
         improved,
         int(np.count_nonzero(found.log.kept)),
         found.outliers,
-        figures(before),
-        figures(after),
+        error_sizes(before),
+        error_sizes(after),
         correction,
         tuple(c for c in (*causes, *bent) if c.cause != "noise"),
         _left(found, best) if changed else ("the arm and the sensor",),

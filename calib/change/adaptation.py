@@ -19,7 +19,7 @@ from ..model.alignment import Alignment
 from ..model.baseline import learn_baseline
 from ..model.measured import Rows
 from ..model.model import Model
-from ..training.evaluate import evaluate_residuals, figures, summarise
+from ..training.evaluate import error_sizes, evaluate_residuals, summarise
 from ..training.learn import Progress
 from .cause import Cause
 from .causes import find_causes
@@ -160,8 +160,8 @@ def adapt_online(found: Comparison, report: Progress) -> Adaptation:
         better(after, before) and bool(known.mean() > 0.5),
         len(u),
         found.outliers,
-        figures(before),
-        figures(after),
+        error_sizes(before),
+        error_sizes(after),
         "maps and Hebbian links trained online",
         tuple(c for c in causes if c.cause != "noise"),
         (),

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from ..common.arrays import Array
 from ..common.wording import for_people
 from ..model.alignment import Alignment
-from ..samples.plausibility import unit_hint
+from ..samples.diagnosis import unit_hint
 from .cause import AS_ONE, Cause
 from .comparison import Comparison
 from .explain import Explanation

@@ -39,7 +39,7 @@ class SeenStructure(PlanarStructure):
         """Where the model predicts the tip, and what the view makes of it."""
         value = self.model.predictor.value(self.model.motor.scale.to_unit(q))
         motion = _Predicted(np.ascontiguousarray(value.T))
-        return motion, self.measurement.look(self.seeing(beta), motion)
+        return motion, self.measurement.look(self.seeing(beta), motion, q[:, :0])
 
     def derivative(self, q: Array, beta: Array, active: Indices) -> tuple[Array, Derivative]:
         """Positions (n, 2) and derivatives (n, 2, k) by the view's parameters."""

@@ -9,6 +9,11 @@ from difflib import get_close_matches
 _LONGEST = 60  # characters of a name that are shown
 _LINE = 1_500  # characters of a message
 
+ROUNDED_AWAY = 1e-9
+"""Errors below this [m], or below this share of a sensor's extent, are rounding."""
+
+_PREFIXES = ((1e-3, "mm"), (1e-6, "µm"), (1e-9, "nm"))
+
 
 def printable(text: str) -> str:
     r"""Return a text whose line breaks, control characters and the like are written out.
@@ -76,3 +81,21 @@ def unit_of_joint(revolute: bool, degrees: bool) -> tuple[float, str]:
 def vector(values: Iterable[float]) -> str:
     """Return a vector as text, in which rounding errors, and a zero's sign, do not show."""
     return "(" + ", ".join(f"{round(float(value), 6) + 0.0:.4g}" for value in values) + ")"
+
+
+def length_in_words(value: float, unit: str) -> str:
+    """Return a length with the prefix that suits it, three digits.
+
+    Examples
+    --------
+    >>> length_in_words(0.00123, "m"), length_in_words(3e-13, "m"), length_in_words(2.5, "px")
+    ('1.23 mm', 'below 1 nm', '2.5 px')
+    """
+    if not math.isfinite(value):
+        return "unknown"
+    if unit != "m" or abs(value) >= 1.0:
+        return f"{value:.3g} {unit}"
+    if abs(value) < ROUNDED_AWAY:
+        return "below 1 nm" if value else "0"
+    factor, name = next((f, n) for f, n in _PREFIXES if abs(value) >= 0.9995 * f or n == "nm")
+    return f"{value / factor:.3g} {name}"

@@ -20,7 +20,10 @@ from .trust import MOST_BLENDED, MOST_SHARE
 if TYPE_CHECKING:
     from .paths import Path
 
-FUNCTIONS = ("adapt", "check", "correct", "evaluate", "follow", "monitor", "recognise", "report")
+FUNCTIONS = (
+    *("adapt", "check", "correct", "evaluate", "figures", "follow", "monitor", "preview"),
+    *("recognise", "report"),
+)
 """What is done with a model, rather than asked of it, is a function of the package."""
 
 
@@ -65,20 +68,37 @@ class Model(Parts, Saving):
             hint = f": call `calib.{name}(model, ...)`" if name in FUNCTIONS else ""
             raise AttributeError(f"a model has no attribute {name!r}{hint}")
 
-    def warm_up(self) -> Model:
-        """Compile and fill everything that queries use, so that none of them is slow.
+    def _repr_html_(self) -> str:
+        """What it is and how well it does, as a small table for notebooks."""
+        from html import escape
 
-        Returns the model itself.  Without it the first query of each kind takes up to a
-        second longer than the following ones.
+        from .facts import facts
+
+        title, *_, error = repr(self).splitlines()
+        rows = "".join(
+            f"<tr><th style='text-align:left'>{escape(name)}</th><td>{escape(text)}</td></tr>"
+            for name, text in facts(self).items()
+        )
+        return f"<b>{escape(title)}</b><br>{escape(error)}<table>{rows}</table>"
+
+    def warm_up(self) -> str:
+        """Make single queries fast: compile the model's own C, where a C compiler is found.
+
+        Returns a sentence that says what single queries are answered by from now on: by compiled
+        C, or by the batch, and why.  Answers are the same.  Nothing is compiled without this, and
+        nothing with the environment variable ``CALIB_NO_CC=1``.
         """
         middle = (self.about.lower + self.about.upper) / 2
         x = self.forward(middle[None])[0]
         known = bool(np.isfinite(x).all())
         target = x if known else self.sensory.weights[0]
         self.inverse(target[None], near=middle[None])
-        self.inverse_all(target[None])
         self.expected_error(middle)
-        return self
+        from .fast import compiled_of
+
+        kernel, told = compiled_of(self)
+        object.__setattr__(self, "kernel", kernel)
+        return told
 
     def forward(
         self, q: ArrayLike, readout: str | None = None, *, approach: ArrayLike | None = None
@@ -113,6 +133,10 @@ class Model(Parts, Saving):
         >>> model.forward([0.5, 1.0]).round(3)
         array([0.281, 0.393])
         """
+        if self.kernel is not None and readout in (None, "local") and approach is None:
+            found = self.kernel.forward(q)
+            if found is not None and (found[1] or self.sure):
+                return found[0]
         readout = self._readout(readout)
         q, single = checked_rows(q, self.about.joint_names, "joint values")
         inside = self.trust.covers(self.motor.scale.to_unit(q))
@@ -150,6 +174,10 @@ class Model(Parts, Saving):
         -------
         (n, dof) or (dof,) array [rad or m]
         """
+        if self.kernel is not None and readout in (None, "local") and near is not None:
+            joints = self.kernel.inverse(x, near)
+            if joints is not None:
+                return joints
         readout = self._readout(readout)
         if readout == "local":
             rows, single = checked_rows(x, self.axes, "positions")
@@ -225,6 +253,10 @@ class Model(Parts, Saving):
         return self._bound(q, "model_bounds")
 
     def _bound(self, q: ArrayLike, which: str) -> Array:
+        if self.kernel is not None:
+            found = self.kernel.bound(q, "bound" if which == "bounds" else "model_bound")
+            if found is not None and (found[1] or self.sure):
+                return found[0]  # type: ignore[return-value]
         q, single = checked_rows(q, self.about.joint_names, "joint values")
         u = self.motor.scale.to_unit(q)
         known = self.trust.covers(u)
@@ -247,6 +279,8 @@ class Model(Parts, Saving):
         does where the blended bound is too wide for an answer.
         """
         noise = self._noisy(which)
+        if self.posterior is not None:
+            return self.posterior.bound(self.motor.scale.from_unit(u), noise=noise)
         if self.body is not None and u.shape[1] > MOST_BLENDED:
             return self.body.bound(self.motor.scale.from_unit(u), noise=noise)
         return self.trust.bound(getattr(self, which), u, noise=noise)
@@ -322,6 +356,39 @@ class Model(Parts, Saving):
         found = solve_poses(self, position, quaternion, near, frame=frame)
         q = np.where(found.reachable[:, None], found.q, np.nan)
         return q[0] if np.ndim(position) == 1 else q
+
+    def jacobian(self, q: ArrayLike) -> Array:
+        """Derivative (n, m, dof), (m, dof) of :meth:`forward` by the joint values [unit/rad].
+
+        NaN where there is no position.
+        """
+        if self.kernel is not None:
+            found = self.kernel.jacobian(q)
+            if found is not None and (found[1] or self.sure):
+                return found[0]
+        rows, single = checked_rows(q, self.about.joint_names, "joint values")
+        u, scale = self.motor.scale.to_unit(rows), self.motor.scale
+        inside = self.trust.covers(u)
+        slope = np.full((len(rows), len(self.axes), rows.shape[1]), np.nan)
+        if inside.any():
+            slope[inside] = self.predictor.value_and_slope(u[inside])[1] / scale.span
+        return slope[0] if single else slope
+
+    def pose(self, q: ArrayLike) -> tuple[Array, Array]:
+        """Position (n, 3) and quaternion (n, 4) qx, qy, qz, qw of the tip in the sensor's frame.
+
+        NaN where there is no position.  A single vector of joint values gives (3,) and (4,).
+
+        Raises
+        ------
+        QueryError
+            If the model is of a planar arm, of pixels, or knows no arm in space.
+        """
+        from .poses import forward_poses
+
+        rows, single = checked_rows(q, self.about.joint_names, "joint values")
+        position, turns = forward_poses(self, rows)
+        return (position[0], turns[0]) if single else (position, turns)
 
     def servo(
         self, x_measured: ArrayLike, target: ArrayLike, q: ArrayLike, gain: float = 0.5

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,13 +15,15 @@ from ..common.frozen import freeze
 from ..common.wording import one_line
 from ..errors import OptionError
 from ..inverse.solver import Solver
+from ..kernel.compiled import Compiled
+from ..kernel.posterior import CompactPosterior
 from ..maps.association import Association, check_readout
 from ..maps.linear_models import LinearModels
 from ..maps.local_models import NO_MODELS
 from ..maps.map import Map
 from ..maps.predictor import BodyInBox, Predictor
 from .measured import Rows
-from .trust import KNOWN, MOST_SHARE, STEEP, Trust
+from .trust import KNOWN, MOST_BLENDED, MOST_SHARE, STEEP, Trust
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
@@ -51,8 +53,15 @@ class Parts:
     approach: Approach | None = None
     photo: Photo | None = None
 
+    # what `warm_up` compiled, which answers single queries
+    kernel: ClassVar[Compiled | None] = None
+
     def __post_init__(self) -> None:
         freeze(self, "bounds", "model_bounds", "visited")
+
+    def __getstate__(self) -> dict[str, Any]:
+        """What was compiled for single queries stays behind when a model is pickled."""
+        return {name: value for name, value in vars(self).items() if name != "kernel"}
 
     def __repr__(self) -> str:
         """Say in three lines what it is a model of, what it has learned and how well."""
@@ -102,6 +111,21 @@ class Parts:
             known = np.where(self.visited, KNOWN * np.sqrt(self.baseline.motor), -1.0)
         most, growth = MOST_SHARE * self.reach, STEEP * self.solver.extent
         return Trust(self.motor, self.model_bounds, most, known, growth, self.body)
+
+    @cached_property
+    def sure(self) -> bool:
+        """Whether there is an answer wherever joints are within their range."""
+        return self.trust.known is None and bool((self.model_bounds <= self.trust.most).all())
+
+    @cached_property
+    def posterior(self) -> CompactPosterior | None:
+        """What bounds positions of more than three joints; None where nodes' bounds are blended."""
+        if self.body is None or self.motor.units.shape[1] <= MOST_BLENDED:
+            return None
+        try:
+            return CompactPosterior.of(self.body, self.about.lower, self.about.upper)
+        except OptionError:
+            return None
 
     @cached_property
     def reach(self) -> float:

@@ -6,7 +6,7 @@ Use it for tables of poses; `calib.Model.solve` answers positions alone, in the 
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -42,6 +42,15 @@ class PoseAnswers(NamedTuple):
     expected_error: Array
     model_error: Array
     reachable: NDArray[np.bool_]  # (k,)
+
+
+def forward_poses(model: Model, q: Array) -> tuple[Array, Array]:
+    """Positions (n, m) and quaternions (n, 4) at joints (n, dof); see :meth:`calib.Model.pose`."""
+    space = Space.of(model)
+    structure: Any = space.body.structure
+    position, turns = model.forward(q), structure.pose(q, space.body.beta)[1]
+    known = np.isfinite(position[:, :1])
+    return position, np.where(known, quaternion_of(space.sensor[0] @ turns), np.nan)
 
 
 def solve_poses(

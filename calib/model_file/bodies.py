@@ -26,7 +26,7 @@ from .checked import (
     refuse_impossible,
 )
 
-_PLAIN = ("kappa", "nu", "autocorrelation", "scales", "rows", "simulated", "member")
+_PLAIN = ("kappa", "nu", "autocorrelation", "scales", "rows", "simulated", "member", "repeat")
 """Fields of a body that stand in the header as they are."""
 
 _CHAIN = {

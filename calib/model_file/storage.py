@@ -105,7 +105,9 @@ def load(path: str | os.PathLike[str], *, warm: bool = False) -> Model:
         reason = getattr(error, "strerror", None) or error
         raise ModelError(f"{path}: cannot be read ({reason})") from error
     model = from_bytes(data, str(path))
-    return model.warm_up() if warm else model
+    if warm:
+        model.warm_up()
+    return model
 
 
 def _read(path: Path) -> bytes:

@@ -9,7 +9,9 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from ..arm.arm import SpatialArm
 from ..arm.plane import fit_plane
 from ..arm.ranges import Range
 from ..common.arrays import Array
@@ -17,14 +19,16 @@ from ..common.scale import TURN
 from ..common.wording import vector
 from ..errors import LogError, OptionError
 from .camera import camera_of
-from .columns import Source, open_source
+from .columns import Source, open_source, read_columns
+from .diagnosis import diagnose, refuse_mistakes
 from .log_ranges import UNKNOWN_RANGE, LoggedJoint
 from .measured_rows import HELD_ROWS, Reservoir, measured_rows
 from .places import find_place
-from .plausibility import check_against_robot, check_flat
 from .roles import (
     PIXELS,
     QUATERNION,
+    ROUNDING,
+    Roles,
     check_names,
     find_roles,
     from_angles,
@@ -33,7 +37,9 @@ from .roles import (
     unit_quaternions,
 )
 from .samples import Samples
+from .settings import MOST_WRONG, OUT_OF_PLANE
 from .tables import read_about, stated_unit, write_table
+from .wrong_rows import placeholders, rows_in_words
 
 if TYPE_CHECKING:
     from ..arm.arm import Arm
@@ -131,6 +137,8 @@ def read_log(
     known = _joints(source.label, arm, names, prismatic, degrees, ranges or {})
     reservoir = Reservoir(most, extremes=len(names), seed=seed)
     values, rows, dropped, notes = measured_rows(source, roles.columns, known, reservoir)
+    values, rows, left_out, more = _seen(source.label, values, rows, len(names), len(axes), roles)
+    notes += more
     _check_values(source, values, names, axes)
     revolute = tuple(joint.revolute for joint in known)
     in_degrees = degrees and any(revolute)
@@ -142,12 +150,12 @@ def read_log(
     lower, upper = np.array([limits for _, limits, _ in settled]).T
     notes += [note for *_, more in settled for note in more]
     x = np.ascontiguousarray(values[:, len(names) : len(names) + len(axes)])
-    orientation = _orientation(values[:, len(names) + len(axes) :], roles.turns, degrees, source)
+    orientation = _orientation(values[:, len(names) + len(axes) :], roles.turns, degrees)
     plane = rms = None
     if len(axes) == 3 and wanted != 3 and (wanted is not None or _flat(x)):
         plane, rms = fit_plane(x)
         if arm is not None:
-            check_flat(source.label, x, plane.distances(x), unit, rows)
+            _check_flat(source.label, x, plane.distances(x), unit, rows)
         x = plane.project(x)
         notes.append(
             f"plane fitted to x, y, z: x along {vector(plane.x)}, y along {vector(plane.y)}, "
@@ -160,9 +168,12 @@ def read_log(
     elif lens is not None:
         raise OptionError("`lens` is for pixels of an arm in space: expected columns u and v")
     if arm is not None:
-        notes += check_against_robot(
-            source.label, arm, q, x, unit, names, fitted_plane=plane is not None
-        )
+        findings = diagnose(
+            arm.forward, q, x, names, revolute,
+            unit=unit, turns=orientation, left_handed=plane is not None,
+            pose=arm.pose if isinstance(arm, SpatialArm) else None,
+        )  # fmt: skip
+        notes += refuse_mistakes(findings, source.label)
     return Samples(
         q=q,
         x=x,
@@ -181,6 +192,9 @@ def read_log(
         degrees=in_degrees,
         camera=camera,
         source=about,
+        rows=rows,
+        time=_time(source, rows, names),
+        left_out=left_out,
     )
 
 
@@ -203,20 +217,73 @@ def write_log(samples: Samples, path: str | os.PathLike[str]) -> None:
     write_table(path, columns)
 
 
+def _seen(
+    label: str, values: Array, rows: NDArray[np.intp], dof: int, axes: int, roles: Roles
+) -> tuple[Array, NDArray[np.intp], int, list[str]]:
+    """Leave out the rows in which the sensor saw nothing: zeros, or a quaternion of no length."""
+    lost = placeholders(values[:, :dof], values[:, dof : dof + axes])
+    kinds = [(lost, "hold zeros for a position, as where a sensor saw nothing")]
+    if roles.turns == QUATERNION:
+        length = np.linalg.norm(values[:, dof + axes :], axis=1)
+        unturned = ~lost & (np.abs(length - 1) > ROUNDING)
+        if unturned.mean() > MOST_WRONG:
+            row = int(np.argmax(unturned))
+            shown = ", ".join(f"{value:.4g}" for value in values[row, dof + axes :])
+            raise LogError(
+                f"{label}: {int(unturned.sum()):,} of {len(values):,} rows hold no orientation, "
+                f"the first (row {rows[row]}) has qx, qy, qz, qw = {shown} of length "
+                f"{length[row]:.4g}, expected 1; check which columns are named"
+            )
+        kinds.append((unturned, "hold no orientation: a quaternion whose length is not 1"))
+    notes = [
+        f"{int(wrong.sum()):,} of {len(values):,} rows {why}; left out: "
+        f"{rows_in_words(rows[wrong])}"
+        for wrong, why in kinds
+        if wrong.any()
+    ]
+    kept = ~np.any([wrong for wrong, _ in kinds], axis=0)
+    return values[kept], rows[kept], int((~kept).sum()), notes
+
+
+def _time(source: Source, rows: NDArray[np.intp], names: Sequence[str]) -> Array | None:
+    """Times (n,) [s] of some rows of a log, None where it has none."""
+    if "time" not in source.header or "time" in names:
+        return None
+    time = read_columns(source, ["time"], lenient=True)[rows - 1, 0]
+    return time if np.isfinite(time).all() else None
+
+
+def _check_flat(label: str, x: Array, distance: Array, unit: str, rows: NDArray[np.intp]) -> None:
+    """Refuse positions (n, 3) of a planar arm whose distances (n,) from their plane are large."""
+    rms = float(np.sqrt(np.mean(distance**2)))
+    size = float(np.sqrt(((x - x.mean(axis=0)) ** 2).sum(axis=1).mean()))
+    share = rms / max(size, 1e-300)
+    if share <= OUT_OF_PLANE:
+        return
+    worst = int(np.argmax(np.abs(distance)))
+    raise LogError(
+        f"{label}: x, y, z leave their plane by {rms:.4g} {unit} rms, {100 * share:.2g} % of the "
+        f"extent (at most {100 * OUT_OF_PLANE:g} %); row {rows[worst]} by "
+        f"{abs(float(distance[worst])):.4g} {unit}",
+        hint="other joints moved the tip: name all that moved in `joints`, or leave out the rows "
+        "in which they did",
+        parameter="joints",
+        value=share,
+    )
+
+
 def _flat(x: Array) -> bool:
     """Whether positions (n, 3) lie in a tilted plane, as those of an arm that is not in space."""
     spread = np.linalg.svd(x - x.mean(axis=0), compute_uv=False)
     return len(spread) < 3 or bool(spread[2] <= _THICK * spread[0])
 
 
-def _orientation(
-    values: Array, turns: tuple[str, ...], degrees: bool, source: Source
-) -> Array | None:
+def _orientation(values: Array, turns: tuple[str, ...], degrees: bool) -> Array | None:
     """Unit quaternions (n, 4) of the columns that a log states an orientation in."""
     if not turns:
         return None
     if turns == QUATERNION:
-        return unit_quaternions(values, source.label)
+        return unit_quaternions(values)
     return from_angles(np.deg2rad(values) if degrees else values)
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from ..common.arrays import Array
 from ..common.checks import LARGEST
@@ -65,6 +65,12 @@ class Samples:
         Of pixels of an arm that moves in space, what is known of the camera.
     source : dict
         What the log says of itself, as `calib log` writes it above the columns.
+    rows : (n,) array or None
+        Numbers of the rows in the log's file, counted below its header from 1.
+    time : (n,) array or None [s]
+        Times of the rows, where the log has a column of them.
+    left_out : int
+        Rows that were left out because they hold what no sensor saw: zeros, or no orientation.
 
     Raises
     ------
@@ -96,6 +102,9 @@ class Samples:
     degrees: bool = False
     camera: Camera | None = field(default=None, repr=False)
     source: Mapping[str, Any] = field(default_factory=dict, repr=False)
+    rows: NDArray[np.intp] | None = field(default=None, repr=False)
+    time: Array | None = field(default=None, repr=False)
+    left_out: int = 0
 
     def __post_init__(self) -> None:
         axes = ("x", "y", "z") if "z" in column_names(self.x) else ("x", "y")
@@ -141,8 +150,11 @@ class Samples:
         rows = index if isinstance(index, slice) else np.atleast_1d(np.asarray(index))
         if not isinstance(rows, slice) and not rows.size:
             rows = rows.astype(np.intp)  # an empty list has no type that could index
-        turned = None if self.orientation is None else self.orientation[rows]
-        return replace(self, q=self.q[rows], x=self.x[rows], orientation=turned)
+        beside: dict[str, Any] = {
+            name: None if (values := getattr(self, name)) is None else values[rows]
+            for name in ("orientation", "rows", "time")
+        }
+        return replace(self, q=self.q[rows], x=self.x[rows], **beside)
 
     def _check_shapes(self) -> None:
         dof, n = len(self.joint_names), len(self.q) if self.q.ndim else 0

@@ -21,111 +21,81 @@ _CELLS = 120  # cells of the grid along the workspace's longer side
 _GAP = 1.6  # cells; farther from every reached position is outside
 
 
-def downwards(unit: str) -> bool:
-    """Whether a unit's y points down: pixels are counted from the top of the picture."""
-    return unit == "px"
-
-
 def extent(model: Model) -> float:
     """Longer side of the box that holds the sensory nodes [unit]."""
     return float(np.ptp(model.sensory.weights, axis=0).max())
 
 
-def sensory_errors(model: Model) -> Array:
-    """Expected error of each sensory node, (nodes,) [unit].
+def node_errors(model: Model) -> tuple[Array, Array]:
+    """Expected error of each motor and each sensory node, (nodes,) [unit]; NaN where no row was.
 
-    The mean of its motor partners' bounds, weighted by the links; NaN for nodes without
-    partners that samples have visited.
+    A sensory node has the mean of its motor partners' bounds, weighted by the links.
     """
+    motor = np.where(model.visited, model.bounds, np.nan)
     # bounds of nodes without samples are extrapolated: they take no part
-    known = np.where(model.visited, model.bounds, 0.0)
-    total = np.asarray(model.links.T @ model.visited.astype(float))
-    weighted = np.asarray(model.links.T @ known)
-    return np.where(total > 0, weighted / np.where(total > 0, total, 1.0), np.nan)
-
-
-def motor_errors(model: Model) -> Array:
-    """Expected error of each motor node, (nodes,) [unit]; NaN where no sample was."""
-    return np.where(model.visited, model.bounds, np.nan)
+    weight = np.asarray(model.links.T @ model.visited.astype(float))
+    total = np.asarray(model.links.T @ np.nan_to_num(motor))
+    return motor, np.where(weight > 0, total / np.where(weight > 0, weight, 1.0), np.nan)
 
 
 def drawn_edges(part: Map) -> NDArray[np.intp]:
     """Edges (m, 2) of a map, without those that lead once round a full turn."""
-    edges = part.edges
-    if not part.scale.periodic.any():
-        return edges
-    gap = np.abs(part.units[edges[:, 0]] - part.units[edges[:, 1]])
-    return np.asarray(edges[~((gap > 0.5) & part.scale.periodic).any(axis=1)])
-
-
-def _reached_positions(model: Model) -> Array:
-    """Positions (n, 2) [unit] that cover what the arm reaches, the ends of its range too."""
-    dof = len(model.about.joint_names)
-    side = max(2, round(_INSIDE ** (1 / dof)))
-    axis = np.linspace(0.0, 1.0, side)
-    parts = [np.stack([a.ravel() for a in np.meshgrid(*[axis] * dof)], axis=1)]
-    along = np.linspace(0.0, 1.0, _EDGE)
-    corners = np.array(list(product([0.0, 1.0], repeat=min(dof - 1, 6))))
-    # the border is reached where all joints but one are at an end of their range
-    for k in range(min(dof, 7)):
-        for corner in corners:
-            edge = np.zeros((_EDGE, dof))
-            others = [i for i in range(dof) if i != k][: corner.size]
-            edge[:, others] = corner
-            edge[:, k] = along
-            parts.append(edge)
-    x = model.forward(model.motor.scale.from_unit(np.concatenate(parts)))
-    return x[np.isfinite(x).all(axis=1)]
+    gap = np.abs(np.diff(part.units[part.edges], axis=1)[:, 0])
+    return np.asarray(part.edges[~((gap > 0.5) & part.scale.periodic).any(axis=1)])
 
 
 def outline(model: Model) -> Array:
-    """Border of the workspace as short pieces of line, (m, 2, 2) [unit].
+    """Border of the workspace in a plane as short pieces of line, (m, 2, 2) [unit].
 
     The line at a small distance from all that the arm reaches, moved onto the nearest reached
     position.
     """
+    from contourpy import contour_generator
     from scipy.spatial import cKDTree
 
-    reached = _reached_positions(model)
+    reached = model.forward(model.motor.scale.from_unit(_spread(len(model.about.joint_names))))
+    reached = reached[np.isfinite(reached).all(axis=1)]
     if len(reached) < 3:
         return np.empty((0, 2, 2))
     step = np.ptp(reached, axis=0).max() / _CELLS
-    low = reached.min(axis=0) - 3 * step
-    count = np.ceil((reached.max(axis=0) + 3 * step - low) / step).astype(int) + 1
-    x, y = (low[k] + step * np.arange(count[k]) for k in range(2))
-    grid = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1)
+    low, high = reached.min(axis=0) - 3 * step, reached.max(axis=0) + 4 * step
+    x, y = (np.arange(a, b, step) for a, b in zip(low, high, strict=True))
     tree = cKDTree(reached)
-    away = np.asarray(tree.query(grid.reshape(-1, 2))[0]).reshape(count) / step
+    away = np.asarray(tree.query(np.stack(np.meshgrid(x, y), axis=-1))[0]) / step
     # a level of the distance closes gaps between samples that cells would leave open
-    lines = level_lines(x, y, away, _GAP)
-    if not len(lines):
-        return lines
-    nearest = np.asarray(tree.query(lines.reshape(-1, 2))[1])
-    return reached[nearest].reshape(-1, 2, 2)
-
-
-def level_lines(x: Array, y: Array, values: Array, level: float) -> Array:
-    """Pieces (m, 2, 2) of the line where `values` (len(x), len(y)) cross a level."""
-    from contourpy import contour_generator
-
-    # contourpy has x along the columns
-    lines: Any = contour_generator(x, y, values.T).lines(level)
+    lines: Any = contour_generator(x, y, away).lines(_GAP)
     pieces = [np.stack([line[:-1], line[1:]], axis=1) for line in lines]
-    return np.concatenate([np.empty((0, 2, 2)), *pieces])
+    return reached[tree.query(np.concatenate([np.empty((0, 2, 2)), *pieces]))[1]]
 
 
-def training_rows(model: Model, samples: Samples | None) -> tuple[Array, Array, str]:
+def _spread(dof: int) -> Array:
+    """Joint values (n, dof) in unit ranges: a grid, and edges, which reach the border.
+
+    There all joints but one are at an end of their range.
+    """
+    axis = np.linspace(0.0, 1.0, max(2, round(_INSIDE ** (1 / dof))))
+    parts = [np.stack(np.meshgrid(*[axis] * dof), axis=-1).reshape(-1, dof)]
+    corners = np.array(list(product([0.0, 1.0], repeat=min(dof - 1, 6))))
+    for k in range(min(dof, 7)):
+        edges = np.zeros((len(corners), _EDGE, dof))
+        others = [i for i in range(dof) if i != k][: corners.shape[1]]
+        edges[..., others] = corners[:, None]
+        edges[..., k] = np.linspace(0.0, 1.0, _EDGE)
+        parts.append(edges.reshape(-1, dof))
+    return np.concatenate(parts)
+
+
+def training_rows(model: Model, log: Samples | None) -> tuple[Array, Array, str]:
     """Joints (n, dof) and positions (n, m) that a model learned from, and what they are.
 
     Those of a simulation are babbled again; of a log they are those given, else those kept.
     """
     about, simulation = model.about, simulation_of(model)
-    if samples is not None:
-        return np.asarray(samples.q), np.asarray(samples.x), "rows of the log"
+    if log is not None:
+        return np.asarray(log.q), np.asarray(log.x), "rows of the log"
     if simulation is not None:
         noise, changes = simulation.noise, simulation.changes
-        arm, n = simulation.arm, about.samples
-        drawn = babble(arm, n, seed=about.seed, noise=noise, changes=changes)
+        drawn = babble(simulation.arm, about.samples, seed=about.seed, noise=noise, changes=changes)
         return np.asarray(drawn.q), np.asarray(drawn.x), "babbled positions"
     if model.rows is not None:
         return model.rows.q, model.rows.x, "rows kept of the log"

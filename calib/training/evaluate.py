@@ -19,6 +19,7 @@ from ..model.model import Model
 from ..model.space import Space
 from ..samples.samples import Samples
 from ..samples.simulation import Simulation
+from .sound_rows import sound_log
 
 _SAMPLES = 10_000
 _STREAM = 4  # the same as in training: the tables agree
@@ -86,18 +87,18 @@ def summarise(residuals: Residuals, turned: Array | None = None) -> dict[str, An
     table: dict[str, Any] = {}
     for readout, gap in residuals.forward.items():
         axes = "xyz"[: gap.shape[1]]
-        forward = {axis: figures(part) for axis, part in zip(axes, gap.T, strict=True)}
-        forward["distance"] = figures(np.linalg.norm(gap, axis=1))
+        forward = {axis: error_sizes(part) for axis, part in zip(axes, gap.T, strict=True)}
+        forward["distance"] = error_sizes(np.linalg.norm(gap, axis=1))
         if turned is not None and readout in ("local", "body"):
-            forward["orientation"] = figures(turned)
+            forward["orientation"] = error_sizes(turned)
         joints = zip(residuals.joint_names, residuals.inverse[readout].T, strict=True)
-        inverse = {name: figures(part) for name, part in joints}
-        inverse["distance"] = figures(residuals.distance[readout])
+        inverse = {name: error_sizes(part) for name, part in joints}
+        inverse["distance"] = error_sizes(residuals.distance[readout])
         table[readout] = {"forward": forward, "inverse": inverse}
     return table
 
 
-def figures(error: Array) -> dict[str, float]:
+def error_sizes(error: Array) -> dict[str, float]:
     """Mean, largest and 99th percentile of the absolute errors (n,)."""
     size = np.abs(error)
     return {
@@ -107,7 +108,7 @@ def figures(error: Array) -> dict[str, float]:
     }
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Evaluation:
     """Errors of a model.
 
@@ -119,15 +120,23 @@ class Evaluation:
     rows : int
         Samples that were evaluated.
     left_out : int
-        Samples outside of what was learned.
+        Samples outside of what was learned, and rows that contradict the others.
     source : str
         What the samples are.
+    notes : tuple of str
+        What the user should be told of the samples.
     """
 
     errors: dict[str, Any]
     rows: int
     left_out: int
     source: str
+    notes: tuple[str, ...] = ()
+
+    def __repr__(self) -> str:
+        """Say in a line how well each readout predicts."""
+        means = (f"{r} {e['forward']['distance']['mean']:.3g}" for r, e in self.errors.items())
+        return f"Evaluation of {self.rows:,} {self.source}, mean distances: {', '.join(means)}"
 
 
 def evaluate(model: Model, samples: Samples | None = None) -> Evaluation:
@@ -151,9 +160,12 @@ def evaluate(model: Model, samples: Samples | None = None) -> Evaluation:
         If the joints of `samples` are not those of the model.
     """
     if samples is not None:
-        residuals = evaluate_residuals(model, model.about.joints_of(samples), samples.x, None)
+        given = len(samples) + samples.left_out
+        samples, notes = sound_log(model, samples)
+        residuals = evaluate_residuals(model, samples.q, samples.x, None)
         errors, source = summarise(residuals, _turned(model, samples)), "measured rows of the log"
-        return Evaluation(errors, len(residuals.q), residuals.left_out, source)
+        tested = len(residuals.q)
+        return Evaluation(errors, tested, given - tested, source, tuple(notes))
     simulation, about = simulation_of(model), model.about
     if simulation is None:
         source = "rows held out in contiguous blocks"

@@ -29,13 +29,14 @@ from ..model.model import Model
 from ..samples.joint_values import directions
 from ..samples.samples import Samples
 from ..samples.simulation import Simulation
+from ..samples.wrong_rows import screen
 from .approach import play_of, play_words, simulated_approach, widened
 from .evaluate import fresh_residuals, summarise
 from .held_out import held_out_residuals, node_bounds, tested_rows, turned_of
 from .learn import UNFOLD, Options, Progress, associate
 from .map_choice import LATTICE, lattice_sizes, with_chosen_map
-from .screening import screen
-from .smooth import find_smooth_part, to_learn
+from .smooth import SmoothPart, find_smooth_part, to_learn
+from .sound_rows import fit_sound_rows
 
 _LEAST_ROWS = 10  # fewest rows that anything can be learned and checked from
 _BOUND_SAMPLES = 12_000
@@ -130,9 +131,11 @@ def train(
     if view not in VIEWS:
         raise OptionError(f"view {view!r}: expected one of {', '.join(VIEWS)}")
     screened: list[str] = []
+    wrong = samples.left_out
     if samples.simulation is None:
         with one_blas_thread():
             kept, screened = screen(samples)
+        wrong += int((~kept).sum())
         samples = samples if kept.all() else samples.take(kept)
     motor, sensory, notes = lattice_sizes(
         samples, size, motor_size, sensory_size, imagined=body != "none"
@@ -147,20 +150,28 @@ def train(
         if map is None:
             options, told = with_chosen_map(samples, options)
             notes += told
-        return _learned(samples, options, screened + notes, progress or (lambda *_: None))
+        return _learned(samples, options, screened + notes, progress or (lambda *_: None), wrong)
 
 
-def _learned(samples: Samples, options: Options, notes: list[str], progress: Progress) -> Model:
+def _learned(
+    samples: Samples, options: Options, notes: list[str], progress: Progress, wrong_rows: int
+) -> Model:
     """The steps of a training in the order of the data flow."""
     begin, seconds = _stages(progress)
     begin(0.0, "body")
     scale = Scale.of_range(samples.lower, samples.upper, samples.revolute)
     body, view, seed = options.body, options.view, options.seed
-    part = find_smooth_part(samples, scale, body=body, view=view, seed=seed)
+
+    def fit(samples: Samples) -> SmoothPart:
+        return find_smooth_part(samples, scale, body=body, view=view, seed=seed)
+
+    given = len(samples)
+    samples, part, told = fit_sound_rows(samples, scale, fit)
+    notes += told
     play = play_of(samples, scale, part)
     if play is not None:  # where the joints stood, rather than what they read
         samples = replace(samples, q=samples.q - play * directions(samples.q))
-        part = find_smooth_part(samples, scale, body=body, view=view, seed=seed)
+        part = fit(samples)
         notes.append(play_words(samples, play))
     notes += [*(part.fit.notes if part.fit is not None else ()), *part.notes]
     begin(0.1, "maps")
@@ -212,7 +223,7 @@ def _learned(samples: Samples, options: Options, notes: list[str], progress: Pro
         about,
         errors=summarise(tested, turned_of(part)),
         tested=len(tested.q),
-        left_out=tested.left_out,
+        left_out=tested.left_out + wrong_rows + given - len(samples),
         notes=tuple(notes),
     )
     kept = Rows.of(samples.q, samples.x) if simulation is None else None

@@ -1,7 +1,4 @@
-"""Collisions: postures in which an arm hits itself or hides its tip from a camera or tracker.
-
-Both are found by the collision bodies of its URDF.
-"""
+"""Collisions: poses in which an arm hits itself, or whose tip is outside of a camera's picture."""
 
 from __future__ import annotations
 
@@ -14,16 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arm.arm import Arm
-from ..body.sensor import SensorPose
+from ..body.views import is_camera
 from ..common.arrays import Array
 from ..model.model import Model
+from ..model.nominal import moves_in_space
 from ..model.space import Space
-from .nominal import moves_in_space
 from .pose_space import PoseSpace
 
 _TRIED, _ALWAYS = 100, 0.9  # postures in which links meet that are built so, and their share
-
-_SIGHT = 1e-3  # m: radius of a line of sight
 
 _UNSEEN = "obstacles and self-collision are not checked: move slowly the first time"
 
@@ -64,68 +59,20 @@ def hits_itself(
     return np.asarray(met[:, compared].any(axis=1)) if compared else None
 
 
-def hides_its_tip(
-    urdf: str, names: Sequence[str], locked: Mapping[str, float], q: Array, tips: Array, eye: Array
-) -> NDArray[np.bool_]:
-    """Whether a link stands between a sensor at `eye` (3,) and the tips (n, 3) [m], (n,).
+def in_picture(source: Arm | Model, space: PoseSpace, points: Array) -> tuple[Array, list[str]]:
+    """The candidates whose tip lies within the picture of a model's camera, and what was left out.
 
-    The last link carries what is seen and hides nothing.
+    What a link hides is not looked for: see that the tip is in sight.
     """
-    import coal  # type: ignore[import-untyped]
-    import pinocchio as pin
-
-    hidden = np.zeros(len(q), dtype=bool)
-    model, bodies = _bodies(urdf)
-    if bodies is None:
-        return hidden
-    data, places = model.createData(), pin.GeometryData(bodies)
-    last = max(model.getJointId(name) for name in names)
-    links = [k for k, g in enumerate(bodies.geometryObjects) if g.parentJoint < last]
-    for i, (values, tip) in enumerate(zip(q, tips, strict=True)):
-        at = _configuration(pin, model, names, locked, values)
-        pin.updateGeometryPlacements(model, data, bodies, places, at)
-        way = eye - tip
-        length = float(np.linalg.norm(way))
-        # a capsule lies along z: it is turned into the line of sight
-        turn = pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), way).matrix()
-        sight, middle = coal.Capsule(_SIGHT, length), coal.Transform3s(turn, tip + 0.5 * way)
-        for k in links:
-            own = coal.Transform3s(places.oMg[k].rotation, places.oMg[k].translation)
-            asked = bodies.geometryObjects[k].geometry, own, sight, middle
-            if coal.collide(*asked, coal.CollisionRequest(), coal.CollisionResult()):
-                hidden[i] = True
-                break
-    return hidden
-
-
-def visible(source: Arm | Model, space: PoseSpace, points: Array) -> tuple[Array, list[str]]:
-    """The candidates whose tip a model's camera or tracker sees, and what was left out.
-
-    A laser tracker stands at its frame's origin. An origin within the arm's reach is that of
-    another frame, which hides nothing.
-    """
-    body = None if isinstance(source, Arm) else source.body
-    sensor = SensorPose.of(body)
-    if isinstance(source, Arm) or body is None or sensor is None or body.structure.view == "base":
+    if isinstance(source, Arm) or source.body is None or not is_camera(source.body.structure.view):
         return points, []
-    q, chain, about = space.scale.from_unit(points), Space.of(source), source.about
-    if not chain.camera and np.linalg.norm(sensor.position) <= chain.length:
-        return points, []
-    tips = chain.evaluate(q)[0]
-    seen = np.flatnonzero(chain.sees(tips))
-    asked = about.urdf, about.joint_names, about.locked, q[seen], tips[seen], sensor.position
-    seen = seen[~hides_its_tip(*asked)]
-    what, where = "tracker at the origin of its frame", "behind a link"
-    if chain.camera:
-        what, where = "camera", f"outside of its picture, or {where}"
-    if not len(seen):
-        return points, [f"the {what} sees the tip in none of the poses: look where it stands"]
-    left = 1 - len(seen) / len(points)
-    if not (left or chain.camera):
-        return points, []
+    chain = Space.of(source)
+    seen = chain.sees(chain.evaluate(space.scale.from_unit(points))[0])
+    if not seen.any():
+        return points, ["the camera sees the tip in none of the poses: look where it stands"]
     return points[seen], [
-        f"{left:.0%} of the candidates were left out because the {what} does not see the tip there "
-        f"({where} by the URDF's collision bodies)"
+        f"{1 - seen.mean():.0%} of the candidates were left out because the tip is outside of the "
+        "camera's picture there; that a link hides it is not checked"
     ]
 
 

@@ -16,10 +16,10 @@ from ..common.scale import TURN
 from ..errors import QueryError
 from ..model.answers import Answer
 from ..model.model import Model
+from ..model.nominal import moves_in_space, visited_joints
 from ..samples.joint_values import check_joint_values
 from ..samples.log_ranges import wrap
 from .geometry import frames
-from .nominal import moves_in_space, visited_joints
 from .wanted import Wanted, wanted
 
 _USUAL = 3.0  # a correction this many times the 95 % quantile of the model's own is not trusted

@@ -15,7 +15,7 @@ from ..common.choices import CAUSES, LOG_FRAMES
 from ..errors import OptionError
 from ..model.alignment import Alignment
 from ..model.model import Model
-from .nominal import nominal_arm, nominal_in_plane, visited_joints
+from ..model.nominal import nominal_arm, nominal_in_plane, visited_joints
 from .planar_geometry import fit_in_plane
 from .spatial_geometry import SpatialGeometry, fit_spatial
 

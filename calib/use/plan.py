@@ -17,7 +17,7 @@ from ..common.checks import whole
 from ..common.frozen import ReadOnly
 from ..errors import OptionError
 from ..samples.tables import write_table
-from .collisions import apart, visible
+from .collisions import apart, in_picture
 from .pose_space import PoseSpace, space_of
 from .spread import candidate_poses, farthest, length, shortest_tour, tells
 
@@ -161,8 +161,8 @@ def plan(
     # not `to_unit`: the upper end of a whole turn is not its lower end to a cable
     begin = (first - space.scale.lower) / space.scale.span
     points, safe = apart(source, space, candidate_poses(space, rng))
-    points, hidden = visible(source, space, points)
-    notes = [safe, *hidden]
+    points, outside = in_picture(source, space, points)
+    notes = [safe, *outside]
     if measured is None and not isinstance(source, Arm) and choose.func is farthest:
         notes.append(
             "the model keeps no samples: give the log too, so that the new poses lie between the "

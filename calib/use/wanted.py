@@ -16,15 +16,15 @@ from ..common.arrays import Array
 from ..inverse.near import position_near
 from ..model.alignment import Alignment
 from ..model.model import Model
-from ..model.space import REACHED, Space
-from .geometry import fit_geometry, frame_is_free, frames, is_simulated
-from .nominal import (
+from ..model.nominal import (
     NominalPose,
     moves_in_space,
     nominal_arm,
     nominal_in_plane,
     nominal_in_space,
 )
+from ..model.space import REACHED, Space
+from .geometry import fit_geometry, frame_is_free, frames, is_simulated
 from .planar_geometry import PlanarGeometry
 
 

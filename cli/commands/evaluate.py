@@ -26,8 +26,10 @@ def evaluate(
     started = time.perf_counter()
     result = calib.evaluate(loaded, log)
     seconds = {"total": time.perf_counter() - started}
+    notes = Notes()
+    notes.say(result.notes)
     if result.left_out:
-        Notes().say([f"{result.left_out} rows are outside of what was learned and left out"])
+        notes.say([f"{result.left_out} rows are left out: wrong, or outside of what was learned"])
     if as_json:
         document = summary(loaded, model, result.errors, seconds)
         show_json({**document, "evaluated": fields(result, "source rows left_out")})

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from calib.common.wording import printable
-from calib.show.facts import facts
+from calib.model.facts import facts
 
 from ..options import takes
 from ..output import fields, show, show_facts, show_json

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-import webbrowser
+import time
 from pathlib import Path
+from typing import Any
 
 from .. import parsing
 from ..measurements import Reading
@@ -36,36 +37,24 @@ def preview(
     live: bool = False,
 ) -> None:
     """Show the arm and its learned maps in a browser, with meshcat."""
-    from calib.show.preview.page import html as page_of
-    from calib.show.preview.scene import draw
+    from calib.show.preview.server import preview as show
 
     if live and html is not None:
         raise BadOption("--live needs a running preview: expected it without --html")
-    if meshes is not None and not Path(meshes).is_dir():
-        raise BadOption(f"--meshes {meshes!r}: expected the folder of the URDF's mesh files")
     if html is not None:
         check_file(html)
     notes = Notes()
     loaded, log = drawn.load(model, reading, notes)
-    scene = draw(loaded, samples=log, meshes=None if meshes is None else Path(meshes))
-    notes.say(scene.notes)
-    page = page_of(scene, loaded, live=live)
-    if html is not None:
-        from calib.common.atomic import atomic_write
-
-        content = page.encode("utf-8")
-        atomic_write(html, content)
-        tell(f"{html}: {len(content) / 1e6:.2f} MB, open it in a browser")
-        return
-    from calib.show.preview.server import Live, PreviewServer
-
-    with PreviewServer(page, port, Live(loaded).answer if live else None) as server:
-        print(server.url, flush=True)
-        note("showing the preview; Ctrl-C ends it")
-        if not no_open:
-            webbrowser.open(server.url)
+    options: dict[str, Any] = {"live": live, "meshes": meshes, "port": port}
+    with show(loaded, html, log, **options, browse=not no_open) as shown:
+        notes.say(shown.notes)
+        if html is not None:
+            tell(f"{html}: {Path(html).stat().st_size / 1e6:.2f} MB, open it in a browser")
+            return
         try:
-            # so often it looks whether it shall end; Ctrl-C waits no longer [s]
-            server.serve_forever(poll_interval=0.2)
+            print(shown.url, flush=True)
+            note("showing the preview; Ctrl-C ends it")
+            while True:
+                time.sleep(0.2)  # so often it looks whether it shall end [s]
         except KeyboardInterrupt:
             note("ended")

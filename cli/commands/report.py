@@ -31,17 +31,17 @@ def report(
     notes = Notes()
     loaded, log = drawn.load(model, reading, notes)
     from calib.common.atomic import atomic_write
-    from calib.show.report.page import pictures
-    from calib.show.report.page import report as report_of
+    from calib.show.report.drawing import to_png
+    from calib.show.report.page import figures
+    from calib.show.report.page import report as write_report
 
     if output is not None:
-        content = report_of(loaded, log).encode("utf-8")
-        atomic_write(output, content)
-        tell(f"{output}: {len(content) / 1e6:.2f} MB, open it in a browser")
+        write_report(loaded, output, log)
+        tell(f"{output}: {Path(output).stat().st_size / 1e6:.2f} MB, open it in a browser")
     if png is not None:
         folder = Path(png)
         folder.mkdir(parents=True, exist_ok=True)
-        for name, picture in pictures(loaded, log).items():
+        for name, figure in figures(loaded, log).items():
             path = folder / f"{name}.png"
-            atomic_write(path, picture)
+            atomic_write(path, to_png(figure))
             tell(str(path))

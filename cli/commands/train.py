@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from calib.common.wording import for_people
-from calib.show.facts import size_in_words
+from calib.model.facts import size_in_words
 
 from ..options import takes
 from ..output import Notes, progress_bar, show, show_json, tell

@@ -96,7 +96,7 @@ def test_wheel_holds_all_that_is_needed(tmp_path):
     names = set(zipfile.ZipFile(wheel).namelist())
     files = (path for path in (ROOT / "calib").rglob("*.*") if path.suffix != ".pyc")
     modules = {path.relative_to(ROOT).as_posix() for path in files}  # styles, scripts, C, too
-    assert {"calib/use/c/head.h", "calib/show/report/page.css"} <= modules
+    assert {"calib/kernel/c/head.h", "calib/show/report/page.css"} <= modules
     commands = {f"calib_cli/{path.name}" for path in (ROOT / "cli").glob("*.py")}
     robots = {f"calib/_robots/{path.name}" for path in (ROOT / "robots").glob("*.urdf")}
     assert robots

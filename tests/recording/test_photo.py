@@ -11,8 +11,10 @@ pytest.importorskip("cv2")
 from calib_cli.app import app
 from calib_cli.output import Notes
 from calib_cli.photo import photo_of_log, shown
+from matplotlib.quiver import Quiver
 from PIL import Image
 from rendering import Camera, Desk
+from scenes import data_of, objects, page_of
 from typer.testing import CliRunner
 
 import calib
@@ -23,12 +25,6 @@ from calib.recording.lens import Lens
 from calib.recording.photo import WIDEST, take_photo
 from calib.recording.reference import FlatReference, PlaneReference, Pose
 from calib.samples.tables import write_table
-from calib.show.arrows import Arrows, magnification
-from calib.show.preview.scene import draw
-from calib.show.report.evidence import gather
-from calib.show.report.maps import over_photo
-from calib.show.report.page import SECTIONS
-from calib.show.report.style import settings
 
 CAMERA = Camera(size=(1280, 720))
 DESK = Desk(CAMERA, lengths=(0.18, 0.16), offsets=(0.0, 0.0))
@@ -140,37 +136,25 @@ def test_photos_that_do_not_belong(made, change, unit, match):
     assert "\n" not in str(caught.value)
 
 
-def test_arrows_lead_from_seen_to_predicted(made):
-    _, model, x = made
-    q = model.rows.q
-    found = Arrows.of(model, q, model.rows.x, 1280.0)
-    miss = model.forward(q) - x
-    times = magnification(float(np.quantile(np.linalg.norm(miss, axis=1), 0.95)), 1280.0)
-    assert times > 10
-    assert np.allclose(found.ends - found.seen, times * miss)
-    assert f"{times:,} times as long" in found.words
-    assert Arrows.of(model, q[:0], x[:0], 1280.0) is None
-
-
-def test_report_and_preview_draw_over_it(made):
+def test_the_map_is_drawn_over_the_photo(made):
     model = with_photo(made)
-    with settings(paper=True):
-        figure = over_photo(gather(model))
-    ax = figure.axes[0]
+    assert "photo" not in calib.figures(made[1])
+    ax = calib.figures(model, names=["photo"])["photo"].axes[0]
     assert ax.get_xlim() == (-0.5, 1279.5)
     assert ax.get_ylim() == (719.5, -0.5)  # y down, clipped to the picture
-    assert over_photo(gather(made[1])) is None
-    assert SECTIONS[0].draw is over_photo
-    scene = draw(model)
-    names = [layer["name"] for layer in scene.canvas.layers]
-    assert names[0] == "Photo"
-    assert "Residuals" in names
-    assert "Photo" not in [layer["name"] for layer in draw(made[1]).canvas.layers]
+    arrows = next(c for c in ax.collections if isinstance(c, Quiver))
+    places = np.round(arrows.get_offsets(), 6)
+    miss = model.forward(model.rows.q) - model.rows.x
+    rows = [np.flatnonzero((np.abs(model.rows.x - p) < 1e-5).all(axis=1))[0] for p in places]
+    times = np.c_[arrows.U, arrows.V] / miss[rows]
+    assert times == pytest.approx(times[0, 0])
+    assert times[0, 0] > 10
+    data = data_of(page_of(model))
+    assert data["layers"][0]["name"] == "Photo"
+    assert "Photo" not in [layer["name"] for layer in data_of(page_of(made[1]))["layers"]]
     # the picture's first row is up, seen from where the camera of the page is
-    frame = scene.placement.frame
-    low, high = scene.placement.lift([[0.0, 700.0], [0.0, 0.0]])
-    assert (high - low) @ frame[1] > 0
-    assert np.allclose(frame[2], [0, 0, 1])
+    left, _, _, above = objects(data)["Photo/picture"]["points"]
+    assert above[1] > left[1]
 
 
 def test_the_commands_remember_it_unless_told_not_to(made, tmp_path):

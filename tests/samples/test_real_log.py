@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import calib
-from calib.training.screening import screen
+from calib.samples.wrong_rows import screen
 
 FOLDER = Path(__file__).parents[3] / "shared/data/ur10_laser_tracker"
 JOINTS = ["shoulder_lift_joint", "elbow_joint"]

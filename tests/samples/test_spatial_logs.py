@@ -67,10 +67,10 @@ def test_other_names_of_an_orientation_are_given(tmp_path):
 
 def test_quaternions_that_are_none_are_told_in_one_line(tmp_path):
     arm, q, x, turns = poses()
-    turns[7] = (0.5, 0.5, 0.0, 0.0)
+    turns[7:30] = (0.5, 0.5, 0.0, 0.0)
     more = dict(zip(("qx", "qy", "qz", "qw"), turns.T, strict=True))
     path = written(tmp_path / "a.csv", columns_of(q, x, **more))
-    with pytest.raises(LogError, match=r"usable row 8.*length 0\.7071, expected 1") as caught:
+    with pytest.raises(LogError, match=r"row 8.*length 0\.7071, expected 1") as caught:
         read_log(path, arm)
     assert "\n" not in str(caught.value)
 

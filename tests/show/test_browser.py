@@ -2,45 +2,40 @@
 
 from __future__ import annotations
 
-import threading
 from pathlib import Path
 
 import numpy as np
 import pytest
 from browser import Sight, document, look
-from scenes import project
+from scenes import data_of, objects, page_of, project, tracks
 
 import calib
-from calib.model.model import Model
-from calib.show.error_scale import STOPS, colours, rgb
-from calib.show.preview.motion import REACHED
-from calib.show.preview.page import html
-from calib.show.preview.scene import Scene, draw
-from calib.show.preview.server import Live, PreviewServer
-from calib.show.report.page import report
-from calib.show.workspace import motor_errors, sensory_errors
+from calib.show.error_scale import STOPS
 
 SIZE = (900, 700)
 PANEL = 280  # pixels that the page's panel covers
 
 
 @pytest.fixture(scope="module")
-def model() -> Model:
+def model() -> calib.Model:
     arm = calib.load_arm("two_link_full")
     return calib.train(calib.babble(arm, 3000, seed=0, noise=1e-3), size=24)
 
 
 @pytest.fixture(scope="module")
-def scene(model: Model) -> Scene:
-    return draw(model)
+def page(model: calib.Model) -> str:
+    return page_of(model)
 
 
 @pytest.fixture(scope="module")
-def seen(model: Model, scene: Scene, tmp_path_factory: pytest.TempPathFactory) -> Sight:
+def seen(page: str, tmp_path_factory: pytest.TempPathFactory) -> Sight:
     folder = tmp_path_factory.mktemp("browser")
-    page = folder / "page.html"
-    page.write_text(html(scene, model), encoding="utf-8")
-    return look(page, folder, size=SIZE)
+    (folder / "page.html").write_text(page, encoding="utf-8")
+    return look(folder / "page.html", folder, size=SIZE)
+
+
+def rgb(colour: str) -> np.ndarray:
+    return np.array(list(bytes.fromhex(colour[1:])))
 
 
 def near(sight: Sight, pixels: np.ndarray, wanted: np.ndarray, reach: int = 2) -> np.ndarray:
@@ -60,18 +55,12 @@ def test_console_is_silent(seen: Sight):
     assert seen.console == []
 
 
-@pytest.mark.parametrize("name", ["sensory", "motor"])
-def test_nodes_have_their_colours_where_they_are(
-    model: Model, scene: Scene, seen: Sight, name: str
-):
-    if name == "sensory":
-        points, errors = scene.placement.lift(model.sensory.weights), sensory_errors(model)
-    else:
-        panel = scene.page["panel"]
-        points = np.array(panel["corner"]) + model.motor.units @ np.array(panel["edges"])
-        errors = motor_errors(model)
-    wanted = colours(scene.scale.share(errors)).astype(int)
-    pixels = project(scene.camera, points, *SIZE, PANEL)
+@pytest.mark.parametrize("name", ["Sensory map", "Motor map"])
+def test_nodes_have_their_colours_where_they_are(page: str, seen: Sight, name: str):
+    data = data_of(page)
+    nodes = objects(data)[f"{name}/nodes"]
+    wanted = nodes["tints"].astype(int)
+    pixels = project(data["camera"], nodes["points"], *SIZE, PANEL)
     hit = near(seen, pixels, wanted) < 40
     # the arm, links and paths hide some of them
     assert hit.mean() > 0.75
@@ -79,18 +68,19 @@ def test_nodes_have_their_colours_where_they_are(
     assert hit.mean() > (near(seen, pixels, shuffled) < 40).mean() + 0.1
 
 
-def test_the_tip_is_where_forward_puts_it(model: Model, scene: Scene, seen: Sight):
-    tip = model.forward(scene.motion.q[0])
-    expected = project(scene.camera, scene.placement.lift(tip[None]), *SIZE, PANEL)[0]
-    orange = np.linalg.norm(seen.pixels - np.array(rgb(REACHED)), axis=2) < 30
+def test_the_tip_is_on_its_ball(page: str, seen: Sight):
+    data = data_of(page)
+    tip = tracks(data)["Arm/tip"][0, :3, 3]
+    expected = project(data["camera"], tip, *SIZE, PANEL)[0]
+    ball = next(o for o in data["objects"] if o["path"] == "Reached path/ball")
+    orange = np.linalg.norm(seen.pixels - rgb(ball["colour"]), axis=2) < 30
     rows, columns = np.nonzero(orange)
     close = np.hypot(columns - expected[0], rows - expected[1]) < 12
     assert close.sum() > 15
-    middle = columns[close].mean(), rows[close].mean()
-    assert np.hypot(*(np.array(middle) - expected)) < 3
+    assert np.hypot(columns[close].mean() - expected[0], rows[close].mean() - expected[1]) < 3
 
 
-def test_outside_of_everything_is_background(scene: Scene, seen: Sight):
+def test_outside_of_everything_is_background(seen: Sight):
     corner = seen.pixels[-8:, -8:].reshape(-1, 3)
     assert np.ptp(corner, axis=0).max() < 6
     assert corner.min() > 200  # light
@@ -98,7 +88,7 @@ def test_outside_of_everything_is_background(scene: Scene, seen: Sight):
 
 def test_legend_runs_through_all_colours(seen: Sight):
     panel = seen.pixels[:200, :PANEL]
-    first, last = (np.array(rgb(c)) for c in (STOPS[0], STOPS[-1]))
+    first, last = (rgb(c) for c in (STOPS[0], STOPS[-1]))
     starts = np.linalg.norm(panel - first, axis=2) < 25
     ends = np.linalg.norm(panel - last, axis=2) < 25
     rows = np.flatnonzero(starts.any(axis=1) & ends.any(axis=1))
@@ -107,64 +97,54 @@ def test_legend_runs_through_all_colours(seen: Sight):
     assert np.flatnonzero(ends[row]).max() - np.flatnonzero(starts[row]).min() > 200
 
 
-def test_layers_can_be_switched_and_are_named(model: Model, scene: Scene, tmp_path: Path):
-    page = tmp_path / "page.html"
-    page.write_text(html(scene, model), encoding="utf-8")
-    text = document(page, tmp_path)
+def test_layers_can_be_switched_and_are_named(page: str, tmp_path: Path):
+    (tmp_path / "page.html").write_text(page, encoding="utf-8")
+    text = document(tmp_path / "page.html", tmp_path)
     for name in ("Arm", "Sensory map", "Motor map", "Hebbian links", "Workspace border"):
         assert text.count(f">{name}<") >= 2  # in the panel and in meshcat's own controls
     assert "Training samples" in text
 
 
-@pytest.mark.parametrize("robot", ["three_link", "tilted"])
-def test_other_arms_in_the_dark(robot: str, tmp_path: Path):
-    arm = calib.load_arm(robot)
+def test_another_arm_in_the_dark(tmp_path: Path):
+    arm = calib.load_arm("tilted")
     model = calib.train(calib.babble(arm, 1500, seed=0), size=12)
-    page = tmp_path / "page.html"
-    scene = draw(model)
-    page.write_text(html(scene, model), encoding="utf-8")
-    sight = look(page, tmp_path, dark=True, size=(1440, 900))
+    path = tmp_path / "page.html"
+    calib.preview(model, path)
+    sight = look(path, tmp_path, dark=True, size=(1440, 900))
     assert sight.console == []
     assert sight.pixels[-8:, -8:].max() < 60
-    nodes = project(scene.camera, scene.placement.lift(model.sensory.weights), 1440, 900, PANEL)
-    tint = colours(scene.scale.share(sensory_errors(model))).astype(int)
-    assert (near(sight, nodes, tint) < 45).mean() > 0.6
+    data = data_of(path.read_text(encoding="utf-8"))
+    nodes = objects(data)["Sensory map/nodes"]
+    pixels = project(data["camera"], nodes["points"], 1440, 900, PANEL)
+    assert (near(sight, pixels, nodes["tints"].astype(int)) < 45).mean() > 0.6
 
 
-def test_a_live_page_draws_every_branch(model: Model, tmp_path: Path):
-    scene = draw(model)
+def test_a_live_page_draws_every_branch(model: calib.Model, tmp_path: Path, monkeypatch):
     target = model.forward([0.6, 0.7])
-    at = scene.placement.lift(target[None])[0].tolist()
-    page = html(scene, model, live=True)
-    page = page.replace("</body>", f"<script>calib.ask({at})</script></body>")
-    with PreviewServer(page, 0, Live(model).answer) as server:
-        thread = threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.05})
-        thread.start()
-        try:
-            sight = look(server.url, tmp_path, size=SIZE)
-        finally:
-            server.shutdown()
-            thread.join()
+    asked = f"<script>calib.ask({[*target.tolist(), 0.0]})</script></body>"
+    from calib.show.preview.scene import Scene
+
+    plain = Scene.html
+    monkeypatch.setattr(
+        Scene, "html", lambda self, **live: plain(self, **live).replace("</body>", asked)
+    )
+    with calib.preview(model, live=True, browse=False) as shown:
+        sight = look(shown.url, tmp_path, size=SIZE)
     assert sight.console == []
-    panel = scene.page["panel"]
+    data = data_of(page_of(model))
     branches = model.inverse_all(target[None])[0]
     assert len(branches) == 2
     u = model.motor.scale.to_unit(branches)
-    dots = np.array(panel["corner"]) + u @ np.array(panel["edges"])
-    pixels = project(scene.camera, dots, *SIZE, PANEL)
+    dots = np.array(data["panel"]["corner"]) + u @ np.array(data["panel"]["edges"])
+    pixels = project(data["camera"], dots, *SIZE, PANEL)
     wanted = np.array([rgb("#1c7ed6"), rgb("#e8590c")])
     assert (near(sight, pixels, wanted, 1) < 40).all()
 
 
-@pytest.fixture(scope="module")
-def reported(model: Model) -> str:
-    return report(model)
-
-
 @pytest.mark.parametrize("dark", [False, True])
-def test_report_in_light_and_dark(reported: str, tmp_path: Path, dark: bool):
+def test_report_in_light_and_dark(model: calib.Model, tmp_path: Path, dark: bool):
     page = tmp_path / "report.html"
-    page.write_text(reported, encoding="utf-8")
+    calib.report(model, page)
     sight = look(page, tmp_path, dark=dark, size=(900, 2600))
     assert sight.console == []
     ground = sight.pixels[:, :10].reshape(-1, 3)
@@ -173,4 +153,4 @@ def test_report_in_light_and_dark(reported: str, tmp_path: Path, dark: bool):
     ink = sight.pixels.reshape(-1, 3)
     assert ink.max() > 200 if dark else ink.min() < 60
     for colour in (STOPS[1], STOPS[-1]):
-        assert (np.linalg.norm(ink - np.array(rgb(colour)), axis=1) < 20).sum() > 50
+        assert (np.linalg.norm(ink - rgb(colour), axis=1) < 20).sum() > 50

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import re
 from dataclasses import replace
 from html.parser import HTMLParser
@@ -10,22 +9,18 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from models import log, measured, trained
+from models import in_pixels, in_space, log, measured, trained
 
 import calib
+from calib.body.curves import curve_value
 from calib.common.scale import Scale
 from calib.maps.lattice import Lattice
 from calib.maps.map import Map
-from calib.paper.published import TABLE1
-from calib.show.report.curves import bound_pairs, coverage
-from calib.show.report.evidence import gather
+from calib.show.error_scale import STOPS, UNKNOWN, ErrorScale, colours
 from calib.show.report.maps import hits, u_matrix
-from calib.show.report.page import SECTIONS, pictures, report
-from calib.show.report.tables import adaptation_table
 
-PLANAR = {
-    "forward", "inverse", "histogram", "calibration", "lattices", "nodes", "training",
-}  # fmt: skip
+FLAT = ["forward", "inverse", "histogram", "calibration", "lattices", "nodes", "training"]
+SPACE = ["forward", "inverse", "vectors", "joints", "curves", *FLAT[2:]]
 
 
 class Reader(HTMLParser):
@@ -37,36 +32,29 @@ class Reader(HTMLParser):
         self.cells: list[str] = []
         self.names: list[str] = []
         self.addresses: list[str] = []
-        self.open: list[str] = []
+        self.open = ""
         self.feed(text)
 
     def handle_starttag(self, tag, attrs):
-        self.open.append(tag)
+        self.open = tag
         for key, value in attrs:
             if key == "id":
                 self.names.append(value)
             if key in ("href", "src", "xlink:href"):
                 self.addresses.append(value)
 
-    def handle_endtag(self, tag):
-        while self.open and self.open.pop() != tag:
-            pass
-
     def handle_data(self, data):
-        if self.open and self.open[-1] in ("h1", "h2"):
+        if self.open in ("h1", "h2"):
             self.headings.append(data)
-        if self.open and self.open[-1] in ("td", "th"):
+        if self.open in ("td", "th"):
             self.cells.append(data)
+        self.open = ""
 
 
-@pytest.fixture(scope="module")
-def noisy():
-    return trained("two_link", n=3000, size=20, noise=1e-3)
-
-
-@pytest.fixture(scope="module")
-def page(noisy) -> str:
-    return report(noisy)
+def report(model, given=None) -> str:
+    path = Path("report.html")
+    calib.report(model, path, given)
+    return path.read_text(encoding="utf-8")
 
 
 @pytest.fixture
@@ -75,96 +63,100 @@ def unrendered(monkeypatch):
     monkeypatch.setattr("calib.show.report.page.to_svg", lambda *_: "<svg></svg>")
 
 
-def test_one_small_file_without_addresses(page: str):
+@pytest.fixture(autouse=True)
+def _elsewhere(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+
+
+def noisy():
+    return trained("two_link", n=3000, size=20, noise=1e-3)
+
+
+def test_one_small_file_without_addresses_in_the_page_own_ink():
+    page = report(noisy())
     read = Reader(page)
+    assert read.headings[0] == "two_link"
+    assert [name for name in read.names if name in SPACE] == FLAT
     assert len(page.encode()) < 3_000_000
     assert all(a.startswith(("#", "data:image/png")) for a in read.addresses)
     assert len(set(read.names)) == len(read.names)
-    local = {a[1:] for a in read.addresses if a.startswith("#")}
-    assert local <= set(read.names)
-    assert "default-src 'none'" in page
-
-
-def test_everything_is_in_it(page: str):
-    headings = Reader(page).headings
-    assert headings[0] == "two_link"
-    for section in SECTIONS:
-        assert (section.title in headings) == (section.name in PLANAR)
+    assert {a[1:] for a in read.addresses if a.startswith("#")} <= set(read.names)
+    for text in (
+        "default-src 'none'",
+        "currentColor",
+        "prefers-color-scheme: dark",
+        "@media print",
+    ):
+        assert text in page
+    assert not re.search("#010203|#020304", page)
     assert "sensor noise 1 mm" in page
+    errors = calib.evaluate(noisy()).errors["local"]["forward"]["distance"]
+    assert f"{1e3 * errors['mean']:.3g} ({1e3 * errors['max']:.3g})" in read.cells
+    assert report(noisy()) == page
 
 
-def test_ink_follows_the_page(page: str):
-    assert "currentColor" in page
-    assert "prefers-color-scheme: dark" in page
-    assert "@media print" in page
-    assert "#010203" not in page
-    assert "#020304" not in page
-
-
-def test_the_papers_numbers_stand_beside_those_of_its_arm(page: str, unrendered):
-    cells = Reader(page).cells
-    assert "paper" in cells
-    for printed in TABLE1["vdsom"].values():
-        assert f"{printed.mean:g} ({printed.max:g})" in cells
-    assert "paper" not in Reader(report(trained("polar", n=400, size=8))).cells
-
-
-def test_the_table_is_that_of_evaluate(noisy, page: str):
-    errors = calib.evaluate(noisy).errors["local"]["forward"]["distance"]
-    cells = Reader(page).cells
-    assert f"{1e3 * errors['mean']:.3g} ({1e3 * errors['max']:.3g})" in cells
-
-
-def test_the_same_model_gives_the_same_report(noisy, page: str):
-    assert report(noisy) == page
-
-
-def test_without_noise_nothing_is_made_of_rounding(unrendered):
-    model = trained("two_link", n=3000, size=20)
-    text = report(model)
-    assert "below 1 nm" in text
-    assert "Without noise the body of an ideal arm" in text
-
-
-def test_a_log_is_judged_by_its_own_table_or_by_rows_that_are_given(unrendered):
-    model = measured()
-    alone = report(model)
-    assert "held out in contiguous blocks" in alone
-    assert "give the log" not in alone  # the model keeps rows for its figures
-    assert "rows of the log that was given" in report(model, log(300, 1e-3))
-
-
-def test_other_arms_and_maps_are_reported():
+@pytest.mark.usefixtures("unrendered")
+def test_words_of_other_models():
+    assert "below 1 nm" in report(trained("two_link", n=3000, size=20))
+    assert "held out in contiguous blocks" in report(measured())
+    assert "rows of the log" in report(measured(), log(300, 1e-3))
+    assert "U-matrix" in report(trained("two_link", n=400, size=4, map="gng"))
     assert Reader(report(trained("three_link", n=400, size=8))).headings
-    gas = trained("two_link", n=400, size=4, map="gng")
-    assert "U-matrix" in report(gas)
+    evil = replace(noisy(), about=replace(noisy().about, robot="<script>alert(1)</script>"))
+    assert "<script>" not in report(evil)
+    bare = {"what": "trained", "errors": {"mean": 0.00123}, "rows": 100}
+    assert "Before and after" in Reader(report(replace(noisy(), history=(bare,)))).headings
 
 
-def test_earlier_states_are_told_whatever_they_hold(noisy, unrendered):
-    history = (
-        {"what": "trained", "errors": {"mean": 0.00123}, "rows": 100},
-        {"what": "adapted", "causes": ["link", "sensor"], "improved": True},
-    )
-    text = report(replace(noisy, history=history))
-    assert "Before and after" in Reader(text).headings
-    assert adaptation_table(history, "m") == ""
-
-
-def test_an_adapted_model_tells_before_and_after_and_a_log_its_distortion(unrendered):
+@pytest.mark.usefixtures("unrendered")
+def test_an_adapted_model_tells_before_and_after_and_a_log_its_distortion():
     model = trained("two_link", n=3000, size=20)
-    arm = calib.load_arm("two_link")
-    bent = calib.babble(arm, 120, seed=1, changes=["elbow.length=+20%"])
+    bent = calib.babble(calib.load_arm("two_link"), 120, seed=1, changes=["elbow.length=+20%"])
     adapted = calib.adapt(model, bent).model
     cells = Reader(report(adapted, bent)).cells
-    event = adapted.history[-1]
-    assert f"{event['samples']}" in cells
     assert {"motor", "sensory", "links", "before: mean (largest)"} <= set(cells)
     assert "It has drifted." in report(model, bent)
 
 
-def test_names_are_escaped(noisy, unrendered):
-    evil = replace(noisy, about=replace(noisy.about, robot="<script>alert(1)</script>"))
-    assert "<script>" not in report(evil)
+def test_figures_on_paper():
+    drawn = calib.figures(noisy())
+    assert list(drawn) == FLAT
+    calib.figures(noisy(), names=["forward"])["forward"].savefig("forward.png")
+    assert Path("forward.png").read_bytes().startswith(b"\x89PNG")
+    with pytest.raises(calib.OptionError, match="histogramm"):
+        calib.figures(noisy(), names=["histogramm"])
+    (line, *_) = drawn["calibration"].axes[0].lines
+    within = np.interp(1.0, line.get_xdata(), line.get_ydata())
+    assert 92 < within < 98
+
+
+def test_figures_of_an_arm_in_space():
+    model = in_space()
+    drawn = calib.figures(model)
+    assert list(drawn) == SPACE
+    assert "enlarged" in drawn["vectors"].axes[1].get_title()
+    for k, ax in enumerate(drawn["curves"].axes[:3]):
+        (line,) = ax.lines
+        q = np.radians(line.get_xdata())
+        own = 1e3 * curve_value(q, model.body.beta[model.body.structure.groups[f"curve.{k}"]])
+        assert line.get_ydata() == pytest.approx(own, abs=1e-9)
+        band = ax.collections[0].get_paths()[0].vertices
+        assert np.ptp(band[:, 1]) > np.ptp(own)
+    assert list(calib.figures(in_pixels(), names=["joints", "vectors"])) == ["joints"]
+
+
+def test_results_tell_themselves_in_a_line_and_models_in_a_small_table():
+    model = trained("two_link", n=400, size=8)
+    evaluation = calib.evaluate(model)
+    log = calib.babble(calib.load_arm("two_link"), 200)
+    sweep = calib.sweep(log, {"size": [4, 5]}, jobs=1)
+    for shown in (evaluation, sweep, calib.load_arm("two_link"), calib.load_arm("six_axis")):
+        assert len(repr(shown)) < 200, repr(shown)
+    assert "local" in repr(evaluation)
+    assert repr(sweep).startswith("Sweep of 2 trainings")
+    table = replace(model, about=replace(model.about, robot="<b>"))._repr_html_()
+    assert "&lt;b&gt;" in table
+    assert len(table) < 3000
 
 
 def test_u_matrix_and_hits_of_a_map_made_by_hand():
@@ -177,38 +169,40 @@ def test_u_matrix_and_hits_of_a_map_made_by_hand():
     assert np.isnan(hits(part, np.empty((0, 2)))).all()
 
 
-def test_expected_errors_are_kept_as_promised(noisy):
-    pairs = bound_pairs(gather(noisy))
-    assert pairs is not None
-    assert 0.92 < coverage(*pairs) < 0.98
+def test_error_scales():
+    rounding = ErrorScale.of(np.array([1e-13, 3e-12]), "m", 0.5)
+    assert rounding.ticks() == [(0.0, "below 1 nm everywhere")]
+    assert rounding.share(np.array([1e-13])).tolist() == [0.0]
+    assert "px" in ErrorScale.of(np.array([1e-8]), "px", 600.0).ticks()[0][1]
+    narrow = ErrorScale.of(np.linspace(0.9, 1.0, 100) * 1e-3, "m", 0.5)
+    wide = ErrorScale.of(np.geomspace(1e-6, 1e-3, 100), "m", 0.5)
+    assert (narrow.log, wide.log) == (False, True)
+    ends = np.array([wide.low, np.sqrt(wide.low * wide.high), wide.high])
+    np.testing.assert_allclose(wide.share(ends), [0.0, 0.5, 1.0], atol=1e-9)
 
 
-def test_pictures_are_on_white(noisy):
-    from PIL import Image
-
-    drawn = pictures(noisy)
-    assert set(drawn) == PLANAR
-    for data in drawn.values():
-        picture = Image.open(io.BytesIO(data)).convert("RGB")
-        assert picture.width > 800
-        assert picture.getpixel((1, 1)) == (255, 255, 255)
-        darkest = np.asarray(picture).reshape(-1, 3).max(axis=1).min()
-        assert darkest < 90
+def test_colours_rise_evenly_in_lightness_and_have_no_ends_that_vanish():
+    tint = colours(np.linspace(0, 1, 50)).astype(float) / 255
+    linear = np.where(tint <= 0.04045, tint / 12.92, ((tint + 0.055) / 1.055) ** 2.4)
+    light = linear @ [0.2126, 0.7152, 0.0722]
+    assert (np.diff(light) > 0).all()
+    assert 0.02 < light[0] < light[-1] < 0.6
+    for share, colour in ((np.nan, UNKNOWN), (0.0, STOPS[0])):
+        assert bytes(colours(np.array([share]))[0]).hex() == colour[1:]
 
 
-def test_command(run, model: Path, tmp_path: Path):
+def test_command(run, models: Path, model: Path, log: Path, tmp_path: Path):
     target = tmp_path / "report.html"
     done = run("report", model, "-o", target, "--png", tmp_path / "figures")
     assert done.code == 0, done.err
     assert target.read_text(encoding="utf-8").startswith("<!DOCTYPE html>")
     assert {p.suffix for p in (tmp_path / "figures").iterdir()} == {".png"}
-    for wrong, code in (([], 2), (["-o", tmp_path / "no" / "x.html"], 1)):
-        done = run("report", model, *wrong)
+    for wrong, code in (
+        ([model], 2),
+        ([model, "-o", tmp_path / "no" / "x.html"], 1),
+        ([models / "polar.calib", "--data", log, "-o", tmp_path / "x.html"], 1),
+    ):
+        done = run("report", *wrong)
         assert (done.code, done.err.count("\n")) == (code, 1)
-        assert re.match("error: ", done.err)
-
-
-def test_command_refuses_another_arms_log(run, models: Path, log: Path, tmp_path: Path):
-    done = run("report", models / "polar.calib", "--data", log, "-o", tmp_path / "x.html")
-    assert done.code == 1
+        assert done.err.startswith("error: ")
     assert not (tmp_path / "x.html").exists()

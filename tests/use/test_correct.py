@@ -16,9 +16,9 @@ from calib.arm.robots import resolve_robot
 from calib.arm.urdf import read_urdf
 from calib.body.spatial import structure_of
 from calib.errors import OptionError, QueryError
+from calib.model.nominal import NominalPose, nominal_in_space
 from calib.use.correct import correct
 from calib.use.geometry import fit_geometry
-from calib.use.nominal import NominalPose, nominal_in_space
 
 Q = np.random.default_rng(0).uniform([0.4, 0.7], [1.1, 2.0], (50, 2))
 

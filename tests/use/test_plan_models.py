@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
-from models import in_space, trained
+from models import in_pixels, in_space, trained
 
 import calib
 from calib.body.most_telling import greedy
 from calib.common.scale import Scale
-from calib.model.space import Space
-from calib.use.collisions import hides_its_tip, hits_itself, visible
+from calib.use.collisions import hits_itself
 from calib.use.pose_space import space_of
 from calib.use.spread import candidate_poses, farthest, tells
 
@@ -125,33 +123,9 @@ def test_links_that_meet_are_seen_and_those_that_are_built_so_are_not():
     assert hits_itself(flat.urdf, flat.joint_names, flat.locked, np.zeros((3, 2))) is None
 
 
-def test_a_link_between_the_camera_and_the_tip_hides_it():
-    arm = calib.load_arm("spatial_three")
-    q = np.array([[0.0, 0.3, 0.9], [np.pi, 0.3, 0.9]])
-    tips = arm.forward(q)
-    column = np.array([0.0, 0.0, 0.075])
-    behind = tips[1] + 4 * (column - tips[1])
-    hidden = hides_its_tip(arm.urdf, arm.joint_names, arm.locked, q, tips, behind)
-    assert hidden.tolist() == [False, True]
-
-
-def test_a_plan_for_a_tracker_keeps_the_tip_in_its_sight():
-    model = in_space()
-    structure, beta = model.body.structure, model.body.beta.copy()
-    eye, turn = np.array([2.0, 0.0, 0.1]), structure.sensor(beta).rotation
-    space = space_of(model, None, None)
-    points = candidate_poses(space, np.random.default_rng(0))[:400]
-
-    def kept(origin):
-        beta[structure.groups["view.shift"]] = -turn @ origin
-        placed = replace(model, body=replace(model.body, beta=beta.copy()))
-        return visible(placed, space, points)
-
-    seen, notes = kept(eye)
-    about, q = model.about, space.scale.from_unit(seen)
-    tips = Space.of(model).evaluate(q)[0]
-    assert 0 < len(seen) < len(points)
-    assert not hides_its_tip(about.urdf, about.joint_names, about.locked, q, tips, eye).any()
-    assert "tracker" in notes[0]
-    # an origin within the arm's reach is no tracker's
-    assert len(kept(0.1 * eye)[0]) == len(points)
+def test_a_plan_for_a_camera_keeps_the_tip_in_its_picture():
+    model = in_pixels()
+    plan = calib.plan(model, 20)
+    width, height = model.about.picture or (1280, 960)
+    assert ((plan.x > 0) & (plan.x < [width, height])).all()
+    assert "picture" in plan.notes[-1]

@@ -7,7 +7,8 @@ five times the room, more than the 3 MB that a page may have.
 from __future__ import annotations
 
 import base64
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -16,14 +17,14 @@ from numpy.typing import ArrayLike, NDArray
 from ...common.arrays import Array
 
 
+@dataclass(frozen=True, eq=False)
 class Canvas:
     """Layers in the order of the legend, and what is drawn in them."""
 
-    def __init__(self) -> None:
-        self.layers: list[dict[str, Any]] = []
-        self.objects: list[dict[str, Any]] = []
-        self.places: dict[str, list[float]] = {}  # transforms by columns, by path
-        self.tracks: dict[str, str] = {}  # transforms of the animation, by path
+    layers: list[dict[str, Any]] = field(default_factory=list)
+    objects: list[dict[str, Any]] = field(default_factory=list)
+    places: dict[str, list[float]] = field(default_factory=dict)  # transforms by columns, by path
+    tracks: dict[str, str] = field(default_factory=dict)  # transforms of the animation, by path
 
     def layer(self, name: str, colour: str, text: str, *, shown: bool = True) -> str:
         """Begin a layer of the legend: what is drawn on paths below its name, which is returned."""
@@ -39,7 +40,6 @@ class Canvas:
         index: ArrayLike | None = None,
         *,
         size: float | Sequence[float] = (),
-        opacity: float = 1.0,
         **more: Any,
     ) -> None:
         """Draw something at a path.
@@ -52,28 +52,21 @@ class Canvas:
         points : (n, 3)
         size : [m], width of points, radius of a marker; sides of a box, radius and length
         """
-        drawn = {"path": path, "kind": kind, "opacity": opacity, "size": size, **more}
-        drawn["colour" if isinstance(colour, str) else "tints"] = (
-            colour if isinstance(colour, str) else packed(colour, np.uint8)
-        )
+        drawn = {"path": path, "kind": kind, "opacity": 1.0, "size": size, **more}
+        named = isinstance(colour, str)
+        drawn["colour" if named else "tints"] = colour if named else packed(colour, np.uint8)
         if points is not None:
             drawn["points"] = packed(points, np.float32)
         if index is not None:
             drawn["index"] = packed(index, np.uint32)
         self.objects.append(drawn)
 
-    def place(self, path: str, transform: Array) -> None:
-        """Put everything below a path where a transform (4, 4) says."""
-        self.places[path] = transform.T.ravel().tolist()
-
-    def animate(self, tracks: Mapping[str, Array]) -> None:
-        """Move what is at each path through transforms (frames, 4, 4)."""
-        self.tracks = {p: packed(t.swapaxes(1, 2), np.float32) for p, t in tracks.items()}
-
-    def to_json(self) -> dict[str, Any]:
-        """Plain data for the page."""
-        names = ("layers", "objects", "places", "tracks")
-        return {name: getattr(self, name) for name in names}
+    def place(self, path: str, transforms: Array) -> None:
+        """Put what is below a path where a transform (4, 4) says, or move it through many."""
+        first = transforms if transforms.ndim == 2 else transforms[0]
+        self.places[path] = first.T.ravel().tolist()
+        if transforms.ndim == 3 and np.ptp(transforms, axis=0).max() > 1e-9:
+            self.tracks[path] = packed(transforms.swapaxes(1, 2), np.float32)
 
 
 def packed(values: ArrayLike, kind: type[np.generic]) -> str:

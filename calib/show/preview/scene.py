@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import base64
+import json
 from dataclasses import dataclass
+from functools import cached_property
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -11,167 +14,249 @@ import numpy as np
 
 from ...common.arrays import Array
 from ...common.rows import thinned
+from ...common.templates import filled
+from ...common.wording import length_in_words
+from ...errors import CalibError
 from ...model.model import Model
 from ...samples.samples import Samples
-from ..arrows import Arrows
-from ..error_scale import STOPS, ErrorScale
-from ..workspace import extent, motor_errors, outline, sensory_errors, training_rows
-from . import arm as arm_layer
-from .arm import DrawnArm
+from ...training.evaluate import simulation_of
+from ..error_scale import STOPS, ErrorScale, colours
+from ..workspace import extent, node_errors, outline, training_rows
+from .arm import LAYER, DrawnArm
 from .canvas import Canvas
-from .cloud import Cloud
-from .lattices import LINK, draw_maps, labels, panel_beside, telling_node
-from .motion import TARGET, Loop, draw_motion, drive
-from .placement import Placement, Viewpoint, place_model
+from .maps import LINK, Panel, draw_maps, labels, packed_links, telling_node
+from .placement import Placement, camera_onto, place_model
 
-BORDER, SAMPLE, ARROW = "#2a9d8f", "#6c7a89", "#e8590c"
+_BORDER, _SAMPLE, _TARGET, _REACHED = "#2a9d8f", "#6c7a89", "#1c7ed6", "#e8590c"
 _MOST_SAMPLES = 5000
+_FRAMES = 180
+_SWINGS = (0.36, 0.25, 0.15, 0.08)  # of the joints about their middle, of their range
+_POSTURES, _SHOWN, _CUT = 40_000, 3_000, 1_500  # of the cloud in space
+_THICK = 0.01  # half the thickness of a cut, as a share of the cloud's extent
 
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """A drawn model."""
-
-    canvas: Canvas
-    camera: Viewpoint  # from where they are seen
-    page: dict[str, Any]  # plain data for the page: title, legend, labels, links
-    notes: tuple[str, ...]  # what the user should be told
-    placement: Placement  # where the sensor's positions are
-    motion: Loop  # the path of the animation
-    scale: ErrorScale  # what the nodes' colours mean
-
-
-def draw(model: Model, *, samples: Samples | None = None, meshes: Path | None = None) -> Scene:
-    """Draw a model, its layers in the order of the legend.
+    """A model that is to be drawn.
 
     samples : measured samples to show; without them a simulated model's are drawn again
     meshes : the folder that the URDF's mesh files may be taken from
     """
-    about, canvas, body = model.about, Canvas(), DrawnArm.of(model.about)
-    placement, motion = place_model(model, body), drive(model)
-    notes = ["no URDF came with this model: the arm itself is not drawn"] if body is None else []
-    size = extent(model) * float(np.linalg.norm(placement.axes[0]))
-    cloud = Cloud.of(model) if len(model.axes) == 3 else None
-    line = outline(model) if cloud is None else np.empty((0, 2, 2))
-    # what the picture has to show: the reach, the arm, the photo, the panel and its words
-    around = [placement.lift(line.reshape(-1, 2) if len(line) else model.sensory.weights)]
-    poses: dict[str, Array] = {} if body is None else body.poses(motion.q)
-    if body is not None:
-        around.append(placement.scale * np.array([poses[link][0, :3, 3] for link in body.way]))
-    if model.photo is not None and cloud is None:
-        left, right, low, high = model.photo.box
-        photo = placement.lift([[left, low], [right, low], [right, high], [left, high]])
-        around.append(photo)
-    panel = panel_beside(
-        placement.frame, np.concatenate(around), 0.75 * size, len(about.joint_names)
-    )
-    words = labels(model, placement, panel)
-    wide = {"left": 0.12 * size * placement.frame[0]}  # what begins at the panel's edge
-    ends = np.array([np.array(word["at"]) + wide.get(word["align"], 0.0) for word in words])
-    around += [panel.outline[0], ends]
-    camera = Viewpoint.onto(np.concatenate(around), placement.frame)
-    # at equal depth the graphics card would draw now the one, now the other: lines that lie on the
-    # maps are drawn a little in front of them
-    front = 0.006 * size * camera.direction
-    errors = [
-        motor_errors(model),
-        sensory_errors(model),
-        *([] if cloud is None else [cloud.errors]),
-    ]
-    scale = ErrorScale.of(np.concatenate(errors), about.unit, extent(model))
 
-    if model.photo is not None and cloud is None:
-        canvas.layer("Photo", "", "by the camera that measured the arm")
-        jpeg = base64.b64encode(model.photo.jpeg).decode("ascii")
-        image, corners = f"data:image/jpeg;base64,{jpeg}", photo - 0.01 * size * camera.direction
-        faces = [[0, 1, 2], [0, 2, 3]]
-        # the maps are drawn after what is seen through
-        canvas.add("Photo/picture", "image", "#ffffff", corners, faces, image=image, opacity=0.999)
-    if body is not None:
-        name = canvas.layer(arm_layer.LAYER, "", "as its URDF describes it")
-        # thickness of the arm in its own metres
-        drawn = extent(model) if about.unit == "m" else size / placement.scale
-        notes += arm_layer.draw_arm(canvas, body, poses, drawn or size / placement.scale, meshes)
-        if placement.scale != 1.0:
-            canvas.place(name, np.diag([*[placement.scale] * 3, 1.0]))
-    draw_maps(canvas, model, placement, panel, scale, size)
-    canvas.layer("Hebbian links", LINK, "of one node; click the sensory map for another")
-    if cloud is None:
-        canvas.layer("Workspace border", BORDER, "of all that the learned range reaches")
-        points = placement.lift(line.reshape(-1, 2)) + front
-        pairs = np.arange(len(points)).reshape(-1, 2)
-        canvas.add("Workspace border/line", "lines", BORDER, points, pairs)
-    else:
-        cloud.draw(canvas, placement, scale, 0.007 * size)
-    _, x, what = training_rows(model, samples)
-    if len(x):
-        shown = x[thinned(len(x), _MOST_SAMPLES)]
-        few = f"{len(shown):,} of {len(x):,} {what}" if len(shown) < len(x) else what
-        canvas.layer("Training samples", SAMPLE, few, shown=False)
-        dots = placement.lift(shown)
-        canvas.add("Training samples/positions", "points", SAMPLE, dots, size=0.006 * size)
-    _residuals(canvas, model, samples, placement, front, size)
-    tracks = draw_motion(canvas, model, motion, placement, front, size)
-    for link, transforms in poses.items():
-        # links before the first joint stand still: no track for them makes the page smaller
-        if np.ptp(transforms, axis=0).max() > 1e-9:
-            tracks[f"{arm_layer.LAYER}/{link}"] = transforms
-    canvas.animate(tracks)
-    notes += [placement.note] * bool(placement.note)
-    canvas.place("Axes", _axes(placement, body is not None or cloud is not None, size))
-    bound = "true position" if about.source == "simulation" else about.bound_of
-    # a target is dragged in the drawn plane; in space in one through the middle of the map
-    middle = placement.origin if cloud is None else placement.lift(model.sensory.weights).mean(0)
-    page = {
-        "title": about.robot or "learned from a log",
-        "legend": {
-            "title": "Expected error",
-            "text": f"95 % bound on the distance to the {bound}",
-            "words": scale.words(),
-            "ticks": scale.ticks(),
-            "stops": STOPS[:1] if scale.rounding else STOPS,
-        },
-        "labels": words,
-        "camera": camera.to_json(),
-        # its links are drawn first
-        "node": telling_node(model, np.unique(model.sensory.winners(motion.target))),
-        "link": LINK,
-        "target": TARGET,
-        "panel": {"corner": panel.corner.tolist(), "edges": panel.edges.tolist()},
-        "plane": {"point": middle.tolist(), "normal": placement.frame[2].tolist()},
-        "size": size,
-        "dot": 0.022 * size,
-    }
-    return Scene(canvas, camera, page, tuple(notes), placement, motion, scale)
+    model: Model
+    samples: Samples | None = None
+    meshes: Path | None = None
+
+    @cached_property
+    def arm(self) -> DrawnArm | None:
+        """The robot, None where no URDF came with the model."""
+        return DrawnArm.of(self.model.about)
+
+    @cached_property
+    def placement(self) -> Placement:
+        """Where the sensor's positions are."""
+        return place_model(self.model, self.arm)
+
+    @cached_property
+    def motion(self) -> tuple[Array, Array, Array]:
+        """Joints (n, dof) that the inverse map answers with along a loop, targets, where they lead.
+
+        The targets are where a smooth loop of the joints leads, so that they can be reached and
+        stay on one branch; the inverse map sees the targets alone and that branch.
+        """
+        model, dof = self.model, len(self.model.about.joint_names)
+        scale, simulation = model.motor.scale, simulation_of(model)
+        t = np.linspace(0.0, 2 * np.pi, _FRAMES + 1)[:, None]
+        k = np.arange(dof)
+        # cosines and sines of one and two turns: a closed loop in which no joint follows another
+        wave = np.cos((1 + k // 2) * t - (k % 2) * np.pi / 2 + 0.7 * k)
+        low, high = np.zeros(dof), np.ones(dof)
+        if model.rows is not None and len(model.axes) == 3:  # measured postures fill but a part
+            low, high = np.quantile(scale.to_unit(model.rows.q), (0.05, 0.95), axis=0)
+        for swing in _SWINGS:
+            q = scale.from_unit(low + (high - low) * (0.5 + swing * wave))
+            target = model.forward(q)
+            known = np.isfinite(target).all(axis=1)
+            if known.all():
+                break
+        q, target = q[known], target[known]
+        if not len(q):  # a log with a hole in its middle: stay at a node
+            node = int(np.argmax(model.visited))
+            q = model.motor.weights[[node, node]]
+            near = model.predictor.value(scale.to_unit(q))
+            target = model.sensory.weights[model.sensory.winners(near)]
+        answer = model.solve(target, q)
+        reached = answer.position if simulation is None else simulation.exact(answer.q)
+        return answer.q, target, reached
+
+    def html(self, *, live: bool = False) -> str:
+        """Return the page; `live` where a server answers inverse queries.
+
+        Raises CalibError if meshcat, whose viewer it holds, is not installed.
+        """
+        found = find_spec("meshcat")
+        if found is None or found.origin is None:
+            raise CalibError(
+                "the preview needs meshcat, which is not installed: pip install meshcat"
+            )
+        viewer = Path(found.origin).parent / "viewer" / "dist" / "main.min.js"
+        text = json.dumps({**self.data, "live": live}, separators=(",", ":"), allow_nan=False)
+        # a name that holds a closing tag must not end the script; the page's policy lets a browser
+        # load nothing that is not in it, except from its own server
+        text = text.replace("<", "\\u003c")
+        script = viewer.read_text(encoding="utf-8")
+        return filled(__package__, "page.html", viewer=script, data=text)
+
+    @cached_property
+    def data(self) -> dict[str, Any]:
+        """Plain data for the page: what is drawn, legend, labels, links, camera and notes."""
+        model, about, arm, placement = self.model, self.model.about, self.arm, self.placement
+        canvas, flat = Canvas(), len(model.axes) == 2
+        notes = ["no URDF came with this model: the arm itself is not drawn"] if arm is None else []
+        size = extent(model) * float(np.linalg.norm(placement.axes[0]))
+        poses = {} if arm is None else arm.poses(self.motion[0])
+        border = placement.lift(outline(model).reshape(-1, 2)) if flat else np.empty((0, 3))
+        photo = model.photo if flat else None
+        # what the picture has to show: the reach, the arm, the photo, the panel and its words
+        around = [border if len(border) else placement.lift(model.sensory.weights)]
+        if arm is not None:
+            around.append(placement.scale * np.array([poses[link][0, :3, 3] for link in arm.way]))
+        corners = np.empty((0, 3))
+        if photo is not None:
+            left, right, low, high = photo.box
+            corners = placement.lift([[left, low], [right, low], [right, high], [left, high]])
+        around.append(corners)
+        dof = len(about.joint_names)
+        panel = Panel.beside(placement.frame, np.concatenate(around), 0.75 * size, dof)
+        words = list(labels(model, placement, panel))
+        wide = {"left": 0.12 * size * placement.frame[0]}  # what begins at the panel's edge
+        ends = [w["at"] + wide.get(w["align"], 0.0) for w in words]
+        around += [panel.outline()[0], np.array(ends)]
+        camera = camera_onto(np.concatenate(around), placement.frame)
+        # at equal depth the graphics card would draw now the one, now the other: lines that lie on
+        # the maps are drawn a little in front of them
+        front = 0.006 * size * np.array(camera["direction"])
+        cloud = None if flat else _Cloud(model)
+        errors = [*node_errors(model), *([] if cloud is None else [cloud.errors])]
+        scale = ErrorScale.of(np.concatenate(errors), about.unit, extent(model))
+
+        if photo is not None:
+            canvas.layer("Photo", "", "by the camera that measured the arm")
+            jpeg = "data:image/jpeg;base64," + base64.b64encode(photo.jpeg).decode("ascii")
+            faces, behind = [[0, 1, 2], [0, 2, 3]], corners - 1.7 * front
+            # the maps are drawn after what is seen through
+            more: dict[str, Any] = {"image": jpeg, "opacity": 0.999}
+            canvas.add("Photo/picture", "image", "#ffffff", behind, faces, **more)
+        if arm is not None:
+            canvas.layer(LAYER, "", "as its URDF describes it")
+            # thickness of the arm in its own metres
+            notes += arm.draw(canvas, poses, size / placement.scale, self.meshes)
+            if placement.scale != 1.0:
+                canvas.place(LAYER, np.diag([*[placement.scale] * 3, 1.0]))
+        draw_maps(canvas, model, placement, panel, scale, size)
+        canvas.layer("Hebbian links", LINK, "of one node; click the sensory map for another")
+        if cloud is not None:
+            cloud.draw(canvas, placement, scale, 0.007 * size)
+        else:
+            canvas.layer("Workspace border", _BORDER, "of all that the learned range reaches")
+            pairs = np.arange(len(border)).reshape(-1, 2)
+            canvas.add("Workspace border/line", "lines", _BORDER, border + front, pairs)
+        _, x, what = training_rows(model, self.samples)
+        if len(x):
+            shown = x[thinned(len(x), _MOST_SAMPLES)]
+            few = f"{len(shown):,} of {len(x):,} {what}" if len(shown) < len(x) else what
+            name = canvas.layer("Training samples", _SAMPLE, few, shown=False)
+            dots = placement.lift(shown)
+            canvas.add(f"{name}/positions", "points", _SAMPLE, dots, size=0.006 * size)
+        self._draw_motion(canvas, front, size)
+        canvas.place("Axes", _axes(placement, arm is not None or not flat, size))
+        notes += [placement.note] * bool(placement.note)
+        bound = "true position" if about.source == "simulation" else about.bound_of
+        ticks = scale.ticks()
+        # a target is dragged in the drawn plane; in space in one through the middle of the map
+        middle = placement.origin if flat else placement.lift(model.sensory.weights).mean(axis=0)
+        return {
+            **vars(canvas),
+            "title": about.robot or "learned from a log",
+            "legend": {
+                "title": "Expected error",
+                "text": f"95 % bound on the distance to the {bound}",
+                "ticks": ticks,
+                "stops": STOPS[:1] if scale.empty else STOPS,
+            },
+            "labels": [{**word, "at": word["at"].tolist()} for word in words],
+            "camera": camera,
+            # its links are drawn first
+            "node": telling_node(model, np.unique(model.sensory.winners(self.motion[1]))),
+            "links": packed_links(model),
+            "link": LINK,
+            "target": _TARGET,
+            "panel": {"corner": panel.corner.tolist(), "edges": panel.edges.tolist()},
+            "plane": {"point": middle.tolist(), "normal": placement.frame[2].tolist()},
+            "size": size,
+            "notes": notes,
+        }
+
+    def _draw_motion(self, canvas: Canvas, front: Array, size: float) -> None:
+        """Draw both paths, a little in front (3,) of the maps, and the balls that run along."""
+        _, target, reached = self.motion
+        off = float(np.linalg.norm(reached - target, axis=1).mean())
+        where = "the learned map" if simulation_of(self.model) is None else "the simulated arm"
+        text = f"by {where}: {length_in_words(off, self.model.about.unit)} off on average"
+        along = np.stack([np.arange(len(target) - 1), np.arange(1, len(target))], axis=1)
+        # the two may coincide: the target is a glass ball around the tip
+        for order, (name, x, colour, words, wide) in enumerate(
+            (
+                ("Target path", target, _TARGET, "asked for", 0.022),
+                ("Reached path", reached, _REACHED, text, 0.012),
+            )
+        ):
+            canvas.layer(name, colour, words)
+            points = self.placement.lift(x)
+            canvas.add(f"{name}/line", "lines", colour, points + front, along)
+            style: dict[str, Any] = {"opacity": 1.0 if order else 0.45, "order": order + 1}
+            canvas.add(f"{name}/ball", "marker", colour, size=wide * size, **style)
+            track = np.tile(np.eye(4), (len(points), 1, 1))
+            track[:, :3, 3] = points
+            canvas.place(f"{name}/ball", track)
 
 
-def _residuals(
-    canvas: Canvas,
-    model: Model,
-    samples: Samples | None,
-    placement: Placement,
-    front: Array,
-    size: float,
-) -> None:
-    """Draw arrows over the photo, as lines from dots: of a log's rows or of those kept."""
-    rows = samples or model.rows
-    if rows is None or model.photo is None:
-        return
-    found = Arrows.of(model, rows.q, rows.x, model.photo.box[1] - model.photo.box[0])
-    if found is None:
-        return
-    name, n = canvas.layer("Residuals", ARROW, found.words), len(found.seen)
-    seen, ends = (placement.lift(x) + front for x in (found.seen, found.ends))
-    pairs = np.arange(2 * n).reshape(2, n).T
-    canvas.add(f"{name}/lines", "lines", ARROW, np.concatenate([seen, ends]), pairs)
-    canvas.add(f"{name}/seen", "points", "#ffffff", seen, size=0.012 * size)
+class _Cloud:
+    """Postures spread evenly over the learned range, without those that the model refuses."""
+
+    def __init__(self, model: Model) -> None:
+        about, rng = model.about, np.random.default_rng(0)
+        q = rng.uniform(about.lower, about.upper, (_POSTURES, len(about.joint_names)))
+        x = model.forward(q)
+        known = np.isfinite(x).all(axis=1)
+        self.model, self.q, self.x = model, q[known], x[known]
+        # 95 % bounds on the true position of the first, which are shown
+        self.errors = model.model_error(self.q[:_SHOWN])
+
+    def draw(self, canvas: Canvas, placement: Placement, scale: ErrorScale, dot: float) -> None:
+        """Draw the cloud, and two cuts through its middle: one faces the viewer, one is level."""
+        points = placement.lift(self.x)
+        name = canvas.layer("Error cloud", "scale", "bound on the true position, over all postures")
+        tints = colours(scale.share(self.errors))
+        canvas.add(f"{name}/points", "points", tints, points[: len(tints)], size=dot)
+        away = points - np.median(points, axis=0)
+        half = _THICK * float(np.ptp(away, axis=0).max())
+        cut, errors = [], []
+        for normal in placement.frame[[2, 1]]:
+            height = away @ normal
+            chosen = np.flatnonzero(np.abs(height) < half)[:_CUT]
+            cut.append(points[chosen] - np.outer(height[chosen], normal))
+            errors.append(self.model.model_error(self.q[chosen]))
+        name = canvas.layer("Slices", "scale", "the same, cut upright and level", shown=False)
+        tints = colours(scale.share(np.concatenate(errors)))
+        canvas.add(f"{name}/points", "points", tints, np.concatenate(cut), size=1.5 * dot)
 
 
 def _axes(placement: Placement, known: bool, size: float) -> Array:
     """Transform (4, 4) of the drawn axes: the robot's; of a log alone, those it counts in."""
-    placed = np.diag([0.3 * size] * 3 + [1.0])
+    placed = np.eye(4)
     if not known:
         x, y = placement.axes / np.linalg.norm(placement.axes, axis=1)[:, None]
-        # of pixels y leads down
-        placed[:3, :3] = 0.3 * size * np.stack([x, y, np.cross(x, y)], axis=1)
+        placed[:3, :3] = np.stack([x, y, np.cross(x, y)], axis=1)  # of pixels y leads down
+    placed[:3, :3] *= 0.3 * size
     return placed

@@ -3,50 +3,137 @@
 from __future__ import annotations
 
 import json
-import re
+import os
 import secrets
 import sys
-from collections.abc import Callable
+import threading
+import webbrowser
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ...common.wording import one_line
+from ...common.atomic import atomic_write
+from ...common.wording import for_people, length_in_words, one_line
 from ...errors import CalibError, OptionError, QueryError
 from ...model.model import Model
-from ..error_scale import length_in_words
-from .arm import DrawnArm
-from .placement import place_model
+from ...samples.samples import Samples
+from .scene import Scene
 
-ADDRESS = "127.0.0.1"
-"""The loopback interface: no other computer can reach it."""
-
+_ADDRESS = "127.0.0.1"  # no other computer can reach it
 _LONGEST = 10_000  # bytes of a question
-_NONSENSE = (ValueError, TypeError, KeyError, AttributeError, CalibError)
+_MOST = 12  # branches that are drawn
+_NONSENSE = (ValueError, TypeError, KeyError, AttributeError, CalibError, ArithmeticError)
 
-_Reply = Callable[[dict[str, Any]], dict[str, Any]]
+
+def preview(
+    model: Model,
+    path: str | os.PathLike[str] | None = None,
+    log: Samples | None = None,
+    *,
+    live: bool = False,
+    meshes: str | os.PathLike[str] | None = None,
+    port: int = 0,
+    browse: bool = True,
+) -> Preview:
+    """Show the arm and its learned maps in a browser.
+
+    Parameters
+    ----------
+    model : Model
+    path : path-like, optional
+        Write the page, which needs no network, into this file instead of showing it.
+    log : Samples, optional
+        Measured samples to show; without them a simulated model's are drawn again.
+    live : bool
+        Show a target that can be dragged, and every inverse solution for it.
+    meshes : path-like, optional
+        Folder of the URDF's mesh files; nothing outside of it is read.
+    port : int
+        Port of the page, 0 for any that is free.
+    browse : bool
+        Whether to open a browser.
+
+    Returns
+    -------
+    Preview
+        Its page is there, at `url`, until ``close()`` or the end of the program; `notes` are what
+        the user should be told.
+
+    Examples
+    --------
+    >>> import calib
+    >>> model = calib.train(calib.babble(calib.load_arm("two_link"), 2000, seed=0), size=10)
+    >>> with calib.preview(model, browse=False) as shown:
+    ...     shown.url.startswith("http://127.0.0.1:")
+    True
+    """
+    if meshes is not None and not Path(meshes).is_dir():
+        raise OptionError(
+            f"meshes {os.fspath(meshes)!r}: expected the folder of the URDF's mesh files",
+            parameter="meshes",
+            value=os.fspath(meshes),
+        )
+    if live and path is not None:
+        raise OptionError("`live` needs a running preview: expected it without a file")
+    scene = Scene(model, log, None if meshes is None else Path(meshes))
+    page = scene.html(live=live).encode("utf-8")
+    if path is not None:
+        atomic_write(path, page)
+        return Preview(Path(path).absolute().as_uri(), scene)
+    server = _Server(page, port, Answers(scene) if live else None)
+    threading.Thread(
+        target=server.serve_forever, kwargs={"poll_interval": 0.2}, daemon=True
+    ).start()
+    if browse:
+        webbrowser.open(server.url)
+    return Preview(server.url, scene, server)
 
 
-class PreviewServer(ThreadingHTTPServer):
+class Preview:
+    """A page that is shown: `url`, where it is, and `notes`, what the user should be told."""
+
+    def __init__(self, url: str, scene: Scene, server: _Server | None = None) -> None:
+        self.url, self.notes = url, tuple(scene.data["notes"])
+        self._server = server
+
+    def close(self) -> None:
+        """End the server; a page in a file stays."""
+        if self._server is not None:
+            self._server.shutdown()
+            self._server.server_close()
+            self._server = None
+
+    def __enter__(self) -> Preview:
+        """Return the preview itself."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """End the server."""
+        self.close()
+
+    def __repr__(self) -> str:
+        """Where the page is."""
+        return f"Preview({self.url})"
+
+    def _repr_html_(self) -> str:
+        """The page in a frame, for notebooks on this computer."""
+        return f'<iframe src="{self.url}" width="100%" height="600" style="border:0"></iframe>'
+
+
+class _Server(ThreadingHTTPServer):
     """Serves one page on the loopback interface until it is closed.
 
-    port : 0 for any that is free
-    answer : answers the page's questions, plain data to plain data
-
-    Attributes
-    ----------
-    url : str
-        Where a browser finds the page. It holds a secret, so that other pages in the
-        same browser cannot ask.
+    Its address holds a secret, so that other pages in the same browser cannot ask.
     """
 
     daemon_threads = True
     allow_reuse_address = False
 
-    def __init__(self, page: str, port: int = 0, answer: _Reply | None = None) -> None:
+    def __init__(self, page: bytes, port: int, answers: Answers | None) -> None:
         try:
-            super().__init__((ADDRESS, port), _Handler)
+            super().__init__((_ADDRESS, port), _Handler)
         except (OSError, OverflowError) as error:
             reason = getattr(error, "strerror", None) or error
             raise OptionError(
@@ -55,121 +142,104 @@ class PreviewServer(ThreadingHTTPServer):
                 parameter="port",
                 value=port,
             ) from error
-        self.page = page.encode("utf-8")
-        self.answer = answer
-        self.secret = secrets.token_urlsafe(12)
-        self.url = f"http://{ADDRESS}:{self.server_address[1]}/{self.secret}/"
+        self.page, self.answers = page, answers
+        self.place = f"/{secrets.token_urlsafe(12)}/"
+        self.url = f"http://{_ADDRESS}:{self.server_address[1]}{self.place}"
 
     def handle_error(self, request: Any, client_address: Any) -> None:  # noqa: ARG002
         """Say in one line why a connection ended: browsers drop them as they like."""
-        error = sys.exc_info()[1]
-        self.tell(f"connection dropped ({type(error).__name__})")
-
-    def tell(self, text: str) -> None:
-        """Print a line on standard error."""
-        if sys.stderr is not None:
-            print(f"preview: {one_line(' '.join(text.split()))}", file=sys.stderr)
+        name = type(sys.exc_info()[1]).__name__
+        print(f"preview: connection dropped ({name})", file=sys.stderr)
 
 
 class _Handler(BaseHTTPRequestHandler):
-    server: PreviewServer
+    server: _Server
     timeout = 5.0  # a connection that says nothing for so long is closed [s]
 
     def do_GET(self) -> None:
         """Send the page."""
-        if self.path == f"/{self.server.secret}/":
+        if self.path == self.server.place:
             self._send(200, "text/html; charset=utf-8", self.server.page)
-        elif self.path == "/favicon.ico":
-            self._send(204, "image/x-icon", b"")
         else:
             self._send(404, "text/plain", b"not here")
 
     def do_POST(self) -> None:
         """Answer a question of the page."""
-        answer = self.server.answer
-        known = self.path == f"/{self.server.secret}/ask" and answer is not None
-        length = self.headers.get("Content-Length", "")
-        small = re.fullmatch(r"[0-9]{1,5}", length) and int(length) <= _LONGEST
-        if not known or answer is None or not small:
+        answers, length = self.server.answers, self.headers.get("Content-Length", "")
+        small = length.isascii() and length.isdigit() and int(length[:9]) <= _LONGEST
+        if self.path != f"{self.server.place}ask" or answers is None or not small:
             self._send(404, "text/plain", b"not here")
             return
         try:
-            question = json.loads(self.rfile.read(int(length)))
-            reply = json.dumps(answer(question), allow_nan=False).encode()
+            reply = answers.to(json.loads(self.rfile.read(int(length))))
+            text = json.dumps(reply, allow_nan=False)
         except TimeoutError:
             raise
-        except (ArithmeticError, RecursionError, *_NONSENSE) as error:
+        except (RecursionError, *_NONSENSE) as error:
             self._send(400, "text/plain", str(error).encode())
             return
-        self._send(200, "application/json", reply)
+        self._send(200, "application/json", text.encode())
 
     def log_error(self, format: str, *args: Any) -> None:  # noqa: A002
         """Say in one line what went wrong with a connection."""
-        self.server.tell(format % args)
+        print(f"preview: {one_line(format % args)}", file=sys.stderr)
 
     def log_message(self, format: str, *args: Any) -> None:  # noqa: A002
         """Stay quiet."""
 
     def _send(self, status: int, kind: str, data: bytes) -> None:
-        host = self.headers.get("Host", "")
         # against DNS rebinding: a page of another name, led here, asks in the user's browser
-        if host.split(":")[0] not in (ADDRESS, "localhost"):  # a name that leads here
+        if self.headers.get("Host", "").split(":")[0] not in (_ADDRESS, "localhost"):
             status, kind, data = 404, "text/plain", b"not here"
         self.send_response(status)
         self.send_header("Content-Type", kind)
         self.send_header("Content-Length", str(len(data)))
         self.send_header("Cache-Control", "no-store")
         self.end_headers()
-        if data:
-            self.wfile.write(data)
+        self.wfile.write(data)
 
 
-_MOST = 12  # branches that are drawn
-
-
-class Live:
+class Answers:
     """Answers inverse queries of a page with a model's map."""
 
-    def __init__(self, model: Model) -> None:
-        self._model = model
-        self._body = DrawnArm.of(model.about)
-        self._placement = place_model(model, self._body)
+    def __init__(self, scene: Scene) -> None:
+        self._scene = scene
 
-    def answer(self, question: dict[str, Any]) -> dict[str, Any]:
+    def to(self, question: dict[str, Any]) -> dict[str, Any]:
         """Answer with every branch that reaches a point of the scene.
 
         question : "at", a point of the scene; what is off the drawn plane is left out
         Returns "reachable", "words", "target" (the point in the plane) and "branches", each
         with "words", "joints" in the motor map's unit box, and transforms of "links".
         """
-        placement, model = self._placement, self._model
-        about, unit = model.about, model.about.unit
+        model, placement, arm = self._scene.model, self._scene.placement, self._scene.arm
         point = np.asarray(question["at"], dtype=float)
         if point.shape != (3,) or not np.isfinite(point).all():
             raise QueryError(f"a point of {point.size} numbers: expected three finite ones")
         # the plane's axes span two of three dimensions: least squares drops the third
         x = (point - placement.origin) @ np.linalg.pinv(placement.axes)
-        found = model.solve_all(x[None])[0]
-        reachable = bool(found.reachable.any())
+        found, unit = model.solve_all(x[None])[0], model.about.unit
+        units = [for_people(unit) for unit in model.about.units_of_joints]
         branches = []
         for q, error in zip(found.q[:_MOST], found.expected_error, strict=False):
-            shown = [
-                f"{name} {np.degrees(v):.2f}°" if turns else f"{name} {1e3 * v:.2f} mm"
-                for name, turns, v in zip(about.joint_names, about.revolute, q, strict=True)
-            ]
-            poses = {} if self._body is None else self._body.poses(q)
-            bound = length_in_words(float(error), unit)
+            joints = ", ".join(
+                f"{name} {factor * value:.2f} {shown}"
+                for name, (factor, shown), value in zip(
+                    model.about.joint_names, units, q, strict=True
+                )
+            )
+            poses = {} if arm is None else arm.poses(q)
             branches.append(
                 {
-                    "words": f"{', '.join(shown)}\nexpected error {bound}",
+                    "words": f"{joints}\nexpected error {length_in_words(float(error), unit)}",
                     "joints": model.motor.scale.to_unit(q[None])[0].tolist(),
                     "links": {name: t[0].T.ravel().tolist() for name, t in poses.items()},
                 }
             )
+        reachable = bool(found.reachable.any())
         words = f"{len(branches)} ways to reach it" if len(branches) > 1 else "one way to reach it"
         if not reachable:
             off = length_in_words(float(found.distance[0]), unit)
             words = f"out of reach, the nearest point is {off} away"
         target = placement.lift(x[None])[0].tolist()
-        told = {"reachable": reachable, "words": words, "target": target}
-        return {**told, "branches": branches}
+        return {"reachable": reachable, "words": words, "target": target, "branches": branches}

@@ -1,4 +1,4 @@
-"""Figures of curves: error histogram, training, calibration of the expected error."""
+"""Figures of curves: errors by size and by joint, training, bounds, the joints' own curves."""
 
 from __future__ import annotations
 
@@ -6,18 +6,14 @@ from typing import Any
 
 import numpy as np
 
-from ...common.arrays import Array
+from ...body.curves import powers
+from ...common.wording import length_in_words
 from ...maps.node_bounds import COVERAGE
-from ..error_scale import ROUNDED_AWAY, length_in_words
+from ...model.nominal import moves_in_space
+from .drawing import HUE, HUES, INK, figure_unit, label_steps, over_each_joint, panels
 from .evidence import Evidence
-from .maps import WIDE
-from .style import DASHES, HUES, INK, new_figure
-from .tables import figure_unit
 
-
-def _least(evidence: Evidence) -> float:
-    """Errors below this are rounding [unit]."""
-    return ROUNDED_AWAY if evidence.unit == "m" else ROUNDED_AWAY * evidence.extent
+_GROUPS, _FEWEST = 24, 5  # parts of a joint's range, and rows that say something of one
 
 
 def histogram(evidence: Evidence) -> Any:
@@ -25,34 +21,24 @@ def histogram(evidence: Evidence) -> Any:
     residuals = evidence.residuals
     if residuals is None:
         return None
-    figure = new_figure(WIDE, 3.1)
-    axes = figure.subplots(1, 2, sharey=True)
+    figure, [axes] = panels(1, 2, 3.1, sharey=True)
     factor, unit = figure_unit(evidence.unit)
-    floor = _least(evidence)
-    for ax, found, title in (
-        (axes[0], residuals.errors, "forward"),
-        (axes[1], residuals.distance, "inverse"),
-    ):
+    noise = [evidence.noise] if evidence.noise else []
+    sides = {"forward": residuals.errors, "inverse": residuals.distance}
+    for ax, (title, found) in zip(axes, sides.items(), strict=True):
         # errors of rounding have no place on a logarithmic axis
-        shown = {r: np.maximum(e, floor) for r, e in found.items()}
-        low = min(float(e.min()) for e in shown.values())
-        high = max(float(e.max()) for e in shown.values())
-        if evidence.noise:
-            low, high = min(low, evidence.noise), max(high, evidence.noise)
+        shown = {readout: np.maximum(e, evidence.least) for readout, e in found.items()}
+        every = np.concatenate([*shown.values(), noise])
+        low, high = every.min(), every.max()
         edges = np.geomspace(low * 0.9, max(high, low * 10) * 1.1, 60)
         for readout, errors in shown.items():
-            share = np.histogram(errors, edges)[0] / len(errors)
-            ax.stairs(
-                100 * share,
-                edges * factor,
-                label=readout,
-                color=HUES[readout],
-                linestyle=DASHES[readout],
-                linewidth=1.6,
-            )
-        if evidence.noise:
-            words = f"sensor noise, {length_in_words(evidence.noise, evidence.unit)} per axis"
-            ax.axvline(evidence.noise * factor, color=_ink(), linewidth=1.0, label=words)
+            share = 100 * np.histogram(errors, edges)[0] / len(errors)
+            hue, dashes = HUES[readout]
+            style: dict[str, Any] = {"color": hue, "linestyle": dashes, "linewidth": 1.6}
+            ax.stairs(share, edges * factor, label=readout, **style)
+        for value in noise:
+            words = f"sensor noise, {length_in_words(value, evidence.unit)} per axis"
+            ax.axvline(value * factor, color=_ink(), linewidth=1.0, label=words)
         ax.set(xscale="log", xlabel=f"error [{unit}]", title=title)
         ax.grid(visible=True, axis="y")
     axes[0].set_ylabel("share of the samples [%]")
@@ -66,81 +52,94 @@ def training(evidence: Evidence) -> Any:
     model = evidence.model
     if not len(model.motor.history) or not len(model.sensory.history):
         return None
-    figure = new_figure(WIDE, 4.6)
-    grid = figure.subplots(3, 2, sharex="col")
-    for column, (name, part) in enumerate((("motor", model.motor), ("sensory", model.sensory))):
-        history = part.history
+    figure, grid = panels(3, 2, 4.6, sharex="col")
+    labels = "quantization error\n[ranges]", "topographic error\n[share]", "radius sigma\n[nodes]"
+    parts = {"motor": model.motor.history, "sensory": model.sensory.history}
+    for axes, (name, history) in zip(grid.T, parts.items(), strict=True):
         epoch = np.arange(1, len(history) + 1)
-        rows = (
-            ("quantization error\n[ranges]", history[:, 2], "log"),
-            ("topographic error\n[share]", history[:, 3], "linear"),
-            ("radius sigma\n[nodes]", history[:, 1], "log"),
-        )
-        for ax, (label, values, scale) in zip(grid[:, column], rows, strict=True):
-            ax.plot(epoch, values, "o-", color=HUES["local"], markersize=2.5, linewidth=1.2)
+        for ax, label, column in zip(axes, labels, (2, 3, 1), strict=True):
+            values = history[:, column]
+            ax.plot(epoch, values, "o-", color=HUE, markersize=2.5, linewidth=1.2)
             for change in np.flatnonzero(np.diff(history[:, 0])):
                 ax.axvline(change + 1.5, color=_ink(), linewidth=0.6, linestyle=":")
-            if scale == "log" and (values > 0).any():
+            if column != 3 and (values > 0).any():
                 ax.set_yscale("log")
-                _label_steps(ax.yaxis)
+                label_steps(ax.yaxis)
             ax.grid(visible=True, axis="y")
-            if column == 0:
+            if name == "motor":
                 ax.set_ylabel(label)
         stages = [f"{int(n):,}" for n in dict.fromkeys(history[:, 0].tolist())]
-        grid[0, column].set_title(f"{name} map: lattices of {', '.join(stages)} nodes")
-        grid[-1, column].set_xlabel("epoch")
+        axes[0].set_title(f"{name} map: lattices of {', '.join(stages)} nodes")
+        axes[-1].set_xlabel("epoch")
     return figure
 
 
 def calibration(evidence: Evidence) -> Any:
     """Whether errors keep to what is expected of them: the shares within parts of their bounds."""
-    pairs = bound_pairs(evidence)
-    if pairs is None:
+    if (pairs := evidence.bounds) is None:
         return None
-    bound, error = pairs
-    figure = new_figure(WIDE, 2.8)
-    ax = figure.subplots()
-    ratio = np.sort(error / bound)
+    figure, [[ax]] = panels(1, 1, 2.8)
+    ratio = np.sort(pairs[1] / pairs[0])
     share = 100 * np.arange(1, len(ratio) + 1) / len(ratio)
     keep = np.unique(np.linspace(0, len(ratio) - 1, 400).astype(int))
-    ax.plot(ratio[keep], share[keep], color=HUES["local"], linewidth=1.6)
+    ax.plot(ratio[keep], share[keep], color=HUE, linewidth=1.6)
     ax.axvline(1.0, color=_ink(), linewidth=0.8)
     ax.axhline(100 * COVERAGE, color=_ink(), linewidth=0.8, linestyle=":")
-    ax.set(
-        xlim=(0.0, max(2.0, float(np.quantile(ratio, 0.995)))),
-        ylim=(0, 101),
-        xlabel="error over expected error",
-        ylabel="share of the samples [%]",
-        title=f"{100 * coverage(bound, error):.1f} % within their bound",
-    )
+    ax.set(xlim=(0.0, max(2.0, float(np.quantile(ratio, 0.995)))), ylim=(0, 101))
+    ax.set(xlabel="error over expected error", ylabel="share of the samples [%]")
+    ax.set_title(f"{100 * np.mean(ratio <= 1.0):.1f} % within their bound")
     return figure
 
 
-def bound_pairs(evidence: Evidence) -> tuple[Array, Array] | None:
-    """Expected and actual errors (n,) of the test samples, None where all is rounding."""
-    residuals = evidence.residuals
-    if residuals is None or not len(residuals.q):
+def by_joint(evidence: Evidence) -> Any:
+    """Mean and 95 % of the forward error over the value of each joint, of arms in space."""
+    residuals, model = evidence.residuals, evidence.model
+    if residuals is None or not len(residuals.q) or not moves_in_space(model):
         return None
-    bound = evidence.model.expected_error(residuals.q)
-    error = residuals.errors[evidence.model.default_readout]
-    known = np.isfinite(bound) & (bound > 0)
-    if not known.any() or bound[known].max() < _least(evidence):
+    factor, unit = figure_unit(evidence.unit)
+    errors = residuals.errors[model.default_readout] * factor
+    figure, axes = over_each_joint(model.about, range(residuals.q.shape[1]), f"error [{unit}]")
+    for k, by, ax in axes:
+        q = residuals.q[:, k] * by
+        edges = np.linspace(q.min(), q.max() + 1e-12, _GROUPS + 1)
+        group = np.digitize(q, edges[1:-1])
+        full = np.flatnonzero(np.bincount(group, minlength=_GROUPS) >= _FEWEST)
+        parts = [errors[group == g] for g in full]
+        at = ((edges[1:] + edges[:-1]) / 2)[full]
+        style = {"color": HUE, "markersize": 2.5}
+        ax.plot(at, [part.mean() for part in parts], "o-", label="mean", **style)
+        ax.plot(at, [np.quantile(part, 0.95) for part in parts], "v:", label="95 %", **style)
+    axes[0][2].set_ylim(bottom=0.0)
+    axes[0][2].legend(fontsize=7.5)
+    return figure
+
+
+def joint_curves(evidence: Evidence) -> Any:
+    """Error curve of each joint with its 95 % interval, over the measured range."""
+    model, body = evidence.model, evidence.model.body
+    if body is None:
         return None
-    return bound[known], error[known]
-
-
-def coverage(bound: Array, error: Array) -> float:
-    """Share of the errors that keep to their bound."""
-    return float(np.mean(error <= bound))
-
-
-def _label_steps(axis: Any) -> None:
-    """Label 1, 2 and 5 of a logarithmic axis: less than a decade has no power of ten to tell."""
-    from matplotlib.ticker import LogLocator, NullFormatter
-
-    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-    axis.set_major_formatter("{x:g}")
-    axis.set_minor_formatter(NullFormatter())  # laying minor labels out takes half of the drawing
+    groups = body.structure.groups
+    curves = {k: groups.get(f"curve.{k}", ()) for k in range(body.structure.dof)}
+    curves = {k: ix for k, ix in curves.items() if len(ix) and np.isin(ix, body.active).all()}
+    if not curves:
+        return None
+    figure, axes = over_each_joint(model.about, list(curves), "curve [mrad]")
+    measured = [model.about.lower, model.about.upper]
+    if model.rows is not None:
+        measured = [model.rows.q.min(axis=0), model.rows.q.max(axis=0)]
+    for k, by, ax in axes:
+        q = np.linspace(measured[0][k], measured[1][k], 600)
+        # real and imaginary parts of exp(i k q): the body's cosines and sines in one call
+        waves = powers(q)
+        waves = np.concatenate([waves.real, waves.imag], axis=1)
+        value = 1e3 * (waves @ body.beta[curves[k]])
+        # beta ~ N(m, R R'): a curve w beta has the standard deviation |w R|
+        root = body.root[np.searchsorted(body.active, curves[k])]
+        half = 1.96e3 * np.linalg.norm(waves @ root, axis=1)
+        ax.fill_between(q * by, value - half, value + half, color=HUE, alpha=0.25, linewidth=0)
+        ax.plot(q * by, value, color=HUE, linewidth=1.0)
+    return figure
 
 
 def _ink() -> str:

@@ -17,6 +17,7 @@ from ...training.evaluate import (
     simulation_of,
     summarise,
 )
+from ..error_scale import rounding
 from ..workspace import extent, training_rows
 
 
@@ -28,45 +29,50 @@ class Evidence:
     errors: dict[str, Any]  # error table, as `calib evaluate --json` has it
     source: str  # what the errors are measured on
     residuals: Residuals | None  # the errors themselves; None for a model of a log without that log
-    left_out: int  # rows outside of what was learned
-    # (n, dof), (n, 2), training samples in the unit boxes of both maps, as far as they can be had
+    # (n, dof), (n, m), training samples in the unit boxes of both maps, as far as they can be had
     u: Array
     v: Array
-    # [unit], standard deviation of the sensor along each axis, where it is known
-    noise: float | None
-
-    @property
-    def extent(self) -> float:
-        """Longer side of the workspace [unit]."""
-        return extent(self.model)
+    noise: float | None  # [unit], the sensor's along each axis, where it is known
 
     @property
     def unit(self) -> str:
         """Unit of the positions."""
         return self.model.about.unit
 
+    @property
+    def least(self) -> float:
+        """Errors below this are rounding [unit]."""
+        return rounding(self.unit, extent(self.model))
 
-def gather(model: Model, samples: Samples | None = None) -> Evidence:
+    @property
+    def bounds(self) -> tuple[Array, Array] | None:
+        """Expected and actual errors (n,) of the test samples, None where all is rounding."""
+        if self.residuals is None or not len(self.residuals.q):
+            return None
+        bound = self.model.expected_error(self.residuals.q)
+        error = self.residuals.errors[self.model.default_readout]
+        known = np.isfinite(bound) & (bound > 0)
+        if not known.any() or bound[known].max() < self.least:
+            return None
+        return bound[known], error[known]
+
+
+def gather(model: Model, log: Samples | None = None) -> Evidence:
     """Evaluate a model, on a log or on fresh samples of the simulated arm."""
     simulation = simulation_of(model)
-    q, x, _ = training_rows(model, samples)
-    residuals, source = None, "rows held out in contiguous blocks while it was trained"
-    errors, left_out = dict(model.about.errors), 0
-    if samples is None and simulation is not None:
+    q, x, _ = training_rows(model, log)
+    errors, residuals = dict(model.about.errors), None
+    source = "rows held out in contiguous blocks while it was trained"
+    if log is None and simulation is not None:
         residuals = fresh_residuals(model, simulation)
         source = f"{len(residuals.q):,} fresh exact samples"
-    elif len(q):
-        residuals = evaluate_residuals(model, q, x, None)
-    if samples is not None and residuals is not None:
-        left_out, source = (
-            residuals.left_out,
-            f"{len(residuals.q):,} rows of the log that was given",
-        )
-    # kept rows are good for heat maps, but the model learned from them: their errors are too small
-    learned = samples is None and simulation is None
-    if residuals is not None and len(residuals.q) and not learned:
         errors = summarise(residuals)
+    elif len(q):  # of kept rows heat maps tell something; the model learned from them
+        residuals = evaluate_residuals(model, q, x, None)
+    if log is not None and residuals is not None:
+        errors, source = summarise(residuals), f"{len(residuals.q):,} rows of the log"
+        if residuals.left_out:
+            source += f"; {residuals.left_out:,} outside of what was learned are left out"
+    u, v = model.motor.scale.to_unit(q), model.sensory.scale.to_unit(x)
     noise = None if simulation is None else simulation.noise
-    u = model.motor.scale.to_unit(np.array(q))
-    v = model.sensory.scale.to_unit(np.array(x))
-    return Evidence(model, errors, source, residuals, left_out, u, v, noise)
+    return Evidence(model, errors, source, residuals, u, v, noise)

@@ -7,12 +7,12 @@ from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
 from ..common.choices import READOUTS
-from ..common.wording import for_people, unit_of_joint, vector
+from ..common.wording import for_people, length_in_words, unit_of_joint, vector
 
 if TYPE_CHECKING:
     from ..arm.arm import Arm
-    from ..model.about import About
-    from ..model.model import Model
+    from .about import About
+    from .parts import Parts
 
 STATISTICS = ("mean", "p99", "max")
 Errors = Mapping[str, Mapping[str, Mapping[str, Mapping[str, Any]]]]
@@ -21,7 +21,7 @@ _ErrorRow = dict[str, dict[str, float]]
 """Statistics of one quantity, by readout."""
 
 
-def facts(model: Model, *, degrees: bool = True) -> dict[str, str]:
+def facts(model: Parts, *, degrees: bool = True) -> dict[str, str]:
     """Return names and values; ranges of joints that turn in degrees or in rad."""
     about = model.about
     found = {"robot": about.robot or "none, learned from a log alone"}
@@ -68,7 +68,7 @@ def shown_errors(about: About, errors: Errors) -> Iterator[tuple[str, str, str, 
             yield direction, name, unit, statistics
 
 
-def size_in_words(model: Model) -> str:
+def size_in_words(model: Parts) -> str:
     """Return the lattices as `motor 70x70, sensory 70x70`."""
     motor, sensory = (
         "x".join(map(str, part.lattice.shape)) for part in (model.motor, model.sensory)
@@ -77,8 +77,6 @@ def size_in_words(model: Model) -> str:
 
 
 def _source(about: About) -> str:
-    from .error_scale import length_in_words  # brings NumPy, which the command line's help spares
-
     words = [f"{about.samples} {'simulated samples' if about.simulation else 'rows of a log'}"]
     words.append(f"seed {about.seed}")
     if about.simulation:

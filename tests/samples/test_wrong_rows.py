@@ -1,4 +1,4 @@
-"""Gross outliers of a log are left out; rows that agree with their neighbours never are."""
+"""Wrong rows of a log are left out and told; rows that agree with their neighbours never are."""
 
 from dataclasses import replace
 
@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 import calib
-from calib.training.screening import screen
+from calib.samples.tables import write_table
+from calib.samples.wrong_rows import screen
 
 
 def log_of(robot, n, noise=1e-3, seed=1):
@@ -49,6 +50,7 @@ def test_one_wild_row_is_told_in_the_singular():
     kept, notes = screen(replace(log, x=x))
     assert np.flatnonzero(~kept).tolist() == [17]
     assert notes[0].startswith("1 row of 200 rows contradicts its neighbours")
+    assert notes[0].endswith("row 18")
 
 
 def test_a_corner_where_the_sensor_is_worse_is_no_outlier():
@@ -94,3 +96,64 @@ def test_training_leaves_outliers_out_aloud():
     kept = calib.train(clean.take(~wrong), size=6)
     assert (model.forward(q) == kept.forward(q)).all()
     assert model.about.errors == kept.about.errors
+
+
+def in_space(n=120, seed=2):
+    arm = calib.load_arm("spatial_three")
+    rng = np.random.default_rng(seed)
+    q = rng.uniform(arm.lower, arm.upper, (n, 3))
+    place, turns = arm.pose(q)
+    place += rng.normal(0.0, 1e-4, place.shape)
+    table = dict(zip((*arm.joint_names, *"xyz"), np.hstack([q, place]).T, strict=True))
+    return arm, table, dict(zip(("qx", "qy", "qz", "qw"), turns.T, strict=True))
+
+
+@pytest.mark.parametrize("lost", [[17], [3, 17, 40, 41, 99]])
+def test_rows_of_zeros_in_space_are_left_out_of_learning_and_of_errors(tmp_path, lost):
+    """122 of them were neither dropped nor counted, and the table said 54 mm for .01."""
+    arm, table, _ = in_space()
+    clean = calib.train(_read(tmp_path, table, arm), size=6)
+    for axis in "xyz":
+        table[axis][lost] = 0.0
+    log = _read(tmp_path, table, arm)
+    model = calib.train(log, size=6)
+    assert model.about.left_out == len(lost)
+    assert model.about.samples == 120 - len(lost)
+    told = [note for note in (*log.notes, *model.about.notes) if "left out" in note]
+    assert f"row {lost[0] + 1}" in told[0] or f"rows {lost[0] + 1}, " in told[0]
+    errors = [m.about.errors["local"]["forward"]["distance"]["max"] for m in (model, clean)]
+    assert errors[0] < 1.5 * errors[1]
+    evaluated = calib.evaluate(clean, log)
+    assert evaluated.left_out >= len(lost)
+    assert evaluated.errors["local"]["forward"]["distance"]["max"] < 2e-3
+
+
+def test_quaternions_of_zeros_are_left_out_and_told(tmp_path):
+    """They stopped training, and no option left them out."""
+    arm, table, turns = in_space()
+    for name in turns:
+        turns[name] = turns[name].copy()
+        turns[name][[5, 50]] = 0.0
+    log = _read(tmp_path, table | turns, arm)
+    assert len(log) == 118
+    assert log.left_out == 2
+    assert any("rows 6, 51" in note for note in log.notes)
+
+
+def _read(tmp_path, table, arm):
+    write_table(tmp_path / "log.csv", table)
+    return calib.read_log(tmp_path / "log.csv", arm)
+
+
+@pytest.mark.parametrize("share", [0.05, 0.1, 0.2])
+def test_a_corner_that_contradicts_the_rest_is_told(share):
+    """Rows that stand together, all off by the same, were learned without a word."""
+    log = log_of("two_link", 400, noise=1e-4)
+    corner = log.q[:, 0] <= np.quantile(log.q[:, 0], share)
+    moved = replace(log, x=log.x + corner[:, None] * [0.02, -0.01])
+    model = calib.train(moved, size=8)
+    # few are left out, as each has right ones around it
+    told = "contradict their neighbours" if share < 0.1 else "a corner contradicts the rest"
+    assert any(told in note for note in model.about.notes)
+    model = calib.train(log, size=8)
+    assert not any("corner" in note for note in model.about.notes)

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import io
 from contextlib import suppress
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 from urllib.parse import unquote, urlsplit
@@ -22,14 +21,8 @@ from numpy.typing import NDArray
 from ...errors import RobotError
 
 _KINDS = (".stl", ".obj", ".dae")  # what ROS reads; others can declare more than they hold
-
-
-@dataclass(frozen=True, eq=False)
-class Triangles:
-    """A mesh: vertices (n, 3) [m] and faces (m, 3)."""
-
-    vertices: NDArray[np.float32]
-    faces: NDArray[np.uint32]
+_MOST_BYTES, _MOST_TEXT = 50_000_000, 10_000_000  # a reader makes some twenty bytes of one of text
+_MOST_VERTICES = 3_000_000  # with all instances
 
 
 def resolve_mesh(name: str, folder: Path) -> Path:
@@ -55,22 +48,21 @@ def resolve_mesh(name: str, folder: Path) -> Path:
     raise RobotError(f"mesh {name!r}: no such file in {folder}, and nothing outside of it is read")
 
 
-def read_mesh(path: Path) -> Triangles:
-    """Read the triangles of a mesh file; materials and textures are left out.
+def read_mesh(path: Path) -> tuple[NDArray[np.float32], NDArray[np.uint32]]:
+    """Read vertices (n, 3) [m] and faces (m, 3) of a mesh file; materials are left out.
 
     Raises RobotError if it is too large, of an unknown kind, or damaged.
     """
     kind = path.suffix.lower()
     if kind not in _KINDS:
         raise RobotError(f"mesh {path.name}: kind {kind or 'none'}, expected {', '.join(_KINDS)}")
-    size = path.stat().st_size
     with path.open("rb") as file:
         # a binary STL has a size that its number of triangles tells
         text = kind != ".stl" or b"\0" not in file.read(1024)
-    if size > (most := _MOST_TEXT if text else _MOST_BYTES):
+    if path.stat().st_size > (most := _MOST_TEXT if text else _MOST_BYTES):
         raise RobotError(
-            f"mesh {path.name}: {size / 1e6:.0f} MB of {'text' if text else 'data'}, at most "
-            f"{most // 1_000_000} MB are drawn",
+            f"mesh {path.name}: {path.stat().st_size / 1e6:.0f} MB of {'text' if text else 'data'}"
+            f", at most {most // 1_000_000} MB are drawn",
             hint="convert it to binary STL" if text else "reduce the number of its triangles",
         )
     data = path.read_bytes()
@@ -85,23 +77,13 @@ def read_mesh(path: Path) -> Triangles:
         faces = np.asarray(mesh.faces, dtype=np.uint32).reshape(-1, 3)
     except Exception as error:  # whatever the reader of one of the formats throws
         raise RobotError(f"mesh {path.name}: cannot be read ({error})") from error
-    if len(vertices) > _MOST_VERTICES or len(faces) > _MOST_VERTICES:
+    if max(len(vertices), len(faces)) > _MOST_VERTICES:
         raise RobotError(f"mesh {path.name}: more than {_MOST_VERTICES:,} vertices or triangles")
     if not len(faces) or not np.isfinite(vertices).all() or faces.max() >= len(vertices):
         raise RobotError(f"mesh {path.name}: holds no triangles")
     # STL repeats each vertex for each of its triangles, five or six times
     vertices, where = np.unique(vertices, axis=0, return_inverse=True)
-    return Triangles(vertices, where.reshape(-1)[faces].astype(np.uint32))
-
-
-_MOST_BYTES = 50_000_000
-"""Bytes of a binary file that are read."""
-
-_MOST_TEXT = 10_000_000
-"""Bytes of a file of text: its readers make some twenty bytes of each."""
-
-_MOST_VERTICES = 3_000_000
-"""Vertices of a mesh with all its instances."""
+    return vertices, where.reshape(-1)[faces].astype(np.uint32)
 
 
 def _forbid_doctype(name: str, data: bytes) -> None:
@@ -111,8 +93,7 @@ def _forbid_doctype(name: str, data: bytes) -> None:
         raise RobotError(f"mesh {name}: holds a document type, which is refused")
 
     parser = expat.ParserCreate()
-    parser.StartDoctypeDeclHandler = refuse
-    parser.EntityDeclHandler = refuse
+    parser.StartDoctypeDeclHandler = parser.EntityDeclHandler = refuse
     try:
         parser.Parse(data, True)
     except (expat.ExpatError, ValueError, LookupError) as error:

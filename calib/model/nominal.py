@@ -8,6 +8,7 @@ therefore in the arm and never in the sensor's frame.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -20,7 +21,9 @@ from ..body.spatial import SpatialStructure
 from ..common.arrays import Array
 from ..errors import OptionError
 from ..inverse.pose import reach_poses
-from ..model.model import Model
+
+if TYPE_CHECKING:
+    from .model import Model
 
 
 def nominal_in_plane(model: Model, *, based: bool = False) -> tuple[PlanarStructure, Array]:

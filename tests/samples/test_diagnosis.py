@@ -8,13 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import calib
-from calib.errors import LogError
-from calib.samples.plausibility import (
-    aligned_misfit,
-    check_against_robot,
-    lag_behind_arm,
-    unit_hint,
-)
+from calib.arm.rotations import exponential, matrix_of, quaternion_of
+from calib.samples.diagnosis import aligned_misfit, diagnose, rows_behind, unit_hint
 from calib.samples.tables import write_table
 
 ARM = calib.load_arm("two_link")
@@ -31,6 +26,11 @@ def path(n=300):
     t = np.linspace(0.0, 6.0, n)
     q = np.stack([0.8 + 0.6 * np.sin(t), 1.4 + 0.9 * np.sin(1.7 * t + 1)], axis=1)
     return q, ARM.forward(q)
+
+
+def findings(arm, q, x, **more):
+    pose = arm.pose if arm.outputs == 3 else None
+    return diagnose(arm.forward, q, x, arm.joint_names, arm.revolute, pose=pose, **more)
 
 
 def write(tmp_path, q, x, **others):
@@ -59,9 +59,10 @@ def test_exchanged_columns_are_recognised(tmp_path):
     q, x = path()
     q[:, 0] = np.clip(q[:, 0], 0.3, 1.5)
     x = ARM.forward(q)
-    with pytest.raises(calib.LogError, match="exchanged") as caught:
-        check_against_robot("log", ARM, q[:, ::-1], x, "m", ARM.joint_names)
-    assert caught.value.hint.count("shoulder") == 2
+    (found,) = findings(ARM, q[:, ::-1], x)
+    assert found.kind == "exchanged"
+    assert found.mistake
+    assert found.hint.count("shoulder") == 2
 
 
 def test_a_mirrored_axis_is_said(tmp_path):
@@ -75,27 +76,27 @@ def test_a_mirrored_axis_is_said(tmp_path):
 def test_a_lag_is_counted(lag):
     q, x = path()
     x = x @ np.array([[0.6, -0.8], [0.8, 0.6]]) + np.random.default_rng(0).normal(0, 1e-4, x.shape)
-    assert lag_behind_arm(ARM, q, np.roll(x, lag, axis=0)) == lag
+    assert rows_behind(ARM.forward, q, np.roll(x, lag, axis=0)) == lag
 
 
 def test_rows_that_are_no_path_have_no_lag():
     q, x = samples()
-    assert lag_behind_arm(ARM, q, x) == 0
+    assert rows_behind(ARM.forward, q, x) == 0
 
 
 @pytest.mark.parametrize("lag", [-2, 1])
 def test_shifted_rows_of_poses_in_any_order_are_counted(lag):
     q, x = samples()
-    assert lag_behind_arm(ARM, q, np.roll(x, lag, axis=0)) == lag
+    assert rows_behind(ARM.forward, q, np.roll(x, lag, axis=0)) == lag
 
 
 def test_a_joint_of_an_arm_in_space_that_counts_the_other_way_is_named():
     arm = calib.load_arm("spatial_three")
     q = np.random.default_rng(0).uniform(arm.lower, arm.upper, (60, 3))
     turned = q * [1.0, -1.0, 1.0]
-    assert check_against_robot("log", arm, q, arm.forward(q), "m", arm.joint_names) == []
-    with pytest.raises(LogError, match=f"only if {arm.joint_names[1]} counts the other way"):
-        check_against_robot("log", arm, turned, arm.forward(q), "m", arm.joint_names)
+    assert findings(arm, q, arm.forward(q)) == ()
+    (found,) = findings(arm, turned, arm.forward(q))
+    assert (found.kind, found.value, found.mistake) == ("reversed", [arm.joint_names[1]], True)
 
 
 @settings(max_examples=40)
@@ -113,7 +114,7 @@ def test_a_sound_log_in_any_frame_is_not_doubted(turn, shift, stretch, offset, l
     x = stretch * changed.forward(q + np.array([0.0, offset]))
     c, s = np.cos(turn), np.sin(turn)
     seen = x @ np.array([[c, -s], [s, c]]).T + shift
-    assert check_against_robot("log", ARM, q, seen, "m", ARM.joint_names) == []
+    assert findings(ARM, q, seen) == ()
 
 
 def test_misfit_forgets_the_frame_and_nothing_else():
@@ -157,9 +158,10 @@ def test_a_joint_of_a_planar_arm_that_counts_the_other_way_is_noted(tmp_path):
     q = np.random.default_rng(4).uniform(arm.lower, arm.upper, (120, 2))
     q[:, 1] = np.clip(q[:, 1], -1.5, 1.5)
     for seen in (arm.forward(q), arm.forward(q) * [-1.0, 1.0]):
-        told = check_against_robot("log", arm, q * [1.0, -1.0], seen, "m", arm.joint_names)
-        assert any("counts the other way" in note for note in told)
-    assert check_against_robot("log", arm, q, arm.forward(q), "m", arm.joint_names) == []
+        (found,) = findings(arm, q * [1.0, -1.0], seen)
+        assert found.kind == "reversed"
+        assert not found.mistake
+    assert findings(arm, q, arm.forward(q)) == ()
 
 
 def test_a_reversed_wrist_is_found_behind_an_unknown_tool():
@@ -175,10 +177,9 @@ def test_a_reversed_wrist_is_found_behind_an_unknown_tool():
     for k in (3, 4, 5):
         wrong = q.copy()
         wrong[:, k] *= -1.0
-        with pytest.raises(LogError, match="counts the other way") as caught:
-            check_against_robot("log", arm, wrong, seen, "m", arm.joint_names)
-        assert caught.value.value == [arm.joint_names[k]]
-    assert check_against_robot("log", arm, q, seen, "m", arm.joint_names) == []
+        (found,) = findings(arm, wrong, seen)
+        assert (found.kind, found.value) == ("reversed", [arm.joint_names[k]])
+    assert findings(arm, q, seen) == ()
 
 
 def test_a_value_beyond_the_limits_is_not_taken_for_degrees_within_one_turn(tmp_path):
@@ -196,3 +197,55 @@ def test_a_value_beyond_the_limits_is_not_taken_for_degrees_within_one_turn(tmp_
 @pytest.mark.parametrize(("ratio", "words"), [(1e3, "unit='mm'"), (900, "pixels"), (1.3, "")])
 def test_the_end_of_a_message_on_a_scale(ratio, words):
     assert (words in unit_hint(ratio)) if words else unit_hint(ratio) == ""
+
+
+def poses(robot="six_axis", n=120, seed=3):
+    arm = calib.load_arm(robot)
+    rng = np.random.default_rng(seed)
+    q = rng.uniform(np.maximum(arm.lower, -1.5), np.minimum(arm.upper, 1.5), (n, arm.dof))
+    return arm, q, *arm.pose(q)
+
+
+def written_poses(path, arm, q, x, turns):
+    names = (*arm.joint_names, *"xyz", "qx", "qy", "qz", "qw")
+    write_table(path, dict(zip(names, np.hstack([q, x, turns]).T, strict=True)))
+    return path
+
+
+def test_quaternions_that_begin_with_w_are_told_with_the_remedy(tmp_path):
+    """adapt said "tool turned by 171 deg", exit 0."""
+    arm, q, x, turns = poses()
+    file = written_poses(tmp_path / "a.csv", arm, q, x, turns[:, [3, 0, 1, 2]])
+    with pytest.raises(calib.LogError, match="order w, x, y, z") as caught:
+        calib.read_log(file, arm)
+    remedy = {"qx": "qy", "qy": "qz", "qz": "qw", "qw": "qx"}
+    assert str(remedy) in caught.value.hint
+    assert calib.read_log(file, arm, columns=remedy).orientation is not None
+
+
+def test_inverted_poses_are_told(tmp_path):
+    """They got "the robot does not explain the positions" alone."""
+    arm, q, x, turns = poses()
+    frame = exponential(np.array([[0.3, -0.2, 0.9]]))[0]
+    seen, place = frame @ matrix_of(turns), x @ frame.T + [0.5, 1.0, -0.2]
+    back = np.swapaxes(seen, 1, 2)
+    inverse = -(back @ place[:, :, None])[:, :, 0]
+    file = written_poses(tmp_path / "a.csv", arm, q, inverse, quaternion_of(back))
+    with pytest.raises(calib.LogError, match="poses are inverted"):
+        calib.read_log(file, arm)
+    file = written_poses(tmp_path / "b.csv", arm, q, place, quaternion_of(back))
+    with pytest.raises(calib.LogError, match="orientations are inverted"):
+        calib.read_log(file, arm)
+    assert (
+        calib.read_log(
+            written_poses(tmp_path / "c.csv", arm, q, place, quaternion_of(seen)), arm
+        ).notes
+        == ()
+    )
+
+
+def test_one_lost_row_is_no_unit(tmp_path):
+    """One row of x = 1000 was told as 257 times the size, "for pixels give --unit px"."""
+    q, x = samples()
+    x[40] = [1000.0, 0.0]
+    assert calib.read_log(write(tmp_path, q, x), ARM).notes == ()

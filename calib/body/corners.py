@@ -1,0 +1,134 @@
+"""Corners: a camera sees the corners of a board, one of both is in the arm's hand.
+
+The pose of what is in the hand, seen from what stands still, is the reading *pose*; pixels follow
+from it.  So a camera in the hand and a board in the hand differ in which is the sensor's frame::
+
+    eye in the hand    pose (R, t) of the camera in the board's frame    s = R' (c - t)
+    eye at the base    pose (R, t) of the board in the camera's frame    s = R c + t
+
+with a corner c in the board's frame and s in the camera's.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from ..arm.rotations import exponential
+from ..common.arrays import Array
+from .belief import Body
+from .measurement import Measurement
+from .parameters import Block
+from .posterior import BodyFit, fit_structure
+from .spatial import SpatialStructure
+from .spatial_start import frame
+from .spatial_view import InSpace, Placed, pixels
+from .touch import restated
+
+
+@dataclass(frozen=True, eq=False)
+class Corners(Measurement):
+    """Pixels of a board's corners; a row also tells the corner (3,) in the board's frame [m]."""
+
+    pose: InSpace  # of what is in the hand, seen from what stands still; with the camera's lens
+    in_hand: bool  # whether the camera is in the hand
+    begin: Array  # (d,), parameters to begin a fit with
+
+    blocks = (2,)
+
+    def parameters(self) -> tuple[Block, ...]:
+        """Where what stands still is, and the lens."""
+        return self.pose.parameters()
+
+    def look(self, own: Mapping[str, Array], motion: Any, also: Array) -> _Corner:
+        """See a corner in each row."""
+        seen = self.pose.look(own, motion, also[:, :0])
+        shift, turn = seen.values[:, :3], exponential(seen.values[:, 3:])
+        # columns of the derivative of s by the pose's shift and turn, both in the sensor's axes
+        if self.in_hand:
+            back = np.swapaxes(turn, 1, 2)
+            arm = also - shift
+            point = np.einsum("nij,nj->ni", back, arm)
+            by = np.concatenate([-back, back @ _cross(arm)], axis=2)
+        else:
+            arm = np.einsum("nij,nj->ni", turn, also)
+            point = arm + shift
+            by = np.concatenate([np.broadcast_to(np.eye(3), turn.shape), -_cross(arm)], axis=2)
+        camera = pixels(Placed("pinhole", np.eye(3), np.zeros(3), 1.0, own["lens"]), point.T)
+        slope = np.asarray(camera.slope).transpose(2, 0, 1)
+        return _Corner(camera.values, seen, camera, (slope @ by).transpose(1, 2, 0))
+
+    def start(self, structure: Any, q: Array) -> Array:  # noqa: ARG002
+        """What was found from poses."""
+        return self.begin
+
+
+@dataclass(frozen=True)
+class _Corner:
+    """Pixels of a corner at n rows."""
+
+    values: Array  # (n, 2)
+    pose: Any  # what is in the hand, as a pose
+    camera: Any  # the pinhole's view
+    slope: Array  # (2, 6, n), derivative of pixels by the pose
+
+    def push(self, velocity: Array, angular: Any = 0.0) -> Array:
+        """How outputs (..., 2, n) move when the hand does."""
+        moved = self.pose.push(velocity, angular)
+        return np.asarray((self.slope * moved[..., None, :, :]).sum(axis=-2))
+
+    def columns(self) -> Iterator[tuple[str, Callable[[], Array]]]:
+        """The derivative by each of the sensor's own blocks."""
+        for name, own in self.pose.columns():
+            if name != "view.scale":
+                yield name, lambda own=own: self._seen(own())  # type: ignore[misc]
+        yield "lens", self.camera.refocused
+
+    def _seen(self, moved: Array) -> Array:
+        return np.asarray((self.slope * moved[..., None, :, :]).sum(axis=-2))
+
+
+def _cross(vectors: Array) -> Array:
+    """Matrices (n, 3, 3) of cross products with vectors (n, 3)."""
+    x, y, z = vectors.T
+    nil = np.zeros_like(x)
+    return np.stack([nil, -z, y, z, nil, -x, -y, x, nil], axis=1).reshape(-1, 3, 3)
+
+
+def fit_corners(
+    structure: SpatialStructure,
+    q: Array,
+    poses: Array,
+    rows: Array,
+    corners: Array,
+    seen: Array,
+    in_hand: bool,
+) -> tuple[BodyFit, Body]:
+    """Fit an arm to pictures of a board; returns the fit and its belief as of readings of poses.
+
+    structure : the arm with view ``"pose"``, its drawing as prior, and the camera's lens
+    q : (p, dof), joint values of the pictures [rad or m]
+    poses : (p, 6), what is in the hand seen from what stands still, by each picture alone
+    rows : (n,), the picture of each corner
+    corners : (n, 3), in the board's frame [m]
+    seen : (n, 2), where the pictures show them [px]
+    in_hand : whether the camera is in the hand
+    """
+    begin = frame(structure, q, poses)
+    begin[structure.groups["lens"]] = structure.lens
+    pose = structure.measurement
+    assert isinstance(pose, InSpace)  # noqa: S101 - a view of poses
+    reading = Corners(pose, in_hand, begin)
+    extent = float(np.sqrt(((seen - seen.mean(axis=0)) ** 2).sum(axis=1).mean()))
+    camera = structure.with_view("board", unit="px", extent=extent, reading=reading)
+    fit = fit_structure(camera, np.column_stack([q[rows], corners]), seen)
+    # as poses: noise of a pixel at the boards' distance stands for that of a position
+    focal = fit.body.beta[camera.groups["lens"]][0]
+    off = fit.body.noise[0] / focal
+    noise = np.repeat([off * float(np.median(np.abs(poses[:, 2]))), off], 3)
+    nil = np.zeros(6)
+    body = replace(fit.body, noise=noise, tau=nil, residual=nil, second=None)
+    return fit, restated(body, structure)

@@ -1,0 +1,65 @@
+/* What the model says, wherever q is. */
+static inline void calib_model(const calib_real q[CALIB_DOF], calib_real *x, calib_real *J) {
+  calib_seen(&calib_body, q, x, J);
+#if @local@
+  calib_local(q, x, J);
+#endif
+}
+
+/* Position; where J is not null also its derivative, J[coordinate * DOF + joint]. */
+static inline int calib_position(const calib_real q[CALIB_DOF], calib_real *x, calib_real *J) {
+  calib_real inside[CALIB_DOF];
+  if (!calib_in_range(q)@trusted@) {
+    int i;
+    for (i = 0; i < CALIB_OUT; ++i) x[i] = calib_not_a_number();
+    for (i = 0; J && i < CALIB_OUT * CALIB_DOF; ++i) J[i] = calib_not_a_number();
+    return 0;
+  }
+  calib_wrapped(q, inside);
+  calib_model(inside, x, J);
+  return 1;
+}
+
+static inline int calib_forward(const calib_real q[CALIB_DOF], calib_real x[CALIB_OUT]) {
+  return calib_position(q, x, 0);
+}
+
+static inline int calib_jacobian(const calib_real *q, calib_real J[CALIB_OUT * CALIB_DOF]) {
+  calib_real x[CALIB_OUT];
+  return calib_position(q, x, J);
+}
+
+/* 95 % bound on the @bound_of@. */
+static inline int calib_expected_error(const calib_real q[CALIB_DOF], calib_real *bound) {
+  calib_real inside[CALIB_DOF];
+  *bound = calib_not_a_number();
+  if (!calib_in_range(q)@trusted@) return 0;
+  calib_wrapped(q, inside);
+  *bound = @bound@;
+  return 1;
+}
+
+/* 95 % bound on the true position: without the noise of a single reading. */
+static inline int calib_model_error(const calib_real q[CALIB_DOF], calib_real *bound) {
+  calib_real inside[CALIB_DOF];
+  *bound = calib_not_a_number();
+  if (!calib_in_range(q)@trusted@) return 0;
+  calib_wrapped(q, inside);
+  *bound = @model_bound@;
+  return 1;
+}
+
+/* Position, and the tip's orientation in the sensor's frame: a matrix, row by row. */
+static inline int calib_pose(const calib_real q[CALIB_DOF], calib_real *x, calib_real R[9]) {
+  calib_real inside[CALIB_DOF], p[3], own[9];
+  int i;
+  if (!calib_position(q, x, 0)) {
+    for (i = 0; i < 9; ++i) R[i] = calib_not_a_number();
+    return 0;
+  }
+  calib_wrapped(q, inside);
+  calib_chain(&calib_body, inside, p, own, 0, 0);
+  for (i = 0; i < 9; ++i) R[i] = calib_aim[i];
+  calib_times(R, own);
+  return 1;
+}

@@ -1,0 +1,169 @@
+#if @posterior@
+
+/* Radius of 95 % of a Gaussian of covariance S (xx, xy, xz, yy, yz, zz) and more (3). */
+static inline calib_real calib_radius_95(const calib_real S[6], calib_real share,
+                                         const calib_real more[3]) {
+  const calib_real a = share * S[0] + more[0], d = share * S[3] + more[1];
+  const calib_real f = share * S[5] + more[2], trace = a + d + f;
+  const calib_real off = share * share * (S[1] * S[1] + S[2] * S[2] + S[4] * S[4]);
+  const calib_real square = a * a + d * d + f * f + 2 * off;
+  calib_real g, r;
+  if (!(trace > 0)) return 0;
+  g = (calib_real)2 / 9 * square / (trace * trace);
+  r = 1 - g + @normal@ * sqrt(g);
+  return sqrt(trace * r * r * r);
+}
+
+/* How what is seen moves with whatever of an arm and its sensor may be off: the view's matrix,
+ * shift and lens; each joint's origin, shifted and turned in its own frame; the tip; each joint's
+ * offset, gain and bending.  Parameters of a body are sums of these. */
+static inline void calib_derivatives(const calib_real q[CALIB_DOF],
+                                     calib_real geometry[CALIB_GEOMETRY][3],
+                                     calib_real own[CALIB_DOF][3]) {
+  calib_real at[CALIB_CHAIN + 1][21], chained[CALIB_CHAIN][3], p[3], R[9], arrow[3], about[3];
+  calib_real moved[3], (*out)[3] = geometry;
+  int i, a, k;
+#if @gravity@
+  calib_real load[CALIB_CHAIN], bent[CALIB_CHAIN][CALIB_DOF];
+  calib_loads(q, load, bent, 0);
+#endif
+  calib_chain(&calib_body, q, p, R, 0, at);
+  for (i = 0; i < CALIB_GEOMETRY; ++i)
+    for (k = 0; k < 3; ++k) geometry[i][k] = 0;
+  for (k = 0; k < 3; ++k) {
+    for (a = 0; a < 3; ++a) out[3 * k + a][k] = p[a];
+    out[9 + k][k] = 1;
+  }
+  out += 12;
+  for (i = 0; i <= CALIB_CHAIN; ++i, out += 3) /* shifts of the origins and of the tip */
+    for (a = 0; a < 3; ++a) {
+      for (k = 0; k < 3; ++k) moved[k] = at[i][3 * k + a];
+      for (k = 0; k < 3; ++k) out[a][k] = calib_dot(calib_view + 3 * k, moved);
+    }
+  for (i = 0; i < CALIB_CHAIN; ++i, out += 3) { /* turns of the origins, and the joints */
+    for (k = 0; k < 3; ++k) arrow[k] = p[k] - at[i][18 + k];
+    for (a = 0; a < 3; ++a) {
+      for (k = 0; k < 3; ++k) about[k] = at[i][9 + 3 * k + a];
+      calib_cross(about, arrow, moved);
+      for (k = 0; k < 3; ++k) out[a][k] = calib_dot(calib_view + 3 * k, moved);
+    }
+    for (k = 0; k < 3; ++k) about[k] = calib_dot(at[i] + 9 + 3 * k, calib_body.axis[i]);
+    if (calib_bends[i]) calib_cross(about, arrow, about);
+    for (k = 0; k < 3; ++k) chained[i][k] = calib_dot(calib_view + 3 * k, about);
+  }
+  for (k = 0; k < CALIB_DOF; ++k)
+    for (a = 0; a < 3; ++a) {
+      own[k][a] = 0;
+      for (i = 0; i < CALIB_CHAIN; ++i) own[k][a] += calib_coupling[i][k] * chained[i][a];
+      out[k][a] = own[k][a];
+      out[CALIB_DOF + k][a] = own[k][a] * q[k];
+    }
+  out += 2 * CALIB_DOF;
+#if @gravity@
+  for (i = 0; i < CALIB_CHAIN; ++i)
+    for (a = 0; a < 3; ++a) out[i][a] = chained[i][a] * load[i];
+  out += CALIB_CHAIN;
+#endif
+#if @flexible@
+  {
+    calib_real psi = 0;
+    for (k = 0; k < CALIB_DOF; ++k) {
+      psi += calib_way[k] * q[k];
+      for (i = 0; i <= k; ++i, out += 2)
+        for (a = 0; a < 3; ++a) {
+          out[0][a] = own[i][a] * cos(psi);
+          out[1][a] = own[i][a] * sin(psi);
+        }
+    }
+  }
+#endif
+#if @projective@
+  {
+    calib_real seen[3], x[2], L[6], u[2];
+    for (k = 0; k < 3; ++k) seen[k] = calib_shift[k] + calib_dot(calib_view + 3 * k, p);
+    calib_pinhole(seen, x, L, u);
+    for (i = 0; i < CALIB_GEOMETRY + CALIB_DOF; ++i) {
+      calib_real *each = i < CALIB_GEOMETRY ? geometry[i] : own[i - CALIB_GEOMETRY];
+      const calib_real across = calib_dot(L, each);
+      each[1] = calib_dot(L + 3, each);
+      each[0] = across;
+      each[2] = 0;
+    }
+    for (k = 0; k < 2; ++k) {
+      out[0][k] = (x[k] - calib_lens[1 + k]) / calib_lens[0];
+      out[1 + k][k] = 1;
+      out[3][k] = calib_lens[0] * u[k] * (u[0] * u[0] + u[1] * u[1]);
+    }
+  }
+#else
+  for (i = 0; i < CALIB_GEOMETRY + CALIB_DOF; ++i)
+    for (k = CALIB_OUT; k < 3; ++k)
+      (i < CALIB_GEOMETRY ? geometry[i] : own[i - CALIB_GEOMETRY])[k] = 0;
+#endif
+}
+
+/* S += y y' of each of `count` directions, with their signs where there are some. */
+static inline void calib_spread(calib_real *y, int count, int width, const int *sign,
+                                calib_real S[6]) {
+  int i;
+  for (i = 0; i < count; ++i) {
+    const calib_real a = y[i], b = y[width + i], c = y[2 * width + i];
+    const calib_real s = sign ? (calib_real)sign[i] : 1;
+    S[0] += s * a * a; S[1] += s * a * b; S[2] += s * a * c;
+    S[3] += s * b * b; S[4] += s * b * c; S[5] += s * c * c;
+  }
+}
+
+static inline calib_real calib_posterior(const calib_real q[CALIB_DOF], const calib_real more[3]) {
+  calib_real geometry[CALIB_GEOMETRY][3], own[CALIB_DOF][3], wave[CALIB_DOF][4 * @waves@];
+  calib_real y[3 * CALIB_ROOT], z[3 * CALIB_WAYS], sum[CALIB_WAYS], S[6], bound = 0, apart;
+  int b, i, k, n, r;
+  calib_derivatives(q, geometry, own);
+  for (i = 0; i < CALIB_DOF; ++i) {
+    const calib_real c = cos(q[i]), s = sin(q[i]);
+    wave[i][0] = c;
+    wave[i][1] = s;
+    for (n = 1; n < 2 * @waves@; ++n) {
+      wave[i][2 * n] = wave[i][2 * n - 2] * c - wave[i][2 * n - 1] * s;
+      wave[i][2 * n + 1] = wave[i][2 * n - 2] * s + wave[i][2 * n - 1] * c;
+    }
+  }
+  for (b = 0; b < CALIB_BELIEFS; ++b) {
+    for (k = 0; k < 6; ++k) S[k] = 0;
+    for (r = 0; r < 3 * CALIB_ROOT; ++r) y[r] = 0;
+    for (r = 0; r < 3 * CALIB_WAYS; ++r) z[r] = 0;
+    for (i = 0; i < CALIB_GEOMETRY; ++i)
+      for (k = 0; k < CALIB_OUT; ++k) {
+        const calib_real g = geometry[i][k];
+        for (r = 0; r < CALIB_ROOT; ++r) y[k * CALIB_ROOT + r] += g * calib_root[b][i][r];
+        for (r = 0; r < CALIB_WAYS; ++r) z[k * CALIB_WAYS + r] += g * calib_coupled[b][i][r];
+      }
+    calib_spread(y, CALIB_ROOT, CALIB_ROOT, 0, S);
+#if @waved@
+    for (i = 0; i < CALIB_DOF; ++i) {
+      const float *term = calib_own[b * CALIB_DOF + i];
+      calib_real size = term[0];
+      for (n = 0; n < 4 * @waves@; ++n) size += term[1 + n] * wave[i][n];
+      for (r = 0; r < 3; ++r)
+        for (k = r; k < 3; ++k) S[r * (5 - r) / 2 + k] += size * own[i][r] * own[i][k];
+      for (r = 0; r < CALIB_WAYS; ++r) sum[r] = 0;
+      for (n = 0; n < 2 * @waves@; ++n)
+        for (r = 0; r < CALIB_WAYS; ++r)
+          sum[r] += wave[i][n] * calib_waved[b][2 * @waves@ * i + n][r];
+      for (k = 0; k < CALIB_OUT; ++k)
+        for (r = 0; r < CALIB_WAYS; ++r) z[k * CALIB_WAYS + r] += sum[r] * own[i][k];
+    }
+#else
+    (void)sum;
+#endif
+    /* the last direction is by how much the beliefs are apart */
+    calib_spread(z, CALIB_WAYS - 1, CALIB_WAYS, calib_gains[b], S);
+    for (apart = 0, k = 0; k < 3; ++k)
+      apart += z[k * CALIB_WAYS + CALIB_WAYS - 1] * z[k * CALIB_WAYS + CALIB_WAYS - 1];
+    apart = sqrt(apart);
+    apart += calib_scale[b][0] * calib_radius_95(S, calib_scale[b][1], more);
+    if (apart > bound) bound = apart;
+  }
+  return bound;
+}
+#endif

@@ -1,0 +1,96 @@
+/* @title@
+ *
+ * Written by `calib export`; do not edit. C99, also valid C++.
+ * Model checksum (SHA-256): @checksum@
+ *
+@facts@ *
+ * Functions return 1 where there is an answer; else 0, and their results are NaN, unless they say
+ * otherwise.  Joint values are in rad (or m where a joint slides), positions in @unit@.
+ * Nothing is allocated, nothing recurses, nothing is kept between calls.
+ * A search takes at most CALIB_STEPS steps from a start, and at most CALIB_TRIES starts.
+ */
+#ifndef @guard@
+#define @guard@
+
+#include <math.h>
+
+typedef @real@ calib_real;
+
+enum {
+  CALIB_DOF = @dof@, CALIB_OUT = @out@, CALIB_NODES = @nodes@, CALIB_NEAR = @near@,
+  CALIB_HARMONICS = @harmonics@, CALIB_CHAIN = @chain@, CALIB_STARTS = @starts@,
+  CALIB_STEPS = 40, CALIB_TRIES = 9
+};
+
+/* An arm: joint values are gain q + offset + curve, and bend with their posture. */
+typedef struct {
+  calib_real gain[CALIB_DOF], offset[CALIB_DOF], bending[CALIB_CHAIN];
+  calib_real axis[CALIB_CHAIN][3], stride[CALIB_CHAIN][3], turned[CALIB_CHAIN][9];
+  calib_real tip[3], tip_turn[9];
+  int own; /* whether it has curves and bends */
+} calib_arm;
+
+static inline calib_real calib_not_a_number(void) { return (calib_real)NAN; }
+
+/* Whether joint values are within the range that the model was learned for. */
+static inline int calib_in_range(const calib_real q[CALIB_DOF]) {
+  int i;
+  for (i = 0; i < CALIB_DOF; ++i) {
+    const calib_real u = (q[i] - calib_lower[i]) / calib_span[i];
+    if (!calib_periodic[i] && !(u >= @slack@ && u <= 1 - @slack@)) return 0;
+    if (!(u - u == 0)) return 0;
+  }
+  return 1;
+}
+
+/* Joint values with those of full turns moved into their range. */
+static inline void calib_wrapped(const calib_real q[CALIB_DOF], calib_real out[CALIB_DOF]) {
+  int i;
+  for (i = 0; i < CALIB_DOF; ++i) {
+    const calib_real u = (q[i] - calib_lower[i]) / calib_span[i];
+    out[i] = calib_periodic[i] ? calib_lower[i] + (u - floor(u)) * calib_span[i] : q[i];
+  }
+}
+
+static inline void calib_cross(const calib_real a[3], const calib_real b[3], calib_real out[3]) {
+  const calib_real x = a[1] * b[2] - a[2] * b[1], y = a[2] * b[0] - a[0] * b[2];
+  out[2] = a[0] * b[1] - a[1] * b[0];
+  out[0] = x;
+  out[1] = y;
+}
+
+static inline calib_real calib_dot(const calib_real a[3], const calib_real b[3]) {
+  return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+}
+
+/* out += R v, with the rows of R. */
+static inline void calib_add(const calib_real R[9], const calib_real v[3], calib_real out[3]) {
+  int i;
+  for (i = 0; i < 3; ++i) out[i] += calib_dot(R + 3 * i, v);
+}
+
+/* R becomes R S. */
+static inline void calib_times(calib_real R[9], const calib_real S[9]) {
+  int i, j;
+  for (i = 0; i < 3; ++i) {
+    const calib_real a = R[3 * i], b = R[3 * i + 1], c = R[3 * i + 2];
+    for (j = 0; j < 3; ++j) R[3 * i + j] = a * S[j] + b * S[3 + j] + c * S[6 + j];
+  }
+}
+
+/* R is turned about its own unit axis (Rodrigues). */
+static inline void calib_turn(calib_real R[9], const calib_real axis[3], calib_real angle) {
+  const calib_real c = cos(angle), s = sin(angle);
+  calib_real swept[3], along;
+  int i, j;
+  for (i = 0; i < 3; ++i) {
+    calib_cross(R + 3 * i, axis, swept);
+    along = (1 - c) * calib_dot(R + 3 * i, axis);
+    for (j = 0; j < 3; ++j) R[3 * i + j] = c * R[3 * i + j] + s * swept[j] + along * axis[j];
+  }
+}
+
+static inline void calib_unit(calib_real R[9]) {
+  int i;
+  for (i = 0; i < 9; ++i) R[i] = i % 4 == 0 ? 1 : 0;
+}

@@ -1,0 +1,206 @@
+"""The compiled kernel: single queries of a model by its own C, through ctypes.
+
+The system's C compiler (``$CC``, else ``cc``) makes a shared library of the source in a private
+temporary folder, which is removed when nothing uses it any more, at the latest at exit.  The
+interpreter's lock is released during a call, and every thread has buffers of its own.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import math
+import os
+import shlex
+import shutil
+import subprocess
+import tempfile
+import threading
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..common.arrays import Array
+
+OFF = "CALIB_NO_CC"
+"""Environment variable that leaves the compiler alone where it is set to anything but 0."""
+
+_FLAGS = ("-O2", "-std=c99", "-fPIC", "-shared", "-ffp-contract=off")
+_MOST = 120.0  # s that a compiler may take
+
+_CALLS = """
+#define CALLED __attribute__((visibility("default")))
+CALLED int called_forward(double *b) { return calib_forward(b, b + 16); }
+CALLED int called_jacobian(double *b) { return calib_jacobian(b, b + 16); }
+CALLED int called_pose(double *b) { return calib_pose(b, b + 16, b + 19); }
+CALLED int called_bound(double *b) { return calib_expected_error(b, b + 16); }
+CALLED int called_model_bound(double *b) { return calib_model_error(b, b + 16); }
+CALLED int called_inverse(double *b) { return calib_inverse(b + 16, b, b + 32); }
+#if @placed@
+CALLED int called_inverse_pose(double *b) { return calib_inverse_pose(b + 16, b + 19, b, b + 32); }
+#endif
+#if @corrected@
+CALLED int called_wanted(double *b) { calib_wanted(b, b + 16); return 1; }
+CALLED int called_correct(double *b) { return calib_correct(b, b + 32); }
+#endif
+"""
+"""One buffer a thread: joints from 0, what is asked from 16, joints that answer from 32."""
+
+_MOST_JOINTS = 16
+
+
+class Compiled:
+    """A shared library that answers single queries; None where the batch has to.
+
+    Joint values (dof,) are in rad or m; anything else than finite numbers is left to the batch,
+    which refuses it in words.
+    """
+
+    def __init__(self, library: ctypes.CDLL, folder: Any, dof: int, outputs: int) -> None:
+        self._folder, self._dof, self._outputs = folder, dof, outputs
+        self._own = threading.local()
+        self._calls = {}
+        for name in ("forward", "jacobian", "pose", "bound", "model_bound", "inverse",
+                     "inverse_pose", "wanted", "correct"):  # fmt: skip
+            call = getattr(library, f"called_{name}", None)
+            if call is not None:
+                call.argtypes, call.restype = (ctypes.c_void_p,), ctypes.c_int
+                self._calls[name] = call
+        self._forward, self._bound = self._calls["forward"], self._calls["bound"]
+        self._inverse = self._calls["inverse"]
+
+    def has(self, name: str) -> bool:
+        """Whether it answers a kind of query."""
+        return name in self._calls
+
+    def _buffers(self) -> tuple[Array, Array, int]:
+        """Buffer of the calling thread, its first joints, and its address."""
+        own = self._own
+        try:
+            kept: tuple[Array, Array, int] = own.kept
+        except AttributeError:
+            buffer = np.zeros(16 + 6 * _MOST_JOINTS)
+            kept = own.kept = (buffer, buffer[: self._dof], int(buffer.ctypes.data))
+        return kept
+
+    def _asked(self, q: Any) -> tuple[Array, int] | None:
+        """Buffer and address after joint values were put into it; None if they are no numbers."""
+        buffer, joints, address = self._buffers()
+        try:
+            if len(q) != self._dof:
+                return None
+            joints[:] = q
+        except (TypeError, ValueError):
+            return None
+        return buffer, address
+
+    def forward(self, q: Any) -> tuple[Array, bool] | None:
+        """Position (m,) and whether there is one."""
+        return self._vector(self._forward, q, self._outputs)
+
+    def jacobian(self, q: Any) -> tuple[Array, bool] | None:
+        """Derivative (m, dof) of the position, and whether there is one."""
+        found = self._vector(self._calls["jacobian"], q, self._outputs * self._dof)
+        return None if found is None else (found[0].reshape(-1, self._dof), found[1])
+
+    def pose(self, q: Any) -> tuple[Array, Array, bool] | None:
+        """Position (m,) and orientation (3, 3) in the sensor's frame, and whether there are."""
+        found = self._vector(self._calls["pose"], q, 12)
+        if found is None:
+            return None
+        return found[0][: self._outputs], found[0][3:].reshape(3, 3), found[1]
+
+    def wanted(self, q: Any) -> tuple[Array, bool] | None:
+        """Where the nominal arm would be (m,)."""
+        return self._vector(self._calls["wanted"], q, self._outputs)
+
+    def _vector(self, call: Any, q: Any, size: int) -> tuple[Array, bool] | None:
+        asked = self._asked(q)
+        if asked is None:
+            return None
+        buffer, address = asked
+        good = call(address) == 1
+        if not good and not math.isfinite(sum(buffer[: self._dof])):
+            return None
+        return buffer[16 : 16 + size].copy(), good
+
+    def bound(self, q: Any, which: str) -> tuple[float, bool] | None:
+        """95 % bound, ``"bound"`` or ``"model_bound"``, and whether there is one."""
+        asked = self._asked(q)
+        if asked is None:
+            return None
+        buffer, address = asked
+        good = self._calls[which](address) == 1
+        if not good and not math.isfinite(sum(buffer[: self._dof])):
+            return None
+        return buffer[16], good
+
+    def inverse(self, x: Any, near: Any) -> Array | None:
+        """Joints (dof,) that reach a position, on the branch that is surely the nearest."""
+        asked = self._asked(near)
+        if asked is None:
+            return None
+        buffer, address = asked
+        try:
+            if len(x) != self._outputs:
+                return None
+            buffer[16 : 16 + self._outputs] = x
+        except (TypeError, ValueError):
+            return None
+        return buffer[32 : 32 + self._dof].copy() if self._inverse(address) == 1 else None
+
+    def inverse_pose(self, x: Array, rotation: Array, near: Any) -> Array | None:
+        """Joints (dof,) that reach a pose (3,), (3, 3) of the sensor's frame, as `inverse`."""
+        asked = self._asked(near)
+        if asked is None:
+            return None
+        buffer, address = asked
+        buffer[16:19], buffer[19:28] = x, rotation.ravel()
+        sure = self._calls["inverse_pose"](address) == 1
+        return buffer[32 : 32 + self._dof].copy() if sure else None
+
+    def correct(self, q: Any) -> Array | None:
+        """Joints (dof,) that bring the tip to where the nominal arm would be; None if none do."""
+        asked = self._asked(q)
+        if asked is None:
+            return None
+        buffer, address = asked
+        return buffer[32 : 32 + self._dof].copy() if self._calls["correct"](address) == 1 else None
+
+
+def compiler() -> list[str] | None:
+    """The C compiler's command; None where there is none, or the user wants none."""
+    if os.environ.get(OFF, "0") not in ("", "0"):
+        return None
+    command = shlex.split(os.environ.get("CC", "")) or ["cc"]
+    return command if shutil.which(command[0]) else None
+
+
+def compile_source(text: str, words: dict[str, object], dof: int, outputs: int) -> Compiled | str:
+    """The library of a header's text; where it cannot be made, why.
+
+    words : "placed" and "corrected", which functions the header has
+    """
+    from .source import c_source
+
+    command = compiler()
+    if command is None:
+        off = os.environ.get(OFF, "0") not in ("", "0")
+        return f"{OFF} is set" if off else "no C compiler was found"
+    if dof > _MOST_JOINTS:
+        return f"more than {_MOST_JOINTS} joints"
+    # a folder of this user alone, removed with the object or at exit
+    folder = tempfile.TemporaryDirectory(prefix="calib-")
+    made, path = Path(folder.name) / "kernel.c", Path(folder.name) / "kernel.so"
+    made.write_text(text + c_source(_CALLS, words, "calib_", single=False), encoding="ascii")
+    try:
+        subprocess.run(  # noqa: S603
+            [*command, *_FLAGS, "-o", str(path), str(made), "-lm"],
+            check=True, capture_output=True, timeout=_MOST, stdin=subprocess.DEVNULL,
+        )  # fmt: skip
+        return Compiled(ctypes.CDLL(str(path)), folder, dof, outputs)
+    except subprocess.CalledProcessError as error:
+        said = error.stderr.decode(errors="replace").strip().splitlines()
+        return f"{command[0]} failed" + (f": {said[0][:120]}" if said else "")
+    except (OSError, subprocess.TimeoutExpired) as error:
+        return f"{command[0]} failed: {type(error).__name__}"

@@ -1,0 +1,76 @@
+"""C source: templates filled with numbers.
+
+The source is in the folder `c`: C99 that is also valid C++, without allocation and without any
+library but ``math.h``.  Its names start with ``calib_``; `c_source` puts another prefix, and
+numbers for words such as ``@dof@``; what stands between ``#if @word@`` and ``#endif`` is kept
+where the word is true.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping
+from importlib.resources import files
+
+import numpy as np
+
+from ..common.arrays import Array
+
+_CHOICE = re.compile(
+    r"^#if @(\w+)@\n((?:(?!#if @|#endif\n|#else\n).*\n)*)(?:#else\n((?:(?!#if @|#endif\n).*\n)*))?"
+    r"#endif\n",
+    re.MULTILINE,
+)
+_FUNCTIONS = re.compile(r"\b(cos|sin|sqrt|floor|fabs|atan2)\(")
+
+
+def source(*names: str) -> str:
+    """Files of the C source, one after another."""
+    folder = files(__package__) / "c"
+    return "".join((folder / f"{name}.h").read_text(encoding="ascii") for name in names)
+
+
+def c_source(text: str, words: Mapping[str, object], prefix: str, single: bool) -> str:
+    """C source with its words filled in, names that start with `prefix`, and its precision."""
+    while "#if @" in text:  # the innermost first
+        text = _CHOICE.sub(lambda found: (found[2] if words[found[1]] else found[3]) or "", text)
+    text = re.sub(r"@(\w+)@", lambda found: _word(words[found.group(1)], single), text)
+    text = _FUNCTIONS.sub(r"\1f(", text) if single else text
+    return text.replace("calib_", prefix).replace("CALIB_", prefix.upper())
+
+
+def _word(value: object, single: bool) -> str:
+    return c_number(value, single) if isinstance(value, float) else str(value)
+
+
+def c_number(value: float, single: bool) -> str:
+    """A C constant that reads back as the same number; infinities as what no value exceeds."""
+    value = float(np.clip(np.nan_to_num(value, nan=3e38), -3e38, 3e38))
+    # nine digits tell any two floats apart, and a C literal needs a point or an exponent
+    text = f"{np.float32(value):.9g}" if single else repr(value)
+    text = text if any(c in text for c in ".e") else text + ".0"
+    return text + "f" * single
+
+
+def array(name: str, values: Array, single: bool, *, kind: str = "calib_real") -> str:
+    """A constant array of C of any shape, braces round each row."""
+    values = np.asarray(values, dtype=float)
+    values = values if values.size else np.zeros([max(size, 1) for size in values.shape])
+    shape = "".join(f"[{size}]" for size in values.shape)
+    return f"static const {kind} {name}{shape} = {braces(values, single)};\n"
+
+
+def braces(values: Array, single: bool) -> str:
+    """Numbers in the braces of a C constant, row by row."""
+    if values.ndim > 1:
+        return "{" + ",\n".join(braces(row, single) for row in values) + "}"
+    return "{" + ", ".join(c_number(v, single) for v in values) + "}"
+
+
+def integers(name: str, values: Iterable[int] | Array) -> str:
+    """A constant array of int, of one or two dimensions."""
+    rows = np.asarray(values, dtype=int)
+    rows = rows if rows.size else np.zeros([max(size, 1) for size in rows.shape], dtype=int)
+    text = str(rows.tolist()).replace("[", "{").replace("]", "}")
+    shape = "".join(f"[{size}]" for size in rows.shape)
+    return f"static const int {name}{shape} = {text};\n"

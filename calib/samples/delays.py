@@ -1,0 +1,189 @@
+"""Delays: a sensor's clock that is late or early against the joints', estimated from the rows.
+
+Where positions are late by d, a row shows the tip where its joints were d before: what predicts it
+misses by -J qdot d.  That regression, less what the predictor's own parameters and the joints' play
+could make of it, is the estimate; its interval is a sandwich over blocks of neighbouring rows.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from ..common.arrays import Array, Mask
+from .joint_values import directions
+from .samples import Samples
+from .settings import (
+    CLEAR_DELAY,
+    DELAY_BLOCKS,
+    DELAY_NU,
+    DELAY_SHARE,
+    DOUBTED_DELAY,
+    LONGEST_PAUSE,
+    PATH,
+)
+
+
+@dataclass(frozen=True)
+class Delay:
+    """By how much positions are later than the joints of their rows."""
+
+    value: float  # [unit]
+    sd: float  # its standard deviation [unit]
+    unit: str  # "s" by the log's column of time, else "rows"
+    share: float  # of the residual's weighted squares that it explains alone
+
+    @property
+    def clear(self) -> bool:
+        """Whether it is sure, and matters."""
+        return abs(self.value) > CLEAR_DELAY * self.sd and self.share > DELAY_SHARE
+
+    @property
+    def doubted(self) -> bool:
+        """Whether there may be one, which the rows do not settle."""
+        return not self.clear and abs(self.value) > DOUBTED_DELAY * self.sd and self.share > 0.02
+
+    def words(self) -> str:
+        """Its size and 95 % interval: "20.1 +- 0.3 ms late"."""
+        factor, unit = (1e3, "ms") if self.unit == "s" else (1.0, "rows")
+        side = "late" if self.value > 0 else "early"
+        return f"{factor * abs(self.value):.3g} +- {factor * 1.96 * self.sd:.2g} {unit} {side}"
+
+    def note(self) -> str:
+        """What the user should be told, empty for nothing."""
+        if self.clear:
+            return (
+                f"the positions are {self.words()} against the joints: corrected; poses at rest "
+                "(calib log --still) do not depend on clocks"
+            )
+        if self.doubted:
+            return (
+                f"the positions may be {self.words()} against the joints, which the rows do not "
+                "settle: not corrected; measure at rest (calib log --still), or along a path that "
+                "is run in both directions"
+            )
+        return ""
+
+
+@dataclass(frozen=True, eq=False)
+class Trajectory:
+    """The joints of a log as a motion: rows in the order of time, in runs without a pause."""
+
+    time: Array  # (n,) [unit]
+    q: Array  # (n, dof) [rad or m]
+    unit: str  # "s" or "rows"
+
+    @staticmethod
+    def of(samples: Samples) -> Trajectory | None:
+        """The motion of a log's rows; None where they are poses in any order."""
+        rows = np.arange(len(samples)) if samples.rows is None else samples.rows
+        time, unit = rows.astype(float), "rows"
+        if samples.time is not None and np.isfinite(samples.time).all():
+            time, unit = samples.time, "s"
+        motion = Trajectory(time, samples.q, unit)
+        step = np.diff(samples.q, axis=0)[motion.joined]
+        if len(samples) < 20 or len(step) < len(samples) // 2:
+            return None
+        span = np.maximum(np.ptp(samples.q, axis=0), 1e-12)
+        return motion if float(np.max(np.median(np.abs(step), axis=0) / span)) <= PATH else None
+
+    @cached_property
+    def joined(self) -> Mask:
+        """Whether each row but the last goes on to the next one without a pause (n - 1,)."""
+        step = np.diff(self.time)
+        usual = float(np.median(step[step > 0])) if (step > 0).any() else 0.0
+        return np.asarray((step > 0) & (step <= LONGEST_PAUSE * usual))
+
+    @cached_property
+    def velocity(self) -> Array:
+        """Joint velocities (n, dof) [rad or m / unit]; NaN beside a pause."""
+        result = np.full(self.q.shape, np.nan)
+        inside = np.flatnonzero(self.joined[1:] & self.joined[:-1]) + 1
+        # the parabola through three rows that need not be evenly spaced
+        before, after = np.diff(self.time)[inside - 1, None], np.diff(self.time)[inside, None]
+        down, up = self.q[inside] - self.q[inside - 1], self.q[inside + 1] - self.q[inside]
+        result[inside] = (down / before * after + up / after * before) / (before + after)
+        return result
+
+    def before(self, delay: float) -> Array:
+        """Joints (n, dof) at the rows' times less `delay`; NaN where the log has none."""
+        when = self.time - delay
+        order = np.arange(len(self.time))
+        run = np.cumsum(np.r_[0, ~self.joined])
+        result = np.full(self.q.shape, np.nan)
+        for each in range(run[-1] + 1):
+            rows = order[run == each]
+            if len(rows) < 3:
+                continue
+            t, low = self.time[rows], 0
+            inside = rows[(when[rows] >= t[0]) & (when[rows] <= t[-1])]
+            low = np.clip(np.searchsorted(t, when[inside], side="right") - 1, 0, len(t) - 2)
+            result[inside] = self._hermite(rows[low], when[inside])
+        return result
+
+    def _hermite(self, low: Array, when: Array) -> Array:
+        """Cubic between rows `low` and the next ones; at a run's ends along the chord."""
+        q, high = self.q, low + 1
+        width = (self.time[high] - self.time[low])[:, None]
+        s = (when - self.time[low])[:, None] / width
+        chord = q[high] - q[low]
+        first, last = (
+            np.where(np.isfinite(v), v * width, chord)
+            for v in (self.velocity[low], self.velocity[high])
+        )
+        bend = s * (1 - s) * ((1 - s) * (first - chord) - s * (last - chord))
+        return np.asarray(q[low] + s * chord + bend)
+
+
+def estimate_delay(
+    motion: Trajectory, residual: Array, slope: Array, columns: Array, precision: Array, pull: Array
+) -> tuple[Delay, Array] | None:
+    """Estimate by how much positions are late from what a predictor leaves of them.
+
+    residual, slope : (n, m), (n, m, dof), measured less predicted, and the prediction's derivative
+    columns : (n, m, k), derivative by parameters that are fitted beside the delay
+    precision, pull : (k,), their prior precision, and how far they are below their prior mean
+    Returns the delay and how the parameters change with it (k,), None where nothing moves.
+    """
+    speed = motion.velocity
+    rows = np.flatnonzero(np.isfinite(speed).all(axis=1) & np.isfinite(residual).all(axis=1))
+    if len(rows) < 20:
+        return None
+    n, m = len(rows), residual.shape[1]
+    r, J, X = residual[rows], slope[rows], columns[rows].reshape(n * m, -1)
+    late = -np.einsum("nmk,nk->nm", J, speed[rows]).reshape(-1, 1)
+    if not np.abs(late).max() > 0:
+        return None
+    size = np.linalg.norm(r, axis=1)
+    noise = float(np.median(size)) / np.sqrt(m) + 1e-9 * float(np.abs(late).max())
+    weight = (DELAY_NU + m) / (DELAY_NU + (size / noise) ** 2) / noise**2
+    W, flat = np.repeat(weight, m)[:, None], r.reshape(-1, 1)
+    normal = X.T @ (W * X) + np.diag(precision)
+
+    def beside(A: Array) -> tuple[Array, Array]:
+        """What the parameters take of columns, and what they cannot."""
+        taken = np.linalg.solve(normal, X.T @ (W * A))
+        return np.asarray(taken), np.asarray(A - X @ taken)
+
+    def explained(A: Array, own: Array) -> float:
+        """Weighted squares that columns explain beyond the parameters."""
+        G, b = A.T @ (W * own), own.T @ (W * left)
+        return float(np.sum(b * (np.linalg.pinv(G, hermitian=True) @ b)))
+
+    base = np.linalg.solve(normal, X.T @ (W * flat) + (precision * pull)[:, None])
+    left = flat - X @ base
+    taken, own = beside(late)
+    information = float(np.sum(late * W * own))
+    if not information > 0:
+        return None
+    value = float(np.sum(own * W * left)) / information
+    rest = left - own * value
+    blocks = np.array_split((own * W * rest).reshape(n, m).sum(axis=1), DELAY_BLOCKS)
+    sd = float(np.sqrt(sum(block.sum() ** 2 for block in blocks))) / information
+    # joints with play err by the direction of their motion: the better explanation counts
+    play = (J * directions(motion.q)[rows][:, None]).reshape(n * m, -1)
+    by_delay, by_play = explained(late, own), explained(play, beside(play)[1])
+    share = by_delay / float(np.sum(W * left**2)) if by_delay > by_play else 0.0
+    return Delay(value, sd, motion.unit, share), (base - taken * value)[:, 0]

@@ -1,0 +1,402 @@
+"""Diagnosis of a log: what is wrong with its columns, units and times, told by what predicts it.
+
+Other readings of the rows (another unit, exchanged joints, a joint that counts the other way,
+inverted poses, ...) are tried in turn.  One that a predictor explains far better than the log as it
+stands is a finding.  The predictor is nominal kinematics, or a model; where its frame stands does
+not matter.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..arm.rotations import logarithm, matrix_of, nearest_rotation, similarity
+from ..common.arrays import Array
+from ..common.robust import solve_least_squares
+from ..common.rows import thinned
+from ..common.scale import METRES
+from ..errors import LogError
+from .settings import (
+    DIAGNOSED_ROWS,
+    FAR_BETTER,
+    FEWEST_ROWS,
+    GOOD,
+    MOST_ORDERED,
+    PATH,
+    PIXELS_RATIO,
+    SAME_UNIT,
+    SMALL,
+    TURNED,
+    USUAL_SIZE,
+)
+
+Predict = Callable[[Array], Array]
+"""Positions (n, m) at joint values (n, dof), NaN where none is known."""
+
+PosePredict = Callable[[Array], tuple[Array, Array]]
+"""Positions (n, 3) and quaternions (n, 4) at joint values (n, dof)."""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """Something that is wrong with a log, or looks so."""
+
+    kind: str  # unit, degrees, exchanged, reversed, mirrored, inverted, turns, late
+    words: str
+    hint: str = ""  # the remedy, with Python's names of options
+    parameter: str | None = None
+    value: Any = None
+    mistake: bool = True  # whether it can be nothing else; otherwise it may be intended
+
+    def told(self) -> str:
+        """Say it and the remedy in one line."""
+        return f"{self.words}; {self.hint}" if self.hint else self.words
+
+
+def refuse_mistakes(findings: Sequence[Finding], label: str = "the log") -> list[str]:
+    """Refuse a log for the first finding that is a mistake; return the others as notes.
+
+    Raises LogError.
+    """
+    for finding in findings:
+        if finding.mistake:
+            raise LogError(
+                f"{label}: {finding.words}",
+                hint=finding.hint or None,
+                parameter=finding.parameter,
+                value=finding.value,
+            )
+    return [f"{label}: {finding.told()}" for finding in findings]
+
+
+def diagnose(
+    predict: Predict,
+    q: Array,
+    x: Array,
+    names: Sequence[str],
+    revolute: Sequence[bool],
+    *,
+    unit: str = "m",
+    turns: Array | None = None,
+    pose: PosePredict | None = None,
+    left_handed: bool = False,
+) -> tuple[Finding, ...]:
+    """Find what is wrong with a log, the gravest first; empty where it fits as it is.
+
+    predict : positions of an arm that may differ from the log's by some percent
+    q, x : (n, dof), (n, m), joint values [rad or m] and positions [unit], in the order of the log
+    names, revolute : of the joints: their names, and which of them turn
+    unit : of the positions; a scale is doubted in metres alone
+    turns : (n, 4), the log's orientations as qx, qy, qz, qw
+    pose : where known, positions and orientations of the arm; a tool of unknown size may hide a
+        wrist joint that is reversed from positions alone
+    left_handed : whether axes that are mirrored need no word
+
+    Examples
+    --------
+    >>> import calib
+    >>> arm = calib.load_arm("two_link")
+    >>> log = calib.babble(arm, 100, seed=0)
+    >>> for finding in diagnose(arm.forward, log.q[:, ::-1], log.x, arm.joint_names, (True, True)):
+    ...     print(finding.kind, finding.value)
+    exchanged ['shoulder', 'elbow']
+    """
+    if len(q) < FEWEST_ROWS:
+        return ()
+    rows = thinned(len(q), DIAGNOSED_ROWS)
+    log = _Log(predict, q[rows], x[rows], unit == "px", pose)
+    if not log.comparable:
+        return ()
+    if unit == "m" and (wrong := _unit_of(log)) is not None:
+        return (wrong,)
+    if (
+        turns is not None
+        and pose is not None
+        and (wrong := _poses(log, pose, turns[rows])) is not None
+    ):
+        return (wrong,)
+    found: list[Finding] = []
+    if log.own > SMALL * log.size:
+        # the simplest first; of two that explain the log the first is told
+        orders = _degrees(log, revolute), _orders(log, names)
+        for readings in (*orders, _signs(log, names, 1), _signs(log, names, 2)):
+            fits = [r for r in readings if log.left(r.q, log.x) < FAR_BETTER * log.own]
+            if fits:  # a tool of unknown size explains what a mirror does: by the place alone
+                best = min(fits, key=lambda r: log.left(r.q, log.x, tool=False)).finding
+                found.append(best)
+                break
+    if found and found[0].mistake:
+        return tuple(found)
+    if not left_handed and log.mirrored():
+        words = (
+            "the positions are mirrored, compared with the robot: the sensor's axes are "
+            "left-handed, or one of them is reversed"
+        )
+        found.append(Finding("mirrored", words, mistake=False))
+    if shift := rows_behind(predict, q, x, unit):
+        side = "follow" if shift > 0 else "precede"
+        apart = "1 row" if abs(shift) == 1 else f"{abs(shift)} rows"
+        words = f"the positions {side} the joints by {apart}"
+        found.append(Finding("late", words, value=shift, mistake=False))
+    return tuple(found)
+
+
+def unit_of_ratio(ratio: float) -> str:
+    """Return the unit of which so many are a metre, empty where none fits.
+
+    Examples
+    --------
+    >>> unit_of_ratio(1012.0), unit_of_ratio(900.0)
+    ('mm', '')
+    """
+    units = (n for n, f in METRES.items() if n != "m")
+    return next((n for n in units if abs(ratio / METRES[n] - 1.0) < SAME_UNIT), "")
+
+
+def unit_hint(ratio: float) -> str:
+    """Return what a log's scale against its model's says of its unit, as the end of a message."""
+    name = unit_of_ratio(ratio)
+    if name:
+        return f"; if they are in {name}, `unit={name!r}` converts them"
+    return "; if they are pixels, train a model of such a log" if ratio > PIXELS_RATIO else ""
+
+
+def rows_behind(predict: Predict, q: Array, x: Array, unit: str = "m", most: int = 20) -> int:
+    """Return by how many rows positions follow the joints, 0 where no shift fits far better.
+
+    Rows along a path fit nearly as well a row later; poses in any order fit not at all.
+    """
+    n = len(q)
+    most = min(most, n // 5)
+    if most < 1:
+        return 0
+    predicted = predict(q)
+    if not np.isfinite(predicted).all():
+        return 0
+    rows = np.linspace(most, n - 1 - most, min(n - 2 * most, DIAGNOSED_ROWS)).round()
+    rows = rows.astype(np.intp)
+    found = {
+        shift: aligned_misfit(predicted[rows - shift], x[rows], affine=unit == "px")
+        for shift in range(-most, most + 1)
+    }
+    best = min(found, key=lambda shift: (found[shift], abs(shift)))
+    return best if found[best] < (0.5 if is_path(q) else FAR_BETTER) * found[0] else 0
+
+
+def is_path(q: Array) -> bool:
+    """Whether rows (n, dof) are those of a motion, so that one tells of its neighbours."""
+    step = np.median(np.abs(np.diff(q, axis=0)), axis=0)
+    return bool(np.max(step / np.maximum(np.ptp(q, axis=0), 1e-12)) <= PATH)
+
+
+def aligned_misfit(a: Array, b: Array, *, affine: bool = False) -> float:
+    """Median distance of `b` (n, m) from `a` (n, k), turned, shifted and scaled.
+
+    Where `affine`, or the one has more coordinates, the best affine map instead.  No reflection: a
+    mirrored sensor is to be seen as a misfit.  Rows that contradict most others do not count.
+    """
+    return float(np.median(np.linalg.norm(b - aligned(a, b, affine=affine), axis=1)))
+
+
+def aligned(a: Array, b: Array, *, affine: bool = False) -> Array:
+    """`a` (n, k), brought to `b` (n, m) whatever a few rows contradict; see `aligned_misfit`."""
+    affine = affine or a.shape[1] != b.shape[1]
+    features = np.column_stack([a, np.ones(len(a))])
+    # spreads about the median: single wrong rows decide nothing
+    spread = np.linalg.norm(b - np.median(b, axis=0), axis=1)
+    kept = spread <= 5.0 * np.median(spread) + 1e-300
+    for _ in range(4):
+        if affine:
+            moved = features @ solve_least_squares(features[kept], b[kept])
+        else:
+            turn, shift, scale = similarity(a[kept], b[kept])
+            moved = scale * a @ turn.T + shift
+        away = np.linalg.norm(b - moved, axis=1)
+        kept = away <= 3.0 * np.median(away) + 1e-300
+    return np.asarray(moved)
+
+
+class _Log:
+    """Some rows of a log beside their predictor, and how far other readings of them are off."""
+
+    def __init__(
+        self, predict: Predict, q: Array, x: Array, affine: bool, pose: PosePredict | None
+    ) -> None:
+        self.predict, self.q, self.x, self.pose = predict, q, x, pose
+        self.predicted = predict(q)
+        self.affine = affine or self.predicted.shape[1] != x.shape[1]
+        known = np.isfinite(self.predicted).all(axis=1)
+        self.comparable = bool(known.mean() > 0.5 and np.ptp(self.predicted[known], axis=0).any())
+        self.size = _spread(x)
+        self.own = self.left(q, x)
+
+    def left(self, q: Array, x: Array, *, tool: bool = True) -> float:
+        """Median distance that is left of rows read otherwise; infinite where nothing is known.
+
+        tool : whether a tool of unknown size may be part of it
+        """
+        predicted = self.predict(q)
+        known = np.isfinite(predicted).all(axis=1)
+        if known.mean() < 0.6:
+            return float("inf")
+        if (
+            tool and self.pose is not None and len(q) >= 39
+        ):  # thrice the features: a tool, linear in them
+            place, turn = self.pose(q)
+            features = np.column_stack([place, matrix_of(turn).reshape(-1, 9)])
+            return aligned_misfit(features[known], x[known], affine=True)
+        return aligned_misfit(predicted[known], x[known], affine=self.affine)
+
+    def mirrored(self) -> bool:
+        """Whether the rows fit with one axis reversed, but for a tool."""
+        flip = np.array([-1.0, *[1.0] * (self.x.shape[1] - 1)])
+        known = np.isfinite(self.predicted).all(axis=1)
+        p, x = self.predicted[known], self.x[known]
+        return not self.affine and aligned_misfit(p, x * flip) < FAR_BETTER * aligned_misfit(p, x)
+
+
+class _Reading(NamedTuple):
+    """Joint values (n, dof) of a log read otherwise, and what that would mean."""
+
+    q: Array
+    finding: Finding
+
+
+def _spread(x: Array) -> float:
+    """Median distance of rows (n, m) from their middle: one wrong row does not move it."""
+    x = x[np.isfinite(x).all(axis=1)]
+    return float(np.median(np.linalg.norm(x - np.median(x, axis=0), axis=1)))
+
+
+def _unit_of(log: _Log) -> Finding | None:
+    """Positions that extend over a multiple of what they should, if that is a unit's."""
+    ratio = log.size / max(_spread(log.predicted), 1e-300)
+    name = unit_of_ratio(ratio)
+    if USUAL_SIZE[0] < ratio < USUAL_SIZE[1] or not (name or ratio > PIXELS_RATIO):
+        return None
+    other = "for pixels give `unit='px'`, for another unit its name"
+    return Finding(
+        "unit",
+        f"the positions extend over {ratio:.4g} times what the robot's links allow for these joint "
+        "values, if they are in m",
+        f"if they are in {name}, give `unit={name!r}`" if name else other,
+        "unit",
+        "m",
+    )
+
+
+def _degrees(log: _Log, revolute: Sequence[bool]) -> Iterator[_Reading]:
+    turning = np.asarray(revolute)
+    for factor, other, hint in (
+        (np.pi / 180, "degrees", "give `degrees=True`"),
+        (180 / np.pi, "radians read as degrees", "leave out `degrees`"),
+    ):
+        q = np.where(turning, log.q * factor, log.q)
+        words = f"the log's joint values look like {other}"
+        yield _Reading(q, Finding("degrees", words, hint, "degrees", factor > 1))
+
+
+def _orders(log: _Log, names: Sequence[str]) -> Iterator[_Reading]:
+    """Columns of joints in another order: with two exchanged, or in any where nothing fits."""
+    dof = log.q.shape[1]
+    any_order = log.own > GOOD * log.size and dof <= MOST_ORDERED
+    for order in itertools.permutations(range(dof)) if any_order else _exchanges(dof):
+        if list(order) == list(range(dof)):
+            continue
+        pairs = {names[k]: names[j] for k, j in enumerate(order) if k != j}
+        yield _Reading(
+            log.q[:, list(order)],
+            Finding(
+                "exchanged",
+                "the log fits the robot only if columns of joints are exchanged",
+                f"give `columns={pairs}`, or correct the header",
+                "columns",
+                list(pairs),
+            ),
+        )
+
+
+def _exchanges(dof: int) -> Iterator[tuple[int, ...]]:
+    for j, k in itertools.combinations(range(dof), 2):
+        order = list(range(dof))
+        order[j], order[k] = k, j
+        yield tuple(order)
+
+
+def _signs(log: _Log, names: Sequence[str], count: int) -> Iterator[_Reading]:
+    """So many joints that count the other way; all of them turned are a mirror.
+
+    A planar arm's signs may be learned, so that they are no mistake.
+    """
+    joints = range(log.q.shape[1])
+    for some in itertools.combinations(joints, count):
+        if len(some) == len(joints):
+            continue
+        ones = [names[k] for k in some]
+        sign = np.where(np.isin(joints, some), -1.0, 1.0)
+        planar = log.predicted.shape[1] == 2
+        finding = Finding(
+            "reversed",
+            f"the log fits the robot only if {' and '.join(ones)} counts the other way",
+            "" if planar else "its encoder or servo is reversed: change the sign of its column",
+            "joints",
+            ones,
+            mistake=not planar,
+        )
+        yield _Reading(sign * log.q, finding)
+
+
+def _poses(log: _Log, pose: PosePredict, turns: Array) -> Finding | None:
+    """Orientations that do not turn as the joints do, and the reading of them that does."""
+    place, nominal = pose(log.q)
+    known = np.isfinite(place).all(axis=1) & np.isfinite(nominal).all(axis=1)
+    if known.sum() < FEWEST_ROWS:
+        return None
+    place, nominal = place[known], matrix_of(nominal[known])
+    x, turns = log.x[known], turns[known]
+    seen = matrix_of(turns)
+
+    def away(x: Array, seen: Array) -> tuple[float, float]:
+        """Median distance and angle [rad] that the best frames leave of x and seen."""
+        frame, shift, scale = similarity(*_agreeing(place, x))
+        y = nearest_rotation((np.swapaxes(nominal, 1, 2) @ frame.T @ seen).sum(axis=0))
+        angle = logarithm(seen @ np.swapaxes(frame @ nominal @ y, 1, 2))
+        far = x - scale * place @ frame.T - shift
+        return tuple(float(np.median(np.linalg.norm(v, axis=1))) for v in (far, angle))  # type: ignore[return-value]
+
+    far, own = away(x, seen)
+    if own < TURNED:
+        return None
+    back = np.swapaxes(seen, 1, 2)
+    inverse_far, inverse = away(-(back @ x[:, :, None])[:, :, 0], back)
+    if inverse < FAR_BETTER * own and inverse_far < FAR_BETTER * far:
+        return Finding(
+            "inverted",
+            "the poses are inverted: they are those of the sensor in the tool's frame",
+            "write the tool's pose in the sensor's frame: -R'x and the conjugate quaternion",
+            "columns",
+        )
+    if away(x, matrix_of(turns[:, [1, 2, 3, 0]]))[1] < FAR_BETTER * own:
+        order = "{'qx': 'qy', 'qy': 'qz', 'qz': 'qw', 'qw': 'qx'}"
+        words = "qx, qy, qz, qw are in the order w, x, y, z"
+        return Finding("turns", words, f"give `columns={order}`", "columns", ["qx"])
+    if away(x, back)[1] < FAR_BETTER * own:
+        return Finding(
+            "inverted",
+            "the orientations are inverted: of the sensor in the tool's frame, not of the tool",
+            "conjugate the quaternions: change the signs of qx, qy and qz",
+            "columns",
+        )
+    return None
+
+
+def _agreeing(a: Array, b: Array) -> tuple[Array, Array]:
+    """Rows of both that one similarity brings together, without those that contradict most."""
+    away = np.linalg.norm(b - aligned(a, b), axis=1)
+    kept = away <= 3.0 * np.median(away) + 1e-300
+    return a[kept], b[kept]

@@ -1,0 +1,79 @@
+"""Numbers that were chosen for reading and judging logs, each with the case that chose it."""
+
+from __future__ import annotations
+
+DIAGNOSED_ROWS = 400
+"""Rows that a diagnosis looks at: 720 orders of six joints take a second."""
+
+FEWEST_ROWS = 8
+"""Rows below which a similarity in space explains nearly anything."""
+
+FAR_BETTER = 0.2
+"""Another reading of a log is told where its misfit is below this share of the log's own.
+
+Arms with links off by a tenth and offsets by 8 deg stay above it, exchanged columns below .1."""
+
+GOOD = 0.1
+"""Share of the extent below which kinematics are right but for two exchanged columns at most."""
+
+SMALL = 0.005
+"""Share of the extent below which nothing is doubted: a reversed wrist leaves 2 %, a drawing is
+right to .2 %."""
+
+MOST_ORDERED = 6
+"""Joints whose 720 orders are tried."""
+
+PATH = 0.1
+"""Median step of the joints over their spread, above which rows are no motion."""
+
+USUAL_SIZE = (0.5, 2.0)
+"""An extent this many times the nominal one needs no word: lengths were typed wrong by less."""
+
+SAME_UNIT = 0.05
+"""By how much a ratio may differ from that of two units: 900 is no millimetre."""
+
+PIXELS_RATIO = 5.0
+"""A ratio above, of no unit of length, is that of pixels most likely."""
+
+TURNED = 0.3
+"""Median turn [rad] beyond which orientations are not those of the joints."""
+
+OUT_OF_PLANE = 0.02
+"""Share of the extent by which positions of a planar arm may leave their plane (rms)."""
+
+GROSS, SPREAD, GROSS_SHARE = 10.0, 4.0, 1e-4
+"""A residual is gross beyond so many medians, so many times what seven rows in ten stay below, and
+this share of the extent: no row of 80 clean logs of 20 to 600 rows is."""
+
+AROUND = 15
+"""Neighbours that a suspect row is compared with."""
+
+NEAR = 2.5
+"""Times as far as usual that neighbours may be; in a corner of the range they are twice as far."""
+
+APART = 10.0
+"""Times their own scatter by which a row has to differ from its neighbours."""
+
+MOST_WRONG = 0.25
+"""Share of the rows that can be wrong; beyond it the fit is."""
+
+LEAST_CORNER = 8
+"""Rows from which on those that stand together, all off by the same, are told."""
+
+FITTED_ROWS, ROWS_PER_TERM, TERMS = 1500, 5, 243
+"""Rows that a robust fit of a rigid chain rests on, rows for each of its functions, and how many
+functions: those of five joints that turn."""
+
+LONGEST_PAUSE = 5.0
+"""Median steps of time between two rows beyond which they are not one motion."""
+
+CLEAR_DELAY, DELAY_SHARE = 5.0, 0.1
+"""A delay is corrected beyond so many standard deviations, if it explains this share of the squared
+residuals: real series of poses at rest stay below .02, a clock that is 1 ms late at 1 rad/s of a
+UR5 measured to .1 mm explains .9."""
+
+DOUBTED_DELAY = 3.0
+"""Standard deviations from which on a delay that is not clear is told."""
+
+DELAY_BLOCKS, DELAY_NU = 20, 4.0
+"""Blocks of neighbouring rows that vary on their own, and degrees of freedom of the noise."""

@@ -1,0 +1,211 @@
+"""Wrong rows of a log: single ones that contradict their neighbours, and corners that contradict.
+
+One policy for whoever learns from a log or compares it: `placeholders` when it is read, `screen`
+before anything is fitted, `contradictions` with what a fit or a model predicts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import reduce
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..common.arrays import Array, Mask
+from ..common.robust import robust_solve
+from ..common.scale import Scale
+from ..common.wording import for_people
+from .diagnosis import aligned
+from .samples import Samples
+from .settings import (
+    APART,
+    AROUND,
+    FITTED_ROWS,
+    GROSS,
+    GROSS_SHARE,
+    LEAST_CORNER,
+    MOST_WRONG,
+    NEAR,
+    ROWS_PER_TERM,
+    SPREAD,
+    TERMS,
+)
+
+_Rows = NDArray[np.intp]
+_CHUNK = 50_000  # rows whose functions are held at once
+
+
+def placeholders(q: Array, x: Array) -> Mask:
+    """Find rows (n,) that hold zeros for a position although the joints are not at one place.
+
+    Sensors write them where they saw nothing.  A single row may be the origin of the sensor.
+    """
+    zero: Mask = np.asarray((x == 0.0).all(axis=1))
+    if zero.sum() < 2 or not np.ptp(q[zero], axis=0).any() or zero.all():
+        return np.zeros(len(x), dtype=bool)
+    return zero
+
+
+def screen(samples: Samples) -> tuple[Mask, list[str]]:
+    """Find the rows whose position is grossly wrong, before anything is fitted.
+
+    They are compared with a robust fit of all that a chain of rigid links can do; where the rows
+    are too few for that (45 of two joints, 135 of three), with the robot's nominal kinematics.
+
+    Returns kept : (n,), False for a gross outlier
+    Returns notes : what the user should be told
+    """
+    left = _rigid_residual(samples)
+    if left is None and samples.arm is not None:
+        left = samples.x - aligned(
+            samples.arm.forward(samples.q), samples.x, affine=samples.unit == "px"
+        )
+    return contradictions(samples, left) if left is not None else (_all(samples), [])
+
+
+def contradictions(samples: Samples, residual: Array) -> tuple[Mask, list[str]]:
+    """Find rows whose residual is gross, and far from those of the rows around them.
+
+    A misfit of the prediction, or a corner where the sensor is worse, concerns neighbours alike.
+    A row that has no neighbours contradicts none.
+
+    residual : (n, m), measured less predicted positions, NaN where nothing is predicted
+    Returns kept : (n,), False for a row to leave out; all are kept if these were over a quarter
+    Returns notes : how many were left out, and which come first
+    """
+    kept = _all(samples)
+    size = np.nan_to_num(np.linalg.norm(residual, axis=1))
+    limit = _limit(size, samples.x)
+    suspects = np.flatnonzero(size > limit)
+    suspects, near = _neighbours(samples, suspects)
+    if not len(suspects):
+        return kept, []
+    others = residual[near]
+    # a row is no neighbour of its own, wherever ties have put it
+    others[near == suspects[:, None]] = np.nan
+    middle = np.nanmedian(others, axis=1)
+    scatter = np.nanmedian(np.linalg.norm(others - middle[:, None], axis=2), axis=1)
+    away = np.linalg.norm(residual[suspects] - middle, axis=1)
+    wrong = suspects[away > np.maximum(limit, APART * scatter)]
+    if not 0 < len(wrong) <= MOST_WRONG * len(size):
+        return kept, []
+    kept[wrong] = False
+    one = len(wrong) == 1
+    count = "1 row of" if one else f"{len(wrong):,} of"
+    verb = "contradicts its neighbours and is" if one else "contradict their neighbours and are"
+    return kept, [
+        f"{count} {len(kept):,} rows {verb} left out, of learning and of the errors: "
+        f"{row_numbers(samples, wrong)}"
+    ]
+
+
+def contradicting_corner(samples: Samples, residual: Array) -> str:
+    """Say that rows which stand together are all off by the same; empty where none are.
+
+    residual : (n, m), measured less predicted positions; the prediction is one that few rows do
+        not move, such as a fit with Student noise
+    """
+    size = np.nan_to_num(np.linalg.norm(residual, axis=1))
+    limit = _limit(size, samples.x)
+    suspects = np.flatnonzero(size > limit)
+    if not LEAST_CORNER <= len(suspects) <= MOST_WRONG * len(size):
+        return ""
+    shift = np.median(residual[suspects], axis=0)
+    alike = np.linalg.norm(residual[suspects] - shift, axis=1) < 0.5 * np.linalg.norm(shift)
+    together = suspects[alike]
+    if len(together) < max(LEAST_CORNER, 0.5 * len(suspects)):
+        return ""
+    low, high = np.quantile(samples.q[together], (0.02, 0.98), axis=0)
+    inside = ((samples.q >= low) & (samples.q <= high)).all(axis=1)
+    if inside.mean() > 0.5 or np.isin(np.flatnonzero(inside), together).mean() < 0.5:
+        return ""  # they are all over the range
+    factor, unit = for_people(samples.unit)
+    where = ", ".join(
+        f"{name} {a:.3g}..{b:.3g} {'rad' if turns else 'm'}"
+        for name, turns, a, b in zip(samples.joint_names, samples.revolute, low, high, strict=True)
+    )
+    return (
+        f"a corner contradicts the rest: {len(together):,} of {len(size):,} rows ({where}) are off "
+        f"by {factor * np.linalg.norm(shift):.3g} {unit}, all the same way; was the sensor or the "
+        f"arm disturbed there? measure these again or leave them out: "
+        f"{row_numbers(samples, together)}"
+    )
+
+
+def row_numbers(samples: Samples, rows: _Rows | Mask, most: int = 5) -> str:
+    """Name the first of some rows by their numbers in the log's file, counted below its header."""
+    rows = np.arange(len(samples))[rows]
+    numbers = rows + 1 if samples.rows is None else samples.rows[rows]
+    return rows_in_words(numbers, most)
+
+
+def rows_in_words(numbers: Sequence[int] | _Rows, most: int = 5) -> str:
+    """Name the first of some numbers of rows.
+
+    Examples
+    --------
+    >>> rows_in_words([7]), rows_in_words([1, 2, 9], most=2)
+    ('row 7', 'rows 1, 2, ...')
+    """
+    if len(numbers) == 1:
+        return f"row {numbers[0]}"
+    return f"rows {', '.join(map(str, numbers[:most]))}{', ...' if len(numbers) > most else ''}"
+
+
+def _all(samples: Samples) -> Mask:
+    return np.ones(len(samples), dtype=bool)
+
+
+def _limit(size: Array, x: Array) -> float:
+    """Distance beyond which a residual is gross, by the standard of all rows (n,)."""
+    low, high = np.quantile(x, (0.05, 0.95), axis=0)
+    return max(
+        GROSS * float(np.median(size)),
+        SPREAD * float(np.quantile(size, 0.7)),
+        GROSS_SHARE * float(np.linalg.norm(high - low)),
+    )
+
+
+def _neighbours(samples: Samples, rows: _Rows) -> tuple[_Rows, _Rows]:
+    """Those of some rows whose neighbours are as close as usual, and these neighbours."""
+    from scipy.spatial import cKDTree
+
+    if not len(rows):
+        return rows, np.empty((0, 0), dtype=np.intp)
+    scale = Scale.of_range(samples.lower, samples.upper, samples.revolute)
+    u = scale.to_unit(samples.q)
+    around = min(AROUND, len(u) - 1)
+    tree = cKDTree(u, boxsize=scale.periodic.astype(float) if scale.periodic.any() else None)
+    some = np.linspace(0, len(u) - 1, min(len(u), FITTED_ROWS)).astype(np.intp)
+    usual = float(np.median(tree.query(u[some], k=[around + 1])[0]))
+    reach, near = tree.query(u[rows], k=np.arange(1, around + 2))
+    close = np.asarray(reach)[:, -1] <= NEAR * usual
+    return rows[close], np.asarray(near, dtype=np.intp)[close]
+
+
+def _rigid_residual(samples: Samples) -> Array | None:
+    """What a robust fit of a rigid chain's functions leaves of positions; None for too few rows.
+
+    A chain's positions are linear in the products of 1, cos and sin of its joints.
+    """
+    q, n = samples.q, len(samples)
+    terms = 3 ** sum(samples.revolute) * 2 ** (samples.dof - sum(samples.revolute))
+    rows = np.arange(n)
+    if n > FITTED_ROWS:
+        rows = np.sort(np.random.default_rng(0).choice(n, FITTED_ROWS, replace=False))
+    if ROWS_PER_TERM * terms > len(rows) or terms > TERMS:
+        return None
+
+    def features(q: Array) -> Array:
+        parts = [
+            np.stack([v**0, np.cos(v), np.sin(v)] if turns else [v**0, v], axis=1)
+            for v, turns in zip(q.T, samples.revolute, strict=True)
+        ]
+        return reduce(lambda a, b: (a[:, :, None] * b[:, None]).reshape(len(q), -1), parts)
+
+    coefficients = robust_solve(features(q[rows]), samples.x[rows])
+    edges = [*range(0, n, _CHUNK), n]
+    fitted = [features(q[a:b]) @ coefficients for a, b in pairwise(edges)]
+    return np.asarray(samples.x - np.concatenate(fitted))

@@ -1,0 +1,150 @@
+"""Maps: both lattices, their links and their labels as points, lines and words of the scene."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...common.arrays import Array
+from ...common.wording import for_people
+from ...model.model import Model
+from ..error_scale import ErrorScale, colours
+from ..workspace import drawn_edges, extent, node_errors
+from .canvas import Canvas, packed
+from .placement import Placement
+
+LINK, _FRAME = "#2f9e44", "#8b97a3"
+_LINKS, _FEWEST, _MOST = 120_000, 6, 24  # in all, and of one node
+_OFF = 0.05  # of the panel's side, from its edge to the words
+
+
+@dataclass(frozen=True, eq=False)
+class Panel:
+    """The box beside the workspace in which the joints' ranges are drawn."""
+
+    corner: Array  # (3,), where every joint is at the lower end of its range
+    edges: Array  # (k, 3), where the first two or three joints lead, over their whole range
+
+    @staticmethod
+    def beside(frame: Array, points: Array, size: float, dof: int) -> Panel:
+        """A panel of side `size` at the right of points (n, 3), in a plane of `frame` (3, 3)."""
+        seen = points @ frame.T
+        low, high = seen.min(axis=0), seen.max(axis=0)
+        middle = (low[1] + high[1] - size) / 2
+        corner = np.array([high[0] + 0.22 * size, middle, np.median(seen[:, 2])])
+        return Panel(corner @ frame, size * frame[: min(dof, 3)])
+
+    def lift(self, u: Array) -> Array:
+        """Points (n, 3) of the scene for joints (n, dof) in their unit box."""
+        return np.asarray(self.corner + np.asarray(u)[:, : len(self.edges)] @ self.edges)
+
+    def outline(self) -> tuple[Array, NDArray[np.intp]]:
+        """Corners (n, 3) and pairs of them (m, 2) that the box is drawn with."""
+        corners = np.array(list(np.ndindex(*(2,) * len(self.edges))), dtype=float)
+        i, j = np.triu_indices(len(corners), 1)
+        near = np.abs(corners[i] - corners[j]).sum(axis=1) == 1
+        return self.lift(corners), np.stack([i[near], j[near]], axis=1)
+
+
+def draw_maps(
+    canvas: Canvas, model: Model, placement: Placement, panel: Panel, scale: ErrorScale, size: float
+) -> None:
+    """Draw both maps, coloured by their errors, in a scene of this size.
+
+    The sensory map is where the tip is, the motor map in its panel.
+    """
+    few = "over the joints' ranges" if len(model.about.joint_names) < 4 else "over three joints"
+    places = placement.lift(model.sensory.weights), panel.lift(model.motor.units)
+    dot = 0.12 if len(model.axes) == 3 else 0.5
+    for name, part, points, errors, text in zip(
+        ("Sensory map", "Motor map"),
+        (model.sensory, model.motor),
+        places,
+        node_errors(model)[::-1],
+        ("where they stand", few),
+        strict=True,
+    ):
+        tint, shape = colours(scale.share(errors)), part.lattice.shape
+        edges = drawn_edges(part)
+        if len(shape) == 3:  # all edges would hide the arm, and each other
+            place = np.indices(shape).reshape(3, -1).T
+            middle = place == np.array(shape) // 2
+            edges = edges[(middle[edges[:, 0]] & middle[edges[:, 1]]).any(axis=1)]
+            text += ", edges of the middle sheets"
+        canvas.layer(name, "scale", f"{'x'.join(map(str, shape))} nodes {text}")
+        canvas.add(f"{name}/lattice", "lines", tint, points, edges)
+        apart = np.median(np.linalg.norm(np.diff(points[edges], axis=1)[:, 0], axis=1))
+        width = dot * max(float(apart), 0.003 * size)
+        canvas.add(f"{name}/nodes", "points", tint, points, size=width)
+    canvas.add("Motor map/range", "lines", _FRAME, *panel.outline())
+
+
+def packed_links(model: Model) -> dict[str, Any]:
+    """Strongest motor partners of each sensory node, and their strengths, for the page.
+
+    Returns "each", how many of each node, "short", whether nodes are numbers of 16 bits,
+    "partners", the strongest first, the largest number where there are fewer, and "strength",
+    255 for the strongest.
+    """
+    links = model.links.T.tocsr()
+    width = min(_MOST, max(_FEWEST, _LINKS // links.shape[0]))
+    rows = np.repeat(np.arange(links.shape[0]), np.diff(links.indptr))
+    # sorted within each row by strength; `rank` counts from the row's start
+    order = np.lexsort((-links.data, rows))
+    rank = np.arange(len(rows)) - links.indptr[rows]
+    keep = rank < width
+    partners = np.full((links.shape[0], width), -1, dtype=np.int64)
+    strength = np.zeros((links.shape[0], width))
+    partners[rows[keep], rank[keep]] = links.indices[order][keep]
+    strength[rows[keep], rank[keep]] = links.data[order][keep]
+    share = strength / np.maximum(strength[:, :1], 1e-300)
+    kind = np.uint16 if model.motor.size < 1 << 16 else np.uint32
+    return {
+        "each": width,
+        "short": kind is np.uint16,
+        "partners": packed(partners.astype(kind), kind),
+        "strength": packed(np.round(255 * share), np.uint8),
+    }
+
+
+def telling_node(model: Model, among: NDArray[np.intp]) -> int:
+    """Sensory node of some whose partners are the farthest apart: it shows every branch."""
+    links, units = model.links[:, among].T.tocsr(), model.motor.units
+    total = np.asarray(links.sum(axis=1)).ravel()
+    # a node without partners has no spread, and is not chosen
+    total = np.where(total > 0, total, np.inf)
+    # variance of the partners about their mean, E|u|^2 - |E u|^2
+    mean = (links @ units) / total[:, None]
+    spread = np.asarray(links @ (units**2)).sum(axis=1) / total - (mean**2).sum(axis=1)
+    return int(among[np.argmax(spread)])
+
+
+def labels(model: Model, placement: Placement, panel: Panel) -> Iterator[dict[str, Any]]:
+    """Yield the names of both maps and the ends of the joints' ranges.
+
+    Each has "layer" that it belongs to, "text", "at", its place in the scene, and "align", which
+    of its ends is there.
+    """
+    about, dim, up = model.about, len(panel.edges), placement.frame[1]
+    points = placement.lift(model.sensory.weights)
+    size = extent(model) * float(np.linalg.norm(placement.axes[1]))
+    highest = points[np.argmax(points @ up)] + _OFF * size * up
+    yield {"layer": "Sensory map", "text": "sensory map", "at": highest, "align": "middle"}
+    above = np.array([[0.5, 1.0 + 1.5 * _OFF, 0.0]])
+    found = [("motor map", above, "middle")]
+    for axis in range(dim):
+        factor, unit = for_people(about.units_of_joints[axis])
+        unit = "°" if unit == "deg" else f" {unit}"
+        ends = [f"{factor * v[axis]:.4g}{unit}" for v in (about.lower, about.upper)]
+        for share, text in ((0.0, ends[0]), (0.5, about.joint_names[axis]), (1.0, ends[1])):
+            at = np.array([[-_OFF, -_OFF, 0.0]])
+            if axis == 2:  # along the other side, where no other joint's words are
+                at[0, :2] = 1.0 + _OFF, 0.0
+            at[0, axis] = share
+            found.append((text, at, ("middle", "right", "left")[axis]))
+    for text, at, side in found:
+        yield {"layer": "Motor map", "text": text, "at": panel.lift(at)[0], "align": side}

@@ -1,0 +1,176 @@
+"""Drawing: figures whose ink follows the page, light, dark or on paper."""
+
+from __future__ import annotations
+
+import io
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ...common.arrays import Array
+from ...common.wording import for_people, printable
+from ...model.about import About
+from ..error_scale import STOPS, UNKNOWN, ErrorScale
+
+WIDE = 7.4  # inches, the page's column
+INK, FAINT = "#010203", "#020304"
+"""Stand for the page's own colours until a figure is written; figure.mplstyle has them too."""
+
+_PAPER = {INK: "#1d2730", FAINT: "#cfd6dc"}
+HUES: dict[str, tuple[str, Any]] = {
+    "local": ("#1c7ed6", "-"),
+    "body": ("#2f9e44", "-."),
+    "linear": ("#9c36b5", (0, (5, 1))),
+    "activity": ("#e8590c", "--"),
+    "winner": ("#7b8794", ":"),
+}
+"""Colours and dashes of the readouts."""
+HUE = HUES["local"][0]
+
+
+def settings(*, paper: bool = False) -> Any:
+    """Matplotlib's settings for the figures, to be used in a with statement.
+
+    With `paper` the ink is dark, else it is the page's own.
+    """
+    import matplotlib as mpl
+
+    file = Path(__file__).with_name("figure.mplstyle")
+    chosen: Any = dict(mpl.rc_params_from_file(file, use_default_template=False))
+    if paper:
+        chosen |= {k: _PAPER[v] for k, v in chosen.items() if isinstance(v, str) and v in _PAPER}
+    return mpl.rc_context(chosen)
+
+
+def plain_text(name: str) -> str:
+    r"""Return a name from a file as a figure shows it: never as a formula, on one line.
+
+    Examples
+    --------
+    >>> plain_text(r"$\foo$")
+    '\\$\\foo\\$'
+    """
+    return printable(name).replace("$", r"\$")
+
+
+def figure_unit(unit: str) -> tuple[float, str]:
+    """Return `for_people` for a figure, in which a name is no formula."""
+    factor, name = for_people(unit)
+    return factor, plain_text(name)
+
+
+def joint_axis(about: About, k: int) -> tuple[float, str]:
+    """Factor from a joint's SI unit to the one that figures show, and the axis' label."""
+    factor, unit = for_people(about.units_of_joints[k])
+    return factor, f"{plain_text(about.joint_names[k])} [{unit}]"
+
+
+def panels(rows: int, columns: int, height: float, **options: Any) -> tuple[Any, Any]:
+    """Return a figure of this height [inch], apart from any window system, and its axes."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(WIDE, height), layout="constrained")
+    FigureCanvasAgg(figure)
+    return figure, figure.subplots(rows, columns, squeeze=False, **options)
+
+
+def colour_map(unknown: str = "none") -> Any:
+    """Colours of errors, those of the preview, and one for what is not known."""
+    from matplotlib.colors import LinearSegmentedColormap
+
+    return LinearSegmentedColormap.from_list("calib", list(STOPS)).with_extremes(bad=unknown)
+
+
+def colour_bar(figure: Any, image: Any, axes: Any, label: str) -> Any:
+    """Add a bar that tells what the colours mean."""
+    bar = figure.colorbar(image, ax=list(np.ravel(axes)), shrink=0.9, pad=0.01, aspect=24)
+    bar.set_label(label)
+    bar.outline.set_visible(False)
+    return bar
+
+
+def error_bar(figure: Any, image: Any, axes: Any, scale: ErrorScale, label: str) -> None:
+    """Add a bar with the ticks of a scale of errors."""
+    places, words = zip(*scale.ticks(5), strict=True)
+    bar = colour_bar(figure, image, axes, f"{label}: {words[0]}" if scale.empty else label)
+    bar.set_ticks([] if scale.empty else list(places), labels=[] if scale.empty else list(words))
+
+
+def draw_lattice(
+    ax: Any, points: Array, edges: Any, errors: Array, scale: ErrorScale, **style: Any
+) -> Any:
+    """Draw edges (m, 2) between nodes (n, 2), coloured by the errors (n,) of their ends."""
+    from matplotlib.collections import LineCollection
+
+    lines = LineCollection(
+        list(points[edges]),
+        array=np.ma.masked_invalid(scale.share(errors)[edges].mean(axis=1)),
+        cmap=colour_map(unknown=UNKNOWN),
+        rasterized=True,  # ten thousand lines as vectors would make the page ten times as large
+        **style,
+    )
+    lines.set_clim(0.0, 1.0)
+    ax.add_collection(lines)
+    return lines
+
+
+def label_steps(axis: Any) -> None:
+    """Label 1, 2 and 5 of a logarithmic axis: less than a decade has no power of ten to tell."""
+    from matplotlib.ticker import LogLocator, NullFormatter
+
+    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axis.set_major_formatter("{x:g}")
+    axis.set_minor_formatter(NullFormatter())  # laying minor labels out takes half of the drawing
+
+
+def over_each_joint(about: About, joints: Sequence[int], label: str) -> tuple[Any, list[Any]]:
+    """A figure, and of some joints their numbers, factors for their unit and axes, three in a row.
+
+    label : of the vertical axes
+    """
+    rows = -(-len(joints) // 3)
+    figure, grid = panels(rows, 3, 0.4 + 1.7 * rows, sharey=True)
+    found = []
+    for k, ax in zip(joints, grid.flat, strict=False):
+        by, name = joint_axis(about, k)
+        ax.set(xlabel=name)
+        ax.grid(visible=True, axis="y")
+        found.append((k, by, ax))
+    for ax in grid.flat[len(joints) :]:
+        ax.set_visible(False)
+    for ax in grid[:, 0]:
+        ax.set_ylabel(label)
+    return figure, found
+
+
+def to_svg(figure: Any, name: str, words: str) -> str:
+    """Return a figure as SVG for a page; `words` say what it shows."""
+    buffer = io.StringIO()
+    # laid out here, since savefig draws a figure twice to lay it out
+    figure.get_layout_engine().execute(figure)
+    figure.set_layout_engine("none")
+    metadata = dict.fromkeys(("Date", "Creator", "Format", "Type"))
+    figure.savefig(buffer, format="svg", dpi=150, metadata=metadata)
+    svg = buffer.getvalue()
+    svg = svg[svg.index("<svg") :]
+    # the page's own colours, light or dark, which matplotlib cannot name
+    svg = svg.replace(INK, "currentColor").replace(FAINT, "var(--rule)")
+    # two equal images, such as colour bars, get one name, which nothing refers to
+    svg = re.sub(r'\bid="image[0-9a-f]+"', "", svg)
+    # several figures share one page: their names must not meet
+    svg = re.sub(r'\bid="', f'id="{name}-', svg)
+    svg = re.sub(r'(href="|url\()#', rf"\1#{name}-", svg)
+    # what matplotlib leaves of it names no source and no date, and is of no use in a page
+    svg = re.sub(r"<metadata>.*?</metadata>", "", svg, flags=re.DOTALL)
+    return svg.replace("<svg", f'<svg role="img" aria-label="{words}"', 1)
+
+
+def to_png(figure: Any) -> bytes:
+    """Return a figure, drawn with the ink of paper, as a PNG on white."""
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="png", dpi=144, facecolor="white", metadata={"Software": None})
+    return buffer.getvalue()

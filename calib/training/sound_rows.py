@@ -1,0 +1,176 @@
+"""Sound rows of a log: what a first fit shows to be wrong with it is mended, and fitted again."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from ..common.arrays import Array
+from ..common.scale import Scale
+from ..model.model import Model
+from ..samples.delays import Delay, Trajectory, estimate_delay
+from ..samples.diagnosis import aligned, rows_behind
+from ..samples.samples import Samples
+from ..samples.settings import FEWEST_ROWS
+from ..samples.wrong_rows import contradicting_corner, contradictions
+from .smooth import SmoothPart
+
+_Fit = Callable[[Samples], SmoothPart]
+_ROUNDS = 3  # fits after which a delay is as sure as it gets
+_STEPS = 8  # of a delay and the parameters beside it, from one fit
+_ROWS = 4_000  # neighbouring rows that a delay rests on
+
+
+def fit_sound_rows(
+    samples: Samples, scale: Scale, fit: _Fit
+) -> tuple[Samples, SmoothPart, list[str]]:
+    """Fit samples; of a log without its delay and without the rows that contradict the others.
+
+    fit : finds the smooth part of samples; called again where something was mended
+    Returns the samples that are learned from, their smooth part and notes.
+    """
+    if samples.simulation is not None:
+        return samples, fit(samples), []
+    samples, notes = _rows_aligned(samples)
+    part = fit(samples)
+    if part.candidate is None:
+        return samples, part, notes
+    samples, part, told = _without_delay(samples, part, fit)
+    notes += told
+    residual = samples.x - part.candidate.smooth.value(scale.to_unit(samples.q))
+    kept, told = contradictions(samples, residual)
+    notes += told
+    if not kept.all():
+        samples = samples.take(kept)
+        part = fit(samples)
+        residual = samples.x - part.candidate.smooth.value(scale.to_unit(samples.q))
+    corner = contradicting_corner(samples, residual)
+    return samples, part, [*notes, corner] if corner else notes
+
+
+def sound_log(model: Model, samples: Samples) -> tuple[Samples, list[str]]:
+    """A log that a model is compared with, without its delay and the rows that contradict others.
+
+    samples : in the model's unit; the arm or its sensor may have changed
+    Returns the samples, their joints in the model's order, and notes.
+    """
+    samples = replace(
+        samples,
+        q=model.about.joints_of(samples),
+        joint_names=model.about.joint_names,
+        lower=model.about.lower,
+        upper=model.about.upper,
+        revolute=model.about.revolute,
+    )
+    notes: list[str] = []
+    motion = Trajectory.of(samples) if model.body is not None else None
+    if motion is not None:
+        delay = _delay(samples, motion, model.body, 0.0, fresh=False)
+        if delay is not None and delay.clear:
+            q = motion.before(delay.value)
+            known = np.asarray(np.isfinite(q).all(axis=1))
+            samples = replace(samples.take(known), q=q[known])
+        if delay is not None and delay.note():
+            notes.append(delay.note())
+    predicted = model.forward(samples.q)
+    known = np.asarray(np.isfinite(predicted).all(axis=1))
+    residual = np.where(known[:, None], samples.x - predicted, np.nan)
+    if known.sum() >= FEWEST_ROWS:
+        # a sensor that was moved is no reason to leave rows out
+        moved = residual.copy()
+        moved[known] = samples.x[known] - aligned(
+            predicted[known], samples.x[known], affine=samples.unit == "px"
+        )
+        far, near = (np.nanmedian(np.linalg.norm(r, axis=1)) for r in (residual, moved))
+        residual = moved if near < 0.5 * far else residual
+        kept, told = contradictions(samples, residual)
+        samples, notes = samples.take(kept), notes + told
+    return samples, notes
+
+
+def _rows_aligned(samples: Samples) -> tuple[Samples, list[str]]:
+    """The log with its positions moved by whole rows, where the robot says that they have to be."""
+    if samples.arm is None:
+        return samples, []
+    shift = rows_behind(samples.arm.forward, samples.q, samples.x, samples.unit)
+    if not shift:
+        return samples, []
+    n = len(samples)
+    rows = np.arange(max(shift, 0), n + min(shift, 0))
+    moved = replace(samples.take(rows), q=samples.q[rows - shift])
+    return moved, [f"positions are moved by {-shift:+d} rows to those of their joints"]
+
+
+def _without_delay(
+    samples: Samples, part: SmoothPart, fit: _Fit
+) -> tuple[Samples, SmoothPart, list[str]]:
+    """The log with its joints at the times of its positions, where a delay is clear."""
+    motion = Trajectory.of(samples)
+    if motion is None:
+        return samples, part, []
+    delay, moved, now = None, samples, part
+    for _ in range(_ROUNDS):
+        if now.fit is None:
+            break
+        start = 0.0 if delay is None else delay.value
+        found = _delay(samples, motion, now.fit.body, start, fresh=delay is None)
+        if found is None:
+            break
+        if delay is None and not found.clear:
+            return samples, part, [found.note()] if found.note() else []
+        settled = delay is not None and abs(found.value - delay.value) < found.sd
+        delay = found if delay is None else replace(found, share=delay.share)
+        if settled:
+            break
+        q = motion.before(delay.value)
+        known = np.asarray(np.isfinite(q).all(axis=1))
+        moved = replace(samples.take(known), q=q[known])
+        now = fit(moved)
+    return moved, now, [delay.note()] if delay is not None else []
+
+
+def _delay(
+    samples: Samples, motion: Trajectory, body: Any, start: float, *, fresh: bool
+) -> Delay | None:
+    """Estimate a delay from `start` on, together with the chain and its frame.
+
+    fresh : whether the body was fitted to these rows as they are: then its curves may have followed
+        the delay along a path, and are left out
+    """
+    structure, total, share = body.structure, start, 0.0
+    if structure.outputs != samples.x.shape[1]:
+        return None
+    members = dict(structure.members())
+    prior = structure.prior(members.get("chain", structure.members()[0][1]))
+    active, beta = prior.active, body.beta.copy()
+    if fresh:
+        beta[np.setdiff1d(np.arange(len(beta)), active)] = 0.0
+        fixed = prior.sd == 0
+        beta[fixed] = prior.mean[fixed]
+    middle = len(motion.time) // 2
+    some = slice(max(0, middle - _ROWS // 2), middle + _ROWS // 2)
+    for _ in range(_STEPS):
+        q = motion.before(total)[some]
+        known = np.asarray(np.isfinite(q).all(axis=1))
+        if known.sum() < len(known) // 2:
+            return None
+        q, x = q[known], samples.x[some][known]
+        seen, slope = structure.predict_and_slope(q, beta)
+        columns = structure.linearise(q, beta, active)[1]
+        part = Trajectory(motion.time[some][known], q, motion.unit)
+        residual = structure.residual(x, seen)
+        pull = (prior.mean - beta)[active]
+        found = estimate_delay(part, residual, slope, columns, prior.sd[active] ** -2.0, pull)
+        if found is None:
+            return None
+        step, change = found
+        share = share or step.share
+        full: Array = np.zeros(len(beta))
+        full[active] = change
+        beta, total = structure.retract(beta, full), total + step.value
+        if abs(step.value) < 0.05 * step.sd:
+            break
+    return Delay(total, step.sd, step.unit, share)

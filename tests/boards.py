@@ -1,0 +1,95 @@
+"""Arms that see a board, or hold one before a camera, whose truth is known."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+import calib
+from calib.arm.rotations import exponential, logarithm
+from calib.body.corners import Corners
+from calib.body.spatial import structure_of
+
+BOARD = np.array([[0.024 * i, 0.024 * j, 0.0] for j in range(1, 5) for i in range(1, 7)])
+"""Inner corners of a board of 7x5 squares of 24 mm [m]."""
+
+
+@dataclass
+class Rig:
+    """A six-joint arm off by up to .2 deg and .3 mm; a camera in its hand, or before its board."""
+
+    in_hand: bool
+    seed: int = 0
+    pictures: int = 24
+    noise: float = 0.1  # of a corner [px]
+    known: bool = True  # whether the lens is known
+
+    def __post_init__(self) -> None:
+        rng = np.random.default_rng(self.seed)
+        self.arm = arm = calib.load_arm("six_axis")
+        lens = (1000.0 + 60 * rng.standard_normal(), 645.0, 352.0, -0.08)
+        self.lens = lens
+        guess = (
+            (lens, (0.0,) * 4) if self.known else ((1100.0, 640.0, 360.0, 0.0), (400, 60, 60, 0.3))
+        )
+        self.structure = s = structure_of(arm, "pose", lens=guess[0], lens_sd=guess[1])
+        self.beta = b = s.neutral()
+        b[s.groups["lens"]] = lens
+        off = np.radians(0.2)
+        b[s.groups["offset"][1:-1]] = rng.uniform(-off, off, arm.dof - 2)
+        b[s.shifts] = rng.uniform(-3e-4, 3e-4, s.shifts.shape)
+        b[s.groups["tool"]] = (0.03, -0.05, 0.04) + 0.01 * rng.standard_normal(3)
+        b[s.groups["tool.rotation"]] = 0.15 * rng.standard_normal(3)
+        lower, upper = np.maximum(arm.lower, -3), np.minimum(arm.upper, 3)
+        self._place(rng, lower + rng.uniform(0.35, 0.65, (1, arm.dof)) * (upper - lower))
+        reading = Corners(s.measurement, self.in_hand, b)
+        self.truth = s.with_view("board", unit="px", reading=reading)
+        self.q = self._poses(rng, lower, upper)
+        self.rows = np.repeat(np.arange(len(self.q)), len(BOARD))
+        self.corners = np.tile(BOARD, (len(self.q), 1))
+        exact = self.truth.predict(np.column_stack([self.q[self.rows], self.corners]), b)
+        self.seen = exact + self.noise * rng.standard_normal(exact.shape)
+        self.poses = s.predict(self.q, b) + rng.normal(
+            0, (2e-3,) * 3 + (1e-2,) * 3, (len(self.q), 6)
+        )
+
+    def _place(self, rng, q) -> None:
+        """Put what stands still where what is in the hand sees it."""
+        s, b, middle = self.structure, self.beta, BOARD.mean(axis=0)
+        (p,), (hand,) = s.with_view("base").pose(q, b)
+        facing = hand @ np.diag([1.0, -1, -1]) @ exponential(0.1 * rng.standard_normal(3))
+        if self.in_hand:
+            there = p + 0.3 * hand[:, 2] - facing @ middle
+        else:
+            there = p + hand @ middle - 0.6 * facing[:, 2]
+        b[s.groups["view.rotation"]] = logarithm(facing.T[None])[0]
+        b[s.groups["view.shift"]] = -facing.T @ there
+        self.base = there, facing
+
+    def _poses(self, rng, lower, upper):
+        found, middle = [], BOARD.mean(axis=0)
+        while len(found) < self.pictures:
+            q = rng.uniform(lower, upper, (4000, self.arm.dof))
+            z = self.structure.predict(q, self.beta)
+            turn = exponential(z[:, 3:])
+            if self.in_hand:
+                depth = np.einsum("nj,nj->n", turn[:, :, 2], middle - z[:, :3])
+            else:
+                depth = (turn @ middle + z[:, :3])[:, 2]
+            u, v = self.truth.predict(
+                np.column_stack([q, np.tile(middle, (len(q), 1))]), self.beta
+            ).T
+            near = (depth > 0.2) & (depth < (0.6 if self.in_hand else 1.0))
+            ok = near & (abs(u - 640) < 430) & (abs(v - 360) < 220) & (abs(turn[:, 2, 2]) > 0.7)
+            found += list(q[ok])
+        return np.array(found[: self.pictures])
+
+    def hand(self, beta):
+        """Position and rotation of the camera or board in the tip's frame."""
+        s, q = self.structure.with_view("base"), np.zeros((1, self.arm.dof))
+        bare = beta.copy()
+        bare[s.groups["tool"]] = bare[s.groups["tool.rotation"]] = 0.0
+        (p,), (turn,) = s.pose(q, beta)
+        (p0,), (turn0,) = s.pose(q, bare)
+        return turn0.T @ (p - p0), turn0.T @ turn

@@ -1,0 +1,58 @@
+"""Corners of a board: the camera in the hand, the board in the hand, against a known truth."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from boards import Rig
+
+from calib.arm.rotations import logarithm
+from calib.body.corners import fit_corners
+from calib.body.sensor import SensorPose
+
+
+def fitted(rig):
+    return fit_corners(
+        rig.structure, rig.q, rig.poses, rig.rows, rig.corners, rig.seen, rig.in_hand
+    )
+
+
+@pytest.mark.parametrize("in_hand", [True, False])
+def test_pixels_are_differentiated_rightly(in_hand):
+    rig = Rig(in_hand, pictures=3)
+    rows = np.column_stack([rig.q[rig.rows], rig.corners])[::7]
+    active = np.flatnonzero(np.arange(rig.truth.size) < rig.truth.groups["curve.0"][0])
+    active = np.setdiff1d(active, rig.truth.groups["view.scale"])
+    _, slope = rig.truth.linearise(rows, rig.beta, active)
+    for k, index in enumerate(active):
+        step = np.zeros(rig.truth.size)
+        step[index] = 1e-6
+        ahead, back = (
+            rig.truth.predict(rows, rig.truth.retract(rig.beta, sign * step)) for sign in (1, -1)
+        )
+        assert np.allclose(slope[:, :, k], (ahead - back) / 2e-6, rtol=1e-5, atol=1e-3), index
+
+
+@pytest.mark.parametrize("known", [True, False])
+@pytest.mark.parametrize("in_hand", [True, False])
+def test_camera_and_board_are_found_with_an_arm_that_is_off(in_hand, known):
+    rig = Rig(in_hand, seed=3, known=known)
+    fit, body = fitted(rig)
+    (p, turn), (p0, turn0) = rig.hand(body.beta), rig.hand(rig.beta)
+    assert np.linalg.norm(p - p0) < (0.5e-3 if known else 1e-3)
+    assert np.linalg.norm(logarithm((turn.T @ turn0)[None])) < np.radians(0.08 if known else 0.15)
+    own = rig.structure.groups["tool"]
+    assert (abs(body.beta[own] - rig.beta[own]) < 2.5 * body.deviations[own]).all()
+    assert 1.96 * body.deviations[own].max() < 3e-3
+    assert fit.body.noise[0] == pytest.approx(rig.noise, rel=0.35)
+    sensor, (there, _) = SensorPose.of(body), rig.base
+    assert np.linalg.norm(sensor.position - there) < 3e-3
+
+
+def test_poses_are_predicted_by_the_belief_that_is_left():
+    rig = Rig(True, seed=1)
+    _, body = fitted(rig)
+    exact = rig.structure.predict(rig.q, rig.beta)
+    off = body.structure.residual(exact, body.predict(rig.q))
+    assert np.linalg.norm(off[:, :3], axis=1).mean() < 0.4e-3
+    assert np.linalg.norm(off[:, 3:], axis=1).mean() < np.radians(0.05)

@@ -1,0 +1,83 @@
+"""Logs that were answered wrongly without a word: repeatable errors, tools of one orientation."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import calib
+from calib.arm.rotations import logarithm, matrix_of, quaternion_of
+
+NOISE = 2e-5
+
+
+def log_of(arm, q, x, **options) -> calib.Samples:
+    return calib.Samples(
+        q, x, arm.joint_names, arm.lower, arm.upper, arm.revolute, arm=arm, unit="m", **options
+    )
+
+
+def covered(readings: int, waves: float, rng: np.random.Generator) -> tuple[float, float, float]:
+    """Share of true positions within `model_error`, and both bounds, of repeated readings."""
+    arm = calib.load_arm("two_link")
+
+    def true(q):
+        return arm.forward(q) + waves * np.sin(200.0 * q)
+
+    poses = rng.uniform(arm.lower, arm.upper, (240 // readings, 2))
+    q = np.repeat(poses, readings, axis=0)
+    model = calib.train(log_of(arm, q, true(q) + NOISE * rng.normal(size=q.shape)), size=5)
+    fresh = rng.uniform(arm.lower, arm.upper, (1000, 2))
+    off = np.linalg.norm(model.forward(fresh) - true(fresh), axis=1)
+    bounds = model.model_error(fresh), model.expected_error(fresh)
+    assert any("model_error" in line for line in model.body.describe())
+    return float((off <= bounds[0]).mean()), *(float(np.median(bound)) for bound in bounds)
+
+
+@pytest.mark.parametrize("readings", [1, 3])
+def test_an_error_that_repeats_is_the_models_not_the_sensors(readings):
+    share, _, _ = covered(readings, 1e-4, np.random.default_rng(0))
+    assert share > 0.9
+
+
+def test_repeated_poses_show_what_is_the_sensors():
+    rng = np.random.default_rng(0)
+    _, *alone = covered(1, 0.0, rng)
+    share, model, reading = covered(3, 0.0, rng)
+    assert share > 0.9
+    assert alone[0] > 0.9 * alone[1]
+    assert model < 0.7 * reading
+
+
+def one_orientation(arm, n: int, rng: np.random.Generator) -> np.ndarray:
+    """Joints (n, dof) of poses that differ in position alone, as in picking and placing."""
+    start = np.array([0.3, -1.2, 1.4, -1.0, -1.4, 0.2])
+    p, r = arm.chain.poses(start[None])
+    found = []
+    while len(found) < n:
+        target, q = p[0] + rng.uniform(-0.15, 0.15, 3), start.copy()
+        for _ in range(40):
+            at, turned = arm.chain.poses(q[None])
+            error = np.r_[target - at[0], logarithm(r @ np.swapaxes(turned, 1, 2))[0]]
+            jacobian = arm.chain.jacobian(q[None])[0]
+            q = q + np.linalg.lstsq(jacobian, error, rcond=1e-6)[0]
+        if np.abs(error).max() < 1e-9 and (q > arm.lower).all() and (q < arm.upper).all():
+            found.append(q)
+    return np.array(found)
+
+
+@pytest.mark.parametrize("oriented", [True, False])
+def test_a_tool_of_one_orientation_is_explained_at_its_own_rows(oriented):
+    arm, rng = calib.load_arm("six_axis"), np.random.default_rng(1)
+    q = one_orientation(arm, 60, rng)
+    position, quaternion = arm.pose(q)
+    turn = matrix_of(np.array([[0.1, 0.4, -0.2, 0.6]]))[0]
+    turned = matrix_of(quaternion)
+    tool = np.array([0.03, -0.05, 0.12])
+    x = (position + turned @ tool) @ turn.T + (0.4, -2.0, 1.0) + 1e-4 * rng.normal(size=(60, 3))
+    seen = quaternion_of(turn @ turned @ matrix_of(np.array([[0.2, 0.1, 0.7, 0.5]]))[0])
+    log = log_of(arm, q, x, orientation=seen if oriented else None)
+    body = calib.train(log, size=3).body
+    off = np.linalg.norm(body.predict(q)[:, :3] - x, axis=1)
+    assert off.mean() < 3e-4
+    assert (off <= body.bound(q)).mean() > 0.9
