@@ -19,9 +19,9 @@ from numpy.typing import NDArray
 from scipy.stats import qmc
 
 import calib
-from calib.body.basis import Basis
 from calib.body.fitting import fit_body
 from calib.common.scale import Scale
+from calib.maps.local_models import monomials
 from calib.samples.changes import parse_changes
 from calib.samples.simulation import Simulation
 from calib.use.pose_space import space_of
@@ -74,7 +74,7 @@ def d_optimal(arm: calib.PlanarArm, n: int, seed: int, degree: int = 4) -> Array
     """Greedy D-optimal design for polynomials of a degree, with one pass of exchanges."""
     space = space_of(arm)
     u = candidate_poses(space, np.random.default_rng(seed))[::2]
-    rows = Basis((0.0,) * arm.dof, degree).values(u)
+    rows = monomials(2.0 * u - 1.0, degree)
     inverse = np.eye(rows.shape[1]) * 1e6
     chosen: list[int] = []
 

@@ -7,6 +7,7 @@ import os
 import signal
 import subprocess
 import sys
+import tempfile
 from pathlib import Path
 
 import pytest
@@ -25,6 +26,8 @@ REPLACED = STEPS.index("replace") + 1
 """From this step on the new file is there."""
 
 
+OLD = Path(tempfile.mkdtemp()) / "old.calib"
+OLD.write_bytes(to_bytes(trained("two_link", 300, 5)))
 
 KILLED = f"""
 import os, signal, sys
