@@ -14,7 +14,7 @@ from .arm.arm import Arm
 from .arm.loading import load_arm
 from .common.choices import READOUTS
 from .common.parallel import keep_one_blas_thread, one_blas_thread
-from .common.wording import one_line, suggestion
+from .common.wording import INSTALL, one_line, suggestion
 from .errors import CalibError, OptionError
 from .samples.babbling import babble
 from .samples.samples import Samples
@@ -133,8 +133,8 @@ def sweep(
         if jobs == 1 or find_spec("joblib") is None:
             found = map(_trained, tasks)
             if jobs != 1:
-                notes = ("joblib is not installed: one training after the other; "
-                         "pip install 'calib-arm[sweep]'",)  # fmt: skip
+                told = f"joblib is not installed: one training after the other; {INSTALL}"
+                notes = (told.format("sweep"),)
         else:
             import joblib
 

@@ -7,15 +7,18 @@ __all__ = ["main"]
 
 def main() -> None:
     """Run the command line and end the process with its exit code."""
-    from . import process
+    import signal
+    import sys
 
-    process.prepare()
-    process.install()
+    from . import streams
+
+    streams.prepare()
+    # a polite kill ends as Ctrl-C does: what is half written is removed
+    signal.signal(signal.SIGTERM, lambda number, _: sys.exit(128 + number))
     try:
         from .app import app
 
         app(prog_name="calib")
-    except BaseException as error:
-        code = error.code if isinstance(error, SystemExit) else None
-        process.leave(code if isinstance(code, int) else None)
-        raise
+    except KeyboardInterrupt:  # while modules were imported
+        print("error: interrupted", file=sys.stderr)
+        sys.exit(128 + signal.SIGINT)

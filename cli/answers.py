@@ -1,6 +1,6 @@
-"""Answers to queries: printed for people, as a JSON document, or written as a table.
+"""Answers to queries: for people, as documents, or as a table in the columns that were asked.
 
-A table of queries is answered row by row in its own columns; it needs NumPy.
+It needs NumPy.
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from calib.common.wording import for_people
 from calib.samples.tables import Batch, write_table
 
-from .output import NO, Notes, TextTable, fixed, note, show, show_json
-from .units import JointFormat, meaning
+from .output import NO, Outcome, TextTable, fixed, note, say
+from .units import JointFormat, PositionFormat
 
 if TYPE_CHECKING:
     from calib import Model
@@ -23,14 +23,13 @@ if TYPE_CHECKING:
 BOUNDS = ("expected_error", "model_error")
 UP_TO_SCALE = "expected_error_up_to_scale"
 """Key and column of a bound in a camera's base frame that leaves out the arm's size."""
+LENGTHS = ("x", "y", "z", "distance", *BOUNDS, UP_TO_SCALE)
+"""Columns of answers that have the unit of the positions."""
 
 _TOLD = 10  # so many rows are named at most
 
-_Answer = dict[str, Any]
-"""Joints [rad or m] by name, "position" and further quantities, in SI or the sensor's unit."""
 
-
-def answers(joints: JointFormat, q: Any, **quantities: Any) -> list[_Answer]:
+def documents(joints: JointFormat, q: Any, **quantities: Any) -> list[dict[str, Any]]:
     """Return a document for each answer, of joints (n, dof) and quantities of n rows each."""
     rows = zip(q, *quantities.values(), strict=True)
     return [
@@ -40,29 +39,29 @@ def answers(joints: JointFormat, q: Any, **quantities: Any) -> list[_Answer]:
     ]
 
 
-def show_answers(
+def answer_table(
     joints: JointFormat,
-    found: Sequence[_Answer],
-    unit: str,
+    found: Sequence[Mapping[str, Any]],
+    positions: PositionFormat,
     axes: Sequence[str],
     quantities: Sequence[str],
     title: str = "",
-) -> None:
-    """Print answers, one line each; an angle is in deg, all else in the unit of the positions."""
+) -> TextTable:
+    """Return answers, one line each; an angle is in deg, all else in the unit of the positions."""
     # bounds and distances have the unit of the positions, but for the angle of a pose
-    by = {name: for_people("rad" if name == "turned" else unit) for name in quantities}
-    factor, printed = for_people(unit)
-    header = [*joints.header, *(f"{axis} [{printed}]" for axis in axes)]
+    lengths = (positions.factor, positions.shown)
+    by = {name: for_people("rad") if name == "turned" else lengths for name in quantities}
+    header = [*joints.header, *(f"{axis} [{positions.shown}]" for axis in axes)]
     header += [f"{name.replace('_', ' ')} [{shown}]" for name, (_, shown) in by.items()]
     rows = [
         [
             *joints.cells(list(answer["joints"].values())),
-            *(fixed(value * factor, 4) for value in answer["position"]),
+            *(fixed(value * positions.factor, 4) for value in answer["position"]),
             *(fixed(float(answer[name]) * size, 4) for name, (size, _) in by.items()),
         ]
         for answer in found
     ]
-    show(TextTable(header, rows, title, left=0))
+    return TextTable(header, rows, title, left=0)
 
 
 def bounds_shown(model: Model, frame: str) -> tuple[str, ...]:
@@ -70,51 +69,90 @@ def bounds_shown(model: Model, frame: str) -> tuple[str, ...]:
     return BOUNDS if model.about.source == "log" and frame == "sensor" else BOUNDS[:1]
 
 
-def write_answers(
+def table_outcome(
     columns: Mapping[str, Any] | None,
     output: str | None,
-    as_json: bool,
     joints: JointFormat,
+    positions: PositionFormat | None = None,
+    *,
     key: str = "answers",
+    code: int = 0,
+    lines: Sequence[str] = (),
     **told: Any,
-) -> None:
-    """Write a table of answers, None for no table, and print what is told with it as a document.
+) -> Outcome:
+    """Write a table of answers, None for no table, and tell what goes with it.
 
-    output : the file; `-` is standard output. Without one they go there too, or, in SI units by a
-        key, into the document.
+    columns : joints as typed, positions and their bounds in the model's unit
+    output : the file; without one, or with `-`, answers go to standard output, or in SI units by
+        a key into the document
     """
-    if columns is not None and (output is not None or not as_json):
-        write_table("-" if output is None else output, columns)
-    if as_json:
-        inside = {key: joints.in_si(columns)} if columns is not None and output is None else {}
-        show_json({"output": columns and output, **told, **inside})
+    to_file = output not in (None, "-")
+    document = {"output": (columns and output) if to_file else None, **told}
+    if columns is None:
+        return Outcome(document, lines, code=code)
+    written, factor = dict(columns), positions.typed if positions else 1.0
+    for name in LENGTHS if factor != 1.0 else ():
+        if name in written:
+            written[name] = np.asarray(written[name], dtype=float) * factor
+    if to_file:
+        write_table(str(output), written)
+        return Outcome(document, lines, code=code)
+    return Outcome(
+        document | {key: joints.in_si(columns)}, lines, result=(), columns=written, code=code
+    )
 
 
-def write_batch(
-    model: Model,
+def read_table(
+    source: str,
+    names: Sequence[str],
+    columns: Mapping[str, str] | None,
+    positions: PositionFormat | None = None,
+    more: Sequence[Sequence[str]] = (),
+) -> Batch:
+    """Read a table of queries; its positions come in the model's unit."""
+    from dataclasses import replace
+
+    from calib.samples.tables import read_batch
+
+    batch = read_batch(source, names, more, columns or {})
+    if positions is None or positions.typed == 1.0:
+        return batch
+    typed = [positions.typed if name in LENGTHS else 1.0 for name in batch.names]
+    return replace(batch, values=batch.values / np.array(typed))
+
+
+def batch_outcome(
     joints: JointFormat,
+    positions: PositionFormat,
     batch: Batch,
     added: Mapping[str, NDArray[Any]],
     refused: Sequence[int],
     why: str,
-    streams: tuple[str | None, bool],
-    frame: str = "sensor",
+    output: str | None,
     n: int | None = None,
-) -> int:
-    """Write the answers to a batch, say which rows have none, and return the exit code.
+    **told: Any,
+) -> Outcome:
+    """Write the answers to a batch and say which rows have none.
 
-    added : columns of the answers, as typed
+    added : columns of the answers, joints as typed
     refused, why : numbers of the rows that have no answer, and the reason
-    streams : the table of answers and whether a JSON document is wanted, as typed
     n : how many queries there were, where a query may have several rows of answers
     """
     invalid, n = batch.invalid, len(batch.values) if n is None else n
-    told = {"rows": n, "invalid": invalid, "out_of_reach": refused, **meaning(model.about, frame)}
-    write_answers(batch.answered(added), *streams, joints, **told)
-    Notes().say(batch.notes(list(added)))
+    say(batch.notes(list(added)))
     say_rows(invalid, n, "not all values are numbers, no answer")
     say_rows(refused, n, why)
-    return 1 if invalid else NO if refused else 0
+    return table_outcome(
+        batch.answered(added),
+        output,
+        joints,
+        positions,
+        code=1 if invalid else NO if refused else 0,
+        rows=n,
+        invalid=invalid,
+        out_of_reach=refused,
+        **told,
+    )
 
 
 def over_all_rows(valid: NDArray[np.bool_], columns: Mapping[str, Any]) -> dict[str, NDArray[Any]]:

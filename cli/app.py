@@ -1,7 +1,8 @@
 """The application: its commands, and the one place where errors become lines.
 
-Exit codes: 0 done, 1 an error, 2 wrong usage, 3 a result that a script should act on (each
-command says which), 130 interrupted.
+A command line imports the module of the command that it runs, no other. Exit codes: 0 done, 1 an
+error, 2 wrong usage, 3 a result that a script should act on (each command says which), 130
+interrupted.
 """
 
 from __future__ import annotations
@@ -10,23 +11,66 @@ import os
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
+from importlib import import_module
 from textwrap import shorten
 from typing import Annotated, Any
 
 import typer
 from typer.core import TyperGroup
+from typer.main import get_command
 
 from calib.common.wording import one_line
 from calib.errors import CalibError
 
-from .on_demand import COMMANDS, load_command
-from .output import NO, note, show_json, silence, tell
-from .process import received
+from .output import NO, begin, note, plain, print_json, rendered
+from .streams import silence
 from .translation import as_typed, option_of
 
+COMMANDS = {
+    "robots": "List the bundled robots.",
+    "plan": "Plan poses to measure: well spread, within the limits.",
+    "train": "Learn a model from simulated babbling or from a measured log.",
+    "query": "Ask a model for positions or for joint values.",
+    "evaluate": "Print the errors of a model, on fresh samples or on a log.",
+    "sweep": "Train with every combination of options, on all cores.",
+    "check": "Compare a model with new samples: is it still calibrated?",
+    "adapt": "Re-calibrate a model from a few new samples.",
+    "recognise": "Tell which of some models the arm is in.",
+    "correct": "Correct joint values so that the real arm goes where they lead.",
+    "urdf": "Write a copy of the URDF with what the model has learned.",
+    "export": "Write a model as one C99 header for controllers without Python.",
+    "babble": "Write a log of simulated babbling [rad, m].",
+    "log": "Turn a ROS bag, pictures or a video into a log.",
+    "tag": "Write a tag for the arm's tip, or a board for the desk.",
+    "preview": "Show the arm and its learned maps in a browser.",
+    "report": "Write figures and tables that explain a calibration.",
+    "reproduce": "Repeat the paper's tables, figures and experiments.",
+    "info": "Show what a model is and how it was made.",
+}
+"""What the command line can do, in the order of its use, and what `calib --help` says of it."""
+
+QUERIES = ("forward", "inverse", "path")
+
 USAGE, INTERRUPTED = 2, 130
-_SIGNAL = 128  # a larger code names the signal that ended it
 _TRACEBACK = "CALIB_TRACEBACK"
+# Rich takes longer to import than most commands run
+_PLAIN: dict[str, Any] = {"add_completion": False, "rich_markup_mode": None}
+
+
+@cache
+def load_command(name: str) -> Any:
+    """Import the module of a command, and return its command."""
+    parts, made = (
+        QUERIES if name == "query" else (name,),
+        typer.Typer(**_PLAIN, help=COMMANDS[name]),
+    )
+    for part in parts:
+        command = getattr(import_module(f".commands.{part}", __package__), part)
+        # -0.1 is a number, not an option
+        numbers = {"ignore_unknown_options": True} if part in ("forward", "inverse") else {}
+        made.command(part, context_settings=numbers)(rendered(command))
+    return get_command(made)
 
 
 class CalibGroup(TyperGroup):
@@ -36,41 +80,6 @@ class CalibGroup(TyperGroup):
         super().__init__(**attributes)
         names: Any = dict.fromkeys(COMMANDS)  # alone, see `get_command`
         self.commands = names
-
-    def main(
-        self,
-        args: Sequence[str] | None = None,
-        prog_name: str | None = None,
-        complete_var: str | None = None,
-        standalone_mode: bool = True,
-        windows_expand_args: bool = True,
-        **extra: Any,
-    ) -> Any:
-        """Run a command line; see `typer.core.TyperGroup.main` for the parameters."""
-        try:
-            # not standalone: Click would print its own errors in several lines and exit
-            code = super().main(args, prog_name, complete_var, False, windows_expand_args, **extra)
-            sys.stdout.flush()
-        except BrokenPipeError:
-            code = _reader_left()
-        except Exception as error:
-            if os.environ.get(_TRACEBACK):
-                raise
-            told = describe_error(error)
-            code = told.code
-            # a process that a signal ended says nothing more: its reader may be gone
-            if code < _SIGNAL:
-                try:
-                    if "--json" in (sys.argv[1:] if args is None else args):
-                        show_json({"error": told.to_json()})
-                    sys.stdout.flush()
-                except OSError:  # a full disk, perhaps the error itself
-                    _reader_left()
-                note(told.line)
-        code = code if isinstance(code, int) else 0
-        if standalone_mode:
-            sys.exit(code)
-        return code
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:  # noqa: ARG002
         """Import a command when it is asked for."""
@@ -85,11 +94,46 @@ class CalibGroup(TyperGroup):
             )
 
     def invoke(self, ctx: Any) -> Any:
-        """Run the command that was chosen; a reader who has seen enough ends it quietly."""
+        """Run the command that was chosen; Typer would end Ctrl-C without a word."""
         try:
             return super().invoke(ctx)
-        except BrokenPipeError:
-            raise typer.Exit(_reader_left()) from None
+        except KeyboardInterrupt:
+            raise typer.Abort from None
+
+    def main(
+        self,
+        args: Sequence[str] | None = None,
+        prog_name: str | None = None,
+        complete_var: str | None = None,
+        standalone_mode: bool = True,
+        windows_expand_args: bool = True,
+        **extra: Any,
+    ) -> Any:
+        """Run a command line; see `typer.core.TyperGroup.main` for the parameters."""
+        begin()
+        try:
+            # not standalone: Click would print its own errors in several lines and exit
+            code = super().main(args, prog_name, complete_var, False, windows_expand_args, **extra)
+            sys.stdout.flush()
+        except BrokenPipeError:  # a reader who has seen enough
+            silence(sys.stdout)
+            code = 0
+        except Exception as error:
+            if os.environ.get(_TRACEBACK):
+                raise
+            told = describe_error(error)
+            code = told.code
+            try:
+                if "--json" in (sys.argv[1:] if args is None else args):
+                    print_json({"error": told.to_json()})
+                sys.stdout.flush()
+            except OSError:  # a full disk, perhaps the error itself
+                silence(sys.stdout)
+            note(told.line)
+        code = code if isinstance(code, int) else 0
+        if standalone_mode:
+            sys.exit(code)
+        return code
 
 
 @dataclass(frozen=True)
@@ -98,7 +142,7 @@ class ErrorReport:
 
     kind: str  # its type, such as "LogError"; "UsageError" for what was typed wrongly
     message: str  # what was given and what was expected, in one line
-    code: int  # exit code: 130 for an interruption, 2 for wrong usage, else 1
+    code: int  # exit code
     # what to do, and the option that is concerned
     hint: str | None = None
     option: str | None = None
@@ -112,31 +156,29 @@ class ErrorReport:
 
     def to_json(self) -> dict[str, Any]:
         """Plain data: what a command with `--json` prints in place of its result."""
-        plain = self.value is None or isinstance(self.value, (bool, int, float, str, list, tuple))
+        is_plain = self.value is None or isinstance(
+            self.value, (bool, int, float, str, list, tuple)
+        )
         return {
             "type": self.kind,
             "message": one_line(" ".join(self.message.split())),
             "hint": self.hint,
             "parameter": self.option,
-            "value": self.value if plain else str(self.value),
+            "value": plain(self.value) if is_plain else str(self.value),
         }
 
 
-def describe_error(error: Exception) -> ErrorReport:
+def describe_error(error: BaseException) -> ErrorReport:
     """Return how an error is told, whatever ended a command."""
     kind, code = type(error).__name__, 1
-    # Ctrl-C may be behind an error, as when it comes while Python makes a class
-    behind: BaseException | None = error
-    while behind is not None and not isinstance(behind, KeyboardInterrupt):
-        behind = behind.__cause__
     if isinstance(error, CalibError):
         hint = None if error.hint is None else as_typed(error.hint)
         # clocks that no offset brings together are an answer about the recording
         code = NO if kind == "ClockError" else 1
         option = option_of(error.parameter)
         return ErrorReport(kind, as_typed(error.message), code, hint, option, error.value)
-    if isinstance(error, typer.Abort) or behind is not None or received() is not None:
-        text, code = "interrupted", received() or INTERRUPTED
+    if _interrupted(error):
+        text, code = "interrupted", INTERRUPTED
     elif hasattr(error, "format_message"):  # an error of usage, told by Typer
         context = getattr(error, "ctx", None)
         help_line = f" (see {context.command_path} --help)" if context else ""
@@ -161,27 +203,30 @@ _LIMITS = (
 )
 
 
-def _reader_left() -> int:
-    silence(sys.stdout)
-    return 0
+def _interrupted(error: BaseException | None) -> bool:
+    """Whether Ctrl-C is behind an error, as where it comes while Python makes a class."""
+    while error is not None:
+        if isinstance(error, (KeyboardInterrupt, typer.Abort)):
+            return True
+        error = error.__cause__
+    return False
 
 
 def _print_version(wanted: bool) -> None:
     if wanted:
         import calib
 
-        tell(f"calib {calib.__version__}")
+        print(f"calib {calib.__version__}")
         raise typer.Exit
 
 
 app = typer.Typer(
     cls=CalibGroup,
-    add_completion=False,
     # Click wraps help at 80 columns otherwise, wherever it is printed
     context_settings={"max_content_width": 100},
     invoke_without_command=True,
     pretty_exceptions_enable=False,
-    rich_markup_mode=None,  # Rich takes longer to import than most commands run
+    **_PLAIN,
 )
 
 

@@ -6,57 +6,22 @@ import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any
 
 from calib.common.choices import DICTIONARY, PICTURES, VIDEOS
 
-from .output import Notes, note
-from .parsing import expects, finite_number, integer
-from .usage import BadOption, flag, option
+from .output import note, say
+from .parsing import BadOption, expects, finite_number
 
 if TYPE_CHECKING:
     from calib.recording.setting import Setup
     from calib.samples.recorded import Recorded
 
 
-PRINTED = {
-    "dictionary": option("--dictionary NAME", "Dictionary of the tags."),
-    "board": option(
-        "--board COLSxROWS:SQUARE:MARKER:DICT", "A ChArUco board, such as 7x5:24mm:18mm:5x5_100."
-    ),
-}
-"""Options of what is printed: the tags, and the board on the desk."""
-
-
 @dataclass(frozen=True)
 class Shooting:
     """Pictures or a video, and what is in them, as typed."""
 
-    OPTIONS: ClassVar = PRINTED | {
-        "joints_file": option(
-            "--joints-file FILE",
-            "Joint values of the pictures (column picture, or in their order) or of the video "
-            "(column time).",
-        ),
-        "tag": option("--tag ID", "Number of the tag on the tip.", integer(0)),
-        "tags_at": option("--tags-at FILE", "Tags on the desk: a table of tag, x, y [m]."),
-        "lens": option(
-            "--lens SHOTS|lens.json",
-            "Pictures of the board that calibrate the camera, or the lens.json of an earlier run.",
-        ),
-        "tag_size": option("--tag-size 40mm", "Side of the tip's tag, for --pose."),
-        "tag_height": option(
-            "--tag-height 25mm", "Height of the tip's tag above the board or the tags."
-        ),
-        "pose": flag("--pose", "Write z and qx, qy, qz, qw of the tag too, for spatial arms."),
-        "since": option("--since LOG", "An earlier log; prints how far the camera moved since."),
-        "picture": option("--picture seen.png", "Draw the detections over a photo."),
-        "camera": option(
-            "--camera DEVICE",
-            "Take the pictures now, into PICTURES: one for each line of joints on standard input, "
-            "below a line with their names.",
-        ),
-    }
     joints_file: str | None = None
     tag: int | None = None
     dictionary: str = DICTIONARY
@@ -75,7 +40,7 @@ class Shooting:
         typed = (self.joints_file, self.tag, self.board, self.tags_at, self.lens)
         return any(value is not None for value in (*typed, self.picture, self.camera))
 
-    def setting(self, output: str, notes: Notes) -> Setup:
+    def setting(self, output: str) -> Setup:
         """Make the setting; a lens that is calibrated is written beside the log."""
         from calib.recording.board import Board, parse_length
         from calib.recording.setting import Setup, load_lens
@@ -91,7 +56,7 @@ class Shooting:
         if self.lens is not None:
             folder = Path() if output == "-" else Path(output).parent
             lens, said = load_lens(self.lens, board, folder / "lens.json")
-            notes.say(said)
+            say(said)
         if board is not None and lens is not None and self.tags_at is not None:
             board = None  # it served the lens alone
         layout = read_layout(self.tags_at) if self.tags_at is not None else None
@@ -130,7 +95,6 @@ def record(
     time_offset: float | None,
     still: float | None,
     max_gap: float,
-    notes: Notes,
 ) -> Recorded:
     """Make a log of pictures or a video, and draw what was seen if that is wanted."""
     from calib.recording.from_pictures import log_pictures
@@ -140,7 +104,7 @@ def record(
     from calib.recording.pictures import list_pictures
     from calib.samples.tables import read_about
 
-    setting, file = shooting.setting(output, notes), str(shooting.joints_file)
+    setting, file = shooting.setting(output), str(shooting.joints_file)
     if shooting.camera is not None:
         from calib.recording.live import record_live
 
@@ -156,7 +120,7 @@ def record(
         if still is not None or time_offset is not None:
             raise BadOption("--still and --time-offset are for videos and bags, not for pictures")
         made = log_pictures(source, table, setting, since=earlier)
-    notes.say(made.notes)
+    say(made.notes)
     # named in the log, so that train can draw the map over it
     path = Path(source)
     if made.pictures is not None:

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING
 
-from .output import Notes
-from .parsing import Columns
-from .usage import flag, refuse
+from .output import say
+from .parsing import BadOption
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from calib.model.model import Model
     from calib.samples.samples import Samples
+
 
 _FAR_BOUND = 3.0  # times the expected error from which a log is doubted
 _FAR_SHARE = 0.02  # and of the positions' spread: the bound of an ideal arm is rounding
@@ -21,18 +23,19 @@ _FAR_SHARE = 0.02  # and of the positions' spread: the bound of an ideal arm is 
 class Reading:
     """How a log is read, as typed; what is None is as in the log that a model was made from."""
 
-    OPTIONS: ClassVar = {
-        "degrees": flag(
-            "--degrees/--radians",
-            "Unit of the log's joint values (default: that of the log the model was made from).",
-        )
-    }
-    columns: Columns | None = None
+    columns: Mapping[str, str] | None = None
     unit: str | None = None
     degrees: bool | None = None
 
 
-def log_for(model: Model, path: str, reading: Reading, notes: Notes) -> Samples:
+def refuse(typed: Mapping[str, object], why: str) -> None:
+    """Refuse the first of some options that was given; None is not given."""
+    for name, value in typed.items():
+        if value is not None:
+            raise BadOption(f"--{name.replace('_', '-')} {why}")
+
+
+def log_for(model: Model, path: str, reading: Reading) -> Samples:
     """Read a log of a model's joints, in the model's unit where that is known."""
     import calib
     from calib.common.scale import METRES
@@ -62,25 +65,25 @@ def log_for(model: Model, path: str, reading: Reading, notes: Notes) -> Samples:
         unit=unit or about.unit,
         prismatic=[n for n, t in zip(about.joint_names, about.revolute, strict=True) if not t],
     )
-    notes.say(log.notes)
+    say(log.notes)
     ranges = (about.joint_names, about.lower, about.upper, about.revolute)
     check_joint_values(log.q, *ranges, degrees=degrees, label=path)
     if unit is not None and unit != about.unit and {unit, about.unit} <= set(METRES):
         factor = METRES[about.unit] / METRES[unit]
-        notes.say([f"positions converted from {unit} to {about.unit}"])
+        say([f"positions converted from {unit} to {about.unit}"])
         # that noise is a length too, in the unit of the log that states it
         shared = {"noise_of_reference": log.shared * factor}
         log = replace(log, x=log.x * factor, unit=about.unit, source={**log.source, **shared})
     return log
 
 
-def log_of(model: Model, path: str | None, reading: Reading, notes: Notes) -> Samples | None:
+def log_of(model: Model, path: str | None, reading: Reading) -> Samples | None:
     """Read a log to look at, with a note where it does not fit the model; None for none."""
     if path is None:
         refuse(vars(reading), "applies to a log: expected --data LOG too")
         return None
-    log = log_for(model, path, reading, notes)
-    notes.say(_doubt(model, log))
+    log = log_for(model, path, reading)
+    say(_doubt(model, log))
     return log
 
 
@@ -90,24 +93,22 @@ def _doubt(model: Model, log: Samples) -> list[str]:
 
     from calib.samples.diagnosis import unit_hint
 
-    gap = np.linalg.norm(model.forward(log.q) - log.x, axis=1)
-    bound = model.expected_error(log.q)
-    known = np.isfinite(gap) & np.isfinite(bound)
+    predicted, bound = model.forward(log.q), model.expected_error(log.q)
+    known = np.isfinite(predicted[:, 0]) & np.isfinite(bound)
     if not known.any():
         return []
-    predicted = model.forward(log.q[known])
-    size, seen = (
-        float(np.median(np.linalg.norm(p - np.median(p, axis=0), axis=1)))
-        for p in (predicted, log.x[known])
-    )
-    typical = float(np.median(gap[known]))
-    if typical <= max(_FAR_BOUND * float(np.median(bound[known])), _FAR_SHARE * size):
-        return []
+    predicted, x = predicted[known], log.x[known]
+    gap = float(np.median(np.linalg.norm(predicted - x, axis=1)))
     # spreads about the median: single wrong rows do not decide the ratio
+    size, seen = (
+        float(np.median(np.linalg.norm(p - np.median(p, axis=0), axis=1))) for p in (predicted, x)
+    )
+    if gap <= max(_FAR_BOUND * float(np.median(bound[known])), _FAR_SHARE * size):
+        return []
     ratio = seen / max(size, 1e-300)
     hint = unit_hint(ratio)
     times = f"; its positions extend over {ratio:.4g} times the model's{hint}" if hint else ""
     return [
         "the log does not fit the model: the median distance from predicted to measured position "
-        f"is {typical / size:.2g} times their spread{times}; calib check names the cause"
+        f"is {gap / size:.2g} times their spread{times}; calib check names the cause"
     ]

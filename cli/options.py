@@ -1,210 +1,160 @@
-"""Options: what commands take, declared once by the names of their functions' parameters."""
+"""Options: what several commands take, with the same name and meaning in each.
+
+An annotation of Typer each: a command names those that it takes. What is typed in a form of its
+own is read by a reader, and is Any to Typer.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import fields, is_dataclass
-from functools import wraps
-from inspect import Parameter, Signature, signature
-from typing import Annotated, Any, TypeVar, cast, get_args, get_origin
+from typing import Annotated, Any
 
-from calib.common.choices import CAUSES, FRAMES, LOG_FRAMES, MAPS, MOTIONS, READOUTS, RULES
+from typer import Argument, Option
+
+from calib.common.choices import (
+    MAPS,
+    Body,
+    Cause,
+    Frame,
+    LogFrame,
+    Motion,
+    Readout,
+    Rule,
+    View,
+)
 
 from . import parsing
-from .usage import argument, choice, flag, option
+from .parsing import JointRange, JointValue, Reader
 
-_Command = TypeVar("_Command", bound=Callable[..., None])
 
-_OF_TRAINING: dict[str, tuple[str, str, parsing.Reader[Any]]] = {
-    "size": (
-        "--size N|NxN|NxNxN",
-        "Nodes of both maps: 70 or 70x70 if not given, for three joints 17x17x17 in the "
-        "motor map; a log chooses its own.",
-        parsing.size,
-    ),
-    "map": (
-        "--map NAME",
-        "Kind of map: " + ", ".join(MAPS) + ". Default vdsom:residual, which also follows the "
-        "body's residuals (vdsom is the paper's); for a log with --body none gas where held-out "
-        "blocks prefer it.",
-        parsing.one_of(MAPS),
-    ),
-    "rule": (f"--rule {'|'.join(RULES)}", "Training rule.", parsing.one_of(RULES)),
-    "epochs": (
-        "--epochs N",
-        "Passes over the samples; the full lattice alone is trained then.",
-        parsing.integer(1),
-    ),
-    "sigma": (
-        "--sigma START:END",
-        "Neighbourhood radius at the start and the end [nodes]; the full lattice alone is trained "
-        "then.",
-        parsing.sigma,
-    ),
-    "samples": (
-        "--samples -n N",
-        "How many samples to babble (default 20000).",
-        parsing.integer(1),
-    ),
-    "noise": (
-        "--noise S",
-        "Standard deviation of the simulated sensor along each axis [m] (default 0).",
-        parsing.at_least_zero("m"),
-    ),
-}
-"""Usage, help and reader of the options that a sweep takes several values of."""
+def option(usage: str, help: str, read: Reader[Any] | None = None) -> Any:  # noqa: A002
+    """Declare an option of a value as a usage line has it, such as "--output -o FILE"."""
+    *flags, metavar = usage.split()
+    return Option(*flags, metavar=metavar, parser=read, help=help)
 
-GRID: dict[str, Any] = {
-    name: option(f"{usage},..", text, parsing.several(read))
-    for name, (usage, text, read) in _OF_TRAINING.items()
-}
 
-_SHARED: dict[str, Any] = {
-    **{name: option(*row) for name, row in _OF_TRAINING.items()},
-    "robot": argument("ROBOT", "A URDF file, or a bundled robot (calib robots)."),
-    "model": argument("MODEL", "A model file, as written by calib train."),
-    # which arm
-    "joints": option(
-        "--joints A,B",
-        "Active joints; the others are locked. Found automatically where only one choice makes "
-        "sense.",
-        parsing.names,
-    ),
-    "tip": option("--tip FRAME", "The frame whose position is sensed."),
-    "planar": flag(
-        "--planar", "Take the planar part of a robot that moves in space: positions x, y."
-    ),
-    "lock": option(
-        "--lock JOINT=VALUE",
-        "Hold another joint at this value [rad or m]; repeatable. Neutral if not given.",
-        parsing.joint_value,
-    ),
-    "ranges": option(
-        "--range JOINT=LO:HI",
-        "Use only this part of a joint's range [rad or m]; repeatable.",
-        parsing.joint_range,
-    ),
-    # simulated babbling
-    "motion": choice("--motion", MOTIONS, "How the simulated arm babbles (default uniform)."),
-    "change": option(
+def flag(name: str, help: str) -> Any:  # noqa: A002
+    """Declare an option without a value, or one that is a choice or a number of Typer's own."""
+    return Option(name, help=help)
+
+
+# files that commands work on
+_LOG = "CSV or Parquet with the joints' columns and x, y"
+Model = Annotated[str, Argument(metavar="MODEL", help="The file of a learned model.")]
+Robot = Annotated[str, Argument(metavar="ROBOT", help="A URDF file or a bundled robot.")]
+Data = Annotated[str | None, option("--data LOG", f"A measured log: {_LOG}.")]
+NewLog = Annotated[str, option("--data LOG", f"New samples: {_LOG}.")]
+
+# what is babbled or sensed
+Joints = Annotated[
+    Any, option("--joints A,B", "Active joints (default found); others are locked.", parsing.names)
+]
+Tip = Annotated[str | None, option("--tip FRAME", "The frame whose position is sensed.")]
+Planar = Annotated[bool, flag("--planar", "Take the planar part of a robot in space: x, y.")]
+Lock = Annotated[
+    list[JointValue] | None,
+    option("--lock JOINT=VALUE", "Hold it there [rad or m]; repeatable.", parsing.joint_value),
+]
+Ranges = Annotated[
+    list[JointRange] | None,
+    option("--range JOINT=LO:HI", "Part of its range [rad or m]; repeatable.", parsing.joint_range),
+]
+Degrees = Annotated[
+    bool, flag("--degrees", "Joint values are typed, read and printed in degrees (default rad).")
+]
+
+# simulated babbling
+SAMPLES = "How many samples to babble (default 20000)."
+NOISE = "Noise of the simulated sensor along each axis, standard deviation [m] (default 0)."
+Number = Annotated[int | None, Option("--samples", "-n", metavar="N", min=1, help=SAMPLES)]
+Noise = Annotated[float | None, Option("--noise", metavar="S", min=0, help=NOISE)]
+Moves = Annotated[Motion | None, flag("--motion", "How the arm babbles (default uniform).")]
+Changes = Annotated[
+    list[str] | None,
+    option(
         "--change JOINT.WHAT=VALUE",
-        "Change the simulated arm or sensor, such as elbow.length=+20%, "
-        "shoulder.offset=0.05, sensor.rotate=0.14 or sensor.mirror=x; repeatable.",
+        "Change the simulated arm or sensor, such as elbow.length=+20%, shoulder.offset=0.05, "
+        "sensor.rotate=0.14 or sensor.mirror=x; repeatable.",
     ),
-    "seed": option("--seed K", "Seed of the random numbers.", parsing.integer(0)),
-    # logs
-    "data": option(
-        "--data LOG", "A measured log: CSV or Parquet with the joints' columns and x, y."
+]
+Seed = Annotated[int, Option("--seed", metavar="K", min=0, help="Seed of the random numbers.")]
+
+# training
+SIZE = "Nodes of both maps (default 70; for three joints 17x17x17; a log chooses its own)."
+MAP = (
+    f"Kind of map: {', '.join(MAPS)}. Default vdsom:residual, which also follows the body's "
+    "residuals (vdsom is the paper's); for a log with --body none the better of it and gas."
+)
+EPOCHS = "Passes over the samples; the full lattice alone is trained then."
+SIGMA = "Neighbourhood radius, start and end [nodes]; the full lattice alone is trained then."
+Size = Annotated[Any, option("--size N|NxN|NxNxN", SIZE, parsing.size)]
+MotorSize = Annotated[Any, option("--motor-size N|NxN", "Of the motor map.", parsing.size)]
+SensorySize = Annotated[Any, option("--sensory-size N|NxN", "Of the sensory map.", parsing.size)]
+Map = Annotated[str | None, option("--map NAME", MAP, parsing.one_of(MAPS))]
+TrainingRule = Annotated[Rule, flag("--rule", "Training rule.")]
+Epochs = Annotated[int | None, Option("--epochs", metavar="N", min=1, help=EPOCHS)]
+Sigma = Annotated[Any, option("--sigma START:END", SIGMA, parsing.sigma)]
+BodyKind = Annotated[
+    Body, flag("--body", "auto: a kinematic body under the maps; none: maps and links alone.")
+]
+ViewKind = Annotated[
+    View,
+    flag(
+        "--view",
+        "What the sensor measures: base is the robot's root frame; auto is rigid for lengths, "
+        "homography for pixels, pinhole for pixels of an arm in space.",
     ),
-    "columns": option(
+]
+
+# logs
+Columns = Annotated[
+    Any,
+    option(
         "--columns x=U,y=V",
-        "Columns of the log that have other names; an element of a Parquet list is tip[0].",
+        "Columns of other names; an element of a Parquet list is tip[0].",
         parsing.typed_columns,
     ),
-    "unit": option(
-        "--unit m|mm|px|..", "Unit of the log's positions (default m, or that of the model)."
-    ),
-    "prismatic": option(
-        "--prismatic A,B", "For a log without ROBOT: the joints that slide.", parsing.names
-    ),
-    "degrees": flag(
-        "--degrees", "Joint values are typed, read and printed in degrees (default rad)."
-    ),
-    "photo": option(
-        "--photo FILE",
-        "A picture, or a video, by the camera that made the log: the map is drawn over it.",
-    ),
-    "no_photo": flag("--no-photo", "Keep no photo in the model and draw none."),
-    # queries
-    "readout": choice(
-        "--readout",
-        READOUTS,
-        "Readout of the query (default local: body and local models; without a body linear: maps "
-        "and Hebbian links alone).",
-    ),
-    "frame": choice(
-        "--in", FRAMES, "Frame of positions: what the sensor reads, or the arm's base [m]."
-    ),
-    "input_": option("--input FILE", "Answer every row of this CSV file (- for standard input)."),
-    "output": option(
-        "--output FILE", "Write the answers to this CSV file (default standard output)."
-    ),
-    "as_json": flag("--json", "One JSON document on standard output, in SI units."),
-}
-"""Options by the Python names of the parameters that they set, with the same meaning wherever no
-command declares its own."""
+]
+Unit = Annotated[
+    str | None, option("--unit m|mm|px|..", "Of the log's positions (default m, or the model's).")
+]
+Prismatic = Annotated[
+    Any, option("--prismatic A,B", "Without ROBOT: the joints that slide.", parsing.names)
+]
+LogDegrees = Annotated[
+    bool | None, flag("--degrees/--radians", "Of the log's joints (default: as the model's log).")
+]
+Photo = Annotated[
+    str | None, option("--photo FILE", "By the camera of the log: the map is drawn over it.")
+]
+NoPhoto = Annotated[bool, flag("--no-photo", "Keep no photo in the model and draw none.")]
 
-NEW_LOG: dict[str, Any] = {
-    "data": option("--data LOG", "New samples: CSV or Parquet with the joints' columns and x, y."),
-    "cause": choice(
-        "--cause", CAUSES, "What changed, if known: the sensor, or the arm's joints and links."
-    ),
-}
-"""Options of commands that compare a model with a new log."""
+# queries and what else asks a model
+ReadoutKind = Annotated[
+    Readout | None, flag("--readout", "Readout (default local; without a body linear).")
+]
+InFrame = Annotated[Frame, flag("--in", "Frame of positions: the sensor's, or the arm's base [m].")]
+PositionUnit = Annotated[
+    str | None,
+    option("--unit m|mm|..", "Of positions typed, read and printed (default the model's)."),
+]
+Input = Annotated[
+    str | None, option("--input FILE", "Answer every row of this CSV file (- standard input).")
+]
+Output = Annotated[
+    str | None, option("--output FILE", "Answers as CSV or Parquet (default standard output).")
+]
+LogView = Annotated[
+    LogFrame, flag("--view", "base: the log is in the robot's root frame; auto: in its own.")
+]
+WhatChanged = Annotated[
+    Cause | None, flag("--cause", "What changed, if known: the sensor, or joints and links.")
+]
+FrameOrJoints = Annotated[
+    Cause, flag("--cause", "What a turn that both explain is: the sensor's or the first joint's.")
+]
 
-OF_FRAMES: dict[str, Any] = {
-    "view": choice(
-        "--view",
-        LOG_FRAMES,
-        "base: the log is in the robot's root frame; auto: the sensor's frame is free.",
-    ),
-    "cause": choice(
-        "--cause",
-        CAUSES,
-        "What changed, if a turned sensor and an offset of the first joint look the same.",
-    ),
-}
-"""Options of commands for which a turned sensor is not a turned arm."""
-
-
-def takes(**own: Any) -> Callable[[_Command], Callable[..., None]]:
-    """Declare what a command takes: its own options, and the shared ones for other parameters.
-
-    A parameter that is a dataclass stands for the options of its fields, which are typed one by one
-    and given together.
-    """
-
-    def declared(command: _Command) -> Callable[..., None]:
-        known, taken, groups = _SHARED, dict[str, Parameter](), dict[str, Any]()
-        # annotations are texts in these modules, and Typer looks at types
-        for parameter in signature(command, eval_str=True).parameters.values():
-            kind = parameter.annotation
-            if not is_dataclass(kind):
-                taken[parameter.name] = parameter
-                continue
-            groups[parameter.name] = kind
-            known = known | getattr(kind, "OPTIONS", {})
-            taken |= signature(cast(type, kind), eval_str=True).parameters
-        known = known | own
-
-        @wraps(command)
-        def run(**typed: Any) -> None:
-            given = {
-                group: kind(**{each.name: typed.pop(each.name) for each in fields(kind)})
-                for group, kind in groups.items()
-            }
-            command(**typed, **given)
-
-        # keywords alone: a dataclass's field has a default where a later parameter has none
-        run.__signature__ = Signature(  # type: ignore[attr-defined]
-            [
-                each.replace(
-                    kind=Parameter.KEYWORD_ONLY,
-                    annotation=Annotated[_typed(each.annotation), known[name]],
-                )
-                for name, each in taken.items()
-            ]
-        )
-        return run
-
-    return declared
-
-
-def _typed(kind: Any) -> Any:
-    """What Typer is told of a parameter: a flag, a text or several; readers make values of it."""
-    # of numbers and tuples Typer makes values by itself, with errors of several lines
-    kinds = get_args(kind) or (kind,)
-    if bool in kinds:
-        return kind
-    several = list in (get_origin(kind), *map(get_origin, kinds))
-    return list[str] | None if several else str | None
+# what is printed for a camera
+Dictionary = Annotated[str, option("--dictionary NAME", "Dictionary of the tags.")]
+Board = Annotated[
+    str | None, option("--board COLSxROWS:SQUARE:MARKER:DICT", "Such as 7x5:24mm:18mm:5x5_100.")
+]

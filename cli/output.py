@@ -1,31 +1,35 @@
 """Output: results on standard output, everything else on standard error.
 
-Tables are for people, in mm and degrees. JSON is for programs, in SI units.
+A command returns an `Outcome`, which is rendered once: as text for people, in mm and degrees, or
+as one JSON document for programs, in SI units.
 """
 
 from __future__ import annotations
 
 import json
 import math
-import os
-import re
 import shutil
 import sys
 import textwrap
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
-from typing import Any, TextIO
+from dataclasses import dataclass, field
+from functools import wraps
+from inspect import Parameter, Signature, signature
+from typing import Annotated, Any
 
-from calib.common.choices import READOUTS
+import typer
+
 from calib.common.wording import one_line, printable
 
+from .parsing import BadOption
+from .streams import silence
 from .translation import as_typed
 
 # what is below a nanometre or a millionth of a degree is rounding
 _LEAST, _TINY = 1e-6, "<1e-6"
 NO = 3  # exit code of a result that a script should act on; each command says which
-_WIDTH = 78  # of a terminal, for lines of words
+_WIDTH = 100  # of lines of words and of tables
 _HUGE = 1e12  # written out it would be wider than its column
 
 
@@ -40,82 +44,149 @@ class TextTable:
     foot: str = ""  # what its terms mean, in one line below it
 
     def lines(self) -> list[str]:
-        """Return the table as plain text, its columns aligned."""
+        """Return the table as plain text, its columns aligned; too wide a line for each cell."""
         # names from a file may hold control characters
         cells = [[printable(cell) for cell in row] for row in (self.header, *self.rows)]
         widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
-        lines = [printable(self.title)] if self.title else []
-        for row in cells:
-            padded = [
+        lines = [
+            "  ".join(
                 cell.ljust(width) if k < self.left else cell.rjust(width)
                 for k, (cell, width) in enumerate(zip(row, widths, strict=True))
-            ]
-            lines.append("  ".join(padded).rstrip())
-        return lines
+            ).rstrip()
+            for row in cells
+        ]
+        room = shutil.get_terminal_size().columns if sys.stdout.isatty() else _WIDTH
+        if max(map(len, lines)) > room:
+            lines = self._records(cells)
+        title = [printable(self.title)] if self.title else []
+        return [*title, *lines, *textwrap.wrap(printable(self.foot), _WIDTH)]
 
-    def records(self) -> list[str]:
-        """Return the table for a narrow terminal: a line for each cell, a blank line for a row."""
-        lines = [self.title] if self.title else []
-        for row in self.rows:
-            pairs = zip(self.header, row, strict=True)
-            lines += [*(f"{name}: {cell}".strip(": ") for name, cell in pairs), ""]
-        return list(map(printable, lines[:-1]))
-
-
-_MEANINGS = (
-    (
-        set(READOUTS),
-        "local: body and local models; body: the body alone; linear, activity, winner: the maps "
-        "and their Hebbian links alone",
-    ),
-    (
-        {"threshold"},
-        "found: test statistic of a change of these parameters, above its threshold it fired; "
-        "smallest: the smallest change that these rows could have shown",
-    ),
-    ({"zeta"}, "zeta: mean squared distance of rows to winning nodes, in the unit box (eq. 9)"),
-    ({"som"}, "SOM: self-organizing map of even density"),
-    (
-        {"vdsom"},
-        "VDSOM: the same with varying density; behind a colon, another gain (eq. 8), "
-        "residual: where the body is wrong",
-    ),
-    ({"dsom"}, "DSOM: steps grow with the distance to the winner"),
-    ({"gng"}, "GNG: growing neural gas, a map without a lattice"),
-    ({"gas"}, "gas: neural gas, nodes without a lattice that follow samples by rank"),
-    ({"sigma"}, "sigma: radius of the neighbourhood [nodes]"),
-    ({"links"}, "links: Hebbian links between nodes of the two maps (eq. 5)"),
-    ({"+-"}, "+-: standard deviation over the seeds"),
-)
+    def _records(self, cells: Sequence[Sequence[str]]) -> list[str]:
+        header, *rows = cells
+        width, lines = max(map(len, header)), list[str]()
+        for row in rows:
+            pairs = zip(header, row, strict=True)
+            lines += [*(f"{name:<{width}}  {cell}".rstrip() for name, cell in pairs if cell), ""]
+        return lines[:-1]
 
 
-def explained(table: TextTable) -> TextTable:
-    """Return the table with what its terms mean below it; each row's first cells count too."""
-    # only words that stand in this table: a list of all terms would be longer than most tables
-    cells = [cell for row in table.rows for cell in row[: table.left]]
-    text = " ".join([table.title, *table.header, *cells]).lower()
-    words = set(re.findall(r"[a-z]+|\+-", text))
-    return replace(table, foot="; ".join(told for terms, told in _MEANINGS if words & terms))
+def facts(pairs: Mapping[str, str]) -> list[str]:
+    """Return names and values, one pair on each line."""
+    width = max(map(len, pairs), default=0)
+    return [f"{name:<{width}}  {as_typed(value)}" for name, value in pairs.items()]
 
 
-def show(table: TextTable) -> None:
-    """Print a table; on a terminal that is too narrow for it a line for each cell."""
-    # not with Rich: it would be imported, which takes longer than most queries
-    lines = table.lines()
-    if sys.stdout.isatty() and max(map(len, lines)) > shutil.get_terminal_size().columns:
-        lines = table.records()
-    print("\n".join([*lines, *textwrap.wrap(table.foot, _WIDTH)]))
+_Line = str | TextTable
 
 
-def show_facts(facts: Mapping[str, str]) -> None:
-    """Print names and values, one pair on each line."""
-    shown = {printable(name): printable(as_typed(value)) for name, value in facts.items()}
-    width = max(map(len, shown), default=0)
-    for name, value in shown.items():
-        print(f"{name:<{width}}  {value}")
+@dataclass(frozen=True)
+class Outcome:
+    """What a command found."""
+
+    document: Any  # what --json prints
+    lines: Sequence[_Line] = ()  # what people read, the verdict first
+    more: Sequence[_Line] = ()  # what --verbose adds
+    result: Sequence[_Line] | None = None  # what --quiet prints, the first line if not given
+    # columns that go to standard output as CSV, unless a document is wanted; lines go to standard
+    # error then
+    columns: Mapping[str, Any] | None = None
+    to_stderr: bool = False  # whether a result went to standard output already
+    code: int = 0  # exit code
+
+    def show(self, *, as_json: bool, verbose: bool) -> None:
+        """Print what was found."""
+        if as_json:
+            print_json(self.document)
+            return
+        shown = [*self.lines, *(self.more if verbose else ())]
+        if _spoken.quiet:
+            shown = list(self.lines[:1] if self.result is None else self.result)
+        if self.columns is not None:
+            from calib.samples.tables import write_table
+
+            write_table("-", self.columns)
+        if self.columns is not None or self.to_stderr:
+            for line in () if _spoken.quiet else shown:
+                note(str(line))
+            return
+        for line in shown:
+            if isinstance(line, TextTable):
+                print("\n".join(line.lines()))
+            else:
+                print(one_line(as_typed(line)))
 
 
-def show_json(document: Any) -> None:
+_SHOWN = {
+    "as_json": Annotated[
+        bool, typer.Option("--json", help="One JSON document on standard output, in SI units.")
+    ],
+    "verbose": Annotated[
+        bool, typer.Option("--verbose", "-v", help="Print what the answer rests on too.")
+    ],
+    "quiet": Annotated[
+        bool, typer.Option("--quiet", "-q", help="Print the result alone, without notes.")
+    ],
+}
+
+
+def rendered(command: Callable[..., Outcome]) -> Callable[..., None]:
+    """Give a command `--json`, `--verbose` and `--quiet`, and print its outcome."""
+
+    @wraps(command)
+    def run(*, as_json: bool, verbose: bool, quiet: bool, **typed: Any) -> None:
+        if as_json and "-" in (typed.get("output"), typed.get("transform")):
+            raise BadOption("--json and '-' both want standard output: expected one of them")
+        _spoken.quiet = quiet
+        outcome = command(**typed)
+        outcome.show(as_json=as_json, verbose=verbose)
+        raise typer.Exit(outcome.code)
+
+    # annotations are texts in these modules, and Typer looks at types
+    taken = list(signature(command, eval_str=True).parameters.values())
+    added = [
+        Parameter(name, Parameter.KEYWORD_ONLY, default=False, annotation=kind)
+        for name, kind in _SHOWN.items()
+    ]
+    run.__signature__ = Signature([*taken, *added])  # type: ignore[attr-defined]
+    return run
+
+
+@dataclass
+class _Spoken:
+    """What one command line has said on standard error."""
+
+    quiet: bool = False
+    notes: set[str] = field(default_factory=set)
+
+
+_spoken = _Spoken()
+
+
+def begin() -> None:
+    """Forget what an earlier command line of this process has said."""
+    _spoken.quiet = False
+    _spoken.notes.clear()
+
+
+def say(notes: Iterable[str]) -> None:
+    """Say notes on standard error, each once, unless the result alone is wanted."""
+    for text in notes:
+        if text not in _spoken.notes and not _spoken.quiet:
+            _spoken.notes.add(text)
+            note(f"note: {text}")
+
+
+def note(text: str) -> None:
+    """Say something on standard error, in one line."""
+    try:
+        print(one_line(" ".join(as_typed(text).split())), file=sys.stderr, flush=True)
+    except BrokenPipeError:
+        raise
+    except OSError:  # a full disk: nobody is told, but the exit code stays the command's
+        silence(sys.stderr)
+
+
+def print_json(document: Any) -> None:
     """Print one JSON document; numbers that are not finite become null."""
     # a person reads it on a terminal; a program wants one document on one line
     indent = 2 if sys.stdout.isatty() else None
@@ -140,58 +211,6 @@ def plain(value: Any) -> Any:
     if isinstance(value, float) and not math.isfinite(value):
         return None
     return value
-
-
-def note(text: str) -> None:
-    """Say something on standard error, in one line."""
-    try:
-        print(one_line(" ".join(as_typed(text).split())), file=sys.stderr, flush=True)
-    except BrokenPipeError:
-        raise
-    except OSError:  # a full disk: nobody is told, but the exit code stays the command's
-        silence(sys.stderr)
-
-
-def silence(stream: TextIO) -> None:
-    """Point a stream at nothing, so that no later flush, Python's last one too, fails."""
-    try:
-        handle = os.open(os.devnull, os.O_WRONLY)
-        os.dup2(handle, stream.fileno())
-        os.close(handle)
-    except (OSError, ValueError):  # no real stream, as in tests
-        pass
-
-
-def tell(text: str) -> None:
-    """Print a line of a result on standard output; names within it may be a stranger's."""
-    print(one_line(text))
-
-
-def conclude(path: str, line: str, more: Iterable[str], document: Any) -> None:
-    """Say what was written to a path, by one document if there is one.
-
-    Lines go to standard error where the table itself went to standard output.
-    """
-    if document is not None:
-        show_json(document)
-        return
-    say, line = (note, line) if path == "-" else (tell, f"{path}: {line}")
-    for each in (line, *more):
-        say(each)
-
-
-class Notes:
-    """Notes that were printed, so that none is printed twice."""
-
-    def __init__(self) -> None:
-        self._said: set[str] = set()
-
-    def say(self, notes: Iterable[str]) -> None:
-        """Say those notes that were not said yet."""
-        for text in notes:
-            if text not in self._said:
-                self._said.add(text)
-                note(f"note: {text}")
 
 
 def number(value: float | None) -> str:
@@ -227,7 +246,7 @@ def progress_bar(unit: str) -> Iterator[_Report | None]:
     Yields what takes the share of the work that is done, the stage and its error [unit]; None
     where standard error is no terminal.
     """
-    if not sys.stderr.isatty():
+    if not sys.stderr.isatty() or _spoken.quiet:
         yield None
         return
     from rich.console import Console

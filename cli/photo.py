@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from .measurements import Reading, log_of
-from .output import Notes
-from .usage import BadOption
+from .output import say
+from .parsing import BadOption
 
 if TYPE_CHECKING:
     from calib.model.model import Model
     from calib.samples.samples import Samples
 
 
-def photo_of_log(model: Model, log: Samples, data: str, notes: Notes) -> Model:
+def photo_of_log(model: Model, log: Samples, data: str) -> Model:
     """Return a model with the picture that its log names, if it lies beside or below the log."""
     named = log.source.get("photo")
     if not isinstance(named, str) or data == "-":
@@ -34,39 +34,31 @@ def photo_of_log(model: Model, log: Samples, data: str, notes: Notes) -> Model:
     try:
         made = with_photo(model, str(path), log)
     except CalibError as error:
-        notes.say([f"no photo is kept in the model: {error}"])
+        say([f"no photo is kept in the model: {error}"])
         return model
-    notes.say([f"{path.name} is kept in the model as its photo; --no-photo leaves it out"])
+    say([f"{path.name} is kept in the model as its photo; --no-photo leaves it out"])
     return made
 
 
-@dataclass(frozen=True)
-class Drawn:
-    """What of a model is drawn, as typed."""
+def load_drawn(
+    path: str, data: str | None, photo: str | None, no_photo: bool, reading: Reading
+) -> tuple[Model, Samples | None]:
+    """Load a model as it is to be drawn, and a log of its own arm where one is given."""
+    import calib
 
-    data: str | None = None
-    photo: str | None = None
-    no_photo: bool = False
-
-    def load(self, path: str, reading: Reading, notes: Notes) -> tuple[Model, Samples | None]:
-        """Load a model as it is to be drawn, and a log of its own arm where one is given."""
-        import calib
-
-        model = calib.load(path)
-        log = log_of(model, self.data, reading, notes)
-        return shown(model, path, self.photo, self.no_photo, log, notes), log
+    model = calib.load(path)
+    log = log_of(model, data, reading)
+    return shown(model, path, photo, no_photo, log), log
 
 
-def shown(
-    model: Model, path: str, photo: str | None, no_photo: bool, log: Samples | None, notes: Notes
-) -> Model:
+def shown(model: Model, path: str, photo: str | None, no_photo: bool, log: Samples | None) -> Model:
     """Return a model as it is to be drawn; a photo that was typed is kept in its file."""
     if photo is None:
         return replace(model, photo=None) if no_photo else model
     made = with_photo(model, photo, log)
     if not no_photo:
         made.save(path)
-        notes.say([f"{photo} is kept in {path}; --no-photo leaves it out"])
+        say([f"{photo} is kept in {path}; --no-photo leaves it out"])
     return made
 
 

@@ -4,34 +4,31 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING
 
-from calib.common.choices import BODIES, VIEWS
-
-from . import parsing
-from .options import GRID
-from .output import Notes
-from .parsing import Columns, JointRange, JointValue, Names
+from .measurements import refuse
+from .output import say
+from .parsing import BadOption, JointRange, JointValue
 from .units import in_si, kinds_of_joints
-from .usage import BadOption, choice, option, refuse
 
 if TYPE_CHECKING:
     from calib import Samples
     from calib.arm.arm import Arm
     from calib.samples.columns import Source
 
-_SAMPLES = 20_000
+SAMPLES = 20_000
+"""Samples that are babbled where nobody says how many."""
 
 
 @dataclass(frozen=True)
 class Selection:
     """Which part of a robot, as typed."""
 
-    joints: Names | None = None  # active joints
+    joints: Sequence[str] | None = None  # active joints
     tip: str | None = None  # the frame that is sensed
     planar: bool = False  # whether to look only for planar arms within the robot
-    lock: list[JointValue] | None = None
-    ranges: list[JointRange] | None = None
+    lock: Sequence[JointValue] | None = None
+    ranges: Sequence[JointRange] | None = None
     degrees: bool = False  # whether joints that turn are typed in degrees
 
     def load(
@@ -65,64 +62,16 @@ class Babbling:
     samples: int | None = None
     noise: float | None = None
     motion: str | None = None
-    change: list[str] | None = None
-
-
-@dataclass(frozen=True)
-class Training:
-    """What is trained and how, as typed: arguments of `calib.train`."""
-
-    OPTIONS: ClassVar = {
-        "motor_size": option(
-            "--motor-size N|NxN", "Nodes of the motor map, where they differ.", parsing.size
-        ),
-        "sensory_size": option(
-            "--sensory-size N|NxN", "Nodes of the sensory map, where they differ.", parsing.size
-        ),
-        "body": choice(
-            "--body",
-            BODIES,
-            "auto fits a kinematic body under the maps; none learns maps and Hebbian links alone.",
-        ),
-        "view": choice(
-            "--view",
-            VIEWS,
-            "What the sensor measures: base is the robot's root frame; auto is rigid for "
-            "lengths, homography for pixels, pinhole for pixels of an arm in space.",
-        ),
-    }
-    map: str | None = None
-    size: int | tuple[int, ...] | None = None
-    motor_size: int | tuple[int, ...] | None = None
-    sensory_size: int | tuple[int, ...] | None = None
-    body: str = "auto"
-    view: str = "auto"
-    rule: str = "batch"
-    epochs: int | None = None
-    sigma: tuple[float, float] | None = None
-
-
-@dataclass(frozen=True)
-class Grid:
-    """Values to try of each option of a training, as typed."""
-
-    OPTIONS: ClassVar = GRID
-    size: tuple[Any, ...] | None = None
-    map: tuple[Any, ...] | None = None
-    rule: tuple[Any, ...] | None = None
-    epochs: tuple[Any, ...] | None = None
-    sigma: tuple[Any, ...] | None = None
-    samples: tuple[Any, ...] | None = None
-    noise: tuple[Any, ...] | None = None
+    change: Sequence[str] | None = None
 
 
 @dataclass(frozen=True)
 class Logged:
     """What stands in a log, as typed."""
 
-    columns: Columns | None = None
+    columns: Mapping[str, str] | None = None
     unit: str | None = None
-    prismatic: Names | None = None
+    prismatic: Sequence[str] | None = None
 
 
 def check_sources(
@@ -146,11 +95,7 @@ def check_sources(
 
 
 def babbled_samples(
-    robot: str | None,
-    selection: Selection,
-    babbling: Babbling,
-    seed: int,
-    notes: Notes,
+    robot: str | None, selection: Selection, babbling: Babbling, seed: int
 ) -> Samples:
     """Babble in simulation, and say what was assumed."""
     import calib
@@ -158,20 +103,21 @@ def babbled_samples(
     from calib.samples.changes import parse_changes
 
     arm = selection.load(robot)
-    notes.say(arm.notes)
+    say(arm.notes)
     turning = [name for name, turns in zip(arm.joint_names, arm.revolute, strict=True) if turns]
     try:
         changes = parse_changes(babbling.change or (), degrees=turning * selection.degrees)
     except OptionError as error:
         raise BadOption(f"--{error}") from None
-    shared: dict[str, Any] = {
-        "n": _SAMPLES if babbling.samples is None else babbling.samples,
-        "seed": seed,
-        "noise": babbling.noise or 0.0,
-        "changes": changes,
-    }
-    log = calib.babble(arm, **shared, method=babbling.motion or "uniform")
-    notes.say(log.notes)
+    log = calib.babble(
+        arm,
+        n=SAMPLES if babbling.samples is None else babbling.samples,
+        seed=seed,
+        noise=babbling.noise or 0.0,
+        changes=changes,
+        method=babbling.motion or "uniform",
+    )
+    say(log.notes)
     return log
 
 
@@ -180,8 +126,7 @@ def measured_samples(
     selection: Selection,
     path: str,
     logged: Logged,
-    seed: int,
-    notes: Notes,
+    seed: int = 0,
     lens: str | None = None,
 ) -> Samples:
     """Read a log, for the robot where there is one, and say what was assumed."""
@@ -192,8 +137,8 @@ def measured_samples(
     turns = {name: name not in (logged.prismatic or ()) for name in selection.joints or ()}
     source = open_source(path)  # once: it may be a pipe
     if robot is not None:
-        arm = _arm_of_log(robot, selection, source, logged.columns, notes)
-        notes.say(arm.notes)
+        arm = _arm_of_log(robot, selection, source, logged.columns)
+        say(arm.notes)
         turns = dict(zip(arm.joint_names, arm.revolute, strict=True))
     glass = None
     if lens is not None:
@@ -212,22 +157,21 @@ def measured_samples(
         seed=seed,
         lens=glass,
     )
-    notes.say(log.notes)
+    say(log.notes)
     return log
 
 
 def _arm_of_log(
-    robot: str,
-    selection: Selection,
-    source: Source,
-    columns: Mapping[str, str] | None,
-    notes: Notes,
+    robot: str, selection: Selection, source: Source, columns: Mapping[str, str] | None
 ) -> Arm:
     """Load the arm with its other joints where the log says that they stood."""
     from calib.samples.locked import locked_from_log
 
     header = {*source.header, *(columns or {})}
     arm = selection.load(robot, columns=header)
+    # its locked joints turn the last link of a planar arm about its joint, as an offset does
+    if selection.tip is None and arm.outputs == 2 and arm.locked:
+        say([f"positions are taken as those of {arm.tip}; `tip` names the frame that was measured"])
     typed = {joint for joint, _ in selection.lock or ()}
     others = [name for name in arm.locked if name not in typed]
     if not others:
@@ -240,5 +184,5 @@ def _arm_of_log(
         degrees=selection.degrees,
         prismatic=[name for name in others if not turns.get(name, True)],
     )
-    notes.say(told)
+    say(told)
     return selection.load(robot, held, header) if held else arm

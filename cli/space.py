@@ -19,8 +19,8 @@ from calib.samples.roles import QUATERNION, from_angles
 
 from .answers import UP_TO_SCALE
 from .output import note
+from .parsing import BadOption
 from .units import JointFormat
-from .usage import BadOption
 
 if TYPE_CHECKING:
     from calib import Model

@@ -6,9 +6,10 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 from calib.common.choices import READOUTS
+from calib.common.wording import for_people
 from calib.model.facts import STATISTICS, Errors, shown_errors
 
-from .output import TextTable, explained, number
+from .output import TextTable, number
 from .units import units_of
 
 if TYPE_CHECKING:
@@ -76,6 +77,43 @@ def _view_of(model: Model) -> dict[str, Any]:
     return view
 
 
+_TERMS = (
+    "local: body and local models; body: the body alone; linear, activity, winner: the maps and "
+    "their Hebbian links alone"
+)
+
+
+def best_readout(errors: Errors) -> str:
+    """Return the readout that answers queries."""
+    return next(readout for readout in READOUTS if readout in errors)
+
+
+def accuracy(
+    model: Model, errors: Errors, within: Mapping[str, float], rows: str, left_out: int
+) -> str:
+    """Return in one line how far predictions are from where the tip is or is measured."""
+    found = errors[best_readout(errors)]["forward"]["distance"]
+    factor, unit = for_people(model.about.unit)
+    told = f"{number(found['mean'] * factor)} {unit} on average"
+    if within:
+        told += f", 95 % within {number(within['p95'] * factor)} {unit}"
+        told += f"; the 95 % bound covers {100 * within['covered']:.0f} %"
+    left = f"; {left_out} left out, wrong or outside of what was learned" if left_out else ""
+    return f"{told}, on {rows}{left}"
+
+
+def answers_back(model: Model, errors: Errors) -> str:
+    """Return in one line how far the joints of inverse queries are from the right ones."""
+    about, found = model.about, errors[best_readout(errors)]["inverse"]
+    told = []
+    for name, unit in (*zip(about.joint_names, about.units_of_joints, strict=True),):
+        factor, shown = for_people(unit)
+        told.append(f"{name} {number(found[name]['mean'] * factor)} {shown}")
+    factor, shown = for_people(about.unit)
+    there = number(found["distance"]["mean"] * factor)
+    return f"inverse: {there} {shown} from the target on average; {', '.join(told)}"
+
+
 def error_table(model: Model, errors: Errors, title: str) -> TextTable:
     """Return all errors, a line for each readout, direction and quantity."""
     rows = []
@@ -86,7 +124,7 @@ def error_table(model: Model, errors: Errors, title: str) -> TextTable:
             rows.append([labels[0], shown, name, unit, *map(number, found[readout].values())])
             labels = ["", direction]
     header = ["readout", "direction", "error of", "unit", *STATISTICS]
-    return explained(TextTable(header, rows, title, left=4))
+    return TextTable(header, rows, title, left=4, foot=_TERMS)
 
 
 def compact_table(model: Model, errors: Errors, title: str) -> TextTable:
@@ -99,4 +137,4 @@ def compact_table(model: Model, errors: Errors, title: str) -> TextTable:
         means = [number(found[r]["mean"] if r in found else None) for r in (best, *others)]
         row = [f"{direction} {name} [{unit}]", means[0], number(found[best]["max"]), *means[1:]]
         rows.append(row)
-    return explained(TextTable(["mean, and max", best, "max", *others], rows, title))
+    return TextTable(["mean, and max", best, "max", *others], rows, title, foot=_TERMS)

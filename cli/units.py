@@ -10,7 +10,7 @@ from calib.common.wording import for_people, unit_of_joint
 from calib.model.facts import learned_range
 
 from .output import fixed
-from .usage import BadOption, bad_option
+from .parsing import BadOption, bad_option
 
 if TYPE_CHECKING:
     from calib.arm.arm import Arm
@@ -34,6 +34,34 @@ def meaning(about: About, frame: str = "sensor") -> dict[str, Any]:
         units = units_of(about, frame)
         return {"frame": frame, "unit": "m", "bound_of": "true position", "units": units}
     return {"unit": about.unit, "bound_of": about.bound_of, "units": units_of(about)}
+
+
+class PositionFormat:
+    """How a model's positions are typed and printed.
+
+    frame : whose coordinates they are; those of the base frame are in m
+    unit : the unit that was asked for, None for the model's own, printed in mm where that is m
+    """
+
+    def __init__(self, about: About, frame: str = "sensor", unit: str | None = None) -> None:
+        self.unit = "m" if frame == "base" else about.unit
+        self.factor, self.shown = for_people(self.unit)
+        self.typed = 1.0
+        """Factor from the model's unit to what is typed, and written to tables of answers."""
+        if unit is not None and unit != self.unit:
+            from calib.common.scale import METRES
+
+            if not {unit, self.unit} <= set(METRES):
+                fitting = METRES if self.unit in METRES else (self.unit,)
+                expected = f"a unit that positions in {self.unit} have: {', '.join(fitting)}"
+                raise bad_option("--unit", unit, expected)
+            self.typed = METRES[unit] / METRES[self.unit]
+        if unit is not None:
+            self.factor, self.shown = self.typed, unit
+
+    def said(self, length: float) -> str:
+        """Return a length [the model's unit] in words."""
+        return f"{length * self.factor:.4g} {self.shown}"
 
 
 class JointFormat:

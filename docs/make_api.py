@@ -20,7 +20,8 @@ INTRODUCTION = """\
 
 Written by `python docs/make_api.py` from the docstrings; edit those, not this page.
 
-Everything here is `calib.NAME`. Joint values are in rad or m, positions in m or, for a log, in
+Everything here is `calib.NAME`; `help(calib.NAME)` has examples and errors too.
+Joint values are in rad or m, positions in m or, for a log, in
 the log's unit, written `[unit]`; `n` rows are `(n, dof)` and `(n, 2)` arrays, and single vectors
 `(dof,)` and `(2,)` work as well. Arrays of results are read-only where they are part of a model.
 Equations are those of the [paper](paper.md#what-stands-where).
@@ -30,6 +31,7 @@ CHAPTERS = {
     "Arms": ("load_arm", "list_robots", "PlanarArm"),
     "Samples": ("babble", "read_log", "write_log", "Samples", "Simulation", "plan", "Plan"),
     "Models": ("train", "load", "Model", "Answer", "Path", "evaluate", "Evaluation"),
+    "Pages": ("report", "preview", "figures", "Preview"),
     "Sweeps": ("sweep", "Sweep", "Trial"),
     "Drift and re-calibration": ("Drift", "Monitor", "adapt", "Adaptation"),
     "Maps": ("SOM",),
@@ -115,13 +117,7 @@ def body(doc: str) -> Iterator[str]:
                 if paragraph.strip():
                     yield inline(" ".join(paragraph.split()))
                     yield ""
-        elif name == "Examples":
-            code = [line.split("# doctest")[0].rstrip() for line in lines]
-            yield "```pycon"
-            yield "\n".join(code).strip()
-            yield "```"
-            yield ""
-        else:
+        elif name not in ("Examples", "Raises"):  # help() shows these
             yield f"**{name}**"
             yield ""
             yield from entries(name, lines)
@@ -177,13 +173,22 @@ def chapter(name: str) -> Iterator[str]:
     yield from body(doc)
     if inspect.isclass(thing):
         for written, text in members(thing):
-            yield f"#### `{written}`"
-            yield ""
-            yield from body(text)
+            if name in ASKED:
+                yield f"#### `{written}`"
+                yield ""
+                yield from body(text)
+            else:
+                first = text.split("\n\n", maxsplit=1)[0]
+                yield f"- `{written}`: {inline(' '.join(first.split()))}"
+        yield ""
 
 
 #: Classes that users make themselves; the others come out of functions.
 MADE_BY_USERS = ("SOM", "Samples", "Simulation")
+
+
+#: Classes whose methods are told in full, those of the others in a line.
+ASKED = ("Model",)
 
 
 def page() -> str:

@@ -14,6 +14,7 @@ import typer
 from calib_cli.app import app
 
 PAGE = Path(__file__).parent / "cli.md"
+SHOWN = ("as_json", "verbose", "quiet", "help")
 DEFAULT = re.compile(r" \(default ([^)]*)\)")
 INTRODUCTION = """\
 # Command line
@@ -26,6 +27,9 @@ CSV files are in degrees with `--degrees`. Logs are read in the unit and with th
 model remembers of its own log. Tables for people print mm and degrees
 and say so. A negative number is an ordinary argument: `calib query inverse m.calib -0.1 0.3`.
 Numbers that are typed may be followed by options, and options may come first.
+
+Every command takes `--json` (one JSON document on standard output, in SI units), `--verbose` or
+`-v` (what the answer rests on too) and `--quiet` or `-q` (the result alone, without notes).
 
 ## Exit codes
 
@@ -88,12 +92,19 @@ def usage(name: str, command: Any) -> str:
             shown = parameter.metavar
             words.append(shown if parameter.required else f"[{shown}]")
     words += [
-        f"{parameter.opts[0]} {parameter.metavar}"
+        f"{parameter.opts[0]} {value_of(parameter)}"
         for parameter in command.params
         if parameter.param_type_name == "option" and parameter.required
     ]
     optional = any(p.param_type_name == "option" and not p.required for p in command.params)
     return " ".join([*words, "[OPTIONS]"] if optional else words)
+
+
+def value_of(parameter: Any) -> str:
+    """Return what stands for an option's value: its form, or the words to choose from."""
+    if parameter.metavar is not None:
+        return str(parameter.metavar)
+    return "|".join(parameter.type_descriptor.choices)
 
 
 def row(parameter: Any) -> str:
@@ -102,7 +113,7 @@ def row(parameter: Any) -> str:
         typed, needed = f"`{parameter.metavar}`", parameter.required
     else:
         names = sorted(parameter.opts, key=len, reverse=True)
-        value = "" if parameter.is_flag else f" {parameter.metavar}"
+        value = "" if parameter.is_flag else f" {value_of(parameter)}"
         typed = ", ".join([f"`{names[0]}{value}`", *(f"`{name}`" for name in names[1:])])
         needed = parameter.required
     told = DEFAULT.search(parameter.help)  # what the help says itself goes first
@@ -123,11 +134,11 @@ def section(name: str, command: Any) -> str:
     """Return the chapter of one command."""
     paragraphs = [" ".join(part.split()) for part in (command.help or "").split("\n\n")]
     lines = [f"## {name}", "", *_spaced(paragraphs), "```text", usage(name, command), "```", ""]
-    if command.params:
+    if own := [parameter for parameter in command.params if parameter.name not in SHOWN]:
         lines += [
             "| argument or option | meaning | default |",
             "|---|---|---|",
-            *map(row, command.params),
+            *map(row, own),
             "",
         ]
     return "\n".join(lines)

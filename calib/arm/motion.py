@@ -11,15 +11,27 @@ parallel axes (Denavit-Hartenberg does), and slides and turns are treated alike.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
 from ..common.arrays import Array
 from .rotations import cross_matrix, exponential
 
-if TYPE_CHECKING:
-    from .spatial_chain import SpatialChain
+
+class Links(Protocol):
+    """What `move` needs of a chain at its zero posture; see `SpatialChain`."""
+
+    @property
+    def axes(self) -> Array: ...  # noqa: D102
+    @property
+    def points(self) -> Array: ...  # noqa: D102
+    @property
+    def tip(self) -> Array: ...  # noqa: D102
+    @property
+    def rotation(self) -> Array: ...  # noqa: D102
+    @property
+    def revolute(self) -> tuple[bool, ...]: ...  # noqa: D102
 
 
 @dataclass(frozen=True)
@@ -47,9 +59,9 @@ class Placements(NamedTuple):
     tip_turn: Array  # (3, 3), its orientation there
 
 
-def placements(chain: SpatialChain, moved: Deviations | None = None) -> Placements:
+def placements(chain: Links, moved: Deviations | None = None) -> Placements:
     """The links of a chain, of its nominal one where no deviations are given."""
-    moved = moved or Deviations.none(chain.joints)
+    moved = moved or Deviations.none(len(chain.revolute))
     return Placements(
         np.diff(chain.points, axis=0, prepend=np.zeros((1, 3))) + moved.shifts,
         exponential(moved.turns),
@@ -91,7 +103,7 @@ class Motion:
         return np.cross(about, (self.position - self.origins)[:, None], axis=2), about
 
 
-def move(chain: SpatialChain, values: Array, moved: Deviations | None = None) -> Motion:
+def move(chain: Links, values: Array, moved: Deviations | None = None) -> Motion:
     """Evaluate a chain at the values (m, n) of its joints [rad or m]."""
     m, n = values.shape
     moved = moved or Deviations.none(m)

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from ..common.arrays import Array
-from ..common.frozen import ReadOnly, frozen
 from .covariance import radius_95, spread_of
+from .gaussian import Gaussian, OfStructure
 from .parameters import Indices
 from .sensor import SensorPose
 from .structure import Structure
@@ -43,17 +42,6 @@ class Parameter:
     unit: str
 
 
-class Gaussian(ReadOnly):
-    """A Gaussian belief over some parameters."""
-
-    root: Array
-
-    @cached_property
-    def covariance(self) -> Array:
-        """Covariance (k, k) of the active parameters."""
-        return frozen(self.root @ self.root.T)
-
-
 @dataclass(frozen=True)
 class Second(Gaussian):
     """A second fit with a wider hyperprior of the curves; the bound takes the worse of both."""
@@ -65,7 +53,7 @@ class Second(Gaussian):
 
 
 @dataclass(frozen=True)
-class Body(Gaussian):
+class Body(OfStructure):
     """A Gaussian belief over the parameters of an arm and its sensor."""
 
     structure: Structure
@@ -159,7 +147,9 @@ class Body(Gaussian):
 
     def describe(self) -> tuple[str, ...]:
         """The body in words, one line for each joint, curve and view."""
-        lines = (*self.structure.words(self.beta, self.deviations), *self._bounds_in_words())
+        from .words import words_of  # modules of every kind of arm
+
+        lines = (*words_of(self.structure, self.beta, self.deviations), *self._bounds_in_words())
         if (sensor := SensorPose.of(self)) is None or self.structure.view == "base":
             return lines
         what = "camera" if is_camera(self.structure.view) else "sensor's frame"

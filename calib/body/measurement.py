@@ -18,7 +18,7 @@ Moved = tuple[Array, Any]
 """How the tip moves: velocity (..., D, n) [m] and angular velocity (..., 3, n) [rad], or 0."""
 
 
-class Motion(Protocol):
+class TipMotion(Protocol):
     """Where a chain is at n rows, in D coordinates: 2 in the plane, 3 in space."""
 
     @property

@@ -27,7 +27,7 @@ class Label(NamedTuple):
     unit: str  # ``"rad"``, ``"1"``, the unit of positions
 
 
-class Scale(NamedTuple):
+class ScaleGroup(NamedTuple):
     """Parameters of a block of which the evidence chooses the prior sd."""
 
     name: str
@@ -46,7 +46,7 @@ class Block:
     parts: tuple[Part, ...]
     mean: Array | float = 0.0  # prior mean
     sd: Array | float = 0.0  # prior sd where the block is freed; 0 holds a parameter at its mean
-    scales: tuple[Scale, ...] = ()  # parameters whose sd the evidence chooses, in place of `sd`
+    scales: tuple[ScaleGroup, ...] = ()  # whose sd the evidence chooses instead
 
 
 @dataclass(frozen=True)

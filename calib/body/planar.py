@@ -23,10 +23,10 @@ from ..common.arrays import Array
 from .curves import curve_shape
 from .measurement import Moved
 from .nominal import Nominal
-from .parameters import Block, Indices, Scale
-from .planar_view import InPlane
+from .parameters import Block, Indices, ScaleGroup
+from .planar_view import PlanarReading
 from .settings import (
-    CURVE,
+    CURVE_RMS,
     CURVE_ROWS_FLAT,
     ELASTIC_FLAT,
     GAIN,
@@ -38,7 +38,6 @@ from .settings import (
 )
 from .structure import Ladder, Structure
 from .views import PLANAR
-from .words import planar_words
 
 _Complex = NDArray[np.complex128]
 
@@ -129,7 +128,7 @@ class PlanarStructure(Structure):
         return self.scaled and self.nominal is None and not self.slides
 
     @cached_property
-    def measurement(self) -> InPlane:
+    def measurement(self) -> PlanarReading:
         """What its sensor measures."""
         nominal = self.nominal
         reach = 1.0 if self.scaled else self.extent  # of the chain, in its own units
@@ -137,7 +136,7 @@ class PlanarStructure(Structure):
             reach = max(float(np.sum(nominal.lengths)) * self.slide, 1e-12)
         known = nominal if self.view == "base" else None
         at = (self.metre * known.shift[0], self.metre * known.shift[1]) if known else (0.0, 0.0)
-        return InPlane(
+        return PlanarReading(
             self.view, self.unit, self._length, self.mirror, self.extent, self.centre, reach,
             known.rotation if known else 0.0, at,
         )  # fmt: skip
@@ -162,8 +161,8 @@ class PlanarStructure(Structure):
         flat[0] = 0.0  # in a free frame the first joint's offset and a turn of the frame are one
         first = np.arange(0 if self.view == "base" else 1, self.dof)
 
-        def known(name: str, *scale: object) -> tuple[Scale, ...]:
-            return (Scale(name, *scale),) if drawn else ()  # type: ignore[arg-type]
+        def known(name: str, *scale: object) -> tuple[ScaleGroup, ...]:
+            return (ScaleGroup(name, *scale),) if drawn else ()  # type: ignore[arg-type]
 
         def parts(what: str, unit: str) -> tuple[tuple[str | None, str, str], ...]:
             return tuple((name, f"{name}.{what}", unit) for name in names)
@@ -188,9 +187,9 @@ class PlanarStructure(Structure):
                     (names[i], f"{names[i]}.elastic {wave} {names[j]}", "rad")
                     for (i, j), wave in product(self.pairs, ("cos", "sin"))
                 ),
-                scales=(Scale("elastic", bent * ELASTIC_FLAT, pseudo=4.0),),
+                scales=(ScaleGroup("elastic", bent * ELASTIC_FLAT, pseudo=4.0),),
             ),
-            *self.curves(CURVE, CURVE_ROWS_FLAT, curve_shape(LONG)),
+            *self.curves(CURVE_RMS, CURVE_ROWS_FLAT, curve_shape(LONG)),
         )  # fmt: skip
 
     def offsets(self, beta: Array) -> Array:
@@ -264,13 +263,3 @@ class PlanarStructure(Structure):
             ladder.append(("elastic", (*chain, "elastic")))
             ladder.append(("curves and elastic", (*chain, "elastic", "curve")))
         return tuple(ladder)
-
-    def starts(self, q: Array, z: Array) -> Sequence[tuple[Structure, Array]]:
-        """Candidate starts, the best linear fits first."""
-        from .planar_start import planar_starts
-
-        return planar_starts(self, q, z)
-
-    def words(self, beta: Array, sd: Array) -> tuple[str, ...]:
-        """Lines that say the parameters in words."""
-        return planar_words(self, beta, sd)

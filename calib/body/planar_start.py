@@ -5,16 +5,13 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..common.arrays import Array
 from .nominal import chain_of, regressors
+from .planar import PlanarStructure
 from .structure import Structure
-
-if TYPE_CHECKING:
-    from .planar import PlanarStructure
 
 _MOST = 16
 """Combinations of signs and mirrors that are refined."""

@@ -28,7 +28,7 @@ _QUARTER_TURN = np.array([[0.0, -1.0], [1.0, 0.0]])
 
 
 @dataclass(frozen=True, eq=False)
-class InPlane(Measurement):
+class PlanarReading(Measurement):
     """Two coordinates in the plane of an arm."""
 
     kind: str  # one of :data:`calib.body.views.PLANAR`
@@ -115,7 +115,7 @@ class Seen:
     """What a sensor sees of the tip at n rows."""
 
     values: Array  # (n, 2)
-    sensor: InPlane
+    sensor: PlanarReading
     own: Mapping[str, Array]  # the sensor's parameters
     point: Array  # (2, n), the tip
     y: Array  # (2, n), seen before shift and lens

@@ -9,17 +9,15 @@ place, is also told without them.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from ..arm.rotations import cross_matrix, quaternion_of
 from ..common.arrays import Array
 from ..errors import LogError
+from .gaussian import Gaussian, OfStructure
 from .parameters import Indices
-
-if TYPE_CHECKING:
-    from .belief import Body, Second
 
 _TELLING = 0.8
 """Share of a position's spread below which it is told what is left without the gauge."""
@@ -54,7 +52,7 @@ class SensorPose:
     first: str | None  # the joint whose offset is zero by convention
 
     @staticmethod
-    def of(body: Body | None) -> SensorPose | None:
+    def of(body: OfStructure | None) -> SensorPose | None:
         """The sensor of a body in space; None in the plane, and without a drawing of the arm."""
         structure: Any = body.structure if body is not None else None
         if body is None or structure.kind != "spatial" or not structure.informed:
@@ -132,7 +130,7 @@ class SensorPose:
         return lines
 
 
-def doubtful_depth(body: Body, q: Array, lower: Array, upper: Array) -> list[str]:
+def doubtful_depth(body: OfStructure, q: Array, lower: Array, upper: Array) -> list[str]:
     """Say where pictures hardly tell a camera's distance, and which poses would.
 
     q : (n, dof), joint values of the pictures
@@ -168,7 +166,7 @@ def doubtful_depth(body: Body, q: Array, lower: Array, upper: Array) -> list[str
     ]
 
 
-def without_gauge(structure: Any, belief: Body | Second, size: bool) -> Array:
+def without_gauge(structure: Any, belief: Gaussian, size: bool) -> Array:
     """Root (k, r) of a belief's covariance without motions of the tip that no reading tells.
 
     Of all parameters that readings cannot tell apart, those nearest to the belief's stand for them:

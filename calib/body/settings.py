@@ -23,7 +23,7 @@ ELASTIC, ELASTIC_FLAT = 1e-3, 1e-4
 """Joints bend by this much [rad] under the largest torque of gravity; in the plane, where cosines
 and sines of the cumulative angles stand for torques, by a tenth (twice that without a drawing)."""
 
-CURVE = 4e-4
+CURVE_RMS = 4e-4
 """Rms of a joint's error curve [rad]: harmonic drives and industrial arms have 0.15 to 0.4 mrad;
 the evidence finds those of others."""
 

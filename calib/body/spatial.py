@@ -21,9 +21,9 @@ from ..arm.spatial_chain import GRAVITY, SpatialChain
 from ..common.arrays import Array
 from .curves import curve_shape
 from .measurement import Measurement, Moved
-from .parameters import Block, Indices, Scale
+from .parameters import Block, Indices, ScaleGroup
 from .settings import (
-    CURVE,
+    CURVE_RMS,
     CURVE_ROWS,
     ELASTIC,
     GAIN,
@@ -34,7 +34,6 @@ from .settings import (
 )
 from .spatial_view import InSpace, Placed, compose
 from .structure import Ladder, Structure
-from .words import spatial_words
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,8 +108,8 @@ class SpatialStructure(Structure):
         choices = SCALES if self.measurement.sized else (1.0,)
         places = list(product((("shift", "m"), ("turn", "rad")), "xyz"))
         drawn = (
-            Scale("placement.shift", SHIFT, choices, within=placed[:, 0].ravel()),
-            Scale("placement.turn", TURN, choices, within=placed[:, 1].ravel()),
+            ScaleGroup("placement.shift", SHIFT, choices, within=placed[:, 0].ravel()),
+            ScaleGroup("placement.turn", TURN, choices, within=placed[:, 1].ravel()),
         )
         return (
             Block(
@@ -137,19 +136,19 @@ class SpatialStructure(Structure):
                     for name, turns in zip(self.joint_names, self.revolute, strict=True)
                 ),
                 scales=(
-                    Scale("offset", TURN, OFFSET_SCALES, within=turned),
-                    Scale("offset.slide", SHIFT, SCALES, within=slid),
+                    ScaleGroup("offset", TURN, OFFSET_SCALES, within=turned),
+                    ScaleGroup("offset.slide", SHIFT, SCALES, within=slid),
                 ),
             ),
             Block(
                 "gain", tuple((name, f"{name}.gain", "1") for name in self.joint_names), 1.0,
-                scales=(Scale("gain", GAIN, SCALES),),
+                scales=(ScaleGroup("gain", GAIN, SCALES),),
             ),
             Block(
                 "elastic", tuple((name, f"{name}.elastic", "rad") for name in weighted),
-                scales=(Scale("elastic", ELASTIC, pseudo=1.0),),
+                scales=(ScaleGroup("elastic", ELASTIC, pseudo=1.0),),
             ),
-            *self.curves(CURVE, CURVE_ROWS, curve_shape()),
+            *self.curves(CURVE_RMS, CURVE_ROWS, curve_shape()),
         )  # fmt: skip
 
     @cached_property
@@ -228,18 +227,6 @@ class SpatialStructure(Structure):
         """Blocks that every member fits: the sensor's place and the tip that it sees."""
         lens = ("lens",) if self.camera and any(self.lens_sd) else ()
         return (*self.seen_as.groups, *lens)
-
-    def starts(self, q: Array, z: Array) -> Sequence[tuple[Structure, Array]]:
-        """Candidate starts: structures with their parameters (d,)."""
-        if self.reading is not None:
-            return [(self, self.reading.start(self, q))]
-        from .spatial_start import spatial_starts  # SciPy's linear algebra, which no query needs
-
-        return spatial_starts(self, q, z)
-
-    def words(self, beta: Array, sd: Array) -> tuple[str, ...]:
-        """Lines that say the parameters in words."""
-        return spatial_words(self, beta, sd)
 
     def with_view(self, view: str, **changes: Any) -> SpatialStructure:
         """Return the structure with another view."""

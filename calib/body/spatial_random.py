@@ -8,18 +8,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..arm.motion import move
 from ..common.arrays import Array
 from ..common.rows import thinned
-from .starts import settle
+from .settle import settle
+from .spatial import SpatialStructure
 from .structure import Structure
-
-if TYPE_CHECKING:
-    from .spatial import SpatialStructure
 
 _STARTS = 24
 #: Damped steps of every start, and of the few that are best by then.

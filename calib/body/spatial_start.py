@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,12 +12,10 @@ from ..common.arrays import Array
 from ..common.rows import thinned
 from ..errors import LogError
 from .parameters import Prior
+from .settle import settle
+from .spatial import SpatialStructure
 from .spatial_random import chains
-from .starts import settle
 from .structure import Structure
-
-if TYPE_CHECKING:
-    from .spatial import SpatialStructure
 
 #: Rows that a start is fitted to.
 _ROWS = 400

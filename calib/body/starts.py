@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from ..common.arrays import Array
-from .normal import Factor, slices, with_prior
-from .parameters import Prior
-from .search import Search
+from .planar import PlanarStructure
+from .planar_start import planar_starts
+from .settle import settle
+from .spatial import SpatialStructure
+from .spatial_start import spatial_starts
 from .structure import Structure
 
 _ROWS = 400
@@ -17,11 +20,6 @@ _ROWS = 400
 
 _KEPT = 8
 """Runs that are carried on after the first six steps."""
-
-_NU = 6.0
-
-_SETTLED = 1e-3
-"""Share of a parameter's own sd below which a step ends a run."""
 
 _RIVAL = 2.0
 """A rival's residuals are at most this many times the best start's."""
@@ -43,6 +41,16 @@ class Start:
     noise: float  # share of the extents that the residuals have
 
 
+def candidates(structure: Structure, q: Array, z: Array) -> Sequence[tuple[Structure, Array]]:
+    """Structures (signs, mirror, chain) with parameters (d,) to begin with, the best ones first."""
+    if isinstance(structure, PlanarStructure):
+        return planar_starts(structure, q, z)
+    assert isinstance(structure, SpatialStructure)  # noqa: S101
+    if structure.reading is not None:
+        return [(structure, structure.reading.start(structure, q))]
+    return spatial_starts(structure, q, z)
+
+
 def best_starts(
     structure: Structure, q: Array, z: Array, free: tuple[str, ...]
 ) -> tuple[Start, ...]:
@@ -59,7 +67,7 @@ def best_starts(
     if len(q) > _ROWS:
         rows = np.sort(np.random.default_rng(0).permutation(len(q))[:_ROWS])
         q, z = q[rows], z[rows]
-    found = structure.starts(q, z)
+    found = candidates(structure, q, z)
     if len(found) == 1:  # nothing to choose from: the gate goes on from here
         return (Start(found[0][0], found[0][1], 0.0, 0.0),)
 
@@ -82,59 +90,3 @@ def best_starts(
         if float(np.abs(apart / best.structure.extents).max()) > max(_APART, 20 * best.noise):
             return best, run
     return (best,)
-
-
-def _spread(r: Array, extents: Array, blocks: tuple[int, ...]) -> Array:
-    """Maximum-likelihood Student scale (m,) of residuals, at least 1e-7 of the extents."""
-    sigma = np.empty(r.shape[1])
-    for part in slices(blocks):
-        p, least = part.stop - part.start, 1e-14 * extents[part.start] ** 2
-        e2 = (r[:, part] ** 2).sum(axis=1)
-        s2 = float(np.median(e2)) / p + least
-        for _ in range(12):
-            s2 = float(((_NU + p) / (_NU + e2 / s2) * e2).mean()) / p + least
-        sigma[part] = np.sqrt(s2)
-    return sigma
-
-
-def settle(
-    structure: Structure, q: Array, z: Array, beta: Array, prior: Prior, steps: int
-) -> tuple[Array, float, float]:
-    """Fit some parameters by robust Levenberg-Marquardt steps from `beta`.
-
-    A step below `_SETTLED` sd ends them.
-
-    Returns beta : (d,)
-    Returns cost : negative log posterior with Student noise, of which the scale was fitted
-    Returns noise : share of the extents that the residuals have
-    """
-    search = Search(structure, q, z, beta, prior, _NU, np.zeros(structure.outputs))
-    search.edges = np.array([0, len(z)])  # nothing is held out
-    damping = 1e-3
-    with np.errstate(all="ignore"):
-        for _ in range(steps):
-            search.noise = _spread(search.r, structure.extents, search.blocks)
-            search.linearise(fresh=True)
-            gram, moment = search.data()
-            precision = with_prior(gram, search.sd, None)
-            pull = moment - search.pull(search.distance(search.beta))
-            diagonal = np.diag(precision).copy()
-            before = search.objective(search.beta, search.r)
-            for _ in range(8):
-                precision[np.diag_indices(len(pull))] = (1 + damping) * diagonal
-                try:
-                    delta = Factor(precision).solve(pull)
-                    beta, r, value = search.after(delta)
-                except np.linalg.LinAlgError:
-                    value = np.inf
-                if value < before:
-                    break
-                damping = min(damping * 8, 1e8)
-            else:
-                break
-            search.beta, search.r, damping = beta, r, max(damping / 10, 1e-12)
-            if float((np.abs(delta) * np.sqrt(diagonal)).max()) < _SETTLED:
-                break
-        search.noise = _spread(search.r, structure.extents, search.blocks)
-        cost = search.objective(search.beta, search.r)
-    return search.beta, cost, float((search.noise / structure.extents).max())

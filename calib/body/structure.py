@@ -22,8 +22,8 @@ import numpy as np
 from ..common.arrays import Array
 from .curves import HARMONICS, curve_slope, curve_value, powers
 from .derivative import Derivative, Waves
-from .measurement import Measurement, Motion, Moved, Sight
-from .parameters import Block, Blocks, Indices, Label, Layout, Prior, Scale
+from .measurement import Measurement, Moved, Sight, TipMotion
+from .parameters import Block, Blocks, Indices, Label, Layout, Prior, ScaleGroup
 from .views import VIEWS_OF_BODIES, ViewKind
 
 Ladder = tuple[tuple[str, tuple[str, ...]], ...]
@@ -92,11 +92,11 @@ class Structure:
         """Blocks of the chain's geometry and of its joints' offsets."""
         raise NotImplementedError
 
-    def move(self, values: Array, beta: Array) -> Motion:
+    def move(self, values: Array, beta: Array) -> TipMotion:
         """Where the chain is at the true values (c, n) of its joints."""
         raise NotImplementedError
 
-    def moving(self, motion: Motion) -> Iterator[tuple[Indices, Callable[[], Moved]]]:
+    def moving(self, motion: TipMotion) -> Iterator[tuple[Indices, Callable[[], Moved]]]:
         """How the tip moves with each part of the geometry: parameters, and their motions."""
         raise NotImplementedError
 
@@ -110,14 +110,6 @@ class Structure:
 
     def members(self) -> Ladder:
         """The gate's members from simple to rich."""
-        raise NotImplementedError
-
-    def starts(self, q: Array, z: Array) -> Sequence[tuple[Structure, Array]]:
-        """Candidate starts: structures (signs, mirror) with their parameters (d,), best first."""
-        raise NotImplementedError
-
-    def words(self, beta: Array, sd: Array) -> tuple[str, ...]:
-        """Lines that say the parameters in words; `sd` (d,) is zero where nothing was fitted."""
         raise NotImplementedError
 
     # Parameters.
@@ -159,7 +151,9 @@ class Structure:
         for k, (name, turns) in enumerate(zip(self.joint_names, self.revolute, strict=True)):
             waves = product(("cos", "sin"), range(1, HARMONICS + 1 if turns else 1))
             parts = tuple((name, f"{name}.curve {wave} {order}", "rad") for wave, order in waves)
-            scale = Scale(f"curve.{k}", rms / np.sqrt(2 * HARMONICS), pseudo=pseudo, shape=shape)
+            scale = ScaleGroup(
+                f"curve.{k}", rms / np.sqrt(2 * HARMONICS), pseudo=pseudo, shape=shape
+            )
             yield Block(f"curve.{k}", parts, scales=(scale,) if turns else ())
 
     # Predictions.
@@ -209,7 +203,7 @@ class Structure:
             last = self._memory["apart"] = (q, parts)
         return last[1]
 
-    def seen(self, q: Array, beta: Array) -> tuple[Motion, Sight]:
+    def seen(self, q: Array, beta: Array) -> tuple[TipMotion, Sight]:
         """Where the chain is at rows (n, dof + g), and what the sensor sees of it."""
         joints, also = self.apart(q)
         motion = self.move(self.joint_values(joints, beta), beta)

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from .parameters import Scale
+from .parameters import ScaleGroup
 from .settings import SCALES, SOCKET, TAG
 
 Law = Callable[[float, Any], tuple[Any, Any, Any]]
@@ -26,7 +26,7 @@ class ViewKind:
     least: int = 2  # fewest rows that place the sensor in front of an arm in space
     lens: bool = False  # whether the gate may fit a planar arm's lens by default
     # what is known of the tool where there is a drawing; None: nothing
-    tool: Scale | None = None
+    tool: ScaleGroup | None = None
     ros: str = "plumb_bob"  # what ROS calls the law; empty where it has none
     # the law in C, of `k1` and `r2`: its `rise` b' and `ratio` b / b'
     source: str = "rise = k1, ratio = r2"
@@ -63,8 +63,8 @@ SPATIAL = {
     "rigid": ViewKind((*_FRAME, "tool"), 3, least=4),
     "similarity": ViewKind((*_FRAME, "tool", "view.scale"), 3, least=4),
     "pose": ViewKind((*_FRAME, "tool", "tool.rotation"), 6, least=3),
-    "pinhole": ViewKind((*_FRAME, "tool"), 2, least=6, tool=Scale("tool", TAG, SCALES)),
-    "touch": ViewKind(("tool", "point"), 3, least=8, tool=Scale("tool", SOCKET, (1.0,))),
+    "pinhole": ViewKind((*_FRAME, "tool"), 2, least=6, tool=ScaleGroup("tool", TAG, SCALES)),
+    "touch": ViewKind(("tool", "point"), 3, least=8, tool=ScaleGroup("tool", SOCKET, (1.0,))),
     "board": ViewKind((*_FRAME, "tool", "tool.rotation"), 2, least=6),
 }
 """Sensors of an arm in space; where there are two outputs, a camera sees it."""

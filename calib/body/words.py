@@ -5,16 +5,24 @@ Of a planar body its links, joints and view; of a spatial one joint origins, too
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from ..common.arrays import Array
 from .curves import curve_rms
+from .planar import PlanarStructure
+from .spatial import SpatialStructure
+from .structure import Structure
 
-if TYPE_CHECKING:
-    from .planar import PlanarStructure
-    from .spatial import SpatialStructure
+
+def words_of(structure: Structure, beta: Array, sd: Array) -> tuple[str, ...]:
+    """Lines that say the parameters; `sd` (d,) is zero where nothing was fitted.
+
+    Intervals are 95 %.
+    """
+    if isinstance(structure, PlanarStructure):
+        return _planar_words(structure, beta, sd)
+    assert isinstance(structure, SpatialStructure)  # noqa: S101
+    return _spatial_words(structure, beta, sd)
 
 
 def _tilt_angle(structure: PlanarStructure, beta: Array) -> float:
@@ -35,8 +43,7 @@ def _tilt_angle(structure: PlanarStructure, beta: Array) -> float:
     return float(np.arccos(np.clip(values[1] / values[0], 0.0, 1.0)))
 
 
-def planar_words(structure: PlanarStructure, beta: Array, sd: Array) -> tuple[str, ...]:
-    """Lines that say the parameters; the intervals are 95 %."""
+def _planar_words(structure: PlanarStructure, beta: Array, sd: Array) -> tuple[str, ...]:
     groups = structure.groups
     lines: list[str] = []
     for i, name in enumerate(structure.joint_names):
@@ -83,8 +90,7 @@ def planar_words(structure: PlanarStructure, beta: Array, sd: Array) -> tuple[st
     return tuple(lines)
 
 
-def spatial_words(structure: SpatialStructure, beta: Array, sd: Array) -> tuple[str, ...]:
-    """Lines that say the parameters; the intervals are 95 %."""
+def _spatial_words(structure: SpatialStructure, beta: Array, sd: Array) -> tuple[str, ...]:
     lines: list[str] = []
     groups = structure.groups
     for i, name in enumerate(structure.chain_names):

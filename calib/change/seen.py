@@ -14,7 +14,7 @@ import numpy as np
 from ..body.belief import Body
 from ..body.covariance import RADIUS_95
 from ..body.derivative import Derivative
-from ..body.measurement import Motion, Moved, Sight
+from ..body.measurement import Moved, Sight, TipMotion
 from ..body.parameters import Block, Indices
 from ..body.planar import PlanarStructure
 from ..body.structure import Structure
@@ -35,7 +35,7 @@ class SeenStructure(PlanarStructure):
         """Blocks of the chain: there are none."""
         return ()
 
-    def seen(self, q: Array, beta: Array) -> tuple[Motion, Sight]:
+    def seen(self, q: Array, beta: Array) -> tuple[TipMotion, Sight]:
         """Where the model predicts the tip, and what the view makes of it."""
         value = self.model.predictor.value(self.model.motor.scale.to_unit(q))
         motion = _Predicted(np.ascontiguousarray(value.T))

@@ -4,21 +4,15 @@ from __future__ import annotations
 
 import errno
 import os
-import re
-import secrets
 import stat
-import sys
+import tempfile
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 from typing import BinaryIO
 
 from ..errors import CalibError
 
-if sys.platform != "win32":
-    import fcntl
-
-_LEFTOVER = re.compile(r"\.calib-[0-9a-f]{16}\.tmp")
 _DENIED = "permission denied; choose another place with -o or change its permissions"
 _FULL = "the disk is full; make room or choose another place"
 _REASONS = {
@@ -36,8 +30,7 @@ def atomic_write(path: str | os.PathLike[str], data: bytes | Callable[[BinaryIO]
 
     The data go to a temporary file in the same folder, are synced to the disk and take
     the place of `path` in one step. Whatever goes wrong, Ctrl-C included, the old file
-    stays and the temporary one is removed; that of a process that was killed is removed by
-    the next one that writes into the folder. Of two writers the last to end wins.
+    stays and the temporary one is removed. Of two writers the last to end wins.
 
     A symbolic link is followed: its target is replaced and the link stays. The
     permissions of an older file are kept, a new one follows the umask. What is no
@@ -56,7 +49,6 @@ def atomic_write(path: str | os.PathLike[str], data: bytes | Callable[[BinaryIO]
         target, mode = _target(path)
         if mode is None or stat.S_ISREG(mode):
             _replace(target, mode, data)
-            _sweep(target.parent)
         else:
             with target.open("wb") as file:
                 _fill(file, data)
@@ -105,58 +97,24 @@ def _target(path: str | os.PathLike[str]) -> tuple[Path, int | None]:
 
 
 def _replace(target: Path, mode: int | None, data: bytes | Callable[[BinaryIO], object]) -> None:
-    temporary, handle = _create(target.parent, private=mode is not None)
+    # at first for nobody else: what it replaces may be private
+    handle, name = tempfile.mkstemp(dir=target.parent, prefix=".calib-", suffix=".tmp")
     try:
         with os.fdopen(handle, "wb") as file:
-            if mode is not None:
-                temporary.chmod(stat.S_IMODE(mode))
             _fill(file, data)
             file.flush()
-            os.fsync(file.fileno())
-            if sys.platform == "win32":  # it renames no open file
-                file.close()
-            os.replace(temporary, target)  # noqa: PTH105
+            os.fsync(handle)
+        Path(name).chmod(_new_mode() if mode is None else stat.S_IMODE(mode))
+        Path(name).replace(target)
     except BaseException:  # Ctrl-C too must leave nothing behind
-        with suppress(OSError):
-            temporary.unlink()
+        Path(name).unlink(missing_ok=True)
         raise
-    with suppress(OSError):  # the new name survives a power cut, where the system can do so
-        folder = os.open(target.parent, os.O_RDONLY)
-        try:
-            os.fsync(folder)
-        finally:
-            os.close(folder)
 
 
-def _create(folder: Path, *, private: bool) -> tuple[Path, int]:
-    """Make a temporary file, at first for nobody else if what it replaces may be private.
-
-    Its lock, which ends with the file or the process, tells others that it is in use.
-    """
-    flags = os.O_CREAT | os.O_EXCL | os.O_WRONLY | getattr(os, "O_BINARY", 0)
-    while True:
-        temporary = folder / f".calib-{secrets.token_hex(8)}.tmp"
-        handle = os.open(temporary, flags, 0o600 if private else 0o666)  # less the umask
-        if sys.platform != "win32":
-            with suppress(OSError):
-                fcntl.flock(handle, fcntl.LOCK_EX)
-        if temporary.exists():
-            return temporary, handle
-        os.close(handle)  # another one took it for a leftover before it was locked
-
-
-def _sweep(folder: Path) -> None:
-    """Remove what writers that were killed have left: nobody has locked it."""
-    if sys.platform == "win32":
-        return
-    with suppress(OSError):
-        for name in os.listdir(folder):  # noqa: PTH208
-            path = folder / name
-            if not _LEFTOVER.fullmatch(name) or not stat.S_ISREG(path.lstat().st_mode):
-                continue
-            with suppress(OSError), path.open("rb+") as file:
-                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                path.unlink()
+def _new_mode() -> int:
+    umask = os.umask(0)
+    os.umask(umask)
+    return 0o666 & ~umask
 
 
 def _fill(file: BinaryIO, data: bytes | Callable[[BinaryIO], object]) -> None:

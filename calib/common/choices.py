@@ -1,7 +1,11 @@
 """Names that users choose by: the library checks them and the command line offers them.
 
-Plain tuples without any import, so that `calib --help` loads nothing that is heavy.
+Plain texts without any import, so that `calib --help` loads nothing that is heavy.
 """
+
+from __future__ import annotations
+
+from typing import Literal, get_args
 
 MAPS = (
     "som", "vdsom", "vdsom:residual", "vdsom:border", "vdsom:rho", "vdsom:printed", "vdsom:error",
@@ -10,31 +14,39 @@ MAPS = (
 )  # fmt: skip
 """Networks: :data:`calib.maps.density.GAINS` has the same, with the gain that each trains with."""
 
-RULES = ("batch", "online")
+Rule = Literal["batch", "online"]
+RULES: tuple[str, ...] = get_args(Rule)
 """Training rules of a map."""
 
 MAP_READOUTS = ("linear", "activity", "winner")
 """Readouts of maps and links alone."""
 
-READOUTS = ("local", "body", *MAP_READOUTS)
+Readout = Literal["local", "body", "linear", "activity", "winner"]
+READOUTS: tuple[str, ...] = get_args(Readout)
 """Every readout; ``body`` only where there is one."""
 
-BODIES = ("auto", "none")
+Body = Literal["auto", "none"]
+BODIES: tuple[str, ...] = get_args(Body)
 """Whether a kinematic model stands under the maps."""
 
-VIEWS = ("auto", "base", "rigid", "similarity", "affine", "homography", "pinhole")
+View = Literal["auto", "base", "rigid", "similarity", "affine", "homography", "pinhole"]
+VIEWS: tuple[str, ...] = get_args(View)
 """What a sensor measures; ``auto`` goes by the unit, ``pinhole`` is for arms in space."""
 
-FRAMES = ("sensor", "base")
+Frame = Literal["sensor", "base"]
+FRAMES: tuple[str, ...] = get_args(Frame)
 """Whose coordinates a query is asked and answered in."""
 
-LOG_FRAMES = ("auto", "base")
+LogFrame = Literal["auto", "base"]
+LOG_FRAMES: tuple[str, ...] = get_args(LogFrame)
 """Whether a log is in the robot's root frame."""
 
-CAUSES = ("sensor", "joints")
+Cause = Literal["sensor", "joints"]
+CAUSES: tuple[str, ...] = get_args(Cause)
 """What a user may know of a change."""
 
-METHODS = ("few-shot", "online")
+Method = Literal["few-shot", "online"]
+METHODS: tuple[str, ...] = get_args(Method)
 """How a model adapts."""
 
 DICTIONARY = "apriltag_36h11"
@@ -46,5 +58,6 @@ PICTURES = (".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp", ".ppm", "
 VIDEOS = (".mp4", ".mov", ".avi", ".mkv", ".webm", ".m4v", ".mpg", ".mpeg", ".wmv")
 """Endings of files that are videos, whatever else OpenCV opens."""
 
-MOTIONS = ("uniform", "halton", "sobol", "smooth")
+Motion = Literal["uniform", "halton", "sobol", "smooth"]
+MOTIONS: tuple[str, ...] = get_args(Motion)
 """How a simulated arm babbles."""

@@ -9,6 +9,9 @@ from difflib import get_close_matches
 _LONGEST = 60  # characters of a name that are shown
 _LINE = 1_500  # characters of a message
 
+INSTALL = "pip install 'calib-arm[{0}]', or in a checkout pip install '.[{0}]'"
+"""How an extra is installed."""
+
 ROUNDED_AWAY = 1e-9
 """Errors below this [m], or below this share of a sensor's extent, are rounding."""
 

@@ -92,7 +92,8 @@ class CompactPosterior:
         root, alone, coupled, waved = (
             part.astype(np.float32).astype(float) for part in (root, alone, coupled, waved)
         )
-        extra = body.residual[:seen] ** 2, body.noise[:seen] ** 2
+        model = body.unexplained(noise=False)
+        extra = model, body.unexplained(noise=True) - model
         return CompactPosterior(arm, root, alone, coupled, waved, gains, scale, *extra)
 
     def bound(self, q: Array, *, noise: bool) -> Array:

@@ -53,6 +53,8 @@ class About(ReadOnly):
     urdf: str  # the URDF's own text ("" without one)
     # errors per readout as ``calib evaluate --json`` prints them
     errors: Mapping[str, Any] = field(default_factory=dict)
+    # "p95" and "covered" of the answers' distances, see `calib.Evaluation.within`
+    within: Mapping[str, float] = field(default_factory=dict)
     # samples behind those errors, and samples outside of what was learned from the others
     tested: int = 0
     left_out: int = 0

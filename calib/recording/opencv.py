@@ -9,12 +9,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..common.wording import INSTALL
 from ..errors import LogError
 
 Picture = NDArray[np.uint8]
 """Grey (height, width), or with three colours (height, width, 3)."""
 
-_INSTALL = "reading pictures needs OpenCV: pip install 'calib-arm[camera]'"
+_INSTALL = f"reading pictures needs OpenCV: {INSTALL.format('camera')}"
 
 
 def opencv() -> Any:

@@ -75,27 +75,32 @@ def _columns(names: Sequence[str]) -> str:
 
 
 def read_batch(
-    path: str | os.PathLike[str], names: Sequence[str], more: Sequence[Sequence[str]] = ()
+    path: str | os.PathLike[str],
+    names: Sequence[str],
+    more: Sequence[Sequence[str]] = (),
+    columns: Mapping[str, str] | None = None,
 ) -> Batch:
     """Read a batch of queries and all that stands beside them; bad rows do not stop it.
 
-    Of the groups of names in `more` those count that the table has as a whole.
+    more : groups of names of which those count that the table has as a whole
+    columns : columns that have other names, by what they hold; the batch has the latter
     """
-    source = open_source(path)
+    source, called = open_source(path), dict(columns or {})
     for group in more:
-        if all(name in source.header for name in group):
+        if all(called.get(name, name) in source.header for name in group):
             names = (*names, *group)
-    values = read_columns(source, names, lenient=True)
+    held = {called.get(name, name): name for name in names}
+    values = read_columns(source, list(held), lenient=True)
     invalid = ~np.isfinite(values).all(axis=1)
     values[invalid] = np.nan
-    taken = {place.column for name in names if (place := find_place(source.header, name))}
+    taken = {place.column for name in held if (place := find_place(source.header, name))}
     rest = [name for name in dict.fromkeys(source.header) if name not in taken]
     others = [name for name in rest if name and source.header.count(name) == 1]
     return Batch(
         values,
         tuple(names),
         tuple((np.flatnonzero(invalid) + 1).tolist()),
-        source.header,
+        tuple(held.get(name, name) for name in source.header),
         read_texts(source, others).to_dict(),
         tuple(name for name in rest if name not in others),
     )

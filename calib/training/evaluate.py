@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -108,6 +108,14 @@ def error_sizes(error: Array) -> dict[str, float]:
     }
 
 
+def answered_within(model: Model, residuals: Residuals) -> dict[str, float]:
+    """What 95 % of a model's answers are within [unit], and what share within its own bound."""
+    errors, bound = residuals.errors[model.default_readout], model.expected_error(residuals.q)
+    # of an exact arm error and bound are both rounding
+    covered = float(np.mean(errors <= bound + 1e-12))
+    return {"p95": float(np.quantile(errors, 0.95)), "covered": covered}
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Evaluation:
     """Errors of a model.
@@ -123,6 +131,9 @@ class Evaluation:
         Samples outside of what was learned, and rows that contradict the others.
     source : str
         What the samples are.
+    within : dict
+        "p95": what 95 % of the answers' distances are within [unit]; "covered": the share that
+        the expected error bounds. Empty where it is not known.
     notes : tuple of str
         What the user should be told of the samples.
     """
@@ -131,6 +142,7 @@ class Evaluation:
     rows: int
     left_out: int
     source: str
+    within: dict[str, float] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
@@ -159,19 +171,22 @@ def evaluate(model: Model, samples: Samples | None = None) -> Evaluation:
     LogError
         If the joints of `samples` are not those of the model.
     """
+    simulation, about = simulation_of(model), model.about
+    notes: list[str] = []
     if samples is not None:
         given = len(samples) + samples.left_out
         samples, notes = sound_log(model, samples)
         residuals = evaluate_residuals(model, samples.q, samples.x, None)
         errors, source = summarise(residuals, _turned(model, samples)), "measured rows of the log"
-        tested = len(residuals.q)
-        return Evaluation(errors, tested, given - tested, source, tuple(notes))
-    simulation, about = simulation_of(model), model.about
-    if simulation is None:
+    elif simulation is not None:
+        residuals, source = fresh_residuals(model, simulation), "fresh exact samples"
+        errors, given = summarise(residuals), len(residuals.q) + residuals.left_out
+    else:
         source = "rows held out in contiguous blocks"
-        return Evaluation(dict(about.errors), about.tested, about.left_out, source)
-    residuals, source = fresh_residuals(model, simulation), "fresh exact samples"
-    return Evaluation(summarise(residuals), len(residuals.q), residuals.left_out, source)
+        errors, within = dict(about.errors), dict(about.within)
+        return Evaluation(errors, about.tested, about.left_out, source, within)
+    tested, within = len(residuals.q), answered_within(model, residuals)
+    return Evaluation(errors, tested, given - tested, source, within, tuple(notes))
 
 
 def _turned(model: Model, samples: Samples) -> Array | None:

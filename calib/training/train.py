@@ -31,7 +31,7 @@ from ..samples.samples import Samples
 from ..samples.simulation import Simulation
 from ..samples.wrong_rows import screen
 from .approach import play_of, play_words, simulated_approach, widened
-from .evaluate import fresh_residuals, summarise
+from .evaluate import answered_within, fresh_residuals, summarise
 from .held_out import held_out_residuals, node_bounds, tested_rows, turned_of
 from .learn import UNFOLD, Options, Progress, associate
 from .map_choice import LATTICE, lattice_sizes, with_chosen_map
@@ -222,6 +222,7 @@ def _learned(
     about = replace(
         about,
         errors=summarise(tested, turned_of(part)),
+        within=answered_within(model, tested),
         tested=len(tested.q),
         left_out=tested.left_out + wrong_rows + given - len(samples),
         notes=tuple(notes),

@@ -3,90 +3,87 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Annotated
 
-import typer
+from typer import Option
 
-from calib.common.choices import METHODS
+from calib.common.choices import Method
 from calib.common.wording import for_people
 
+from .. import options as opt
+from ..files import check_output
 from ..measurements import Reading, log_for
-from ..options import NEW_LOG, takes
-from ..output import NO, Notes, TextTable, fields, note, number, progress_bar, show, show_json, tell
+from ..options import option
+from ..output import NO, Outcome, TextTable, fields, number, progress_bar, say
 from ..photo import photo_of_log
 from ..translation import as_typed
 from ..units import units_of
-from ..usage import check_file, choice, option
 
 
-@takes(
-    output=option("--output -o MODEL", "The new file (default MODEL.adapted.calib)."),
-    method=choice(
-        "--method",
-        METHODS,
-        "few-shot updates the body from a few rows; online applies the paper's rule to "
-        "thousands of rows.",
-    ),
-    **NEW_LOG,
-)
 def adapt(
+    model: opt.Model,
     *,
-    model: str,
-    data: str,
-    output: str | None = None,
-    method: str = "few-shot",
-    cause: str | None = None,
-    reading: Reading,
-    as_json: bool = False,
-) -> None:
+    data: opt.NewLog,
+    output: Annotated[
+        str | None, option("--output -o MODEL", "The new file (default MODEL.adapted.calib).")
+    ] = None,
+    method: Annotated[
+        Method, Option(help="few-shot: the body, from a few rows; online: the paper's rule.")
+    ] = "few-shot",
+    cause: opt.WhatChanged = None,
+    columns: opt.Columns = None,
+    unit: opt.Unit = None,
+    degrees: opt.LogDegrees = None,
+) -> Outcome:
     """Re-calibrate a model from a few new samples. Exit code 3 if it does not improve."""
     import calib
 
-    if output is not None:
-        check_file(output)
+    check_output(output, ())
     loaded = calib.load(model)
     path = output or adapted_name(model)
-    check_file(path)  # before the work whose result would be lost
-    notes = Notes()
-    log = log_for(loaded, data, reading, notes)
+    check_output(path, ())  # before the work whose result would be lost
+    log = log_for(loaded, data, Reading(columns, unit, degrees))
     with progress_bar(loaded.about.unit) as progress:
         found = calib.adapt(loaded, log, method=method, cause=cause, progress=progress)
-    notes.say(found.notes)
+    say(found.notes)
     if found.improved:
-        adapted = photo_of_log(found.model, log, data, notes)
-        adapted.save(path)
-    if as_json:
-        show_json(
-            {
-                "model": path if found.improved else None,
-                **fields(found, "improved samples outliers correction kept coverage everywhere"),
-                **fields(found, "before after"),
-                "method": method,
-                "changed": [change.to_json() for change in found.changed],
-                "notes": [as_typed(text) for text in found.notes],
-                "unit": found.model.about.unit,
-                "units": units_of(found.model.about),
-            }
-        )
+        photo_of_log(found.model, log, data).save(path)
+    about = found.model.about
+    document = {
+        "model": path if found.improved else None,
+        **fields(found, "improved samples outliers correction kept coverage everywhere"),
+        **fields(found, "before after"),
+        "method": method,
+        "changed": [change.to_json() for change in found.changed],
+        "notes": [as_typed(text) for text in found.notes],
+        "unit": about.unit,
+        "units": units_of(about),
+    }
+    factor, name = for_people(about.unit)
+    before, after = (number(factor * each["mean"]) for each in (found.before, found.after))
+    left = f", {found.outliers} left out" if found.outliers else ""
+    rests = f"on rows that it did not learn from; {found.samples} samples of {data}{left}"
+    # a note told of what is unknown
+    changed = [f"changed: {each.words}" for each in found.changed if each.cause != "unknown"]
+    if found.improved:
+        lines = [f"{path}: {before} {name} before, {after} {name} after, {rests}", *changed]
     else:
-        factor, name = for_people(found.model.about.unit)
-        rows = [
-            [when, *(number(factor * error[key]) for key in ("mean", "p99", "max"))]
-            for when, error in (("before", found.before), ("after", found.after))
-        ]
-        title = f"distance to held-out rows [{name}], corrected: {found.correction}"
-        show(TextTable(["", "mean", "p99", "max"], rows, title))
-        for change in found.changed:
-            if change.cause == "unknown":  # a note told it
-                continue
-            tell(f"changed: {as_typed(change.words)}")
-        if found.kept:
-            tell(f"left as it was: {', '.join(found.kept)}")
-        tell(f"the log measured {100 * found.coverage:.0f} % of the learned range")
-    if not found.improved:
-        note(f"no improvement: {model} was left unchanged and nothing was written")
-        raise typer.Exit(NO)
-    if not as_json:
-        tell(f"{path}: adapted with {found.samples} samples")
+        lines = [f"no improvement: {model} stays as it is, nothing was written"]
+        lines.append(f"{before} {name} as it is, {after} {name} adapted, {rests}")
+    if found.coverage < 1.0:
+        lines.append(
+            f"limited by coverage: the log measured {100 * found.coverage:.0f} % of the learned "
+            "range; rows from the rest help most"
+        )
+    rows = [
+        [when, *(number(factor * error[key]) for key in ("mean", "p99", "max"))]
+        for when, error in (("before", found.before), ("after", found.after))
+    ]
+    title = f"distance to held-out rows [{name}], corrected: {found.correction}"
+    more: list[str | TextTable] = [TextTable(["", "mean", "p99", "max"], rows, title)]
+    if found.kept:
+        more.append(f"left as it was: {', '.join(found.kept)}")
+    return Outcome(document, lines, more, code=0 if found.improved else NO)
 
 
 def adapted_name(model: str) -> str:

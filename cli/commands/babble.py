@@ -2,43 +2,54 @@
 
 from __future__ import annotations
 
-from ..options import takes
-from ..output import Notes, conclude
+from typing import Annotated
+
+from .. import options as opt
+from ..files import TABLES, check_output
+from ..options import option
+from ..output import Outcome
 from ..samples import Babbling, Selection, babbled_samples
-from ..usage import one_document, option
 
 
-@takes(
-    output=option("--output -o LOG", "CSV, or Parquet by its name (- standard output)."),
-)
 def babble(
+    robot: opt.Robot,
     *,
-    robot: str,
-    output: str,
-    babbling: Babbling,
-    selection: Selection,
-    seed: int = 0,
-    as_json: bool = False,
-) -> None:
+    output: Annotated[
+        str, option("--output -o LOG", "CSV, or Parquet by its name (- standard output).")
+    ],
+    samples: opt.Number = None,
+    noise: opt.Noise = None,
+    motion: opt.Moves = None,
+    change: opt.Changes = None,
+    joints: opt.Joints = None,
+    tip: opt.Tip = None,
+    planar: opt.Planar = False,
+    lock: opt.Lock = None,
+    ranges: opt.Ranges = None,
+    degrees: opt.Degrees = False,
+    seed: opt.Seed = 0,
+) -> Outcome:
     """Write a log of simulated babbling [rad, m]."""
     import calib
 
-    one_document(output, as_json)
-    log = babbled_samples(robot, selection, babbling, seed, Notes())
+    check_output(output, TABLES, stream=True)
+    selection = Selection(joints, tip, planar, lock, ranges, degrees)
+    log = babbled_samples(robot, selection, Babbling(samples, noise, motion, change), seed)
     calib.write_log(log, output)
     turning = zip(log.joint_names, log.revolute, strict=True)
-    units = {"joints": {name: "rad" if turns else "m" for name, turns in turning}}
     document = {
         "log": output,
         "robot": log.arm.name if log.arm else None,
         "joints": log.joint_names,
         "samples": len(log),
         "seed": seed,
-        "noise": babbling.noise or 0.0,
-        "changes": babbling.change or [],
+        "noise": noise or 0.0,
+        "changes": change or [],
         "unit": log.unit,
-        "units": {**units, "positions": log.unit},
+        "units": {
+            "joints": {name: "rad" if turns else "m" for name, turns in turning},
+            "positions": log.unit,
+        },
     }
-    columns = ", ".join([*log.joint_names, *log.axes])
-    line = f"{len(log)} rows of {columns} [rad, m]"
-    conclude(output, line, (), document if as_json else None)
+    line = f"{len(log)} rows of {', '.join([*log.joint_names, *log.axes])} [rad, m]"
+    return Outcome(document, [f"{output}: {line}"], to_stderr=output == "-")

@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
-import typer
+from typing import TYPE_CHECKING, Annotated
 
 from calib.common.wording import for_people
 
+from .. import options as opt
 from ..measurements import Reading, log_for
-from ..options import NEW_LOG, takes
-from ..output import NO, Notes, TextTable, explained, number, show, show_json, tell
-from ..parsing import number_where
-from ..translation import as_typed
+from ..options import option
+from ..output import NO, Outcome, TextTable, number, say
 from ..units import units_of
-from ..usage import option
 
 if TYPE_CHECKING:
     from calib import Drift
@@ -30,59 +26,60 @@ SIGNALS = {
 }
 
 
-@takes(
-    tolerance=option(
-        "--tolerance S",
-        "Also exit 3 if the rows could not have shown a change of this size [m].",
-        number_where("a number [m]"),
-    ),
-    **NEW_LOG,
-)
 def check(
+    model: opt.Model,
     *,
-    model: str,
-    data: str,
-    cause: str | None = None,
-    tolerance: float | None = None,
-    reading: Reading,
-    as_json: bool = False,
-) -> None:
+    data: opt.NewLog,
+    cause: opt.WhatChanged = None,
+    tolerance: Annotated[
+        float | None, option("--tolerance S", "Exit 3 too if such a change [m] were not shown.")
+    ] = None,
+    columns: opt.Columns = None,
+    unit: opt.Unit = None,
+    degrees: opt.LogDegrees = None,
+) -> Outcome:
     """Compare a model with new samples: is it still calibrated? Exit code 3 if not."""
     import calib
 
     loaded = calib.load(model)
-    notes = Notes()
-    log = log_for(loaded, data, reading, notes)
+    log = log_for(loaded, data, Reading(columns, unit, degrees))
     drift = calib.check(loaded, log, cause=cause, tolerance=tolerance)
-    notes.say(drift.notes)
+    say(drift.notes)
     rescaled = any(cause.cause == "scale" and cause.interval is None for cause in drift.causes)
     unit_seen = "sensor" if rescaled else loaded.about.unit
-    if as_json:
-        show_json(
-            {
-                "model": model,
-                **drift.to_json(),
-                "unit": unit_seen,
-                "units": {**units_of(loaded.about), "positions": unit_seen},
-            }
-        )
+    document = {
+        "model": model,
+        **drift.to_json(),
+        "unit": unit_seen,
+        "units": {**units_of(loaded.about), "positions": unit_seen},
+    }
+    remedy = f"calib adapt {model} --data {data} re-calibrates it"
+    if rescaled:
+        remedy = "check the log's unit before calib adapt, which learns the new scale"
+    if any(cause.cause == "unknown" and not cause.group for cause in drift.causes[:1]):
+        remedy = "check the log and the arm before calib adapt"
+    factor, name = for_people(unit_seen)
+    smallest = f"{number(factor * drift.smallest)} {name}"
+    rests = (
+        f"rests on {drift.samples} samples of {data}: they show changes from {smallest} on; score "
+        f"{number(drift.score)} of 1"
+    )
+    if drift.drifted:
+        first, *others = drift.explanations or ("its cause is unknown",)
+        lines = [f"DRIFTED: {first}", *others, f"what to do: {remedy}", rests]
+    elif drift.drifted is None:
+        lines = ["TOO COARSE: these rows could not have shown a change of the tolerated size"]
+        lines += ["what to do: give more rows, or rows of less noise", rests]
     else:
-        factor, name = for_people(unit_seen)
-        remedy = "calib adapt re-calibrates it"
-        if rescaled:
-            remedy = "check the log's unit before calib adapt, which learns the new scale"
-        if any(cause.cause == "unknown" and not cause.group for cause in drift.causes[:1]):
-            remedy = "check the log and the arm before calib adapt"
-        title = f"{model}: {drift.samples} samples of {data}"
-        _show(drift, title, factor, name, remedy)
-    if drift.drifted is not False:
-        raise typer.Exit(NO)
+        lines = ["still calibrated", rests]
+    code = 0 if drift.drifted is False else NO
+    return Outcome(document, lines, _details(drift, factor, name), code=code)
 
 
-def _show(drift: Drift, title: str, factor: float, name: str, remedy: str) -> None:
-    """Print the most telling groups, how the rows lie on the maps, and the verdict."""
+def _details(drift: Drift, factor: float, name: str) -> list[str | TextTable]:
+    """Return the most telling groups, and how the rows lie on the maps."""
     groups = sorted(drift.groups, key=lambda g: -g.score)[:_MOST]
-    rows = [
+    tests = [
         [
             group.name,
             number(group.statistic),
@@ -92,21 +89,20 @@ def _show(drift: Drift, title: str, factor: float, name: str, remedy: str) -> No
         ]
         for group in groups
     ]
-    header = ["what may have changed", "found", "threshold", f"smallest [{name}]", ""]
-    show(explained(TextTable(header, rows, title)))
-    rows = [
-        [SIGNALS[key], factor_unit, number(size * found.value), number(size * found.threshold)]
+    signals = [
+        [SIGNALS[key], unit, number(size * found.value), number(size * found.threshold)]
         for key, found in drift.distortion.items()
         # zeta is a squared share of the unit box: millionths are readable
-        for size, factor_unit in [(factor, name) if key == "links" else (1e6, "1e-6")]
+        for size, unit in [(factor, name) if key == "links" else (1e6, "1e-6")]
     ]
-    show(explained(TextTable(["on the maps", "unit", "found", "usual"], rows, left=2)))
-    for text in drift.explanations:
-        tell(as_typed(text))
-    verdict = "still calibrated"
-    if drift.drifted:
-        verdict = f"DRIFTED: {remedy}"
-    elif drift.drifted is None:
-        verdict = "TOO COARSE: these rows could not have shown a change of the tolerated size"
-    smallest = f"smallest change they show: {number(factor * drift.smallest)} {name}"
-    tell(f"{verdict} (score {number(drift.score)}, threshold 1; {smallest})")
+    found = (
+        "found: test statistic of a change of these parameters, above its threshold it fired; "
+        "smallest: the smallest change that these rows could have shown"
+    )
+    zeta = "zeta: mean squared distance of rows to winning nodes, in the unit box (eq. 9)"
+    header = ["what may have changed", "found", "threshold", f"smallest [{name}]", ""]
+    return [
+        TextTable(header, tests, foot=found),
+        TextTable(["on the maps", "unit", "found", "usual"], signals, left=2, foot=zeta),
+        *drift.explanations,
+    ]

@@ -2,62 +2,55 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
-
-import typer
+from typing import TYPE_CHECKING, Annotated, Any
 
 from calib.common.wording import for_people
 
-from .. import parsing
-from ..options import OF_FRAMES, takes
-from ..output import NO, Notes, fields, note, number, tell
+from .. import options as opt
+from ..files import TABLES, check_output
+from ..options import option
+from ..output import NO, Outcome, fields, note, number, say
+from ..parsing import above_zero
 from ..units import JointFormat, units_of
-from ..usage import option
 
 if TYPE_CHECKING:
     from calib.use.correct import Corrected
 
 
-@takes(
-    input_=option(
-        "--input FILE",
-        "Joint values that are right for the nominal arm: a CSV file (- standard input).",
-    ),
-    output=option("--output FILE", "File of the corrected joint values, as CSV."),
-    limit=option(
-        "--limit L",
-        "Largest change of a joint that is accepted [rad or m]; three times what the "
-        "model usually corrects if not given.",
-        parsing.above_zero("rad or m"),
-    ),
-    **OF_FRAMES,
-)
 def correct(
-    model: str,
-    input_: str,
-    output: str | None = None,
-    limit: float | None = None,
-    view: str = "auto",
-    cause: str = "sensor",
-    degrees: bool = False,
-    as_json: bool = False,
-) -> None:
+    model: opt.Model,
+    *,
+    input_: Annotated[
+        str, option("--input FILE", "Joints that are right for the nominal arm: CSV (- stdin).")
+    ],
+    columns: opt.Columns = None,
+    output: Annotated[
+        str | None, option("--output FILE", "File of the corrected joint values, as CSV.")
+    ] = None,
+    limit: Annotated[
+        float | None,
+        option("--limit L", "Largest change [rad or m] (default 3 x usual).", above_zero),
+    ] = None,
+    view: opt.LogView = "auto",
+    cause: opt.FrameOrJoints = "sensor",
+    degrees: opt.Degrees = False,
+) -> Outcome:
     """Correct joint values so that the real arm reaches where the nominal arm would be.
 
     Exit code 3 if the real arm cannot reach one of these places, or if a joint would change by
     more than the limit; then nothing is written.
     """
+    check_output(output, TABLES, stream=True)
     import numpy as np
 
     import calib
-    from calib.samples.tables import read_batch
     from calib.use.correct import correct as correction
 
-    from ..answers import numbered, over_all_rows, say_rows, write_answers
+    from ..answers import numbered, over_all_rows, read_table, say_rows, table_outcome
 
     loaded = calib.load(model)
     joints = JointFormat(loaded.about, degrees)
-    batch = read_batch(input_, joints.names)
+    batch = read_table(input_, joints.names, columns)
     n, factors = len(batch.values), np.array(joints.typed)
     valid: Any = np.isfinite(batch.values).all(axis=1)
     rows = np.flatnonzero(valid) + 1
@@ -68,38 +61,15 @@ def correct(
         view=view,
         cause=cause,
     )
-    notes = Notes()
-    notes.say(found.notes)
-    columns = dict(zip(joints.names, (found.q * factors).T, strict=True))
-    columns |= dict(zip(loaded.axes, found.target.T, strict=True))
-    columns |= fields(found, "distance expected_error reachable")
-    columns |= {} if found.angle is None else {"angle": found.angle}
+    say(found.notes)
+    table = dict(zip(joints.names, (found.q * factors).T, strict=True))
+    table |= dict(zip(loaded.axes, found.target.T, strict=True))
+    table |= fields(found, "distance expected_error reachable")
+    table |= {} if found.angle is None else {"angle": found.angle}
+    say(batch.notes(list(table)))
     beyond, missed = rows[found.exceeded].tolist(), rows[~found.reachable].tolist()
-    changes = _changes(found, joints)
-    write_answers(
-        None if beyond else batch.answered(over_all_rows(valid, columns)),
-        output,
-        as_json,
-        joints,
-        rows=n,
-        invalid=batch.invalid,
-        out_of_reach=missed,
-        beyond_limit=beyond,
-        change=changes,
-        unit=loaded.about.unit,
-        units=units_of(loaded.about),
-    )
-    notes.say(batch.notes(list(columns)))
     say_rows(batch.invalid, n, "not all values are numbers, no answer")
     say_rows(missed, n, "out of reach for the real arm, no answer")
-    if changes is not None:
-        parts = []
-        for (name, change), kind in zip(changes.items(), loaded.about.units_of_joints, strict=True):
-            factor, unit = for_people(kind)
-            mean, most = (number(factor * change[key]) for key in ("mean", "max"))
-            parts.append(f"{name} {mean} (largest {most}) {unit}")
-        say = note if as_json or output in (None, "-") else tell
-        say(f"mean change: {', '.join(parts)}")
     if beyond:
         # the row and the joint whose change is largest, measured by its limit
         share = np.nan_to_num(np.abs(found.change) / found.limit)
@@ -110,19 +80,35 @@ def correct(
             f"{joints.change(worst, found.limit[worst])}); "
             "nothing was written; if the change is right, give a larger --limit"
         )
-    if batch.invalid and not beyond:
-        raise typer.Exit(1)
-    if missed or beyond:
-        raise typer.Exit(NO)
+    changes = _changes(found, joints)
+    told = []
+    for (name, change), kind in zip(changes.items(), loaded.about.units_of_joints, strict=False):
+        factor, unit = for_people(kind)
+        mean, most = (number(factor * change[key]) for key in ("mean", "max"))
+        told.append(f"{name} {mean} (largest {most}) {unit}")
+    return table_outcome(
+        None if beyond else batch.answered(over_all_rows(valid, table)),
+        output,
+        joints,
+        code=1 if batch.invalid and not beyond else NO if missed or beyond else 0,
+        lines=[f"mean change: {', '.join(told)}"] if told else [],
+        rows=n,
+        invalid=batch.invalid,
+        out_of_reach=missed,
+        beyond_limit=beyond,
+        change=changes or None,
+        unit=loaded.about.unit,
+        units=units_of(loaded.about),
+    )
 
 
-def _changes(found: Corrected, joints: JointFormat) -> dict[str, Any] | None:
-    """Mean, largest and accepted change of each joint, None where no row was answered."""
+def _changes(found: Corrected, joints: JointFormat) -> dict[str, Any]:
+    """Mean, largest and accepted change of each joint; none where no row was answered."""
     import numpy as np
 
     size = np.abs(found.change[found.reachable])
     if not len(size):
-        return None
+        return {}
     told = zip(size.mean(axis=0), size.max(axis=0), found.limit, strict=True)
     return {
         name: dict(zip(("mean", "max", "limit"), row, strict=True))

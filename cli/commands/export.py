@@ -2,44 +2,46 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Annotated, Any
 
-from ..options import takes
-from ..output import Notes, show_json, tell
-from ..usage import BadOption, flag, option
+from typer import Option
+
+from .. import options as opt
+from ..files import check_output
+from ..options import option
+from ..output import Outcome, say
+from ..parsing import BadOption
+
+_ENDINGS = {
+    "output": (".h", ".hpp"),
+    "camera": (".yaml", ".yml"),
+    "transform": (".json",),
+}
 
 
-@takes(
-    output=option("--output -o FILE.h", "The C header to write."),
-    single=flag("--float", "Single precision, for microcontrollers."),
-    prefix=option("--prefix NAME", "Prefix of every name in the header."),
-    camera=option("--camera FILE.yaml", "Write the lens as ROS camera_info."),
-    transform=option(
-        "--transform FILE.json",
-        "Write the pose of the camera or tracker in the base frame as a static transform.",
-    ),
-)
 def export(
-    model: str,
-    output: str | None = None,
-    single: bool = False,
-    prefix: str = "calib_",
-    camera: str | None = None,
-    transform: str | None = None,
-    as_json: bool = False,
-) -> None:
+    model: opt.Model,
+    *,
+    output: Annotated[str | None, option("--output -o FILE.h", "The C header to write.")] = None,
+    single: Annotated[bool, Option("--float", help="Single precision.")] = False,
+    prefix: Annotated[str, option("--prefix NAME", "Prefix of every name in C.")] = "calib_",
+    camera: Annotated[
+        str | None, option("--camera FILE.yaml", "Write the lens as ROS camera_info.")
+    ] = None,
+    transform: Annotated[
+        str | None, option("--transform FILE.json", "Write the sensor's pose in the base frame.")
+    ] = None,
+) -> Outcome:
     """Write a model as one C99 header for controllers without Python, or its camera for ROS."""
     import calib
-    from calib.common.atomic import atomic_write, check_writable
+    from calib.common.atomic import atomic_write
 
     wanted = {"output": output, "camera": camera, "transform": transform}
     paths = {name: path for name, path in wanted.items() if path is not None}
     if not paths:
         raise BadOption("nothing to write: expected -o FILE.h, --camera FILE or --transform FILE")
     for name, path in paths.items():
-        if path == "-":
-            raise BadOption(f"--{name} '-': expected a file")
-        check_writable(path)
+        check_output(path, _ENDINGS[name], option=f"--{name}")
     from calib.use.camera_files import camera_info, static_transform
     from calib.use.export_c import c_header
 
@@ -48,7 +50,7 @@ def export(
     contents: dict[str, bytes] = {}  # all of it is made before anything is written
     if output is not None:
         header = c_header(loaded, prefix=prefix, single=single)
-        Notes().say(header.notes)
+        say(header.notes)
         # names of joints may hold any letter, a C99 compiler need not take them in comments
         contents["output"] = header.text.encode("ascii", "replace")
         size = len(contents["output"])
@@ -60,9 +62,5 @@ def export(
             contents[name] = made(loaded).encode()
     for name, path in paths.items():
         atomic_write(path, contents[name])
-        document[name] = path
-    if as_json:
-        show_json(document)
-    else:
-        for name, path in paths.items():
-            tell(f"{path}: {kinds[name]}")
+    lines = [f"{path}: {kinds[name]}" for name, path in paths.items()]
+    return Outcome(document | paths, lines, result=lines)

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
+from typer import Argument
 
-from ..options import takes
-from ..output import NO, fixed, note, show_json
-from ..units import JointFormat, meaning
-from ..usage import argument, check_count, check_streams, typed_numbers
+from .. import options as opt
+from ..files import TABLES, check_output
+from ..output import NO, Outcome, TextTable, fixed, note
+from ..parsing import check_count, check_streams, number
+from ..units import JointFormat, PositionFormat, meaning
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -18,28 +20,34 @@ if TYPE_CHECKING:
     from calib.common.arrays import Array
 
 
-@takes(values=argument("Q1 Q2", "Joint values, base to tip [rad or m]."))
 def forward(
-    model: str,
-    values: list[str] | None = None,
-    readout: str | None = None,
-    input_: str | None = None,
-    output: str | None = None,
-    frame: str = "sensor",
-    degrees: bool = False,
-    as_json: bool = False,
-) -> None:
+    model: opt.Model,
+    values: Annotated[
+        list[float] | None,
+        Argument(metavar="Q1 Q2", parser=number, help="Joint values, base to tip [rad or m]."),
+    ] = None,
+    *,
+    readout: opt.ReadoutKind = None,
+    input_: opt.Input = None,
+    columns: opt.Columns = None,
+    output: opt.Output = None,
+    frame: opt.InFrame = "sensor",
+    unit: opt.PositionUnit = None,
+    degrees: opt.Degrees = False,
+) -> Outcome:
     """Position of the tip for joint values; exit code 3 outside of what was learned."""
     import calib
 
-    from ..answers import BOUNDS, UP_TO_SCALE, answers, bounds_shown, show_answers
+    from ..answers import BOUNDS, UP_TO_SCALE, answer_table, bounds_shown, documents
 
-    typed = typed_numbers(values)
-    check_streams(typed, input_, output, as_json)
+    typed = values or []
+    check_streams(typed, input_, output, columns)
+    check_output(output, TABLES, stream=True)
     loaded = calib.load(model)
     joints = JointFormat(loaded.about, degrees)
+    positions = PositionFormat(loaded.about, frame, unit)
     if input_ is not None:
-        raise typer.Exit(_batch(loaded, joints, input_, readout, (output, as_json), frame))
+        return _batch(loaded, joints, positions, input_, columns, readout, output, frame)
     check_count(typed, joints.names, "joint value")
     q = [value / factor for value, factor in zip(typed, joints.typed, strict=True)]
     told = {name: float(value) for name, value in _told_at(loaded, q, readout, frame).items()}
@@ -48,22 +56,22 @@ def forward(
     if "qw" in told:
         quantities["quaternion"] = [told[name] for name in ("qx", "qy", "qz", "qw")]
     quantities |= {name: told[name] for name in (*BOUNDS, UP_TO_SCALE) if name in told}
-    (answer,) = answers(joints, [q], **{name: [value] for name, value in quantities.items()})
-    if as_json:
-        show_json({**answer, **meaning(loaded.about, frame)})
+    (answer,) = documents(joints, [q], **{name: [value] for name, value in quantities.items()})
+    document = answer | meaning(loaded.about, frame)
     if (outside := loaded.outside(q)) is not None:
         note(f"no answer: {joints.beyond(loaded, q) or outside}")
-        raise typer.Exit(NO)
-    if as_json:
-        return
-    unit = "m" if frame == "base" else loaded.about.unit
-    show_answers(joints, [answer], unit, axes, bounds_shown(loaded, frame))
+        return Outcome(document, code=NO)
+    table = answer_table(joints, [answer], positions, axes, bounds_shown(loaded, frame))
+    alone = " ".join(fixed(told[axis] * positions.factor, 4) for axis in axes)
+    lines: list[str | TextTable] = [table]
     if "quaternion" in answer:
-        print("quaternion " + " ".join(fixed(value, 6) for value in answer["quaternion"]))
+        turned = " ".join(fixed(value, 6) for value in answer["quaternion"])
+        lines.append(f"quaternion {turned}")
     if UP_TO_SCALE in told:
         from ..space import say_size
 
         say_size(told[UP_TO_SCALE])
+    return Outcome(document, lines, result=[alone])
 
 
 def _told_at(model: Model, q: ArrayLike, readout: str | None, frame: str) -> dict[str, Array]:
@@ -89,21 +97,22 @@ def _told_at(model: Model, q: ArrayLike, readout: str | None, frame: str) -> dic
 def _batch(
     model: Model,
     joints: JointFormat,
+    positions: PositionFormat,
     source: str,
+    called: Mapping[str, str] | None,
     readout: str | None,
-    streams: tuple[str | None, bool],
+    output: str | None,
     frame: str,
-) -> int:
-    """Answer a table of joint values with positions in a frame; return the exit code."""
+) -> Outcome:
+    """Answer a table of joint values with positions in a frame."""
     import numpy as np
 
     from calib.errors import QueryError
     from calib.samples.joint_values import check_joint_values
-    from calib.samples.tables import read_batch
 
-    from ..answers import over_all_rows, write_batch
+    from ..answers import batch_outcome, over_all_rows, read_table
 
-    batch, about = read_batch(source, joints.names), model.about
+    batch, about = read_table(source, joints.names, called), model.about
     q = batch.values / np.array(joints.typed)
     ranges = (about.joint_names, about.lower, about.upper, about.revolute)
     check_joint_values(q, *ranges, degrees=joints.degrees, error=QueryError)
@@ -111,4 +120,5 @@ def _batch(
     columns = over_all_rows(valid, _told_at(model, q[valid], readout, frame))
     outside = (np.flatnonzero(valid & np.isnan(columns["x"])) + 1).tolist()
     why = "outside of what was learned"
-    return write_batch(model, joints, batch, columns, outside, why, streams, frame)
+    told = meaning(about, frame)
+    return batch_outcome(joints, positions, batch, columns, outside, why, output, **told)

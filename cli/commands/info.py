@@ -2,51 +2,47 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from calib.common.wording import printable
+from calib.common.wording import printable, unit_of_joint
 from calib.model.facts import facts
 
-from ..options import takes
-from ..output import fields, show, show_facts, show_json
-from ..summary import compact_table, summary
+from .. import options as opt
+from .. import output
+from ..advice import advice
+from ..output import Outcome, fields
+from ..summary import accuracy, compact_table, summary
 from ..translation import as_typed
 
 if TYPE_CHECKING:
     from calib import Model
 
 
-@takes()
-def info(model: str, degrees: bool = False, as_json: bool = False) -> None:
+def info(model: opt.Model, *, degrees: opt.Degrees = False) -> Outcome:
     """Show what a model is and how it was made."""
     import calib
 
     loaded = calib.load(model)
-    if as_json:
-        # a model knows no seconds: its bytes must not depend on the machine's pace
-        show_json({**summary(loaded, model, loaded.about.errors, {}), **_provenance(loaded)})
-        return
-    show_facts(_facts(loaded, model, degrees))
-    if loaded.body is not None:
-        print("\nbody")
-        for line in loaded.body.describe():
-            print(f"  {printable(line)}")
-    if loaded.about.errors:
-        print()
-        show(compact_table(loaded, loaded.about.errors, "errors when it was made"))
+    about = loaded.about
+    # a model knows no seconds: its bytes must not depend on the machine's pace
+    document = summary(loaded, model, about.errors, {}) | _provenance(loaded)
+    lines = output.facts(_facts(loaded, model, degrees))
+    told = [] if loaded.body is None else loaded.body.describe()
+    lines += ["", "body", *(f"  {printable(line)}" for line in told)] if told else []
+    if not about.errors:
+        return Outcome(document, lines)
+    held = accuracy(loaded, about.errors, about.within, f"{about.tested} rows", about.left_out)
+    lines += ["", f"accuracy: {held}", *advice(loaded, about.errors)]
+    table = compact_table(loaded, about.errors, "errors when it was made")
+    return Outcome(document, lines, [table])
 
 
 def _provenance(model: Model) -> dict[str, Any]:
     about = model.about
+    limits = zip(about.lower.tolist(), about.upper.tolist(), strict=True)
     return {
-        "ranges": {
-            name: [low, high]
-            for name, low, high in zip(
-                about.joint_names, about.lower.tolist(), about.upper.tolist(), strict=True
-            )
-        },
+        "ranges": dict(zip(about.joint_names, limits, strict=True)),
         "joint_units": dict(zip(about.joint_names, about.units_of_joints, strict=True)),
         **fields(about, "locked source simulation taught options"),
         **fields(model, "history"),
@@ -65,13 +61,14 @@ def _facts(model: Model, path: str, degrees: bool) -> dict[str, str]:
         **{f"note {k}": text for k, text in enumerate(about.notes, start=1)},
     }
     if model.approach is not None:
-        half = zip(about.joint_names, model.approach.play, about.revolute, strict=True)
-        found["backlash"] = ", ".join(
+        told = []
+        for name, half, turns in zip(
+            about.joint_names, model.approach.play, about.revolute, strict=True
+        ):
+            factor, unit = unit_of_joint(turns, degrees=True)
             # play is stored as the distance from the middle, and told from side to side
-            f"{name} {2 * math.degrees(h):.3g} deg" if turns else f"{name} {2 * h:.3g} m"
-            for name, h, turns in half
-            if h > 0.0
-        )
+            told += [f"{name} {2 * half * factor:.3g} {unit}"] if half > 0.0 else []
+        found["backlash"] = ", ".join(told)
     if model.history:
         found["earlier states"] = str(len(model.history))
     return found

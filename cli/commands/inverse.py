@@ -3,57 +3,62 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
+from typer import Argument, Option
 
-from calib.common.wording import for_people
-
-from ..options import takes
-from ..output import NO, note, show_json
-from ..parsing import height, reals
-from ..units import JointFormat, meaning
-from ..usage import BadOption, argument, check_count, check_streams, flag, option, typed_numbers
+from .. import options as opt
+from ..files import TABLES, check_output
+from ..options import option
+from ..output import NO, Outcome, note
+from ..parsing import BadOption, check_count, check_streams, height, number, reals
+from ..units import JointFormat, PositionFormat, meaning
 
 if TYPE_CHECKING:
     from calib import Answer, Model
     from calib.common.arrays import Array
 
 
-@takes(
-    target=argument("X Y [Z]", "Position wanted [m, or the sensor's unit]."),
-    near=option("--near Q1,Q2", "Answer with the branch nearest to these joint values.", reals),
-    every=flag("--all", "Answer with every branch."),
-    quaternion=option(
-        "--quaternion QX,QY,QZ,QW", "Of an arm in space: the orientation wanted too.", reals
-    ),
-    rpy=option("--rpy R,P,Y", "The same as roll, pitch and yaw, as in a URDF [rad].", reals),
-    keep=flag("--keep-orientation", "Turn the tool as little as possible from --near."),
-    on=option("--on z=H", "The pixel X Y lies on this plane of the base frame [m].", height),
-)
 def inverse(
-    model: str,
-    target: list[str] | None = None,
-    near: tuple[float, ...] | None = None,
-    every: bool = False,
-    readout: str | None = None,
-    input_: str | None = None,
-    output: str | None = None,
-    frame: str = "sensor",
-    quaternion: tuple[float, ...] | None = None,
-    rpy: tuple[float, ...] | None = None,
-    keep: bool = False,
-    on: float | None = None,
-    degrees: bool = False,
-    as_json: bool = False,
-) -> None:
+    model: opt.Model,
+    target: Annotated[
+        list[float] | None,
+        Argument(metavar="X Y [Z]", parser=number, help="Position [m, sensor's unit or --unit]."),
+    ] = None,
+    *,
+    near: Annotated[
+        Any, option("--near Q1,Q2", "Answer with the branch nearest to these joints.", reals)
+    ] = None,
+    every: Annotated[bool, Option("--all", help="Answer with every branch.")] = False,
+    readout: opt.ReadoutKind = None,
+    input_: opt.Input = None,
+    columns: opt.Columns = None,
+    output: opt.Output = None,
+    frame: opt.InFrame = "sensor",
+    quaternion: Annotated[
+        Any, option("--quaternion QX,QY,QZ,QW", "The orientation wanted too, in space.", reals)
+    ] = None,
+    rpy: Annotated[
+        Any, option("--rpy R,P,Y", "The same as roll, pitch and yaw, as in a URDF [rad].", reals)
+    ] = None,
+    keep: Annotated[
+        bool, Option("--keep-orientation", help="Turn the tool as little as possible from --near.")
+    ] = False,
+    on: Annotated[
+        float | None,
+        option("--on z=H", "The pixel X Y lies on this plane of the base frame [m].", height),
+    ] = None,
+    unit: opt.PositionUnit = None,
+    degrees: opt.Degrees = False,
+) -> Outcome:
     """Joint values that bring the tip to a position; exit code 3 if it is out of reach."""
     import calib
 
-    typed = typed_numbers(target)
-    check_streams(typed, input_, output, as_json)
+    typed = target or []
+    check_streams(typed, input_, output, columns)
+    check_output(output, TABLES, stream=True)
     turned = quaternion is not None or rpy is not None
     if every and readout is not None:
         raise BadOption(f"--all answers by the default readout: expected no --readout {readout}")
@@ -66,24 +71,26 @@ def inverse(
     anchor = joints.one_each("--near", near)
     if anchor is not None and (beyond := joints.beyond(loaded, anchor)):
         raise BadOption(f"--near {beyond}")
+    in_base = frame == "base" or on is not None
+    positions = PositionFormat(loaded.about, "base" if in_base else frame, unit)
     if input_ is not None:
-        streams = (output, as_json)
-        raise typer.Exit(_batch(loaded, joints, input_, readout, anchor, streams, frame, every))
-    told: dict[str, Any] = {"target": typed}
+        question = _Question(loaded, None, None, anchor, frame, readout, frame == "base")
+        return _batch(question, joints, positions, input_, columns, output, every)
+    x: Any = typed if on is not None else [value / positions.typed for value in typed]
+    told: dict[str, Any] = {"target": x}
     turn: Array | None = None
-    x: Any = typed
-    in_space = frame == "base" or turned or keep or on is not None
+    in_space = in_base or turned or keep
     if in_space:
         from calib.model.space import Space
 
         from ..space import orientation, pixel_on_plane
 
-        if Space.of(loaded).camera and frame == "sensor" and on is None:
+        if Space.of(loaded).camera and not in_base:
             raise calib.QueryError(
                 "a pixel alone is no position in space; give --on z=H or --in base"
             )
         turn = orientation(quaternion, rpy, degrees)
-        told["frame"] = "sensor" if on is None and frame == "sensor" else "base"
+        told["frame"] = "base" if in_base else "sensor"
     if on is None:
         check_count(typed, "xyz" if frame == "base" else loaded.axes, "coordinate")
     else:
@@ -91,13 +98,14 @@ def inverse(
         told["on_plane"] = {"z": on, "position": x, "unit": "m"}
     if turn is not None:
         told["quaternion"] = turn
-    asked = _Asked(loaded, x, turn, anchor, told.get("frame", "sensor"), readout, in_space, keep)
-    raise typer.Exit(_show(asked, joints, told, every, as_json))
+    asked = told.get("frame", "sensor")
+    question = _Question(loaded, x, turn, anchor, asked, readout, in_space, keep)
+    return _answer(question, joints, positions, told, every)
 
 
 @dataclass(frozen=True)
-class _Asked:
-    """One question, or many."""
+class _Question:
+    """One target, or many."""
 
     model: Model
     x: Any  # (2,), (3,) or (n, 2), (n, 3), positions in the frame
@@ -136,32 +144,35 @@ class _Asked:
         return answer.take(np.argsort(np.linalg.norm(gaps, axis=1), kind="stable"))
 
 
-def _show(
-    asked: _Asked, joints: JointFormat, told: dict[str, Any], every: bool, as_json: bool
-) -> int:
-    """Print the answer to one question and return the exit code; `told` begins its document."""
-    from ..answers import UP_TO_SCALE, answers, bounds_shown, show_answers
+def _answer(
+    asked: _Question,
+    joints: JointFormat,
+    positions: PositionFormat,
+    told: dict[str, Any],
+    every: bool,
+) -> Outcome:
+    """Answer one question; `told` begins its document."""
+    from ..answers import UP_TO_SCALE, answer_table, bounds_shown, documents
 
     model, posed = asked.model, asked.turn is not None
     # of a pose all branches are looked for, so that the nearest is found
     found = asked.answer(every or asked.in_space)
     found.pop("target", None)
     q, reachable = found.pop("q"), bool(found.pop("reachable").any())
-    solutions = answers(joints, q, **found)[: None if every else 1]
+    solutions = documents(joints, q, **found)[: None if every else 1]
+    document = told | {"reachable": reachable, "solutions": solutions}
     free = _free(asked, q[0]) if reachable else q[:0]
-    if as_json:
-        told |= {"reachable": reachable, "solutions": solutions}
-        if asked.in_space:
-            told["free"] = [dict(zip(joints.names, row, strict=True)) for row in free]
-        show_json({**told, **meaning(model.about, asked.frame)})
+    if asked.in_space:
+        document["free"] = [dict(zip(joints.names, row, strict=True)) for row in free]
+    document |= meaning(model.about, asked.frame)
     other = asked.readout is not None and asked.readout != model.default_readout
     missed = "nearest attainable pose" if posed else "nearest attainable point"
     missed = f"the answer of readout '{asked.readout}'" if other else missed
-    unit = "m" if asked.frame == "base" else model.about.unit
-    if not as_json:
-        axes = "xyz" if asked.in_space else model.axes
-        shown = ["distance", *(["turned"] if posed else []), *bounds_shown(model, asked.frame)]
-        show_answers(joints, solutions, unit, axes, shown, "" if reachable or posed else missed)
+    axes = "xyz" if asked.in_space else model.axes
+    shown = ["distance", *(["turned"] if posed else []), *bounds_shown(model, asked.frame)]
+    title = "" if reachable or posed else missed
+    table = answer_table(joints, solutions, positions, axes, shown, title)
+    alone = [" ".join(joints.cells(list(each["joints"].values()))) for each in solutions]
     if asked.frame == "base":
         from calib.model.space import Space
 
@@ -172,26 +183,38 @@ def _show(
         if not Space.of(model).sees(asked.x).all():
             note("the camera's picture does not show the target")
     if not reachable:
-        factor, unit = for_people(unit)
-        away = f"{float(found['distance'].min()) * factor:.4g} {unit}"
+        away = positions.said(float(found["distance"].min()))
+        hint = _slip(asked, positions)
         if posed:
             away += f" and {math.degrees(float(found['turned'][0])):.3g} deg"
-        few = "; so few joints reach few poses, ask for a position alone"
-        hint = few if posed and len(joints.names) < 6 else ""
+            few = "; so few joints reach few poses, ask for a position alone"
+            hint = few if len(joints.names) < 6 else hint
         # a coarser readout can miss a target that the arm reaches
         note(f"{'missed:' if other else 'out of reach: the'} {missed} is {away} away{hint}")
-        return NO
+        return Outcome(document, [table], result=(), code=NO)
     if len(free):
         from ..space import say_free
 
         say_free(joints, free, asked.near is not None)
-    return 0
+    return Outcome(document, [table], result=alone)
 
 
-def _free(asked: _Asked, q: Array) -> Array:
+def _slip(asked: _Question, positions: PositionFormat) -> str:
+    """Return a hint where a target in m is far off and would be near in mm."""
+    import numpy as np
+
+    if positions.unit != "m" or positions.typed != 1.0 or asked.in_space:
+        return ""
+    scale = asked.model.sensory.scale
+    far = np.abs(asked.x - scale.lower - scale.span / 2).max() > 10 * scale.span.max()
+    inside = np.abs(np.array(asked.x) / 1e3 - scale.lower - scale.span / 2) <= scale.span
+    return "; in mm it is near: give --unit mm" if far and inside.all() else ""
+
+
+def _free(asked: _Question, q: Array) -> Array:
     """Directions of the joints (k, dof) that leave the answer of an arm in space where it is."""
     model = asked.model
-    spatial = model.body is not None and model.body.structure.kind == "spatial"
+    spatial = model.body is not None and len(model.axes) == 3
     if not (asked.in_space or spatial):
         return q[:0]
     from ..space import free
@@ -200,49 +223,47 @@ def _free(asked: _Asked, q: Array) -> Array:
 
 
 def _batch(
-    model: Model,
+    asked: _Question,
     joints: JointFormat,
+    positions: PositionFormat,
     source: str,
-    readout: str | None,
-    near: Sequence[float] | None,
-    streams: tuple[str | None, bool],
-    frame: str,
+    called: Mapping[str, str] | None,
+    output: str | None,
     every: bool,
-) -> int:
-    """Answer a table of positions or poses with joint values; return the exit code.
+) -> Outcome:
+    """Answer a table of positions or poses with joint values.
 
-    A target out of reach has no joint values, but its distance from the nearest
-    attainable point.
-
-    source : the table.  Columns near_JOINT, one for each, choose the branch row by row; of an arm
-        in space with six joints, qx, qy, qz, qw ask for an orientation too.
-    every : whether to write all branches of each pose, a row each
+    A target out of reach has no joint values, but its distance from the nearest attainable point.
+    Columns near_JOINT, one for each, choose the branch row by row; of an arm in space with six
+    joints, qx, qy, qz, qw ask for an orientation too. With `every` all branches of each pose are
+    written, a row each.
     """
+    from dataclasses import replace
+
     import numpy as np
 
     from calib.samples.roles import QUATERNION
-    from calib.samples.tables import read_batch
 
-    from ..answers import over_all_rows, write_batch
+    from ..answers import batch_outcome, over_all_rows, read_table
 
-    base, beside = frame == "base", [f"near_{name}" for name in joints.names]
-    axes = "xyz" if base else model.axes
+    model, beside = asked.model, [f"near_{name}" for name in joints.names]
+    axes = "xyz" if asked.in_space else model.axes
     # fewer than six joints reach almost no pose that is given: its columns go along unread
     turns = QUATERNION if len(joints.names) >= 6 and len(axes) == 3 else ()
-    batch = read_batch(source, axes, (beside, turns))
+    batch = read_table(source, axes, called, positions, (beside, turns))
     posed = bool(turns) and "qw" in batch.names
     if every and not posed:
         raise BadOption("--all of many targets is for poses: expected columns qx, qy, qz, qw")
     n = len(batch.values)
     valid: Any = np.isfinite(batch.values).all(axis=1)
     given = dict(zip(batch.names, batch.values[valid].T, strict=True))
-    x, turn = batch.values[valid, : len(axes)], None
-    anchor: Any = near
+    asked = replace(asked, x=batch.values[valid, : len(axes)], in_space=posed or asked.in_space)
     if beside[0] in given:
-        anchor = np.stack([given[name] for name in beside], axis=1) / joints.typed
+        near = np.stack([given[name] for name in beside], axis=1) / joints.typed
+        asked = replace(asked, near=near)
     if posed:
-        turn = np.stack([given[name] for name in QUATERNION], axis=1)
-    found = _Asked(model, x, turn, anchor, frame, readout, posed or base).answer(every)
+        asked = replace(asked, turn=np.stack([given[name] for name in QUATERNION], axis=1))
+    found = asked.answer(every)
     # with every branch a target has several answers
     rows = np.flatnonzero(valid)[found.pop("target", slice(None))]
     reachable, q = found["reachable"], found.pop("q")
@@ -255,4 +276,5 @@ def _batch(
     if every:
         answers, batch = {"row": index + 1, **answers}, batch.take(index)
     missed = (rows[~reachable] + 1).tolist()
-    return write_batch(model, joints, batch, answers, missed, "out of reach", streams, frame, n)
+    why, told = "out of reach", meaning(model.about, asked.frame)
+    return batch_outcome(joints, positions, batch, answers, missed, why, output, n, **told)

@@ -3,68 +3,57 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Annotated, Any
 
-import typer
-
-from calib.common.wording import for_people
-
-from ..options import takes
-from ..output import NO, fields, note
-from ..parsing import expects, finite_number, reals, require
-from ..units import JointFormat, meaning
-from ..usage import one_document, option
+from .. import options as opt
+from ..files import TABLES, check_output
+from ..options import option
+from ..output import NO, Outcome, fields, note
+from ..parsing import above_zero, expects, reals
+from ..units import JointFormat, PositionFormat, meaning
 
 
 @expects("a length greater than zero, or inf")
 def _step(text: str) -> float:
-    value = math.inf if text.strip().lower() == "inf" else finite_number(text)
-    require(value > 0.0)
-    return value
+    return math.inf if text.strip().lower() == "inf" else above_zero(text)
 
 
-@takes(
-    input_=option("--input FILE", "Waypoints: a CSV file with columns x,y."),
-    start=option(
-        "--from Q1,Q2",
-        "Start near these joint values; without it on the branch that goes furthest.",
-        reals,
-    ),
-    step=option(
-        "--step S",
-        "Longest way of the tip between two rows [m, or the sensor's unit]; inf for the "
-        "waypoints alone; 1 % of the workspace's extent if not given.",
-        _step,
-    ),
-)
 def path(
-    model: str,
-    input_: str,
-    output: str | None = None,
-    start: tuple[float, ...] | None = None,
-    step: float | None = None,
-    degrees: bool = False,
-    as_json: bool = False,
-) -> None:
+    model: opt.Model,
+    *,
+    input_: Annotated[str, option("--input FILE", "Waypoints: a CSV file with columns x,y.")],
+    columns: opt.Columns = None,
+    output: opt.Output = None,
+    start: Annotated[
+        Any, option("--from Q1,Q2", "Start near these joints (default: goes furthest).", reals)
+    ] = None,
+    step: Annotated[
+        float | None,
+        option("--step S", "Longest way between rows; inf: waypoints (default 1 % extent).", _step),
+    ] = None,
+    unit: opt.PositionUnit = None,
+    degrees: opt.Degrees = False,
+) -> Outcome:
     """Joint values along straight lines through waypoints, on one branch where possible.
 
     Exit code 3 if the joints have to jump between branches or a point is out of reach.
     """
-    one_document(output, as_json)
+    check_output(output, TABLES, stream=True)
     import numpy as np
 
     import calib
-    from calib.samples.tables import read_batch
 
-    from ..answers import say_rows, write_answers
+    from ..answers import read_table, say_rows, table_outcome
 
     loaded = calib.load(model)
-    joints = JointFormat(loaded.about, degrees)
+    joints, positions = JointFormat(loaded.about, degrees), PositionFormat(loaded.about, unit=unit)
     first = joints.one_each("--from", start)
-    batch = read_batch(input_, loaded.axes)
+    batch = read_table(input_, loaded.axes, columns, positions)
     valid = np.flatnonzero(np.isfinite(batch.values).all(axis=1))
-    found = loaded.path(batch.values[valid], first, step)
-    columns: dict[str, Any] = {
+    longest = None if step is None else step / positions.typed
+    found = loaded.path(batch.values[valid], first, longest)
+    out = ~found.reachable
+    table: dict[str, Any] = {
         "waypoint": valid[found.waypoint] + 1,
         **dict(zip(loaded.axes, found.target.T, strict=True)),
         **dict(zip(joints.names, (found.q * joints.typed).T, strict=True)),
@@ -72,32 +61,27 @@ def path(
         "reachable": found.reachable.astype(np.int64),
         "jump": np.isin(np.arange(len(found.q)), found.jumps).astype(np.int64),
     }
-    write_answers(
-        columns,
+    say_rows(batch.invalid, len(batch.values), "not all numbers, left out of the path")
+    for row in found.jumps.tolist():
+        named = zip(loaded.axes, (found.target[row] * positions.typed).tolist(), strict=True)
+        where = ", ".join(f"{axis} = {value:.6g}" for axis, value in named)
+        note(f"row {row + 1}: a jump cannot be avoided, the branch ends before {where}")
+    if out.any():
+        note(
+            f"{int(out.sum())} of {len(out)} rows are out of reach, the furthest by "
+            f"{positions.said(float(found.distance[out].max()))}: they hold attainable points "
+            "close by"
+        )
+    return table_outcome(
+        table,
         output,
-        as_json,
         joints,
-        "path",
+        positions,
+        key="path",
+        code=1 if batch.invalid else NO if len(found.jumps) or out.any() else 0,
         rows=len(found.q),
         invalid=batch.invalid,
         jumps=(found.jumps + 1).tolist(),
-        out_of_reach=(np.flatnonzero(~found.reachable) + 1).tolist(),
+        out_of_reach=(np.flatnonzero(out) + 1).tolist(),
         **meaning(loaded.about),
     )
-    say_rows(batch.invalid, len(batch.values), "not all numbers, left out of the path")
-    for row in found.jumps.tolist():
-        named = zip(loaded.axes, found.target[row].tolist(), strict=True)
-        where = ", ".join(f"{axis} = {value:.6g}" for axis, value in named)
-        note(f"row {row + 1}: a jump cannot be avoided, the branch ends before {where}")
-    out = ~found.reachable
-    if out.any():
-        factor, name = for_people(loaded.about.unit)
-        furthest = float(found.distance[out].max()) * factor
-        note(
-            f"{int(out.sum())} of {len(out)} rows are out of reach, the furthest by "
-            f"{furthest:.4g} {name}: they hold attainable points close by"
-        )
-    if batch.invalid:
-        raise typer.Exit(1)
-    if len(found.jumps) or out.any():
-        raise typer.Exit(NO)

@@ -4,53 +4,58 @@ from __future__ import annotations
 
 import time
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
-from .. import parsing
+from typer import Option
+
+from .. import options as opt
+from ..files import check_output
 from ..measurements import Reading
-from ..options import takes
-from ..output import Notes, note, tell
-from ..photo import Drawn
-from ..usage import BadOption, check_file, flag, option
+from ..options import option
+from ..output import Outcome, note, say
+from ..parsing import BadOption
+from ..photo import load_drawn
 
 
-@takes(
-    html=option("--html FILE", "Write the page into a file, which needs no network, and end."),
-    meshes=option(
-        "--meshes FOLDER", "Folder of the URDF's mesh files; nothing outside of it is read."
-    ),
-    port=option(
-        "--port N", "Port of the page (default: any free port).", parsing.integer(0, 65535)
-    ),
-    no_open=flag("--no-open", "Print the address and open no browser."),
-    live=flag("--live", "Show a target that can be dragged, and every inverse solution for it."),
-)
 def preview(
+    model: opt.Model,
     *,
-    model: str,
-    html: str | None = None,
-    reading: Reading,
-    drawn: Drawn,
-    meshes: str | None = None,
-    port: int = 0,
-    no_open: bool = False,
-    live: bool = False,
-) -> None:
+    html: Annotated[
+        str | None, option("--html FILE", "Write the page, which needs no network, and end.")
+    ] = None,
+    data: opt.Data = None,
+    columns: opt.Columns = None,
+    unit: opt.Unit = None,
+    degrees: opt.LogDegrees = None,
+    photo: opt.Photo = None,
+    no_photo: opt.NoPhoto = False,
+    meshes: Annotated[
+        str | None, option("--meshes FOLDER", "Mesh files of the URDF; none from elsewhere.")
+    ] = None,
+    port: Annotated[
+        int, Option("--port", metavar="N", min=0, max=65535, help="Port of the page (0: any).")
+    ] = 0,
+    no_open: Annotated[
+        bool, Option("--no-open", help="Print the address and open no browser.")
+    ] = False,
+    live: Annotated[
+        bool, Option("--live", help="Show a target that can be dragged, and all its solutions.")
+    ] = False,
+) -> Outcome:
     """Show the arm and its learned maps in a browser, with meshcat."""
     from calib.show.preview.server import preview as show
 
     if live and html is not None:
         raise BadOption("--live needs a running preview: expected it without --html")
-    if html is not None:
-        check_file(html)
-    notes = Notes()
-    loaded, log = drawn.load(model, reading, notes)
-    options: dict[str, Any] = {"live": live, "meshes": meshes, "port": port}
-    with show(loaded, html, log, **options, browse=not no_open) as shown:
-        notes.say(shown.notes)
+    check_output(html, (".html", ".htm"), option="--html")
+    loaded, log = load_drawn(model, data, photo, no_photo, Reading(columns, unit, degrees))
+    how: dict[str, Any] = {"live": live, "meshes": meshes, "port": port, "browse": not no_open}
+    with show(loaded, html, log, **how) as shown:
+        say(shown.notes)
         if html is not None:
-            tell(f"{html}: {Path(html).stat().st_size / 1e6:.2f} MB, open it in a browser")
-            return
+            size = Path(html).stat().st_size
+            line = f"{html}: {size / 1e6:.2f} MB, open it in a browser"
+            return Outcome({"html": html, "bytes": size}, [line])
         try:
             print(shown.url, flush=True)
             note("showing the preview; Ctrl-C ends it")
@@ -58,3 +63,4 @@ def preview(
                 time.sleep(0.2)  # so often it looks whether it shall end [s]
         except KeyboardInterrupt:
             note("ended")
+    return Outcome({"url": shown.url})

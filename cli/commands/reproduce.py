@@ -5,23 +5,23 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args
 
+from typer import Argument, Option
+
+from .. import options as opt
 from .. import parsing
-from ..options import takes
-from ..output import TextTable, explained, note, number, progress_bar, show, show_json
-from ..parsing import JointRange, JointValue
+from ..options import option
+from ..output import Outcome, TextTable, number, progress_bar
+from ..parsing import JointValue
 from ..units import in_si, kinds_of_joints
-from ..usage import argument, choice, flag, option
 
 if TYPE_CHECKING:
     from calib.paper.setting import Setting
     from calib.paper.tables import Result
 
 _LONGEST = 1e3  # of a link [m]
-FORMATS = ("png", "svg", "pdf")
-SUBJECTS = ("table1", "table2", "figures", "adaptation", "networks", "experiments")
-CHOICES = (*SUBJECTS, "all")
+Subject = Literal["table1", "table2", "figures", "adaptation", "networks", "experiments", "all"]
 
 
 @parsing.expects("JOINT=METRES such as elbow=0.3")
@@ -29,31 +29,36 @@ def _length(text: str) -> JointValue:
     joint, _, value = text.partition("=")
     length = parsing.finite_number(value)
     parsing.require(bool(joint) and 0.0 < length < _LONGEST)
-    return joint, length
+    return JointValue(joint, length)
 
 
-@takes(
-    what=argument("|".join(CHOICES), "What to repeat.", parsing.one_of(CHOICES)),
-    output=option("--output -o DIR", "Folder of the CSV files, figures."),
-    quick=flag("--quick", "Use small lattices and few samples, for a quick trial."),
-    robot=option("--robot ROBOT", "Another arm with two revolute joints."),
-    lengths=option(
-        "--length JOINT=M", "Length of the link that a joint moves; repeatable.", _length
-    ),
-    formats=choice("--format", FORMATS, "File type of the figures; repeatable (default png)."),
-)
+_format = parsing.one_of(("png", "svg", "pdf"))
+
+
 def reproduce(
-    what: str = "all",
-    output: str = "reproduced",
-    quick: bool = False,
-    robot: str | None = None,
-    ranges: list[JointRange] | None = None,
-    lengths: list[JointValue] | None = None,
-    formats: list[str] | None = None,
-    degrees: bool = False,
-    seed: int = 0,
-    as_json: bool = False,
-) -> None:
+    what: Annotated[
+        Subject, Argument(metavar="|".join(get_args(Subject)), help="What to repeat.")
+    ] = "all",
+    *,
+    output: Annotated[
+        str, option("--output -o DIR", "Folder of CSV files, figures.")
+    ] = "reproduced",
+    quick: Annotated[bool, Option("--quick", help="Small lattices and few samples.")] = False,
+    robot: Annotated[
+        str | None, option("--robot ROBOT", "Another arm with two revolute joints.")
+    ] = None,
+    ranges: opt.Ranges = None,
+    lengths: Annotated[
+        list[JointValue] | None,
+        option("--length JOINT=M", "Length of the link that a joint moves; repeatable.", _length),
+    ] = None,
+    formats: Annotated[
+        list[str] | None,
+        option("--format png|svg|pdf", "Of the figures; repeatable (default png).", _format),
+    ] = None,
+    degrees: opt.Degrees = False,
+    seed: opt.Seed = 0,
+) -> Outcome:
     """Repeat the paper's tables, figures and experiments, with its numbers beside ours."""
     from calib.paper.setting import ROBOT, Setting
 
@@ -61,6 +66,7 @@ def reproduce(
     folder.mkdir(parents=True, exist_ok=True)
     started = time.perf_counter()
     document: dict[str, Any] = {}
+    tables: list[TextTable] = []
     with progress_bar("") as bar:
 
         def report(share: float, stage: str) -> None:
@@ -74,18 +80,16 @@ def reproduce(
         )
         drawn = tuple(dict.fromkeys(formats or ("png",)))
         # the figures bring the adaptation along
-        names = [name for name in SUBJECTS if name != "adaptation"] if what == "all" else [what]
-        for name in names:
+        every = [name for name in get_args(Subject) if name not in ("adaptation", "all")]
+        for name in every if what == "all" else [what]:
             for key, result in _run(name, setting, folder, drawn):
                 document[key] = result.data
-                _keep(result, folder, shown=not as_json)
+                tables += _written(result, folder)
     document["units"] = {"joints": "rad", "positions": "m", "seconds": "s"}
     document["seconds"] = time.perf_counter() - started
     document["files"] = sorted(str(path) for path in folder.iterdir())
-    if as_json:
-        show_json(document)
-    else:
-        note(f"{output}: {len(document['files'])} files, {document['seconds']:.0f} s")
+    line = f"{output}: {len(document['files'])} files, {document['seconds']:.0f} s"
+    return Outcome(document, [*tables, line], result=[line])
 
 
 def _run(
@@ -119,18 +123,26 @@ def _run(
 _LONG = ("schedules", "adaptation_curves")  # for the CSV files only
 
 
-def _keep(result: Result, folder: Path, *, shown: bool) -> None:
+def _written(result: Result, folder: Path) -> list[TextTable]:
+    """Write a result's tables as CSV, and return those that are shown."""
     from calib.common.atomic import atomic_write
 
+    shown = []
     for table in result.tables:
         atomic_write(folder / f"{table.name}.csv", table.csv().encode())
-        if shown and table.name not in _LONG:
+        if table.name not in _LONG:
             rows = [[_cell(c) for c in row] for row in table.rows]
-            left = next(
-                (k for k, c in enumerate(table.rows[0]) if not isinstance(c, str)), len(rows[0])
-            )
-            show(explained(TextTable(table.header, rows, table.title, left)))
-            print()
+            words = [isinstance(c, str) for c in table.rows[0]]
+            left = words.index(False) if False in words else len(words)
+            shown.append(TextTable(table.header, rows, table.title, left, foot=_TERMS))
+    return shown
+
+
+_TERMS = (
+    "SOM: self-organizing map of even density; VDSOM: of varying density, behind a colon the gain "
+    "of each sample (eq. 8); sigma: radius of the neighbourhood [nodes]; +-: standard deviation "
+    "over the seeds"
+)
 
 
 def _cell(value: str | float | None) -> str:

@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-from ..options import takes
-from ..output import TextTable, fields, show, show_json
+from ..output import Outcome, TextTable, facts, fields
 
 
-@takes()
-def robots(as_json: bool = False) -> None:
+def robots() -> Outcome:
     """List the bundled robots."""
     import calib
 
     entries = calib.list_robots()
-    if as_json:
-        show_json([fields(entry, "name joints dof description") for entry in entries])
-        return
-    rows = [[entry.name, ", ".join(entry.joints), entry.description] for entry in entries]
-    show(TextTable(["robot", "joints, base to tip", "description"], rows, left=3))
+    rows = [[entry.name, str(entry.dof), entry.description] for entry in entries]
+    table = TextTable(["robot", "joints", "description"], rows, left=3)
+    names = facts({entry.name: ", ".join(entry.joints) for entry in entries})
+    document = [fields(entry, "name joints dof description") for entry in entries]
+    return Outcome(document, [table], ["", "joints, base to tip", *names], result=[table])

@@ -6,103 +6,116 @@ import glob
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
+from typer import Argument, Option
 
-from calib.common.choices import READOUTS
+from calib.common.choices import MAPS, RULES, Readout
+from calib.common.wording import for_people
 
+from .. import options as opt
 from .. import parsing
-from ..options import takes
-from ..output import (
-    Notes,
-    TextTable,
-    explained,
-    fields,
-    note,
-    number,
-    progress_bar,
-    show,
-    show_json,
-    tell,
-)
-from ..samples import Grid, Logged, Selection, check_sources, measured_samples
-from ..usage import BadOption, argument, choice, one_document, option
+from ..files import TABLES, check_output
+from ..options import option
+from ..output import Outcome, TextTable, fields, note, number, progress_bar, say
+from ..parsing import BadOption, several
+from ..samples import Logged, Selection, check_sources, measured_samples
 
 if TYPE_CHECKING:
     from calib import Samples, Sweep
     from calib.arm.arm import Arm
 
 
-@takes(
-    robots=argument("ROBOT...", "URDF files or bundled robots. Not needed with --data."),
-    data=option("--data LOG", "A log, or several by a quoted pattern such as 'logs/*.csv'."),
-    output=option("--output -o FILE", "A row for each training, CSV or Parquet (- for stdout)."),
-    seeds=option("--seeds K", "Train each with the seeds 0, 1, 2 ...", parsing.integer(1, 1000)),
-    jobs=option("--jobs N", "How many at a time (default all cores).", parsing.integer(1, 1000)),
-    readout=choice("--readout", READOUTS, "Readout of the table; files and JSON hold them all."),
-)
+def _grid(usage: str, text: str, read: parsing.Reader[Any]) -> Any:
+    """Declare an option of several values to try, with commas between them."""
+    return option(f"{usage},..", text, several(read))
+
+
 def sweep(
+    robots: Annotated[
+        list[str] | None, Argument(metavar="ROBOT...", help="URDF files or bundled robots.")
+    ] = None,
     *,
-    robots: list[str] | None = None,
-    data: list[str] | None = None,
-    output: str | None = None,
-    grid: Grid,
-    seeds: int = 1,
-    jobs: int | None = None,
-    readout: str = "local",
-    selection: Selection,
-    logged: Logged,
-    as_json: bool = False,
-) -> None:
+    data: Annotated[
+        list[str] | None, option("--data LOG", "A log or a quoted pattern; repeatable.")
+    ] = None,
+    output: Annotated[
+        str | None, option("--output -o FILE", "A row a training: CSV or Parquet (- stdout).")
+    ] = None,
+    size: Annotated[Any, _grid("--size N|NxN|NxNxN", opt.SIZE, parsing.size)] = None,
+    map: Annotated[Any, _grid("--map NAME", opt.MAP, parsing.one_of(MAPS))] = None,  # noqa: A002
+    rule: Annotated[Any, _grid("--rule batch|online", "Rules.", parsing.one_of(RULES))] = None,
+    epochs: Annotated[Any, _grid("--epochs N", opt.EPOCHS, parsing.count)] = None,
+    sigma: Annotated[Any, _grid("--sigma START:END", opt.SIGMA, parsing.sigma)] = None,
+    samples: Annotated[Any, _grid("--samples -n N", opt.SAMPLES, parsing.count)] = None,
+    noise: Annotated[Any, _grid("--noise S", opt.NOISE, parsing.not_negative)] = None,
+    seeds: Annotated[
+        int, Option(metavar="K", min=1, max=1000, help="Train each with the seeds 0 to K - 1.")
+    ] = 1,
+    jobs: Annotated[
+        int | None,
+        Option(metavar="N", min=1, max=1000, help="Trainings at a time (default all cores)."),
+    ] = None,
+    readout: Annotated[
+        Readout, Option(help="Readout of the table; files and JSON hold them all.")
+    ] = "local",
+    joints: opt.Joints = None,
+    tip: opt.Tip = None,
+    planar: opt.Planar = False,
+    lock: opt.Lock = None,
+    ranges: opt.Ranges = None,
+    degrees: opt.Degrees = False,
+    columns: opt.Columns = None,
+    unit: opt.Unit = None,
+    prismatic: opt.Prismatic = None,
+) -> Outcome:
     """Train with every combination of options on all cores, and compare the errors.
 
     A training that fails is reported in one line and gives exit code 1; the others continue.
     """
-    from calib.common.atomic import check_writable
     from calib.samples.tables import write_table
     from calib.sweeps import sweep as run
 
-    one_document(output, as_json)
-    tried = {name: list(values) for name, values in vars(grid).items() if values is not None}
+    typed = {"size": size, "map": map, "rule": rule, "epochs": epochs, "sigma": sigma}
+    typed |= {"samples": samples, "noise": noise}
+    tried = {name: list(values) for name, values in typed.items() if values is not None}
+    selection = Selection(joints, tip, planar, lock, ranges, degrees)
+    logged = Logged(columns, unit, prismatic)
     simulated = {name: tried.get(name) for name in ("samples", "noise")}
     check_sources(robots or (), bool(data), simulated, vars(logged))
     if data and len(robots or ()) > 1:
         raise BadOption(f"--data with {len(robots or ())} robots: expected one ROBOT or none")
-    if output not in (None, "-"):
-        check_writable(str(output))
-    notes = Notes()
+    check_output(output, TABLES, stream=True)
     sources: dict[str, Callable[[], Arm | Samples]] = {
         name: partial(selection.load, name) for name in robots or ()
     }
     if data is not None:
-        shared: dict[str, Any] = {"logged": logged, "seed": 0, "notes": notes}
-        robot = robots[0] if robots else None
-        sources = {
-            path: partial(measured_samples, robot, selection, path, **shared)
-            for path in _logs(data)
-        }
-    with progress_bar(logged.unit or "m") as progress:
+        read = partial(measured_samples, robots[0] if robots else None, selection, logged=logged)
+        sources = {path: partial(read, path) for path in _logs(data)}
+    with progress_bar(unit or "m") as progress:
         # logs are read here: a worker cannot say what was assumed of one
         ready: dict[str, Any] = {name: source() for name, source in sources.items()}
         found = run(ready, tried, seeds=seeds, jobs=jobs, progress=progress)
-    notes.say(found.notes)
+    say(found.notes)
     for row in found.rows:
-        notes.say(row.notes)
+        say(row.notes)
     for row in found.failed:
         note(f"error: {row.source}, {dict(row.options)}, seed {row.seed}: {row.error}")
     if output is not None:
         write_table(output, found.columns())
-    told = f"{len(found)} trainings, {len(found.failed)} failed"
-    if as_json:
-        rows = [fields(row, "source options seed unit errors seconds error") for row in found.rows]
-        failed = len(found.failed)
-        show_json({"output": output, "trainings": len(found), "failed": failed, "rows": rows})
-    elif output != "-":
-        show(_table(found, readout))
-        tell(f"{output}: {told}" if output else told)
-    if found.failed:
-        raise typer.Exit(1)
+    failed = len(found.failed)
+    told = f"{f'{output}: ' if output else ''}{len(found)} trainings, {failed} failed"
+    document = {
+        "output": output,
+        "trainings": len(found),
+        "failed": failed,
+        "units": {"errors": "unit of the row", "seconds": "s"},
+        "rows": [
+            fields(row, "source options seed unit errors seconds error") for row in found.rows
+        ],
+    }
+    lines: list[str | TextTable] = [_table(found, readout), told]
+    return Outcome(document, lines, to_stderr=output == "-", code=1 if failed else 0)
 
 
 def _logs(typed: list[str]) -> list[str]:
@@ -120,7 +133,6 @@ def _logs(typed: list[str]) -> list[str]:
 
 def _table(found: Sweep, readout: str) -> TextTable:
     """A row for each training, errors of the tip in the unit of its positions."""
-    from calib.common.wording import for_people
     from calib.sweeps import written
 
     names = list(dict.fromkeys(name for row in found.rows for name in row.options))
@@ -136,4 +148,4 @@ def _table(found: Sweep, readout: str) -> TextTable:
         rows.append([row.source, *options, str(row.seed), *errors, unit, number(row.seconds)])
     header = ["source", *names, "seed", "forward", "max", "inverse", "max", "unit", "seconds"]
     title = f"{readout} readout: mean and largest error of the tip"
-    return explained(TextTable(header, rows, title, left=2 + len(names)))
+    return TextTable(header, rows, title, left=2 + len(names))

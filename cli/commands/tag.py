@@ -2,28 +2,27 @@
 
 from __future__ import annotations
 
+from typing import Annotated
+
+from typer import Argument
+
 from calib.common.choices import DICTIONARY
 
-from .. import parsing
-from ..camera import PRINTED
-from ..options import takes
-from ..output import tell
-from ..usage import BadOption, argument, option
+from .. import options as opt
+from ..files import check_output
+from ..options import option
+from ..output import Outcome
+from ..parsing import BadOption
 
 
-@takes(
-    output=option("--output -o FILE.svg", "The page to print."),
-    number=argument("ID", "Number of the tag.", parsing.integer(0)),
-    size=option("--size 40mm", "Side of the black square."),
-    **PRINTED,
-)
 def tag(
-    output: str,
-    number: int | None = None,
-    size: str = "40mm",
-    dictionary: str = DICTIONARY,
-    board: str | None = None,
-) -> None:
+    number: Annotated[int | None, Argument(metavar="ID", min=0, help="Number of the tag.")] = None,
+    *,
+    output: Annotated[str, option("--output -o FILE.svg", "The page to print.")],
+    size: Annotated[str, option("--size 40mm", "Side of the black square.")] = "40mm",
+    dictionary: opt.Dictionary = DICTIONARY,
+    board: opt.Board = None,
+) -> Outcome:
     """Write a tag for the arm's tip, or a board for the desk, to print at its true size (SVG)."""
     from calib.common.atomic import atomic_write
     from calib.recording.board import Board, parse_length
@@ -31,6 +30,7 @@ def tag(
 
     if (number is None) == (board is None):
         raise BadOption("expected the ID of a tag, or --board, and not both")
+    check_output(output, (".svg",), stream=True)
     if board is not None:
         made = Board.parse(board)
         page = print_board(made)
@@ -40,8 +40,9 @@ def tag(
         side = parse_length(size, "`size`")
         page = print_tag(int(number or 0), side, dictionary)
         what = f"tag {number} of {dictionary}, {1e3 * side:g} mm"
+    line = f"{output}: {what}; print it at 100 % and check the line of 100 mm"
     if output == "-":
         print(page, end="")
-        return
-    atomic_write(output, page.encode())
-    tell(f"{output}: {what}; print it at 100 % and check the line of 100 mm")
+    else:
+        atomic_write(output, page.encode())
+    return Outcome({"output": output, "what": what}, [line], to_stderr=output == "-")

@@ -5,99 +5,121 @@ from __future__ import annotations
 import re
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated, Any
+
+from typer import Argument, Option
 
 from calib.common.wording import for_people
 from calib.model.facts import size_in_words
 
-from ..options import takes
-from ..output import Notes, progress_bar, show, show_json, tell
+from .. import options as opt
+from ..advice import advice, found_by_body
+from ..files import check_output
+from ..options import option
+from ..output import Outcome, progress_bar, say
+from ..parsing import BadOption
 from ..photo import photo_of_log, with_photo
 from ..samples import (
     Babbling,
     Logged,
     Selection,
-    Training,
     babbled_samples,
     check_sources,
     measured_samples,
 )
-from ..summary import compact_table, summary
-from ..usage import BadOption, argument, check_file, flag, option
+from ..summary import accuracy, compact_table, summary
 
 if TYPE_CHECKING:
     from calib import Model, Samples
 
 
-@takes(
-    robot=argument(
-        "ROBOT", "A URDF file, or a bundled robot (calib robots). Not needed with --data."
-    ),
-    output=option(
-        "--output -o MODEL", "The model's file (default ROBOT.calib, without ROBOT LOG.calib)."
-    ),
-    force=flag("--force", "Replace a model of another robot or log by that name."),
-    lens=option(
-        "--lens lens.json",
-        "The calibrated lens of a camera that sees an arm in space (default: fitted).",
-    ),
-    no_rows=flag("--no-rows", "Keep no rows of the log in the model (default up to 5000)."),
-)
 def train(
+    robot: Annotated[
+        str | None, Argument(metavar="ROBOT", help="A URDF or a bundled robot; --data needs none.")
+    ] = None,
     *,
-    robot: str | None = None,
-    data: str | None = None,
-    output: str | None = None,
-    force: bool = False,
-    selection: Selection,
-    training: Training,
-    babbling: Babbling,
-    seed: int = 0,
-    logged: Logged,
-    lens: str | None = None,
-    no_rows: bool = False,
-    photo: str | None = None,
-    no_photo: bool = False,
-    as_json: bool = False,
-) -> None:
+    data: opt.Data = None,
+    output: Annotated[
+        str | None, option("--output -o MODEL", "The model (default ROBOT.calib or LOG.calib).")
+    ] = None,
+    force: Annotated[
+        bool, Option("--force", help="Replace a model of another robot or log by that name.")
+    ] = False,
+    joints: opt.Joints = None,
+    tip: opt.Tip = None,
+    planar: opt.Planar = False,
+    lock: opt.Lock = None,
+    ranges: opt.Ranges = None,
+    degrees: opt.Degrees = False,
+    map: opt.Map = None,  # noqa: A002
+    size: opt.Size = None,
+    motor_size: opt.MotorSize = None,
+    sensory_size: opt.SensorySize = None,
+    body: opt.BodyKind = "auto",
+    view: opt.ViewKind = "auto",
+    rule: opt.TrainingRule = "batch",
+    epochs: opt.Epochs = None,
+    sigma: opt.Sigma = None,
+    samples: opt.Number = None,
+    noise: opt.Noise = None,
+    motion: opt.Moves = None,
+    change: opt.Changes = None,
+    seed: opt.Seed = 0,
+    columns: opt.Columns = None,
+    unit: opt.Unit = None,
+    prismatic: opt.Prismatic = None,
+    lens: Annotated[
+        str | None, option("--lens lens.json", "Lens of a camera in space (default: fitted).")
+    ] = None,
+    no_rows: Annotated[
+        bool, Option("--no-rows", help="Keep no rows of the log in the model (default up to 5000).")
+    ] = False,
+    photo: opt.Photo = None,
+    no_photo: opt.NoPhoto = False,
+) -> Outcome:
     """Learn a model from simulated babbling or from a measured log."""
     import calib
 
+    selection = Selection(joints, tip, planar, lock, ranges, degrees)
+    babbling, logged = Babbling(samples, noise, motion, change), Logged(columns, unit, prismatic)
     of_logs = {**vars(logged), "lens": lens, "photo": photo}
     check_sources([robot] if robot else [], data is not None, vars(babbling), of_logs)
     if photo is not None and no_photo:
         raise BadOption("--photo and --no-photo are given: expected one of them")
-    if output is not None:
-        check_file(output)
-    notes = Notes()
+    check_output(output, ())
     if data is None:
-        log = babbled_samples(robot, selection, babbling, seed, notes)
+        log = babbled_samples(robot, selection, babbling, seed)
     else:
-        log = measured_samples(robot, selection, data, logged, seed, notes, lens)
+        log = measured_samples(robot, selection, data, logged, seed, lens)
     path = output or _file_name(str(robot or data))
-    check_file(path)
+    check_output(path, ())
     if output is None and not force:
         _check_same_origin(path, log)
+    how: dict[str, Any] = {"motor_size": motor_size, "sensory_size": sensory_size, "view": view}
+    how |= {"map": map, "size": size, "body": body, "rule": rule, "epochs": epochs, "sigma": sigma}
     with progress_bar(log.unit) as progress:
-        model = calib.train(log, **vars(training), seed=seed, progress=progress)
-    notes.say([*model.about.notes, *_unexplained(model, log)])
+        model = calib.train(log, **how, seed=seed, progress=progress)
+    say([*model.about.notes, *_unexplained(model, log)])
     if no_rows:
         model = replace(model, rows=None)
     if photo is not None:
         model = with_photo(model, photo, log)
     elif data is not None and not no_photo:
-        model = photo_of_log(model, log, data, notes)
+        model = photo_of_log(model, log, data)
     model.save(path)
     about = model.about
-    if as_json:
-        show_json(summary(model, path, about.errors, model.seconds))
-        return
-    what = "fresh exact samples" if about.source == "simulation" else "held out blocks of the log"
-    show(compact_table(model, about.errors, f"errors on {what}"))
-    tell(
-        f"{path}: {about.options['map']}, {size_in_words(model)}, {about.samples} samples, "
-        f"{model.seconds['total']:.2f} s, {Path(path).stat().st_size / 1e6:.2f} MB"
-    )
+    simulated = about.source == "simulation"
+    what = "fresh exact samples" if simulated else "rows held out in blocks of the log"
+    lines = [
+        accuracy(model, about.errors, about.within, f"{about.tested} {what}", about.left_out),
+        *found_by_body(model),
+        *advice(model, about.errors),
+        f"{path}: {about.options['map']}, {size_in_words(model)}, {about.samples} "
+        f"{'samples' if simulated else 'rows'}, "
+        f"{model.seconds['total']:.2f} s, {Path(path).stat().st_size / 1e6:.2f} MB",
+    ]
+    table = compact_table(model, about.errors, f"errors on {what}")
+    return Outcome(summary(model, path, about.errors, model.seconds), lines, [table])
 
 
 def _unexplained(model: Model, log: Samples) -> list[str]:

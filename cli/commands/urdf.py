@@ -2,70 +2,62 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
-import typer
+from typer import Option
 
 from calib.common.wording import for_people
 
-from ..options import OF_FRAMES, takes
-from ..output import NO, Notes, TextTable, fixed, note, number, show, show_json, tell
+from .. import options as opt
+from ..files import check_output
+from ..options import option
+from ..output import NO, Outcome, TextTable, fixed, note, number, say
 from ..units import units_of
-from ..usage import flag, option
 
 if TYPE_CHECKING:
     from calib.use.spatial_geometry import SpatialGeometry
 
 
-@takes(
-    output=option("--output -o URDF", "The corrected description."),
-    move_base=flag("--move-base", "Fit the place of the first joint as well."),
-    move_tip=flag(
-        "--move-tip",
-        "Write the sensed point of a spatial arm as its tip; else it is a probe or a tag.",
-    ),
-    **OF_FRAMES,
-)
 def urdf(
-    model: str,
-    output: str,
-    view: str = "auto",
-    cause: str = "sensor",
-    move_base: bool = False,
-    move_tip: bool = False,
-    as_json: bool = False,
-) -> None:
+    model: opt.Model,
+    *,
+    output: Annotated[str, option("--output -o URDF", "The corrected description.")],
+    view: opt.LogView = "auto",
+    cause: opt.FrameOrJoints = "sensor",
+    move_base: Annotated[
+        bool, Option("--move-base", help="Fit the place of the first joint as well.")
+    ] = False,
+    move_tip: Annotated[
+        bool, Option("--move-tip", help="The sensed point in space is the tip, not a probe's.")
+    ] = False,
+) -> Outcome:
     """Write a copy of the URDF with the joint offsets and link placements that fit the model best.
 
     Only the numbers that change are rewritten. Exit code 3 if offsets and placements do not
     describe the model; then nothing is written.
     """
     import calib
-    from calib.common.atomic import atomic_write, check_writable
+    from calib.common.atomic import atomic_write
     from calib.use.correct import free_frame
     from calib.use.geometry import fit_geometry
-    from calib.use.urdf import MOST_UNEXPLAINED, check_output, corrected_urdf
+    from calib.use.urdf import MOST_UNEXPLAINED, corrected_urdf
+    from calib.use.urdf import check_output as check_other_file
 
-    check_writable(output)
+    check_output(output, (".urdf", ".xml"))
     loaded = calib.load(model)
-    check_output(output, loaded.about.urdf)
+    check_other_file(output, loaded.about.urdf)
     geometry = fit_geometry(loaded, view=view, cause=cause, move_base=move_base, move_tip=move_tip)
     explained = geometry.residual <= MOST_UNEXPLAINED * geometry.reach
     if explained:
         atomic_write(output, corrected_urdf(geometry).encode())
-    if as_json:
-        show_json(
-            {
-                "urdf": output if explained else None,
-                **geometry.to_json(),
-                "unit": geometry.unit,
-                "units": {**units_of(loaded.about), "positions": geometry.unit},
-            }
-        )
-    else:
-        show(_table(geometry))
+    document = {
+        "urdf": output if explained else None,
+        **geometry.to_json(),
+        "unit": geometry.unit,
+        "units": {**units_of(loaded.about), "positions": geometry.unit},
+    }
     if geometry.free:
-        Notes().say(free_frame(loaded, cause))
+        say(free_frame(loaded, cause))
     share = 100.0 * geometry.residual / geometry.reach
     factor, unit = for_people(geometry.unit)
     rms = f"{number(factor * geometry.residual)} {unit} rms ({share:.3g} % of the reach)"
@@ -74,10 +66,10 @@ def urdf(
             f"offsets and placements leave {rms} unexplained, more than {MOST_UNEXPLAINED:.0%}: "
             "nothing was written; check the joints, the tip and the unit of the log, and --view"
         )
-        raise typer.Exit(NO)
-    if not as_json:
-        before = f"{number(factor * geometry.before)} {unit}"
-        tell(f"{output}: residual {rms}, with the nominal URDF {before}")
+        return Outcome(document, [_table(geometry)], result=(), code=NO)
+    before = f"{number(factor * geometry.before)} {unit}"
+    line = f"{output}: residual {rms}, with the nominal URDF {before}"
+    return Outcome(document, [line, _table(geometry)])
 
 
 def _table(geometry: SpatialGeometry) -> TextTable:

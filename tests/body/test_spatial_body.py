@@ -15,6 +15,7 @@ from calib.body.fitting import fit_structure
 from calib.body.misfit import refuse_pixels, refuse_turns
 from calib.body.sensor import SensorPose
 from calib.body.spatial import structure_of, unknown_structure
+from calib.body.starts import candidates
 from calib.errors import LogError, ModelError
 from calib.model_file.bodies import body_arrays, body_header, rebuild_body
 from calib.model_file.checked import Tensors
@@ -168,7 +169,7 @@ def test_millimetres_and_a_free_scale():
     scale = np.exp(body.beta[structure.groups["view.scale"][0]])
     assert scale == pytest.approx(1000.0, rel=5e-3)
     with pytest.raises(LogError, match=r"about 10\d\d times"):
-        replace(structure, view="rigid").starts(q, z)
+        candidates(replace(structure, view="rigid"), q, z)
     in_mm = structure_of(arm, "rigid", unit="mm", metre=1000.0, extent=spread(z))
     assert np.abs(fit_structure(in_mm, q, z).held_out).mean() < 1.0
 
@@ -178,8 +179,8 @@ def test_mirrored_axes_are_named():
     q = rows(arm, 60, 1)
     z = structure.predict(q, beta)
     with pytest.raises(LogError, match="mirrored"):
-        structure.starts(q, z[:, [1, 0, 2]])
-    assert len(structure.starts(q, z)) == 1
+        candidates(structure, q, z[:, [1, 0, 2]])
+    assert len(candidates(structure, q, z)) == 1
 
 
 def test_rows_that_no_arm_explains_are_refused_in_one_line():
@@ -193,7 +194,7 @@ def test_rows_that_no_arm_explains_are_refused_in_one_line():
         ((q[:, ::-1], z), "does not explain"),
     ):
         with pytest.raises(LogError, match=words) as caught:
-            structure.starts(*bad)
+            candidates(structure, *bad)
         assert "\n" not in str(caught.value)
 
 

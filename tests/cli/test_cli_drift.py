@@ -90,10 +90,10 @@ def test_millimetres(folder, run, tmp_path):
     assert raw.code == 0
     assert "--unit mm" in raw.err
     assert raw.document["unit"] == "sensor"
-    table = run("adapt", folder / "m.calib", "--data", path, "-o", tmp_path / "c").out
+    table = run("adapt", folder / "m.calib", "--data", path, "-o", tmp_path / "c", "-v").out
     assert "held-out rows [sensor]" in table  # and not mm, which it was not told
     assert "--unit mm" in table
-    looked = run("check", folder / "m.calib", "--data", path)
+    looked = run("check", folder / "m.calib", "--data", path, "-v")
     assert looked.code == 3
     assert "check the log's unit before calib adapt" in looked.out
     assert "smallest [sensor]" in looked.out

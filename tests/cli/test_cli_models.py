@@ -51,18 +51,39 @@ def test_train_writes_the_robots_name_and_one_document(run, tmp_path):
     assert document["units"] == {"joints": joints, "positions": "m", "seconds": "s"}
 
 
-def test_train_prints_a_table_a_time_and_a_file(run):
+def test_train_says_how_accurate_what_limits_it_and_the_file(run):
     done = run("train", "two_link", *SMALL, "-o", "other.calib")
-    assert done.code == 0
-    assert done.err == ""
+    assert (done.code, done.err) == (0, "")
     lines = done.out.splitlines()
-    assert lines[0] == "errors on fresh exact samples"
-    assert lines[1].split()[2:] == ["max", "local", "max", "linear", "activity", "winner"]
-    assert lines[2].startswith("forward distance [mm]")
-    assert lines[3].startswith("inverse shoulder [deg]")
+    assert " mm on average, 95 % within " in lines[0]
+    assert "bound covers" in lines[0]
+    assert "10000 fresh exact samples" in lines[0]
+    assert lines[-2].startswith("limited by ")
     assert lines[-1].startswith("other.calib: vdsom:residual, 10x10 nodes, 500 samples, ")
-    assert lines[-1].endswith(" MB")
-    assert max(map(len, lines)) <= 80
+    told = run("train", "two_link", *SMALL, "-o", "other.calib", "-v").out
+    for word in ("forward distance [mm]", "inverse shoulder [deg]", "linear", "winner"):
+        assert word in told
+    assert run("train", "two_link", *SMALL, "-o", "other.calib", "-q").out.count("\n") == 1
+
+
+def test_what_a_log_differs_in_is_told_with_its_unit(run):
+    moved = "elbow.offset=0.05"
+    run("babble", "two_link", "-n", "200", "--noise", "1e-4", "--change", moved, "-o", "log.csv")
+    done = run("train", "two_link", "--data", "log.csv", "-o", "m.calib")
+    (found,) = (line for line in done.out.splitlines() if line.startswith("found: "))
+    assert "elbow" in found
+    assert "2.8" in found  # 0.05 rad
+    assert "deg" in found
+
+
+def test_no_table_is_wider_than_100_columns(run, tmp_path):
+    run("train", "six_axis", "--size", "6", "-n", "200", "-o", "six.calib")
+    for command in ("info", "evaluate"):
+        told = run(command, "six.calib", "-v").out
+        table = told[told.index("errors ") :].splitlines()
+        assert max(map(len, table)) <= 100, command
+    rows = run("query", "inverse", "six.calib", "0.4", "0.1", "0.3").out.splitlines()
+    assert max(map(len, rows)) <= 100
 
 
 def test_the_same_seed_gives_the_same_file(run, tmp_path):
@@ -131,7 +152,7 @@ def test_a_log_in_other_units_and_names(run, log):
         "--columns", "x=u,y=v,shoulder=s", "-o", "m.calib",
     )  # fmt: skip
     assert done.code == 0, done.err
-    assert "forward distance [px]" in done.out
+    assert " px on average" in done.out
     done = run("query", "forward", "m.calib", "0.5", "1.0", "--json")
     assert done.document["unit"] == "px"
     assert "x [px]" in run("query", "forward", "m.calib", "0.5", "1.0").out
@@ -168,10 +189,11 @@ def test_evaluate_repeats_the_errors_of_training(run, model):
                 assert again["mean"] == pytest.approx(error["mean"], rel=1e-3, abs=1e-9)
 
 
-def test_evaluate_prints_every_error_with_its_unit(run, model):
-    lines = run("evaluate", model).out.splitlines()
+def test_evaluate_is_five_lines_and_every_error_with_its_unit_where_asked(run, model):
+    assert len(run("evaluate", model).out.splitlines()) <= 5
+    told = run("evaluate", model, "-v").out
+    lines = told[told.index("errors on") :].splitlines()
     assert lines[1].split() == ["readout", "direction", "error", "of", "unit", "mean", "p99", "max"]
-    assert len(lines) == 2 + 4 * 6 + 2
     assert lines[-2].startswith("local: body and local models; ")  # what the terms mean
     assert [line.split()[-4] for line in lines[2:8]] == ["mm", "mm", "mm", "deg", "deg", "mm"]
 

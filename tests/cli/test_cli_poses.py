@@ -57,7 +57,7 @@ def test_orientations_are_learned_and_answered(run, tracked):
     away = 2 * np.arccos(np.minimum(1, np.abs((said * quaternions(turns)).sum(axis=1))))
     assert np.degrees(away).max() < 0.05
     assert np.linalg.norm(np.c_[found["x"], found["y"], found["z"]] - places, axis=1).max() < 2e-4
-    evaluated = run("evaluate", folder / "m.calib", "--data", folder / "log.csv").out
+    evaluated = run("evaluate", folder / "m.calib", "--data", folder / "log.csv", "-v").out
     assert "orientation" in evaluated
 
 

@@ -39,7 +39,7 @@ def files():
     }
 
 
-KNOTS = {"calib.arm", "calib.body", "calib.model", "calib.model_file", "calib.recording"}
+KNOTS = {"calib.model", "calib.model_file", "calib.recording"}
 """Rooms with files that still know each other, if only for types: fewer with time."""
 
 

@@ -9,7 +9,6 @@ import pytest
 
 pytest.importorskip("cv2")
 from calib_cli.app import app
-from calib_cli.output import Notes
 from calib_cli.photo import photo_of_log, shown
 from matplotlib.quiver import Quiver
 from PIL import Image
@@ -160,23 +159,23 @@ def test_the_map_is_drawn_over_the_photo(made):
 def test_the_commands_remember_it_unless_told_not_to(made, tmp_path):
     folder, model, _ = made
     data, seen, path = folder / "log.csv", str(folder / "seen.png"), str(tmp_path / "m.calib")
-    notes, log = Notes(), calib.read_log(data, joints=["a", "b"])
-    assert photo_of_log(model, log, str(data), notes).photo is not None
+    log = calib.read_log(data, joints=["a", "b"])
+    assert photo_of_log(model, log, str(data)).photo is not None
     outside = replace(log, source={**SOURCE, "photo": "../seen.png"})
-    assert photo_of_log(model, outside, str(data), notes).photo is None
-    assert photo_of_log(model, log, "-", notes).photo is None
+    assert photo_of_log(model, outside, str(data)).photo is None
+    assert photo_of_log(model, log, "-").photo is None
     metres = replace(model, about=replace(model.about, unit="m"))
     for spoilt in ({"photo": "a\0b"}, {"photo": 7}, {"size": 7}, {"reference": 7, "unit": "m"}):
         odd = replace(log, source=SOURCE | spoilt)
-        assert photo_of_log(metres, odd, str(data), notes).photo is None
+        assert photo_of_log(metres, odd, str(data)).photo is None
     model.save(path)
-    assert shown(model, path, seen, True, log, notes).photo is not None
+    assert shown(model, path, seen, True, log).photo is not None
     assert calib.load(path).photo is None
-    assert shown(model, path, seen, False, None, notes).photo is not None
+    assert shown(model, path, seen, False, None).photo is not None
     kept = calib.load(path)
     assert kept.photo is not None
-    assert shown(kept, path, None, True, None, notes).photo is None
-    assert shown(kept, path, None, False, None, notes).photo == kept.photo
+    assert shown(kept, path, None, True, None).photo is None
+    assert shown(kept, path, None, False, None).photo == kept.photo
     photo = ("--photo", seen, "--no-photo")
     line = ("train", "--data", data, "--joints", "a,b", "-o", path, *photo)
     assert CliRunner().invoke(app, list(map(str, line))).exit_code == 2

@@ -18,6 +18,7 @@ from xml.parsers import expat
 import numpy as np
 from numpy.typing import NDArray
 
+from ...common.wording import INSTALL
 from ...errors import RobotError
 
 _KINDS = (".stl", ".obj", ".dae")  # what ROS reads; others can declare more than they hold
@@ -68,8 +69,10 @@ def read_mesh(path: Path) -> tuple[NDArray[np.float32], NDArray[np.uint32]]:
     data = path.read_bytes()
     if kind == ".dae":
         _forbid_doctype(path.name, data)
-    import trimesh
-
+    try:
+        import trimesh
+    except ImportError:
+        raise RobotError(f"mesh {path.name} needs trimesh: {INSTALL.format('meshes')}") from None
     loader: Any = trimesh
     try:
         mesh: Any = loader.load(io.BytesIO(data), file_type=kind[1:], force="mesh", process=False)

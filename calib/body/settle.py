@@ -1,0 +1,72 @@
+"""Robust Levenberg-Marquardt steps from anywhere: what starts are brought to their optimum by."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..common.arrays import Array
+from .normal import Factor, slices, with_prior
+from .parameters import Prior
+from .search import Search
+from .structure import Structure
+
+_NU = 6.0
+
+_SETTLED = 1e-3
+"""Share of a parameter's own sd below which a step ends a run."""
+
+
+def _spread(r: Array, extents: Array, blocks: tuple[int, ...]) -> Array:
+    """Maximum-likelihood Student scale (m,) of residuals, at least 1e-7 of the extents."""
+    sigma = np.empty(r.shape[1])
+    for part in slices(blocks):
+        p, least = part.stop - part.start, 1e-14 * extents[part.start] ** 2
+        e2 = (r[:, part] ** 2).sum(axis=1)
+        s2 = float(np.median(e2)) / p + least
+        for _ in range(12):
+            s2 = float(((_NU + p) / (_NU + e2 / s2) * e2).mean()) / p + least
+        sigma[part] = np.sqrt(s2)
+    return sigma
+
+
+def settle(
+    structure: Structure, q: Array, z: Array, beta: Array, prior: Prior, steps: int
+) -> tuple[Array, float, float]:
+    """Fit some parameters by robust Levenberg-Marquardt steps from `beta`.
+
+    A step below `_SETTLED` sd ends them.
+
+    Returns beta : (d,)
+    Returns cost : negative log posterior with Student noise, of which the scale was fitted
+    Returns noise : share of the extents that the residuals have
+    """
+    search = Search(structure, q, z, beta, prior, _NU, np.zeros(structure.outputs))
+    search.edges = np.array([0, len(z)])  # nothing is held out
+    damping = 1e-3
+    with np.errstate(all="ignore"):
+        for _ in range(steps):
+            search.noise = _spread(search.r, structure.extents, search.blocks)
+            search.linearise(fresh=True)
+            gram, moment = search.data()
+            precision = with_prior(gram, search.sd, None)
+            pull = moment - search.pull(search.distance(search.beta))
+            diagonal = np.diag(precision).copy()
+            before = search.objective(search.beta, search.r)
+            for _ in range(8):
+                precision[np.diag_indices(len(pull))] = (1 + damping) * diagonal
+                try:
+                    delta = Factor(precision).solve(pull)
+                    beta, r, value = search.after(delta)
+                except np.linalg.LinAlgError:
+                    value = np.inf
+                if value < before:
+                    break
+                damping = min(damping * 8, 1e8)
+            else:
+                break
+            search.beta, search.r, damping = beta, r, max(damping / 10, 1e-12)
+            if float((np.abs(delta) * np.sqrt(diagonal)).max()) < _SETTLED:
+                break
+        search.noise = _spread(search.r, structure.extents, search.blocks)
+        cost = search.objective(search.beta, search.r)
+    return search.beta, cost, float((search.noise / structure.extents).max())
