@@ -53,10 +53,29 @@ def fit_sound_rows(
 
 
 def sound_log(model: Model, samples: Samples) -> tuple[Samples, list[str]]:
-    """A log that a model is compared with, without its delay and the rows that contradict others.
+    """A log that a model is compared with, in time and without rows that contradict the others."""
+    samples, notes = in_time(model, samples)
+    predicted = model.forward(samples.q)
+    known = np.asarray(np.isfinite(predicted).all(axis=1))
+    residual = np.where(known[:, None], samples.x - predicted, np.nan)
+    if known.sum() >= FEWEST_ROWS:
+        # a sensor that was moved is no reason to leave rows out
+        moved = residual.copy()
+        moved[known] = samples.x[known] - aligned(
+            predicted[known], samples.x[known], affine=samples.unit == "px"
+        )
+        far, near = (np.nanmedian(np.linalg.norm(r, axis=1)) for r in (residual, moved))
+        residual = moved if near < 0.5 * far else residual
+        kept, told = contradictions(samples, residual)
+        samples, notes = samples.take(kept), notes + told
+    return samples, notes
+
+
+def in_time(model: Model, samples: Samples) -> tuple[Samples, list[str]]:
+    """A log that a model is compared with, without the delay of its positions.
 
     samples : in the model's unit; the arm or its sensor may have changed
-    Returns the samples, their joints in the model's order, and notes.
+    Returns the samples, their joints in the model's order, and what is told of their clock.
     """
     samples = replace(
         samples,
@@ -76,19 +95,6 @@ def sound_log(model: Model, samples: Samples) -> tuple[Samples, list[str]]:
             samples = replace(samples.take(known), q=q[known])
         if delay is not None and delay.note():
             notes.append(delay.note())
-    predicted = model.forward(samples.q)
-    known = np.asarray(np.isfinite(predicted).all(axis=1))
-    residual = np.where(known[:, None], samples.x - predicted, np.nan)
-    if known.sum() >= FEWEST_ROWS:
-        # a sensor that was moved is no reason to leave rows out
-        moved = residual.copy()
-        moved[known] = samples.x[known] - aligned(
-            predicted[known], samples.x[known], affine=samples.unit == "px"
-        )
-        far, near = (np.nanmedian(np.linalg.norm(r, axis=1)) for r in (residual, moved))
-        residual = moved if near < 0.5 * far else residual
-        kept, told = contradictions(samples, residual)
-        samples, notes = samples.take(kept), notes + told
     return samples, notes
 
 
