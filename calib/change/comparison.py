@@ -20,6 +20,7 @@ from ..common.arrays import Array
 from ..errors import ModelError
 from ..model.model import Model
 from ..samples.samples import Samples
+from ..training.sound_rows import in_time
 from .explain import Explanation, changed, explain
 from .members import as_built
 from .reference import Reference, carried_offset, kept_reference, reference_of
@@ -292,7 +293,9 @@ def compare(model: Model, log: Samples, cause: str | None = None) -> Comparison:
         raise ModelError(
             "the model has an older format without a posterior of its body: train it again"
         )
+    log, told = in_time(model, log)
     u, x, rows, notes = comparable(model, log)
+    notes = (*told, *notes)
     q = model.motor.scale.from_unit(u)
     body = body_of(model)
     predicted = model.predictor.value(u)
