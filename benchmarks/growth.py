@@ -1,6 +1,6 @@
-"""Growth of time and memory with nodes, samples and joints; part of docs/performance.md.
+"""Growth of time and memory with nodes, samples and joints: tables of docs/performance.md.
 
-    python benchmarks/growth.py [--quick] [--only PART ...] [--out FOLDER]
+    python benchmarks/growth.py [--quick] [--only PART ...]
 
 Every case runs in a process of its own.  Exponents are least squares on logarithms of
 processor time, with 95 % intervals.  PART: som, vdsom, links, train, joints, large (maps of up to
@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 from measure import ROOT, child, machine, peak_mb, timed
-from performance_page import finish
+from tables import table
 
 SIDES = (30, 50, 70, 100, 150, 200, 300)
 ROWS = (20_000, 50_000, 100_000, 200_000, 500_000, 1_000_000, 2_000_000)
@@ -178,53 +178,49 @@ def exponent(x: Any, y: Any) -> dict[str, float]:
 
 
 def fits(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Exponents of each part against nodes and samples, of all cases and of the larger half."""
+    """Exponents against nodes and samples, of all cases and of the larger half."""
     found = []
-    for part, varied in dict.fromkeys((r["part"], r["varied"]) for r in rows):
-        some = [r for r in rows if (r["part"], r["varied"]) == (part, varied)]
-        if varied in ("joints", "both") or len(some) < 3:
+    for varied in ("nodes", "samples"):
+        some = [r for r in rows if r["varied"] == varied]
+        if len(some) < 3:
             continue
         x = np.array([float(r["side"] ** 2 if varied == "nodes" else r["rows"]) for r in some])
+        y, mb = (np.array([max(r[key], 0.0) for r in some]) for key in ("cpu", "mb"))
         larger = slice(-(len(x) // 2 + 1), None)
-        mb = np.array([max(r["mb"], 0.0) for r in some])
-        for what in ("cpu", "seconds"):
-            y = np.array([r[what] for r in some])
-            found.append(
-                {"part": part, "varied": varied, "of": what, "all": exponent(x, y),
-                 "larger": exponent(x[larger], y[larger]),
-                 "nlogn": exponent(x[larger], y[larger] / np.log(x[larger])),
-                 "bytes_each": float(2**20 * np.polyfit(x, mb, 1)[0])}
-            )  # fmt: skip
+        every, half = exponent(x, y), exponent(x[larger], y[larger])
+        flat = exponent(x[larger], y[larger] / np.log(x[larger]))
+        found.append(
+            {"against": varied}
+            | {
+                name: f"{fit['exponent']:.2f} +- {fit['interval']:.2f}"
+                for name, fit in (("all", every), ("larger half", half), ("over n log n", flat))
+            }
+            | {"bytes each": float(2**20 * np.polyfit(x, mb, 1)[0])}
+        )
     return found
 
 
-def measure(parts: list[str], quick: bool) -> dict[str, Any]:
-    """Run the parts; rows and their fits."""
-    rows = []
-    for part in parts:
-        for task in cases(quick)[part]:
-            row = child(Path(__file__), task, TIMEOUT)
-            if row is not None:
-                rows.append(row)
-                print(json.dumps({k: v for k, v in row.items() if k != "stages"}), file=sys.stderr)
-    return {part: [r for r in rows if r["part"] == part] for part in parts}
-
-
 def main() -> None:
-    """Measure and merge into the page."""
+    """Measure and print the tables."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--quick", action="store_true", help="tiny sizes: does it all run?")
     parser.add_argument("--only", nargs="+", choices=list(cases(True)), default=list(cases(True)))
-    parser.add_argument("--out", type=Path, help="folder of the page (default docs)")
     parser.add_argument("--child", help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.child:
         print(json.dumps(one(json.loads(options.child))))
         return
-    found = measure(options.only, options.quick)
-    fitted = {part: fits(rows) for part, rows in found.items()}
-    new = {"growth": found, "fits": fitted, "growth_machine": machine()}
-    finish(options.out, new, options.quick)
+    print(machine())
+    everything = cases(options.quick)
+    for part in options.only:
+        rows = [row for task in everything[part] if (row := child(Path(__file__), task, TIMEOUT))]
+        for row in rows:
+            row.update({"us": 1e6 * row["cpu"] / row.get("rows", row.get("read", 1))})
+            row.pop("stages", None)
+            queries = row.pop("queries_us", {})
+            row.update({f"{name} [us]": taken for name, taken in queries.items()})
+        table(f"{part}: processor time (cpu) and wall time [s], memory [MB]", rows)
+        table(f"{part}: exponents of processor time", fits(rows))
 
 
 if __name__ == "__main__":

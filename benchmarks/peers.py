@@ -7,29 +7,21 @@ joints from positions as a second function, which works because the arm has one 
 from __future__ import annotations
 
 import pickle
+import tempfile
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 from scipy.interpolate import RBFInterpolator
-from sklearn.gaussian_process import GaussianProcessRegressor
-from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
-from sklearn.neighbors import KNeighborsRegressor
-from sklearn.neural_network import MLPRegressor
 
 import calib
-from calib.common.scale import Scale
-from calib.maps.association import Association
-from calib.maps.lattice import Lattice
-from calib.maps.links import WIRINGS
-from calib.maps.map import Map
 
 Array = NDArray[np.float64]
 
 GP_ROWS = 5000
 GP_TUNED_ON = 400
-MINISOM_STEPS = 50_000
 
 
 def _held(a: Array) -> NDArray[np.bool_]:
@@ -61,7 +53,7 @@ class Regression:
         self.there, self.back = self._learn(q, x), self._learn(x, q)
         return self
 
-    def fit_forward(self, q: Array, x: Array) -> Regression:
+    def fit_forward(self, q: Array, x: Array, _log: calib.Samples | None = None) -> Regression:
         self.there = self._learn(q, x)
         return self
 
@@ -92,6 +84,8 @@ class Neighbours(Regression):
     note = "scikit-learn, k = 5, distance weights"
 
     def make(self, a: Array, b: Array) -> Any:
+        from sklearn.neighbors import KNeighborsRegressor
+
         return KNeighborsRegressor(5, weights="distance").fit(a, b)
 
 
@@ -100,6 +94,9 @@ class Gaussian(Regression):
     note = f"scikit-learn, at most {GP_ROWS:,} rows, kernel tuned on {GP_TUNED_ON}"
 
     def make(self, a: Array, b: Array) -> Any:
+        from sklearn.gaussian_process import GaussianProcessRegressor
+        from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
+
         kernel = ConstantKernel(10.0, (1e-2, 1e5)) * RBF([2.0] * a.shape[1], (0.3, 50.0))
         kernel = kernel + WhiteKernel(1e-4, (1e-12, 1.0))
         some = slice(None, None, max(1, len(a) // GP_TUNED_ON))
@@ -142,6 +139,8 @@ class Perceptron(Regression):
     note = "scikit-learn, 64-64 tanh, L-BFGS, 150 iterations"
 
     def make(self, a: Array, b: Array) -> Any:
+        from sklearn.neural_network import MLPRegressor
+
         return MLPRegressor(
             hidden_layer_sizes=(64, 64),
             activation="tanh",
@@ -212,8 +211,7 @@ class Refit:
         self.base = p[4:]
         return self
 
-    def fit_forward(self, q: Array, x: Array) -> Refit:
-        return self.fit(q, x)
+    fit_forward = fit
 
     def forward(self, q: Array) -> Array:
         model = pin.Model()
@@ -252,6 +250,8 @@ class Calib:
         self.model = calib.train(log)
         return self
 
+    fit_forward = fit
+
     def forward(self, q: Array) -> Array:
         return np.asarray(self.model.forward(q))
 
@@ -259,64 +259,9 @@ class Calib:
         return np.asarray(self.model.inverse(x, near=near, nearest=True))
 
     def size(self) -> int:
-        from calib.model_file.storage import to_bytes
-
-        return len(to_bytes(self.model))
-
-
-class MiniSomLinked:
-    """MiniSom in place of our maps, with the same links and the readout ``activity``."""
-
-    name = "MiniSom + the same links"
-    note = f"{MINISOM_STEPS:,} steps, readout activity; calib's own activity is the next row"
-
-    def fit(self, q: Array, x: Array, log: calib.Samples | None = None) -> MiniSomLinked:
-        from minisom import MiniSom
-
-        assert log is not None
-        scales = Scale.of_range(log.lower, log.upper, log.revolute), Scale.of_data(x)
-        maps = []
-        for scale, points in zip(scales, (q, x), strict=True):
-            u = scale.to_unit(points)
-            som = MiniSom(70, 70, 2, sigma=20.0, learning_rate=0.5, random_seed=0)
-            som._sigma_decay_function = lambda s, t, _m: s * (0.5 / 20.0) ** (t / MINISOM_STEPS)
-            som._learning_rate_decay_function = lambda r, t, _m: r * 0.02 ** (t / MINISOM_STEPS)
-            som.random_weights_init(u)
-            som.train(u, MINISOM_STEPS, random_order=True)
-            weights = som.get_weights().reshape(-1, 2)
-            maps.append(Map(weights, Lattice((70, 70)), scale, np.zeros((0, 4))))
-        wiring = WIRINGS["reciprocal"]
-        a, b = (
-            wiring.activity(net, scale.to_unit(points))
-            for net, scale, points in zip(maps, scales, (q, x), strict=True)
-        )
-        self.pair = Association(*maps, wiring.link(a, b), wiring)
-        return self
-
-    def forward(self, q: Array) -> Array:
-        motor, sensory = self.pair.motor.scale, self.pair.sensory.scale
-        return sensory.from_unit(self.pair.forward(motor.to_unit(q), "activity"))
-
-    def inverse(self, x: Array, near: Array) -> Array:
-        motor, sensory = self.pair.motor.scale, self.pair.sensory.scale
-        u = self.pair.inverse(sensory.to_unit(x), motor.to_unit(near), "activity")
-        return motor.from_unit(np.clip(u, 0.0, 1.0))
-
-    def size(self) -> int:
-        links = self.pair.links
-        return int(2 * 4900 * 2 * 8 + links.data.nbytes + links.indices.nbytes)
-
-
-class CalibActivity(Calib):
-    name = "calib, readout activity"
-    note = "the paper's readout"
-
-    def forward(self, q: Array) -> Array:
-        return np.asarray(self.model.forward(q, "activity"))
-
-    def inverse(self, x: Array, near: Array) -> Array:
-        return np.asarray(self.model.inverse(x, near=near, readout="activity", nearest=True))
+        with tempfile.TemporaryDirectory() as folder:
+            self.model.save(path := Path(folder) / "m.calib")
+            return path.stat().st_size
 
 
 PEERS = (Calib, Refit, Polynomial, Gaussian, Radial, Perceptron, Neighbours)
-SLOW = (MiniSomLinked, CalibActivity)

@@ -1,31 +1,26 @@
 """Planned poses against random ones: accuracy, travel, and what a check finds.
 
-    python benchmarks/plan.py [--quick] [--only spread more check adapt full]
+    python benchmarks/plan.py [--quick] [--only spread more check adapt]
 
 Prints the tables of docs/plan.md.  Everything is simulated with 1 mm noise per axis and fixed
-seeds.  What a log tells is measured by the body that is fitted to it; `full` trains whole models
-of some of the logs to show that they are the same.
+seeds.  What a log tells is measured by the model that is trained on it.
 """
 
 from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import qmc
+from tables import table
 
 import calib
-from calib.body.basis import Basis
-from calib.body.fitting import fit_body
-from calib.common.scale import Scale
 from calib.samples.changes import parse_changes
 from calib.samples.simulation import Simulation
-from calib.use.pose_space import space_of
-from calib.use.spread import candidate_poses
 
 Array = NDArray[np.float64]
 Design = Callable[[calib.PlanarArm, int, int], Array]
@@ -70,32 +65,6 @@ def halton(arm: calib.PlanarArm, n: int, seed: int) -> Array:
     return arm.lower + (arm.upper - arm.lower) * (0.5 - 0.5 * np.cos(np.pi * u))
 
 
-def d_optimal(arm: calib.PlanarArm, n: int, seed: int, degree: int = 4) -> Array:
-    """Greedy D-optimal design for polynomials of a degree, with one pass of exchanges."""
-    space = space_of(arm)
-    u = candidate_poses(space, np.random.default_rng(seed))[::2]
-    rows = Basis((0.0,) * arm.dof, degree).values(u)
-    inverse = np.eye(rows.shape[1]) * 1e6
-    chosen: list[int] = []
-
-    def step(row: int, sign: float) -> None:
-        nonlocal inverse
-        v = inverse @ rows[row]
-        inverse = inverse - sign * np.outer(v, v) / (1.0 + sign * rows[row] @ v)
-
-    def best() -> int:
-        return int(np.einsum("ni,ni->n", rows @ inverse, rows).argmax())
-
-    for _ in range(n):
-        chosen.append(best())
-        step(chosen[-1], 1.0)
-    for _ in range(n):
-        step(chosen.pop(0), -1.0)
-        chosen.append(best())
-        step(chosen[-1], 1.0)
-    return space.scale.from_unit(u[chosen])
-
-
 def planned(arm: calib.PlanarArm, n: int, seed: int) -> Array:
     """What `calib plan` writes."""
     return calib.plan(arm, n, seed=seed).q
@@ -105,7 +74,6 @@ DESIGNS: dict[str, Design] = {
     "random": uniform,
     "Sobol": sobol,
     "Halton, crowded": halton,
-    "D-optimal, degree 4": d_optimal,
     "calib plan": planned,
 }
 PAIR = {name: DESIGNS[name] for name in ("random", "calib plan")}
@@ -122,27 +90,10 @@ def measure(
 
 def errors(arm: calib.PlanarArm, log: calib.Samples) -> tuple[float, float]:
     """Mean and 99 % quantile of the error all over the joints' ranges [mm]."""
-    scale = Scale.of_range(arm.lower, arm.upper, arm.revolute)
-    fit = fit_body(log.q, log.x, joint_names=arm.joint_names, revolute=arm.revolute)
-    return judged(arm, lambda u: fit.body.predict(scale.from_unit(u)))
-
-
-def judged(arm: calib.PlanarArm, value: Callable[[Array], Array]) -> tuple[float, float]:
-    """Errors of a prediction on fresh poses [mm]."""
-    u = np.random.default_rng(99).random((4000, arm.dof))
-    truth = arm.forward(arm.lower + u * (arm.upper - arm.lower))
-    gap = 1e3 * np.linalg.norm(value(u) - truth, axis=1)
+    model = calib.train(replace(log, arm=None, lower=arm.lower, upper=arm.upper), size=8)
+    q = np.random.default_rng(99).uniform(arm.lower, arm.upper, (4000, arm.dof))
+    gap = 1e3 * np.linalg.norm(model.forward(q) - arm.forward(q), axis=1)
     return float(gap.mean()), float(np.quantile(gap, 0.99))
-
-
-def table(header: Iterable[str], rows: Iterable[Iterable[str]]) -> None:
-    """Print a table in Markdown."""
-    header = list(header)
-    print("| " + " | ".join(header) + " |")
-    print("|" + "---|" * len(header))
-    for row in rows:
-        print("| " + " | ".join(row) + " |", flush=True)
-    print(flush=True)
 
 
 def spread(seeds: int) -> None:
@@ -161,7 +112,13 @@ def spread(seeds: int) -> None:
             rows.append(row)
             print(robot, row, file=sys.stderr, flush=True)
         print(f"{robot}: mean error [mm] over {seeds} seeds (worst seed), 99 % quantile\n")
-        table(["design", *(f"{n} poses" for n in counts)], rows)
+        table(
+            "",
+            [
+                dict(zip(["design", *(f"{n} poses" for n in counts)], row, strict=True))
+                for row in rows
+            ],
+        )
     rows = []
     for robot in ("two_link", "three_link", "polar"):
         arm = calib.load_arm(robot)
@@ -174,7 +131,13 @@ def spread(seeds: int) -> None:
             row.append(f"{own:.1f} against {other:.1f} ({100 * own / other:.0f} %)")
         rows.append(row)
     print("travel, in ranges of the joint that moves most, against a random order\n")
-    table(["robot", "30 poses", "60 poses", "100 poses"], rows)
+    table(
+        "",
+        [
+            dict(zip(["robot", "30 poses", "60 poses", "100 poses"], row, strict=True))
+            for row in rows
+        ],
+    )
 
 
 def more(seeds: int) -> None:
@@ -202,7 +165,7 @@ def more(seeds: int) -> None:
         means = {what: np.mean(pairs, axis=0) for what, pairs in found.items()}
         rows.append([name, *(f"{mean:.2f}, {p99:.1f}" for mean, p99 in means.values())])
     print(f"two_link: mean error [mm] over {seeds} seeds, 99 % quantile\n")
-    table(["60 random rows", *found], rows)
+    table("", [dict(zip(["60 random rows", *found], row, strict=True)) for row in rows])
 
 
 def check(seeds: int) -> None:
@@ -222,51 +185,34 @@ def check(seeds: int) -> None:
         rows.append(row)
         print(row, file=sys.stderr, flush=True)
     print(f"two_link: of {seeds} checks of 20 poses how many find a drift, and name it alone\n")
-    table(["change", *PAIR], rows)
+    table("", [dict(zip(["change", *PAIR], row, strict=True)) for row in rows])
 
 
 def adapt(seeds: int) -> None:
     """Error after a re-calibration with 20 poses."""
     arm, model = knocked()
-    scale, u = model.motor.scale, np.random.default_rng(99).random((2000, 2))
+    q = np.random.default_rng(99).uniform(arm.lower, arm.upper, (2000, 2))
     rows = []
     for change, texts in MENDED.items():
-        truth = Simulation(arm, changes=parse_changes(texts)).exact(scale.from_unit(u))
+        truth = Simulation(arm, changes=parse_changes(texts)).exact(q)
         row = [change]
         for design in PAIR.values():
             left = []
             for s in range(seeds):
                 log = measure(arm, design(arm, 20, s), s, texts)
                 adapted = calib.adapt(model, log).model
-                left.append(1e3 * np.linalg.norm(adapted.predictor.value(u) - truth, axis=1).mean())
+                left.append(1e3 * np.linalg.norm(adapted.forward(q) - truth, axis=1).mean())
             row.append(f"{np.mean(left):.2f} ({max(left):.2f})")
         rows.append(row)
         print(row, file=sys.stderr, flush=True)
     print(f"two_link: mean error [mm] of the correction over {seeds} seeds (worst seed)\n")
-    table(["change", *PAIR], rows)
+    table("", [dict(zip(["change", *PAIR], row, strict=True)) for row in rows])
 
 
 def knocked() -> tuple[calib.PlanarArm, calib.Model]:
     """The arm, and a model of how it was before the changes."""
     arm = calib.load_arm("two_link")
     return arm, calib.train(calib.babble(arm, 20_000, seed=0, noise=NOISE), size=40)
-
-
-def full(seeds: int) -> None:
-    """Whole models, to compare with their bodies."""
-    arm = calib.load_arm("two_link")
-    rows = []
-    for name, design in PAIR.items():
-        pairs = []
-        for s in range(seeds):
-            log = measure(arm, design(arm, 60, s), s)
-            model = calib.train(replace(log, lower=arm.lower, upper=arm.upper))
-            value = judged(arm, lambda u, m=model: m.forward(m.motor.scale.from_unit(u)))
-            pairs.append((errors(arm, log)[0], value[0]))
-        taught, learned = np.mean(pairs, axis=0)
-        rows.append([name, f"{taught:.3f}", f"{learned:.3f}"])
-    print(f"two_link, 60 poses, {seeds} seeds: mean error [mm]\n")
-    table(["design", "body", "model"], rows)
 
 
 def main() -> None:
@@ -278,13 +224,12 @@ def main() -> None:
         "more": more,
         "check": check,
         "adapt": adapt,
-        "full": full,
     }
     parser.add_argument("--only", nargs="+", choices=parts, default=list(parts))
     options = parser.parse_args()
     for name in options.only:
         seeds = 3 if options.quick else 20
-        parts[name](min(seeds, 4) if name == "full" else seeds)
+        parts[name](seeds)
 
 
 if __name__ == "__main__":

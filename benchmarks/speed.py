@@ -1,88 +1,83 @@
-"""Speed beside peers; writes docs/performance.md and .json.
+"""Speed beside peers: training of maps, queries, whole commands; tables of docs/performance.md.
 
-    python benchmarks/speed.py [--quick] [--only SECTION ...] [--search [PEER ...]]
-                               [--peers PEER ...] [--sides N ...] [--out FOLDER]
+    python benchmarks/speed.py [--quick] [--only SECTION ...] [--peers PEER ...] [--sides N ...]
 
-SECTION: maps (training of self-organizing maps beside other libraries), queries (beside
-nearest neighbours and solvers of kinematics), processes (whole commands, imports, stages),
-limits (what k-d tree queries and copies alone take, and which functions take the rest).
-Sections are merged into the page, so each can be run alone.  Peers that are not installed
-are left out, aloud.  The best amount of training of each is that of docs/performance.json;
-where it does not say, it is searched, which takes up to an hour for all; --search does so
-again for these peers, or all.  --peers and --sides race some of them alone, on some of the
-lattices.  --quick writes nothing unless --out is given.
+SECTION: maps (training of self-organizing maps to a quality, beside other libraries), queries
+(beside nearest neighbours and solvers of kinematics), processes (whole commands).  Peers that are
+not installed are left out, aloud.  The least training that reaches a quality is searched for each
+peer first, up to an hour for all of `map_peers.PEERS`.
 """
 
 from __future__ import annotations
 
 import argparse
 import sys
-from pathlib import Path
 from typing import Any
 
-from limits import limits
 from map_peers import PEERS
 from map_race import QUICK, RACES, area, area_by_chance, race, search
-from measure import ROOT, machine
-from performance_page import finish, read
+from measure import interval, machine
 from process_race import processes
 from query_race import queries
+from tables import table
 
-SECTIONS = ("maps", "queries", "processes", "limits")
+FASTEST = ("calib", "sparse-som", "numbasom")
 
 
-def maps(
-    quick: bool, names: list[str], sides: list[int], again: list[str], known: list[dict[str, Any]]
-) -> dict[str, Any]:
-    """Peers' trainings in turn with ours, at the settings `known` or found `again`."""
+def maps(quick: bool, names: list[str], sides: list[int]) -> None:
+    """Peers' trainings in turn with ours, each at the least training that gets there."""
     import calib
 
     arm = calib.load_arm("two_link")
     value, deviation = area_by_chance(arm)
+    print(f"area {area(arm):.5f} m2, by a million random points {value:.5f} +- {deviation:.5f}")
     races = QUICK if quick else tuple(r for r in RACES if r.side in sides)
-    there = [p.name for p in PEERS if p.version() and p.name in names]
-    if quick:
-        found = search(races, [n for n in there if n in ("calib", "sparse-som")])
-    else:
-        kept = [r for r in known if r["peer"] not in again or r["side"] not in sides]
-        found = search(races, there, kept)
-    return {
-        "area_m2": area(arm),
-        "area_by_chance_m2": [value, deviation],
-        "search": found,
-        "race": race(races, [row for row in found if row["peer"] in there]),
-        "peers": [{"name": p.name, "package": p.package, "version": p.version(), "note": p.note}
-                  for p in PEERS],
-    }  # fmt: skip
+    found = search(races, [p.name for p in PEERS if p.version() and p.name in names])
+    rows = race(races, found)
+    for side, goal in dict.fromkeys((r["side"], r["goal"]) for r in rows):
+        some = [r for r in rows if (r["side"], r["goal"]) == (side, goal)]
+        ours = [r["cpu"]["median"] for r in some if r["peer"] == "calib"]
+        table(
+            f"{side}x{side} nodes, to {goal} of the bound",
+            [{"library": r["peer"], "training": r["setting"], "time [s]": interval(r["seconds"]),
+              "processor time [s]": interval(r["cpu"]),
+              "times calib's": r["cpu"]["median"] / ours[0] if ours else "",
+              "ratio": f"{r['ratio']['median']:.3f}",
+              "missed": f"{r['seconds']['runs'] - r['reached']} of {r['seconds']['runs']}",
+              "topographic error [%]": 100 * r["topographic"]["median"],
+              "memory [MB]": r["peak_mb"]["most"], "first call [s]": r["first_s"]}
+             for r in sorted(some, key=lambda r: r["cpu"]["median"])],
+        )  # fmt: skip
+    for row in found:
+        for goal, best in row["best"].items():
+            if best is None and row["closest"]:
+                print(f"- {row['peer']}, {row['side']}x{row['side']}: {goal} was not reached, "
+                      f"{row['closest']['ratio']:.3f} was.")  # fmt: skip
 
 
 def main() -> None:
-    """Run the sections and write the page."""
+    """Run the sections."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--quick", action="store_true", help="tiny sizes: does it all run?")
-    parser.add_argument("--only", nargs="+", choices=SECTIONS, default=SECTIONS)
-    parser.add_argument("--search", nargs="*", choices=[p.name for p in PEERS],
-                        help="find these peers' settings again")  # fmt: skip
-    parser.add_argument("--peers", nargs="+", default=[p.name for p in PEERS], metavar="PEER")
-    parser.add_argument("--sides", nargs="+", type=int, default=[r.side for r in RACES])
-    parser.add_argument("--out", type=Path, help="folder of the page (default docs)")
+    sections = ("maps", "queries", "processes")
+    parser.add_argument("--only", nargs="+", choices=sections, default=sections)
+    parser.add_argument("--peers", nargs="+", default=list(FASTEST), metavar="PEER")
+    parser.add_argument("--sides", nargs="+", type=int, default=[30, 70])
     options = parser.parse_args()
     for peer in PEERS:
         print(f"{peer.name}: {peer.version() or 'not installed, left out'}", file=sys.stderr)
-    again = options.search or ([] if options.search is None else [p.name for p in PEERS])
-    new: dict[str, Any] = {"machine": machine()}
+    print(machine())
     if "maps" in options.only:
-        known = read(options.out or ROOT / "docs").get("maps", {}).get("search", [])
-        new["maps"] = maps(options.quick, options.peers, options.sides, again, known)
+        maps(options.quick, options.peers, options.sides)
     if "queries" in options.only:
-        new["queries"] = queries(options.quick)
-        for row in new["queries"]["rows"]:
-            print(f"{row['name']}: {1e6 / row['us']:,.0f} a second", file=sys.stderr)
+        found: dict[str, Any] = queries(options.quick)
+        table("Queries of a 70x70 model, one core", found["rows"])
+        print(f"\nModel file {found['file_mb']:.2f} MB, loaded in {found['load_ms']:.1f} ms.")
+        print("Left out:", ", ".join(found["left_out"]) or "none")
     if "processes" in options.only:
-        new["processes"] = processes(options.quick)
-    if "limits" in options.only:
-        new["limits"] = limits(options.quick)
-    finish(options.out, new, options.quick)
+        rows, stages = processes(options.quick)
+        table("Whole commands", rows)
+        table("Stages of `calib train two_link` [s]", [stages])
 
 
 if __name__ == "__main__":

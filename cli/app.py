@@ -42,6 +42,7 @@ COMMANDS = {
     "export": "Write a model as one C99 header for controllers without Python.",
     "babble": "Write a log of simulated babbling [rad, m].",
     "log": "Turn a ROS bag, pictures or a video into a log.",
+    "handeye": "Find the camera in the hand, or before it, from pictures of a board.",
     "tag": "Write a tag for the arm's tip, or a board for the desk.",
     "preview": "Show the arm and its learned maps in a browser.",
     "report": "Write figures and tables that explain a calibration.",
@@ -94,11 +95,14 @@ class CalibGroup(TyperGroup):
             )
 
     def invoke(self, ctx: Any) -> Any:
-        """Run the command that was chosen; Typer would end Ctrl-C without a word."""
+        """Run the command that was chosen; Typer has codes of its own for Ctrl-C and pipes."""
         try:
             return super().invoke(ctx)
         except KeyboardInterrupt:
             raise typer.Abort from None
+        except BrokenPipeError:  # a reader who has seen enough
+            silence(sys.stdout)
+            return 0
 
     def main(
         self,
@@ -115,7 +119,7 @@ class CalibGroup(TyperGroup):
             # not standalone: Click would print its own errors in several lines and exit
             code = super().main(args, prog_name, complete_var, False, windows_expand_args, **extra)
             sys.stdout.flush()
-        except BrokenPipeError:  # a reader who has seen enough
+        except BrokenPipeError:  # only now, by the flush
             silence(sys.stdout)
             code = 0
         except Exception as error:

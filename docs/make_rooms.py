@@ -12,7 +12,6 @@ from __future__ import annotations
 import argparse
 import ast
 import sys
-from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -103,7 +102,7 @@ def running_up() -> list[str]:
 def picture() -> str:
     """The rooms from top to bottom, and an arc for each pair that imports."""
     place = {name: k for k, (name, _) in enumerate(ROOMS)}
-    counts = Counter((here, there) for here, there, _ in arrows())
+    pairs = sorted({(here, there) for here, there, _ in arrows()})
     height = ROW * len(ROOMS) + 20
     parts = [
         f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDTH} {height}" '
@@ -112,13 +111,12 @@ def picture() -> str:
         "path{fill:none;stroke:#1c7ed6;stroke-opacity:.45}</style>",
         f'<rect x="0" y="0" width="{WIDTH}" height="{height}" style="fill:#ffffff;stroke:none"/>',
     ]
-    for (here, there), count in sorted(counts.items()):
+    for here, there in pairs:
         a, b = (ROW * place[name] + ROW / 2 + 10 for name in (here, there))
         reach = LEFT - 150 - 10 * abs(place[here] - place[there])
         parts.append(
             f'<path d="M {LEFT - 110} {a:.0f} C {reach} {a:.0f} {reach} {b:.0f} {LEFT - 110} '
-            f'{b:.0f}" stroke-width="{min(5.0, 0.6 + count**0.5 / 3):.1f}">'
-            f"<title>{here} imports {there}: {count}</title></path>"
+            f'{b:.0f}"><title>{here} imports {there}</title></path>'
         )
     for k, (name, job) in enumerate(ROOMS):
         y = ROW * k + 10

@@ -45,6 +45,10 @@ Cause = Literal["sensor", "joints"]
 CAUSES: tuple[str, ...] = get_args(Cause)
 """What a user may know of a change."""
 
+Eye = Literal["hand", "base"]
+EYES: tuple[str, ...] = get_args(Eye)
+"""Where the camera is: in the hand and the board stands still, or the other way round."""
+
 Method = Literal["few-shot", "online"]
 METHODS: tuple[str, ...] = get_args(Method)
 """How a model adapts."""

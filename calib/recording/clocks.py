@@ -34,6 +34,7 @@ _CHAIN_FITS = 0.03  # a planar chain that leaves more of the track's spread is n
 _CLEARLY = 0.6  # the best candidate's error must be less than this share of its rival's
 _FITS = 0.25  # and less than this share of the track's spread
 _FASTEST = 0.012  # difference of the rates: beyond it the stated frame rate is not the true one
+_PICTURE = 200.0  # standard deviation of a track that fills a picture [px]
 _APART = 0.3  # candidates further apart than this are rivals [s]
 
 
@@ -50,6 +51,7 @@ class Clocks:
     # offset [px]
     error: float = np.nan
     rival: float = np.inf
+    unit: str = "px"  # of both
     doubt: float = np.nan  # standard deviation of the joints' time, at the recording's ends [s]
 
     def joints_time(self, time: Array) -> Array:
@@ -61,7 +63,8 @@ class Clocks:
         rate = f", rates differ by {100 * self.rate:+.3f} %" if abs(self.rate) > 5e-5 else ""
         return (
             f"clocks: joints are {self.offset:+.4f} s from the camera{rate}; they predict the tag "
-            f"to {self.error:.2g} px, with the next best offset to {self.rival:.2g} px"
+            f"to {self.error:.2g} {self.unit}, with the next best offset to {self.rival:.2g} "
+            f"{self.unit}"
         )
 
 
@@ -198,23 +201,31 @@ class ClockError(LogError):
 
 @one_blas_thread()
 def align_clocks(
-    time: Array, pixels: Array, joint_time: Array, q: Array, revolute: Sequence[bool] | None = None
+    time: Array,
+    seen: Array,
+    joint_time: Array,
+    q: Array,
+    revolute: Sequence[bool] | None = None,
+    unit: str = "px",
 ) -> Clocks:
-    """Find when the joints were where the camera saw the tag.
+    """Find when the joints were where a sensor saw the tip.
 
-    time, pixels : (n,) array [s], (n, 2) array [px]; times of frames, by the camera's clock, and
-        where the tag was; NaN where it was not seen.
+    time, seen : (n,) array [s], (n, m) array [unit]; times of frames, by the sensor's clock, and
+        where the tip was, in pixels or in space; NaN where it was not seen.
     joint_time, q : (m,) array [s], (m, joints) array [rad or m]; joints, at increasing times by
         their clock.
     revolute : sequence of bool; which joints turn; all if not given.
     Raises ClockError if nothing moves, no offset fits, or more than one does.
     """
-    seen = np.isfinite(pixels[:, 0]) & ~jumps(pixels)
-    t, x = time[seen], pixels[seen]
+    # pixels are what the limits below are in: others are scaled to a picture's size
+    factor = 1.0 if unit == "px" else _PICTURE / max(float(np.nanmax(np.nanstd(seen, 0))), 1e-12)
+    pixels = factor * seen
+    there = np.isfinite(pixels[:, 0]) & ~jumps(pixels)
+    t, x = time[there], pixels[there]
     pair = ClockPair(t, x, joint_time, q)
     if len(t) < 20 or not (peaks := pair.peaks()):
         raise ClockError(
-            f"the recordings are too short to match the clocks: the tag is in {len(t)} frames, "
+            f"the recordings are too short to match the clocks: the tip is in {len(t)} frames, "
             "expected at least 5 s of motion"
         )
     spread = float(np.sqrt(((x - x.mean(0)) ** 2).sum(1).mean()))
@@ -223,23 +234,25 @@ def align_clocks(
     judged = sorted(map(pair.candidate, peaks), key=_by_error)
     apart = [c for k, c in enumerate(judged) if all(_apart(c, d) for d in judged[:k])]
     kinds = tuple(revolute) if revolute is not None else (True,) * q.shape[1]
-    chains = [pair.chain(c, kinds) for c in apart[:_CHAINS]]
+    planar = x.shape[1] == 2
+    chains = [pair.chain(c, kinds) for c in apart[:_CHAINS]] if planar else []
     # a chain needs fewer rows, so it goes first; an arm in space has none that fits
     fitted = sorted((c for c in chains if c is not None), key=_by_error)
     if not fitted or not fitted[0].error < _CHAIN_FITS * spread:
         fitted = sorted(map(pair.refined, apart[:_CHAINS]), key=_by_error)
     clocks = fitted[0]
     rival = min((c.error for c in fitted[1:] if _apart(c, clocks)), default=np.inf)
+    left, other, extent = (f"{v / factor:.3g} {unit}" for v in (clocks.error, rival, spread))
     if not clocks.error < _FITS * spread:
         raise ClockError(
-            f"no offset between the clocks fits: the best leaves {clocks.error:.3g} px of "
-            f"{spread:.3g} px; are these the joints of this video? else give `time_offset`"
+            f"no offset between the clocks fits: the best leaves {left} of {extent}; are these the "
+            "joints of this recording? else give `time_offset`"
         )
     if not clocks.error < _CLEARLY * rival:
         raise ClockError(
-            f"the offset between the clocks is ambiguous: {clocks.offset:.2f} s leaves "
-            f"{clocks.error:.3g} px, another leaves {rival:.3g} px; record a motion that does not "
-            "repeat itself, or give `time_offset`"
+            f"the offset between the clocks is ambiguous: {clocks.offset:.2f} s leaves {left}, "
+            f"another leaves {other}; record a motion that does not repeat itself, or give "
+            "`time_offset`"
         )
     if abs(clocks.rate) > _FASTEST:
         raise ClockError(
@@ -252,7 +265,7 @@ def align_clocks(
             f"{1e3 * clocks.doubt:.2g} ms only, {1e3 * SURE:.2g} ms expected: record half a minute "
             "or more with varied motion, or give `time_offset`"
         )
-    return replace(clocks, rival=float(rival))
+    return replace(clocks, error=clocks.error / factor, rival=float(rival) / factor, unit=unit)
 
 
 def _apart(one: Clocks, other: Clocks) -> bool:

@@ -4,6 +4,9 @@ Points of an edge are the centroids of the grey level's gradient along its norma
 is a line; the middle is where the diagonals cross: perspective keeps both, and not the mean of the
 corners. At a board's corner parabolas are fitted to the edges that run a whole square from it: tags
 within the squares come near it, so a window about it says little.
+
+OpenCV's own contour and windows, on the pictures of benchmarks/camera.py: tags .093 px, .113 where
+blurred (edges .030, .054); positions over a board .21 mm, its lens .06 px (edges .09 mm, .02 px).
 """
 
 from __future__ import annotations

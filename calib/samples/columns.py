@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     import polars as pl
 
 PARQUET = (".parquet", ".pq")
+RECORDINGS = (".bag", ".db3", ".mcap")
 
 _ENDLESS = tuple(map(Path, ("/dev/zero", "/dev/random", "/dev/urandom", "/dev/full")))
 
@@ -57,11 +58,22 @@ def open_source(path: str | os.PathLike[str] | Source) -> Source:
         with file.open("rb") as opened:
             opener = _FORMATS.get(opened.read(4))
     except IsADirectoryError:
-        raise LogError(f"{label} is a folder, expected a CSV or Parquet file") from None
+        inside = (each.suffix.lower() in RECORDINGS for each in file.iterdir())
+        raise LogError(
+            f"{label} is a folder, expected a CSV or Parquet file",
+            hint=f"if it is a bag, make a log of it: calib log {label} -o log.csv"
+            if any(inside)
+            else None,
+        ) from None
     except FileNotFoundError:
         raise LogError(f"there is no file {label!r}") from None
     except (OSError, ValueError) as error:
         raise LogError(f"cannot read {label!r}: {error}") from None
+    if opener is None and file.suffix.lower() in RECORDINGS:
+        raise LogError(
+            f"{label} is a recording of messages, expected a CSV or Parquet file",
+            hint=f"make a log of it: calib log {label} -o log.csv",
+        )
     if opener is None and file.suffix.lower() in PARQUET:
         raise LogError(f"{label} is not a Parquet file; rename it to .csv if it is CSV")
     return replace((opener or open_csv)(label, file), keep=keep)

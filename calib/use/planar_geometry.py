@@ -38,6 +38,11 @@ class InPlane(SpatialStructure):
         return 2
 
     @property
+    def blocks(self) -> tuple[int, ...]:
+        """Widths of the outputs that share a noise: both coordinates."""
+        return (2,)
+
+    @property
     def camera(self) -> bool:
         """Whether a camera sees the arm from anywhere."""
         return False

@@ -106,11 +106,11 @@ def log(
         factor, shown = for_people(made.unit)
         kinds = f"[rad, {made.unit}], noise {factor * made.noise:.2g} {shown}"
     else:
-        from calib.samples.bags import read_bag
+        from calib.recording.bags import read_bag
 
         if frames is not None and len(frames) != 2:
             raise BadOption("--frames names two frames: expected SENSOR,TIP")
-        made = read_bag(bag, **bags, **shared, time_offset=time_offset or 0.0)
+        made = read_bag(bag, **bags, **shared, time_offset=time_offset)
         say(made.notes)
         kinds = "[rad, m, s]"
     made.write(output)

@@ -1,6 +1,6 @@
 """The benchmarks: their closed forms, and that the commands run without any peer."""
 
-import json
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -10,13 +10,13 @@ import pytest
 
 import calib
 
-FOLDER = Path(__file__).parents[2] / "benchmarks"
+ROOT = Path(__file__).parents[2]
+FOLDER = ROOT / "benchmarks"
 sys.path.insert(0, str(FOLDER))
 
 import growth  # noqa: E402
 import map_race  # noqa: E402
 import measure  # noqa: E402
-import performance_page  # noqa: E402
 from map_peers import OURS, PEERS, Setting, train  # noqa: E402
 
 
@@ -85,26 +85,20 @@ def test_memory_of_a_process_is_its_own(tmp_path):
     assert large.wall > 0
 
 
-def test_growth_and_speed_are_merged_into_one_page(tmp_path):
-    command = [sys.executable, "benchmarks/growth.py", "--quick", "--only", "links"]
-    for section in (command, [sys.executable, "benchmarks/speed.py", "--quick", "--only", "maps"]):
-        subprocess.run([*section, "--out", str(tmp_path)], check=True, capture_output=True,
-                       cwd=FOLDER.parent)  # fmt: skip
-    figures = json.loads((tmp_path / "performance.json").read_text())
-    assert len(figures["growth"]["links"]) == 6
-    ours = [row for row in figures["maps"]["race"] if row["peer"] == "calib"]
-    assert ours
-    assert all(row["ratio"]["median"] < 1.2 for row in ours)
-    page = (tmp_path / "performance.md").read_text()
-    assert page == performance_page.page(figures)
-    assert "## Growth" in page
-    assert "## Training a map" in page
+def test_every_script_that_a_page_names_is_there_and_every_script_is_named():
+    pages = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *(ROOT / "docs").rglob("*.md")]
+    text = "\n".join(page.read_text(encoding="utf-8") for page in pages)
+    named = set(re.findall(r"benchmarks/(\w+)\.py", text))
+    there = {path.stem for path in FOLDER.glob("*.py")}
+    assert named <= there
+    scripts = [*FOLDER.glob("*.py"), *Path(__file__).parent.glob("*.py")]
+    text = "\n".join(path.read_text(encoding="utf-8") for path in scripts)
+    used = set(re.findall(r"^ *(?:from|import) (\w+)", text, re.MULTILINE))
+    assert {name for name in there - named - used if not name.startswith("peer_")} == set()
 
 
-def test_the_page_is_that_of_its_figures():
-    docs = FOLDER.parent / "docs"
-    if not (docs / "performance.json").exists():
-        pytest.skip("not measured yet")
-    assert (docs / "performance.md").read_text() == performance_page.page(
-        performance_page.read(docs)
-    )
+def test_a_script_prints_its_tables():
+    command = [sys.executable, "growth.py", "--quick", "--only", "links"]
+    done = subprocess.run(command, cwd=FOLDER, check=True, capture_output=True, text=True)
+    assert "links: exponents" in done.stdout
+    assert "|---|---:" in done.stdout

@@ -89,6 +89,7 @@ def needed(text: str) -> None:
         shutil.copy(found, "ur10.urdf")
     if "run.mcap" in text:
         pytest.importorskip("rosbags")
+        sys.path.insert(0, str(ROOT / "tests" / "samples"))
         from test_rosbags import write
 
         write(Path("recording"), kind="mcap")

@@ -9,7 +9,7 @@ import pytest
 
 import calib
 from calib.errors import LogError, OptionError
-from calib.samples.bags import read_bag
+from calib.recording.bags import read_bag
 
 rosbags = pytest.importorskip("rosbags")
 from rosbags.rosbag1 import Writer as Writer1  # noqa: E402
@@ -21,7 +21,8 @@ STEP = 0.02
 
 
 def q_at(t):
-    return np.stack([0.8 + 0.5 * np.sin(t), 1.2 + 0.4 * np.cos(2 * t)], axis=1)
+    first = 0.8 + 0.3 * np.sin(t) + 0.2 * np.sin(1.618 * t + 1)  # it does not repeat itself
+    return np.stack([first, 1.2 + 0.3 * np.cos(1.3 * t) + 0.1 * np.cos(0.37 * t)], axis=1)
 
 
 def x_at(t):
@@ -186,14 +187,14 @@ def test_gaps_are_not_bridged(tmp_path):
 
 def test_samples_in_motion_are_left_out(tmp_path):
     path = write(tmp_path / "a")
-    slow = read_bag(path, still=0.5)
+    slow = read_bag(path, still=0.4)
     assert 0 < len(slow.q) < len(read_bag(path).q)
-    assert any("moved faster than 0.5" in note for note in slow.notes)
+    assert any("moved faster than 0.4" in note for note in slow.notes)
 
 
 def test_time_offset_undoes_latency(tmp_path):
     path = write(tmp_path / "a", latency=0.2)
-    wrong, right = read_bag(path), read_bag(path, time_offset=-0.2)
+    wrong, right = (read_bag(path, time_offset=offset) for offset in (0.0, -0.2))
     arm = calib.load_arm("two_link")
 
     def misfit(found):
@@ -201,6 +202,9 @@ def test_time_offset_undoes_latency(tmp_path):
         return np.abs(arm.forward(q) - found.x[:, :2]).max()
 
     assert misfit(right) < 2e-4 < 0.01 < misfit(wrong)
+    found = read_bag(path)
+    assert misfit(found) < 1e-3
+    assert any("clock is corrected by -0.20" in note for note in found.notes)
 
 
 def test_topics_are_listed(tmp_path):
@@ -243,3 +247,25 @@ def test_the_command_writes_a_log_that_can_be_learned_from(tmp_path, run):
     assert again.document["joints"] == ["elbow", "shoulder"]
     assert run("log", tmp_path / "no", "-o", out).code == 1
     assert run("log", path, "-o", out, "--max-gap", "-1").code == 2
+
+
+def test_clocks_that_are_years_apart_are_brought_together(tmp_path):
+    """They were told as positions outside of the joints' times."""
+    apart = write(tmp_path / "apart", n=1500, latency=1.7e9)
+    made = read_bag(apart)
+    assert any("-1700000" in note or "-17000" in note for note in made.notes)
+    q = q_at(made.time + 0.013)
+    assert np.abs(made.q[:, ::-1] - q).max() < 3e-3 or np.abs(made.q - q).max() < 3e-3
+
+
+def test_clocks_without_common_times_are_told_by_how_much(tmp_path):
+    short = write(tmp_path / "short", n=60, latency=1.7e9)
+    with pytest.raises(LogError, match=r"are 17000000\d\d.* s apart") as caught:
+        read_bag(short)
+    assert caught.value.parameter == "time_offset"
+
+
+def test_a_bag_in_a_log_s_place_names_the_command(tmp_path):
+    bag = write(tmp_path / "bag", n=60)
+    with pytest.raises(LogError, match="calib log"):
+        calib.read_log(bag, joints=["shoulder", "elbow"])

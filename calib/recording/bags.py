@@ -18,8 +18,9 @@ from ..arm.rotations import matrix_of, quaternion_of
 from ..common.arrays import Array
 from ..common.wording import INSTALL, listed
 from ..errors import LogError
-from .joint_values import MAX_GAP, check_limits, covered, joint_speed, joints_at
-from .recorded import Recorded, told
+from ..samples.joint_values import MAX_GAP, check_limits, covered, joint_speed, joints_at
+from ..samples.recorded import Recorded, told
+from .clocks import SURE, ClockError, align_clocks
 
 _JOINT_STATE = "sensor_msgs/msg/JointState"
 #: Types of messages with a position, where it stands, and where the orientation does.
@@ -31,6 +32,8 @@ _POSITIONS = {
 _TF = "tf2_msgs/msg/TFMessage"
 #: Turns [rad] and lengths [m] below which a transform is the same.
 _SAME = 1e-9
+#: Offsets [s] below which stamps are taken as they are: training estimates what is left.
+_IN_TIME = 0.005
 _INSTALL = f"reading bags needs rosbags: {INSTALL.format('ros')}"
 
 
@@ -42,7 +45,7 @@ def read_bag(
     joints: Sequence[str] | None = None,
     max_gap: float = MAX_GAP,
     still: float | None = None,
-    time_offset: float = 0.0,
+    time_offset: float | None = None,
     frames: Sequence[str] | None = None,
 ) -> Recorded:
     """Read joint states and positions, or poses, of the tip from a recording.
@@ -52,7 +55,8 @@ def read_bag(
     joints : joints to keep; all where not given
     max_gap : [s], positions between joint states further apart are left out
     still : [rad/s or m/s], positions taken while a joint moved faster are left out
-    time_offset : [s], added to the times of the positions: the sensor's clock or latency
+    time_offset : [s], added to the times of the positions: the sensor's clock or latency; found
+        where not given, and left at 0 where the stamps fit
     frames : of tf: the sensor's frame and the tip's, or what is fixed to it
     Raises LogError if rosbags is missing, the file is no recording, or a topic is not in it.
     """
@@ -162,7 +166,7 @@ def _aligned(
     times: Array,
     values: Array,
     poses: Array,
-    time_offset: float,
+    time_offset: float | None,
     max_gap: float,
     still: float | None,
 ) -> Recorded:
@@ -173,7 +177,11 @@ def _aligned(
     if len(times) < 2:
         raise LogError("the recording has fewer than two joint states: nothing to interpolate")
     poses = poses[np.argsort(poses[:, 0], kind="stable")]
-    stamps, x = poses[:, 0] + time_offset, poses[:, 1:4]
+    stamps, x = poses[:, 0], poses[:, 1:4]
+    said: list[str] = []
+    if time_offset is None:
+        time_offset, said = _found_offset(stamps, x, times, values)
+    stamps = stamps + time_offset
     turns = _turning(poses[:, 4:])
     doubts = covered(stamps, times, max_gap) | {"not finite": ~np.isfinite(x).all(axis=1)}
     if still is not None:
@@ -181,7 +189,7 @@ def _aligned(
         doubts[f"a joint moved faster than {still:g}"] = fast & ~np.any([*doubts.values()], axis=0)
     usable = ~np.any([*doubts.values()], axis=0)
     dropped = {why: int(rows.sum()) for why, rows in doubts.items() if rows.any()}
-    notes = told(dropped, "positions")
+    notes = [*said, *told(dropped, "positions")]
     if not usable.any():
         raise LogError(
             f"no position is left ({'; '.join(notes)})",
@@ -199,6 +207,33 @@ def _aligned(
         dropped=dropped,
         notes=tuple(notes),
     )
+
+
+def _found_offset(stamps: Array, x: Array, times: Array, values: Array) -> tuple[float, list[str]]:
+    """What has to be added to the stamps of positions [s], and what the user should be told.
+
+    Raises LogError if the two clocks have no time in common and no offset is sure.
+    """
+    apart = float(times[0] - stamps[0])
+    common = min(times[-1], stamps[-1]) - max(times[0], stamps[0])
+    seen = np.asarray(np.isfinite(x).all(axis=1))
+    try:
+        clocks = align_clocks(stamps - stamps[0], np.where(seen[:, None], x, np.nan),
+                              times - times[0], values, unit="m")  # fmt: skip
+    except ClockError as error:
+        if common > 0:
+            return 0.0, []  # the stamps are all that is known
+        raise LogError(
+            f"the clocks of joints and positions are {abs(apart):.10g} s apart: the joints start "
+            f"at {times[0]:.10g} s, the positions at {stamps[0]:.10g} s, and {error}",
+            hint="give their difference as `time_offset`",
+            parameter="time_offset",
+        ) from None
+    offset = clocks.offset + apart
+    if common > 0 and abs(offset) < max(_IN_TIME, 3.0 * clocks.doubt):
+        return 0.0, []
+    interval = f"{offset:+.4f} +- {2.0 * max(clocks.doubt, SURE):.2g} s"
+    return offset, [f"the positions' clock is corrected by {interval}, as the motion shows"]
 
 
 def _stamped_poses(messages: Iterable[tuple[float, Any]], kind: str, topic: str) -> Array:
