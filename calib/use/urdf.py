@@ -106,7 +106,6 @@ def _read_back(text: str, origins: dict[str, Array]) -> None:
             )
 
 
-
 def edited(text: str, origins: dict[str, dict[str, Array]]) -> str:
     """Return a URDF's text with other origins of joints, all else as it was.
 
