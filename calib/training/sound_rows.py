@@ -12,6 +12,7 @@ import numpy as np
 from ..common.arrays import Array
 from ..common.rows import thinned
 from ..common.scale import Scale
+from ..maps.predictor import Smooth
 from ..model.model import Model
 from ..samples.delays import Delay, Trajectory, estimate_delay
 from ..samples.diagnosis import aligned, rows_behind
@@ -40,17 +41,17 @@ def fit_sound_rows(
         return samples, fit(samples), []
     samples, notes = _rows_aligned(samples)
     part = fit(samples)
-    if not part.candidates:
+    if part.candidate is None:
         return samples, part, notes
     samples, part, told = _without_delay(samples, part, fit)
     notes += told + _other_order(samples, part, fit)
-    residual = samples.x - part.candidates[0].smooth.value(scale.to_unit(samples.q))
+    residual = samples.x - _smooth_of(part).value(scale.to_unit(samples.q))
     kept, told = contradictions(samples, residual)
     notes += told
     if not kept.all():
         samples = samples.take(kept)
         part = fit(samples)
-        residual = samples.x - part.candidates[0].smooth.value(scale.to_unit(samples.q))
+        residual = samples.x - _smooth_of(part).value(scale.to_unit(samples.q))
     corner = contradicting_corner(samples, residual)
     return samples, part, [*notes, corner] if corner else notes
 
@@ -220,3 +221,8 @@ def _delay(
         if abs(step.value) < 0.05 * step.sd:
             break
     return Delay(total, step.sd, step.unit, share)
+
+
+def _smooth_of(part: SmoothPart) -> Smooth:
+    assert part.candidate is not None  # noqa: S101 - without a body nothing is fitted
+    return part.candidate.smooth
