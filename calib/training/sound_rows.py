@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -9,18 +10,22 @@ from typing import Any
 import numpy as np
 
 from ..common.arrays import Array
+from ..common.rows import thinned
 from ..common.scale import Scale
+from ..maps.predictor import Smooth
 from ..model.model import Model
 from ..samples.delays import Delay, Trajectory, estimate_delay
 from ..samples.diagnosis import aligned, rows_behind
 from ..samples.samples import Samples
-from ..samples.settings import FEWEST_ROWS
+from ..samples.settings import FAR_BETTER, FEWEST_ROWS
 from ..samples.wrong_rows import contradicting_corner, contradictions
-from .smooth import SmoothPart
+from .smooth import NO_ARM, SmoothPart
 
 _Fit = Callable[[Samples], SmoothPart]
 _ROUNDS = 3  # fits after which a delay is as sure as it gets
 _STEPS = 8  # of a delay and the parameters beside it, from one fit
+_ORDERED_ROWS = 150  # rows that orders of joints are compared by
+_MANY_TIMES = 30.0  # the stated noise of a log: such errors are no calibration's
 _ROWS = 4_000  # neighbouring rows that a delay rests on
 
 
@@ -36,26 +41,81 @@ def fit_sound_rows(
         return samples, fit(samples), []
     samples, notes = _rows_aligned(samples)
     part = fit(samples)
-    if not part.candidates:
+    if part.candidate is None:
         return samples, part, notes
     samples, part, told = _without_delay(samples, part, fit)
-    notes += told
-    residual = samples.x - part.candidates[0].smooth.value(scale.to_unit(samples.q))
+    notes += told + _other_order(samples, part, fit)
+    residual = samples.x - _smooth_of(part).value(scale.to_unit(samples.q))
     kept, told = contradictions(samples, residual)
     notes += told
     if not kept.all():
         samples = samples.take(kept)
         part = fit(samples)
-        residual = samples.x - part.candidates[0].smooth.value(scale.to_unit(samples.q))
+        residual = samples.x - _smooth_of(part).value(scale.to_unit(samples.q))
     corner = contradicting_corner(samples, residual)
     return samples, part, [*notes, corner] if corner else notes
 
 
+def _other_order(samples: Samples, part: SmoothPart, fit: _Fit) -> list[str]:
+    """Say that joints without a robot fit far better in another order from base to tip."""
+    dof, stated = samples.dof, samples.source.get("noise")
+    error = _body_error(part)
+    extent = float(np.linalg.norm(np.ptp(samples.x, axis=0)))
+    noisy = isinstance(stated, float) and error > _MANY_TIMES * stated
+    if samples.arm is not None or not 2 <= dof <= 3 or not (noisy or error > NO_ARM * extent):
+        return []
+    some = samples.take(thinned(len(samples), _ORDERED_ROWS))
+    tried = {}
+    for order in itertools.permutations(range(dof)):
+        rows, names = list(order), tuple(samples.joint_names[k] for k in order)
+        other = replace(
+            some,
+            q=some.q[:, rows],
+            joint_names=names,
+            lower=some.lower[rows],
+            upper=some.upper[rows],
+            revolute=tuple(some.revolute[k] for k in rows),
+        )
+        tried[names] = _body_error(fit(other))
+    best = min(tried, key=lambda names: tried[names])
+    if not tried[best] < min(FAR_BETTER * tried[samples.joint_names], NO_ARM * extent):
+        return []
+    return [
+        f"the rows fit far better with the joints in the order {', '.join(best)}: name them so in "
+        "`joints`, from base to tip"
+    ]
+
+
+def _body_error(part: SmoothPart) -> float:
+    """Mean distance of held-out rows from the body; infinite where it explains nothing."""
+    fit = part.fit
+    return float("inf") if fit is None else float(np.linalg.norm(fit.held_out, axis=1).mean())
+
+
 def sound_log(model: Model, samples: Samples) -> tuple[Samples, list[str]]:
-    """A log that a model is compared with, without its delay and the rows that contradict others.
+    """A log that a model is compared with, in time and without rows that contradict the others."""
+    samples, notes = in_time(model, samples)
+    predicted = model.forward(samples.q)
+    known = np.asarray(np.isfinite(predicted).all(axis=1))
+    residual = np.where(known[:, None], samples.x - predicted, np.nan)
+    if known.sum() >= FEWEST_ROWS:
+        # a sensor that was moved is no reason to leave rows out
+        moved = residual.copy()
+        moved[known] = samples.x[known] - aligned(
+            predicted[known], samples.x[known], affine=samples.unit == "px"
+        )
+        far, near = (np.nanmedian(np.linalg.norm(r, axis=1)) for r in (residual, moved))
+        residual = moved if near < 0.5 * far else residual
+        kept, told = contradictions(samples, residual)
+        samples, notes = samples.take(kept), notes + told
+    return samples, notes
+
+
+def in_time(model: Model, samples: Samples) -> tuple[Samples, list[str]]:
+    """A log that a model is compared with, without the delay of its positions.
 
     samples : in the model's unit; the arm or its sensor may have changed
-    Returns the samples, their joints in the model's order, and notes.
+    Returns the samples, their joints in the model's order, and what is told of their clock.
     """
     samples = replace(
         samples,
@@ -75,19 +135,6 @@ def sound_log(model: Model, samples: Samples) -> tuple[Samples, list[str]]:
             samples = replace(samples.take(known), q=q[known])
         if delay is not None and delay.note():
             notes.append(delay.note())
-    predicted = model.forward(samples.q)
-    known = np.asarray(np.isfinite(predicted).all(axis=1))
-    residual = np.where(known[:, None], samples.x - predicted, np.nan)
-    if known.sum() >= FEWEST_ROWS:
-        # a sensor that was moved is no reason to leave rows out
-        moved = residual.copy()
-        moved[known] = samples.x[known] - aligned(
-            predicted[known], samples.x[known], affine=samples.unit == "px"
-        )
-        far, near = (np.nanmedian(np.linalg.norm(r, axis=1)) for r in (residual, moved))
-        residual = moved if near < 0.5 * far else residual
-        kept, told = contradictions(samples, residual)
-        samples, notes = samples.take(kept), notes + told
     return samples, notes
 
 
@@ -174,3 +221,8 @@ def _delay(
         if abs(step.value) < 0.05 * step.sd:
             break
     return Delay(total, step.sd, step.unit, share)
+
+
+def _smooth_of(part: SmoothPart) -> Smooth:
+    assert part.candidate is not None  # noqa: S101 - without a body nothing is fitted
+    return part.candidate.smooth

@@ -163,6 +163,7 @@ def _learned(
     body, view, seed = options.body, options.view, options.seed
 
     def fit(samples: Samples) -> SmoothPart:
+        scale = Scale.of_range(samples.lower, samples.upper, samples.revolute)
         return find_smooth_part(samples, scale, body=body, view=view, seed=seed)
 
     given = len(samples)
@@ -186,7 +187,7 @@ def _learned(
     )
     begin(0.7, "local models")
     motor, u = association.motor, scale.to_unit(samples.q)
-    selected = select(motor, u[part.rows], part.candidates) if part.candidates else None
+    selected = select(motor, u[part.rows], part.candidate) if part.candidate else None
     linear = Predictor(motor, association.linear, NO_MODELS)
     predictor = linear if selected is None else selected.predictor
     begin(0.8, "evaluation")
