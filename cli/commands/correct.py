@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from calib.common.wording import for_people
 
 from .. import options as opt
-from ..files import TABLES, check_output
+from ..files import TABLES, check_file
 from ..options import option
 from ..output import NO, Outcome, fields, note, number, say
 from ..parsing import above_zero
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 def correct(
-    model: opt.Model,
+    model: opt.ModelFile,
     *,
     input_: Annotated[
         str, option("--input FILE", "Joints that are right for the nominal arm: CSV (- stdin).")
@@ -40,7 +40,7 @@ def correct(
     Exit code 3 if the real arm cannot reach one of these places, or if a joint would change by
     more than the limit; the other rows are written.
     """
-    check_output(output, TABLES, stream=True)
+    check_file(output, TABLES, stream=True)
     import numpy as np
 
     import calib

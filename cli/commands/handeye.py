@@ -10,14 +10,14 @@ from typer import Argument
 from calib.common.choices import Eye
 
 from .. import options as opt
-from ..files import check_output
+from ..files import check_file
 from ..options import flag, option
 from ..output import Outcome, note, say
 from ..samples import Selection
 
 
 def handeye(
-    robot: opt.Robot,
+    robot: opt.RobotFile,
     pictures: Annotated[
         str, Argument(metavar="PICTURES", help="A folder, or a quoted pattern, of pictures.")
     ],
@@ -29,7 +29,7 @@ def handeye(
         str, option("--board COLSxROWS:SQUARE:MARKER:DICT", "Such as 7x5:24mm:18mm:5x5_100.")
     ],
     eye: Annotated[Eye, flag("--eye", "hand: the camera is on the arm; base: it stands still.")],
-    joints: opt.Joints = None,
+    joints: opt.JointNames = None,
     tip: opt.Tip = None,
     lock: opt.Lock = None,
     lens: Annotated[
@@ -45,8 +45,8 @@ def handeye(
 
     The arm's own errors are found with them. Positions have 95 % intervals.
     """
-    check_output(output, (".calib",), option="-o")
-    check_output(transform, (".json",), option="--transform")
+    check_file(output, (".calib",), option="-o")
+    check_file(transform, (".json",), option="--transform")
     import calib
     from calib.recording.board import Board
     from calib.recording.setting import load_lens
