@@ -13,8 +13,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..body.belief import SHARED
 from ..body.covariance import radius_95, spread_of
+from ..body.settings import SHARED
 from ..common.arrays import Array
 from ..common.rows import checked_rows, each_joint
 from ..common.scale import TURN
