@@ -42,13 +42,13 @@ def follow_targets(solver: Solver, x: Array, start: Array | None) -> Track:
     away = sensory.nearest(sensory.scale.to_unit(x))[0][:, 0]
     close = away <= max(_BEYOND, _SPACINGS * sensory.spacing)
     if close.any() and not close.all():
-        rows = np.flatnonzero(close)
-        track = follow_targets(solver, x[rows], start)
-        held = np.maximum(np.searchsorted(rows, np.arange(len(x)), side="right") - 1, 0)
-        return Track(track.u[held], rows[track.jumps].tolist())
+        near = np.flatnonzero(close)
+        track = follow_targets(solver, x[near], start)
+        held = np.maximum(np.searchsorted(near, np.arange(len(x)), side="right") - 1, 0)
+        return Track(track.u[held], near[track.jumps].tolist())
     if not close.any():  # the first alone: nothing more is told by the others
-        first = np.full((1, solver.scale.span.size), 0.5) if start is None else start[None]
-        return Track(np.repeat(solver.solve(x[:1], first)[0], len(x), axis=0), [])
+        wish = np.full((1, solver.scale.span.size), 0.5) if start is None else start[None]
+        return Track(np.repeat(solver.solve(x[:1], wish)[0], len(x), axis=0), [])
     middle = np.full((len(x), solver.scale.span.size), 0.5)
     reachable = solver.solve(x, middle)[1] <= CLOSE * solver.extent
     front = _everywhere(solver, x[0]) if start is None else solver.solve(x[:1], start[None])[0]
