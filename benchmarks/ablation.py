@@ -142,8 +142,9 @@ def train_on(case: Case, ground: Ground, network: str, side: int, seed: int) -> 
     started = time.perf_counter()
     pair = associate(scale, u, samples.x, options, wrong)
     seconds, motor = time.perf_counter() - started, pair.motor
-    selected = select(motor, u[part.rows], part.candidates)
-    smooth = part.candidates[0].smooth
+    assert part.candidate is not None
+    selected = select(motor, u[part.rows], part.candidate)
+    smooth = part.candidate.smooth
     alone = pair
     if (
         wrong is not None and network == "vdsom:residual"

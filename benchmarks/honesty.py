@@ -22,6 +22,7 @@ from pathlib import Path
 from typing import Any
 
 import honest_change
+import honest_clock
 import honest_real
 import honest_simulated
 import honest_space
@@ -50,6 +51,7 @@ OWN: dict[str, Callable[[bool], Iterator[Row]]] = {
     "three": honest_simulated.three,
     "time": honest_simulated.times,
     "simulation": honest_simulated.simulation,
+    "clocks": honest_clock.clocks,
 }
 
 

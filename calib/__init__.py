@@ -46,6 +46,8 @@ if TYPE_CHECKING:
     from .model.model import Model as Model
     from .model.paths import Path as Path
     from .model_file.storage import load as load
+    from .recording.handeye import HandEye as HandEye
+    from .recording.handeye import handeye as handeye
     from .samples.babbling import babble as babble
     from .samples.logs import read_log as read_log
     from .samples.logs import write_log as write_log
@@ -77,6 +79,7 @@ _HOME = {
     "Corrected": "use.correct",
     "Drift": "change.check",
     "Evaluation": "training.evaluate",
+    "HandEye": "recording.handeye",
     "LogError": "errors",
     "Map": "maps.map",
     "Model": "model.model",
@@ -106,6 +109,7 @@ _HOME = {
     "evaluate": "training.evaluate",
     "figures": "show.report.page",
     "follow": "change.follow",
+    "handeye": "recording.handeye",
     "list_robots": "arm.robots",
     "load": "model_file.storage",
     "load_arm": "arm.loading",

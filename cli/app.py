@@ -42,6 +42,7 @@ COMMANDS = {
     "export": "Write a model as one C99 header for controllers without Python.",
     "babble": "Write a log of simulated babbling [rad, m].",
     "log": "Turn a ROS bag, pictures or a video into a log.",
+    "handeye": "Find the camera in the hand, or before it, from pictures of a board.",
     "tag": "Write a tag for the arm's tip, or a board for the desk.",
     "preview": "Show the arm and its learned maps in a browser.",
     "report": "Write figures and tables that explain a calibration.",

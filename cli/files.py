@@ -10,7 +10,7 @@ TABLES = (".csv", ".txt", ".parquet", ".pq")
 """Endings of tables; all but Parquet's are written as CSV."""
 
 
-def check_output(
+def check_file(
     path: str | None, endings: tuple[str, ...], *, option: str = "--output", stream: bool = False
 ) -> None:
     """Refuse an output that cannot be written, or whose ending is not what will be written.

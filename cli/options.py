@@ -12,14 +12,14 @@ from typer import Argument, Option
 
 from calib.common.choices import (
     MAPS,
-    Body,
-    Cause,
-    Frame,
-    LogFrame,
-    Motion,
-    Readout,
-    Rule,
-    View,
+    BodyWord,
+    CauseWord,
+    FrameWord,
+    LogFrameWord,
+    MotionWord,
+    ReadoutWord,
+    RuleWord,
+    ViewWord,
 )
 
 from . import parsing
@@ -39,13 +39,13 @@ def flag(name: str, help: str) -> Any:  # noqa: A002
 
 # files that commands work on
 _LOG = "CSV or Parquet with the joints' columns and x, y"
-Model = Annotated[str, Argument(metavar="MODEL", help="The file of a learned model.")]
-Robot = Annotated[str, Argument(metavar="ROBOT", help="A URDF file or a bundled robot.")]
+ModelFile = Annotated[str, Argument(metavar="MODEL", help="The file of a learned model.")]
+RobotFile = Annotated[str, Argument(metavar="ROBOT", help="A URDF file or a bundled robot.")]
 Data = Annotated[str | None, option("--data LOG", f"A measured log: {_LOG}.")]
 NewLog = Annotated[str, option("--data LOG", f"New samples: {_LOG}.")]
 
 # what is babbled or sensed
-Joints = Annotated[
+JointNames = Annotated[
     Any, option("--joints A,B", "Active joints (default found); others are locked.", parsing.names)
 ]
 Tip = Annotated[str | None, option("--tip FRAME", "The frame whose position is sensed.")]
@@ -63,11 +63,11 @@ Degrees = Annotated[
 ]
 
 # simulated babbling
-SAMPLES = "How many samples to babble (default 20000)."
+BABBLED = "How many samples to babble (default 20000)."
 NOISE = "Noise of the simulated sensor along each axis, standard deviation [m] (default 0)."
-Number = Annotated[int | None, Option("--samples", "-n", metavar="N", min=1, help=SAMPLES)]
+Number = Annotated[int | None, Option("--samples", "-n", metavar="N", min=1, help=BABBLED)]
 Noise = Annotated[float | None, Option("--noise", metavar="S", min=0, help=NOISE)]
-Moves = Annotated[Motion | None, flag("--motion", "How the arm babbles (default uniform).")]
+Moves = Annotated[MotionWord | None, flag("--motion", "How the arm babbles (default uniform).")]
 Changes = Annotated[
     list[str] | None,
     option(
@@ -86,18 +86,18 @@ MAP = (
 )
 EPOCHS = "Passes over the samples; the full lattice alone is trained then."
 SIGMA = "Neighbourhood radius, start and end [nodes]; the full lattice alone is trained then."
-Size = Annotated[Any, option("--size N|NxN|NxNxN", SIZE, parsing.size)]
+MapSize = Annotated[Any, option("--size N|NxN|NxNxN", SIZE, parsing.size)]
 MotorSize = Annotated[Any, option("--motor-size N|NxN", "Of the motor map.", parsing.size)]
 SensorySize = Annotated[Any, option("--sensory-size N|NxN", "Of the sensory map.", parsing.size)]
-Map = Annotated[str | None, option("--map NAME", MAP, parsing.one_of(MAPS))]
-TrainingRule = Annotated[Rule, flag("--rule", "Training rule.")]
+MapName = Annotated[str | None, option("--map NAME", MAP, parsing.one_of(MAPS))]
+TrainingRule = Annotated[RuleWord, flag("--rule", "Training rule.")]
 Epochs = Annotated[int | None, Option("--epochs", metavar="N", min=1, help=EPOCHS)]
 Sigma = Annotated[Any, option("--sigma START:END", SIGMA, parsing.sigma)]
 BodyKind = Annotated[
-    Body, flag("--body", "auto: a kinematic body under the maps; none: maps and links alone.")
+    BodyWord, flag("--body", "auto: a kinematic body under the maps; none: maps and links alone.")
 ]
-ViewKind = Annotated[
-    View,
+SensorView = Annotated[
+    ViewWord,
     flag(
         "--view",
         "What the sensor measures: base is the robot's root frame; auto is rigid for lengths, "
@@ -123,16 +123,18 @@ Prismatic = Annotated[
 LogDegrees = Annotated[
     bool | None, flag("--degrees/--radians", "Of the log's joints (default: as the model's log).")
 ]
-Photo = Annotated[
+PhotoFile = Annotated[
     str | None, option("--photo FILE", "By the camera of the log: the map is drawn over it.")
 ]
 NoPhoto = Annotated[bool, flag("--no-photo", "Keep no photo in the model and draw none.")]
 
 # queries and what else asks a model
 ReadoutKind = Annotated[
-    Readout | None, flag("--readout", "Readout (default local; without a body linear).")
+    ReadoutWord | None, flag("--readout", "Readout (default local; without a body linear).")
 ]
-InFrame = Annotated[Frame, flag("--in", "Frame of positions: the sensor's, or the arm's base [m].")]
+InFrame = Annotated[
+    FrameWord, flag("--in", "Frame of positions: the sensor's, or the arm's base [m].")
+]
 PositionUnit = Annotated[
     str | None,
     option("--unit m|mm|..", "Of positions typed, read and printed (default the model's)."),
@@ -144,17 +146,18 @@ Output = Annotated[
     str | None, option("--output FILE", "Answers as CSV or Parquet (default standard output).")
 ]
 LogView = Annotated[
-    LogFrame, flag("--view", "base: the log is in the robot's root frame; auto: in its own.")
+    LogFrameWord, flag("--view", "base: the log is in the robot's root frame; auto: in its own.")
 ]
 WhatChanged = Annotated[
-    Cause | None, flag("--cause", "What changed, if known: the sensor, or joints and links.")
+    CauseWord | None, flag("--cause", "What changed, if known: the sensor, or joints and links.")
 ]
 FrameOrJoints = Annotated[
-    Cause, flag("--cause", "What a turn that both explain is: the sensor's or the first joint's.")
+    CauseWord,
+    flag("--cause", "What a turn that both explain is: the sensor's or the first joint's."),
 ]
 
 # what is printed for a camera
 Dictionary = Annotated[str, option("--dictionary NAME", "Dictionary of the tags.")]
-Board = Annotated[
+BoardSpec = Annotated[
     str | None, option("--board COLSxROWS:SQUARE:MARKER:DICT", "Such as 7x5:24mm:18mm:5x5_100.")
 ]

@@ -70,7 +70,7 @@ class TextTable:
         return lines[:-1]
 
 
-def facts(pairs: Mapping[str, str]) -> list[str]:
+def fact_lines(pairs: Mapping[str, str]) -> list[str]:
     """Return names and values, one pair on each line."""
     width = max(map(len, pairs), default=0)
     return [f"{name:<{width}}  {as_typed(value)}" for name, value in pairs.items()]

@@ -158,7 +158,7 @@ def count(text: str) -> int:
 
 
 @expects("a finite number")
-def number(text: str) -> float:
+def any_number(text: str) -> float:
     """Read a finite number; an option that does not exist is told as one."""
     if text.startswith("-") and not text[1:2].isdigit() and not text.startswith("-."):
         raise BadOption(f"no such option or number: {text!r}")

@@ -16,8 +16,7 @@ if TYPE_CHECKING:
     from calib.arm.arm import Arm
     from calib.samples.columns import Source
 
-SAMPLES = 20_000
-"""Samples that are babbled where nobody says how many."""
+_SAMPLES = 20_000  # that are babbled where nobody says how many
 
 
 @dataclass(frozen=True)
@@ -111,7 +110,7 @@ def babbled_samples(
         raise BadOption(f"--{error}") from None
     log = calib.babble(
         arm,
-        n=SAMPLES if babbling.samples is None else babbling.samples,
+        n=_SAMPLES if babbling.samples is None else babbling.samples,
         seed=seed,
         noise=babbling.noise or 0.0,
         changes=changes,

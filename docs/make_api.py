@@ -110,14 +110,14 @@ def signature(name: str, function: Callable[..., Any]) -> str:
 
 
 def body(doc: str) -> Iterator[str]:
-    """Yield a docstring's paragraphs, lists and examples as Markdown."""
+    """Yield a docstring's first paragraph and its lists as Markdown."""
     for name, lines in sections(doc).items():
-        if name in ("", "Notes"):
-            for paragraph in "\n".join(lines).split("\n\n"):
+        if name == "":
+            for paragraph in "\n".join(lines).strip().split("\n\n")[:1]:
                 if paragraph.strip():
                     yield inline(" ".join(paragraph.split()))
                     yield ""
-        elif name not in ("Examples", "Raises"):  # help() shows these
+        elif name not in ("Examples", "Notes", "Raises"):  # help() shows these
             yield f"**{name}**"
             yield ""
             yield from entries(name, lines)

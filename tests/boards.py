@@ -58,9 +58,9 @@ class Rig:
         """Put what stands still where what is in the hand sees it."""
         s, b, middle = self.structure, self.beta, BOARD.mean(axis=0)
         (p,), (hand,) = s.with_view("base").pose(q, b)
-        facing = hand @ np.diag([1.0, -1, -1]) @ exponential(0.1 * rng.standard_normal(3))
+        facing = hand @ exponential(0.1 * rng.standard_normal(3))  # OpenCV's: z runs into the board
         if self.in_hand:
-            there = p + 0.3 * hand[:, 2] - facing @ middle
+            there = p + 0.4 * hand[:, 2] - facing @ middle
         else:
             there = p + hand @ middle - 0.6 * facing[:, 2]
         b[s.groups["view.rotation"]] = logarithm(facing.T[None])[0]
@@ -74,14 +74,12 @@ class Rig:
             z = self.structure.predict(q, self.beta)
             turn = exponential(z[:, 3:])
             if self.in_hand:
-                depth = np.einsum("nj,nj->n", turn[:, :, 2], middle - z[:, :3])
+                s = np.einsum("nji,nj->ni", turn, middle - z[:, :3])
             else:
-                depth = (turn @ middle + z[:, :3])[:, 2]
-            u, v = self.truth.predict(
-                np.column_stack([q, np.tile(middle, (len(q), 1))]), self.beta
-            ).T
-            near = (depth > 0.2) & (depth < (0.6 if self.in_hand else 1.0))
-            ok = near & (abs(u - 640) < 430) & (abs(v - 360) < 220) & (abs(turn[:, 2, 2]) > 0.7)
+                s = turn @ middle + z[:, :3]
+            near = (s[:, 2] > 0.3) & (s[:, 2] < (0.6 if self.in_hand else 1.0))
+            inside = abs(s[:, :2]) < s[:, 2:] * (0.42, 0.22)
+            ok = near & inside.all(axis=1) & (turn[:, 2, 2] > 0.7)
             found += list(q[ok])
         return np.array(found[: self.pictures])
 

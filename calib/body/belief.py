@@ -13,19 +13,12 @@ from .covariance import radius_95, spread_of
 from .gaussian import Gaussian, OfStructure
 from .parameters import Indices
 from .sensor import SensorPose
+from .settings import SHARED
 from .structure import Structure
 from .views import is_camera
 
 _CHUNK = 2000
 """Rows that a bound is evaluated for at a time."""
-
-SHARED = 1.25
-"""Factor on the parameters' spread within a bound.
-
-An error of a length is shared by the whole workspace: without the factor the bound covers 95 % on
-average over logs, but much less in one log and more in the next.  With it, 95 % of the places are
-covered in 19 of 20 logs.
-"""
 
 
 @dataclass(frozen=True)

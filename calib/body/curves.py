@@ -11,10 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..common.arrays import Array
+from .settings import CURVE_FLOOR, WIDTH
 
 HARMONICS = 48
-_WIDTH = 20.0
-_FLOOR = 0.003
 
 ORDERS = np.arange(1, HARMONICS + 1)
 
@@ -22,10 +21,10 @@ ORDERS = np.arange(1, HARMONICS + 1)
 def curve_shape(*more: float) -> Array:
     """Relative prior variances (96,) of the cosines, then the sines; their mean is 1.
 
-    `more` are the widths [waves a turn] of further Gaussians beside that of `_WIDTH`.
+    `more` are the widths [waves a turn] of further Gaussians beside that of `WIDTH`.
     """
-    widths = np.array([_WIDTH, *more])[:, None]
-    shape = np.exp(-((ORDERS / widths) ** 2) / 2).sum(axis=0) + _FLOOR
+    widths = np.array([WIDTH, *more])[:, None]
+    shape = np.exp(-((ORDERS / widths) ** 2) / 2).sum(axis=0) + CURVE_FLOOR
     return np.tile(shape / shape.mean(), 2)
 
 

@@ -13,13 +13,11 @@ from ..errors import OptionError
 from .nominal import Nominal
 from .planar import PlanarStructure
 from .posterior import BodyFit, fit_structure
+from .settings import DOUBTED
 from .telling import warnings_of
 from .views import PLANAR
 
 __all__ = ["BodyFit", "fit_body", "fit_structure", "planar_structure"]
-
-_MISFIT = 0.02
-"""Share of the extent beyond which a nominal geometry is doubted."""
 
 
 def fit_body(
@@ -57,7 +55,7 @@ def fit_body(
     if nominal is None or view == "base":
         return fitted
     error = _typical(fitted.held_out)
-    if error < _MISFIT * template.extent:
+    if error < DOUBTED * template.extent:
         return fitted
     free = fit_structure(replace(template, nominal=None), q, z, seed=seed)
     if not _typical(free.held_out) < error / 2:

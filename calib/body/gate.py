@@ -11,13 +11,8 @@ from ..common.arrays import Array
 from .fit import Fit, maximise
 from .held_out import HeldOut, leave_blocks_out
 from .search import BLOCKS
+from .settings import NATS, SETTLED
 from .starts import Start
-
-_NATS = 3.0
-"""Gain of evidence that decides where the held-out score agrees."""
-
-SETTLED = 0.2
-"""Share of a posterior sd that the last step of a log's member moves at most."""
 
 
 @dataclass(frozen=True)
@@ -56,7 +51,7 @@ def _wins(richer: Passed, simpler: Passed) -> bool:
     if gain.mean() <= 0 or evidence <= 0:
         return False
     error = gain.std(ddof=1) / np.sqrt(len(gain)) if len(gain) > 1 else np.inf
-    return bool(gain.mean() > error or evidence > _NATS)
+    return bool(gain.mean() > error or evidence > NATS)
 
 
 def pass_gate(

@@ -14,23 +14,15 @@ from .covariance import radius_95
 from .fit import Fit
 from .normal import Factor, slices
 from .parameters import Indices
+from .settings import LEAST_ROWS_OF_A_QUANTILE, OUTLIER, UNKNOWN_KAPPA
 
 _WORK = 5e5
 """Rows times parameters beyond which only some rows, evenly spaced, get a predicted spread."""
 
 _PARTITIONS = (2, 5, 10)
 
-_FEW = 20
-"""Rows that a 95 % quantile needs at least."""
-
-_OUTLIER = 0.1
-"""A row of less Student weight than this, beyond eight noise sd, is an outlier."""
-
 _OWN = 200
 """Rows that are compared with what is stated there."""
-
-_UNKNOWN_KAPPA = 1.5
-"""Inflation where there are too few rows to tell."""
 
 
 def own_ratio(fit: Fit) -> float:
@@ -44,7 +36,7 @@ def own_ratio(fit: Fit) -> float:
     y = fit.softer(fit.grams.sum(axis=0)).whiten(x.dense().reshape(-1, k).T).reshape(k, -1, p)
     spread = np.einsum("kni,knj->nij", y, y) + np.diag(fit.noise[:p] ** 2)
     ratio = np.linalg.norm(fit.residual[rows, :p], axis=1) / radius_95(spread)
-    common = ratio[fit.weight[rows, 0] > _OUTLIER]
+    common = ratio[fit.weight[rows, 0] > OUTLIER]
     return float(np.quantile(common, 0.95)) if len(common) else 1.0
 
 
@@ -71,23 +63,23 @@ class HeldOut:
         """The largest 95 % quantile of error over radius among the partitions.
 
         Or, if that is more, the mean of the single blocks' quantiles and one standard deviation
-        beyond it, since the place that is asked next may be one of the worse. `_UNKNOWN_KAPPA`
+        beyond it, since the place that is asked next may be one of the worse. `UNKNOWN_KAPPA`
         where there are too few rows.
         """
         found = []
         for ratio in self.ratios.values():
             known = ratio[np.isfinite(ratio) & self.common]
-            if len(known) > _FEW:
+            if len(known) > LEAST_ROWS_OF_A_QUANTILE:
                 found.append(float(np.quantile(known, 0.95)))
         finest = np.where(self.common, self.ratios[max(self.ratios)], np.nan)
         single = [
             np.nanquantile(part, 0.95)
             for part in np.split(finest, self.edges[1:-1])
-            if np.isfinite(part).sum() > _FEW
+            if np.isfinite(part).sum() > LEAST_ROWS_OF_A_QUANTILE
         ]
         if len(single) > 1:
             found.append(float(np.mean(single) + np.std(single)))
-        return max(found) if found else _UNKNOWN_KAPPA
+        return max(found) if found else UNKNOWN_KAPPA
 
     def tau(self, noise: Array, blocks: tuple[int, ...]) -> Array:
         """Residual sd (m,) of the body itself: held-out errors beyond the noise."""
@@ -139,4 +131,4 @@ def leave_blocks_out(fit: Fit, partitions: tuple[int, ...] = _PARTITIONS) -> Hel
                 v = np.einsum("nii->n", spread) / p  # of a Student with four degrees of freedom
                 score[rows] = 0.5 * (p * np.log(v) + (4 + p) * np.log1p(length**2 / (4 * v)))
         ratios[parts] = ratio
-    return HeldOut(residual, score, edges, ratios, fit.weight[:, 0] > _OUTLIER)
+    return HeldOut(residual, score, edges, ratios, fit.weight[:, 0] > OUTLIER)

@@ -10,7 +10,8 @@ import numpy as np
 from ..arm.rotations import logarithm, matrix_of, nearest_rotation
 from ..common.arrays import Array
 from ..errors import LogError
-from .spatial_start import CLEAR, frame
+from .settings import CLEAR
+from .spatial_start import frame
 
 if TYPE_CHECKING:
     from .belief import Body

@@ -11,36 +11,24 @@ from ..common.arrays import Array
 from .belief import Body, Second
 from .covariance import as_kept
 from .fit import MANY, Fit, maximise
-from .gate import SETTLED, Passed, pass_gate
+from .gate import Passed, pass_gate
 from .held_out import HeldOut, leave_blocks_out, own_ratio
 from .parameters import Prior
+from .settings import (
+    GUARD_LENS,
+    GUARDED_ROWS,
+    LEAST_SHARE,
+    LOG_FLOOR,
+    NO_CURVES,
+    REPEATS,
+    SAME_POSE,
+    SETTLED,
+    SHARED_ROWS,
+    SIMULATED_FLOOR,
+    STUDENT,
+)
 from .starts import best_starts
 from .structure import Structure
-
-_LOG_FLOOR, _SIMULATED_FLOOR = 1e-4, 1e-7
-"""Least noise, as a share of the extents."""
-
-_NO_CURVES = 8.0
-"""Nats against joint curves from which the bound needs no second fit with large ones."""
-
-_LEAST_SHARE = 0.5
-"""Of the second fit's spread: so much stays, however small the held-out errors are."""
-
-_LEAST = 60
-"""Rows from which the guard frees lens and elasticity: fewer have wide bounds already."""
-
-_FEW = 1000
-"""Rows from which on the second fit's spread is no more scaled by its held-out errors."""
-
-_SAME, _REPEATS = 1e-6, 10
-"""Joint values [rad or m] that are one pose, and how many further readings tell of their noise."""
-
-_GUARD_LENS = 1e-3
-"""What the guard grants a lens that the member left out, as a bend at 1.5 extents: 1 % per m2 of an
-arm of half a metre.  Learned in a corner of the range it was beyond the bound elsewhere."""
-
-_STUDENT = 6.0
-"""Degrees of freedom of the noise of a log."""
 
 
 @dataclass(frozen=True)
@@ -71,8 +59,8 @@ def fit_structure(
     notes : passed on
     """
     simulated = template.simulated if simulated is None else simulated
-    floor = (_SIMULATED_FLOOR if simulated else _LOG_FLOOR) * template.extents
-    nu = np.inf if simulated else _STUDENT
+    floor = (SIMULATED_FLOOR if simulated else LOG_FLOOR) * template.extents
+    nu = np.inf if simulated else STUDENT
     members = template.members()
     chain = next((free for name, free in members if name == "chain"), members[0][1])
     sub_q, sub_z, few = q, z, len(q) <= template.gate_rows
@@ -102,9 +90,11 @@ def fit_structure(
 
 def repeatability(q: Array, z: Array) -> float:
     """Sd of readings `z` (n, p) [unit] along an axis where joints (n, dof) are the same; else 0."""
-    _, pose, count = np.unique(np.round(q / _SAME), axis=0, return_inverse=True, return_counts=True)
+    _, pose, count = np.unique(
+        np.round(q / SAME_POSE), axis=0, return_inverse=True, return_counts=True
+    )
     freedom = int((count - 1).sum())
-    if freedom < _REPEATS:
+    if freedom < REPEATS:
         return 0.0
     means = np.zeros((len(count), z.shape[1]))
     np.add.at(means, pose.ravel(), z)
@@ -156,16 +146,18 @@ def _second(
     None where the member has the chain and the rows speak against curves.
     """
     fit = passed.fit
-    bends = "curve" in passed.free or passed.against("curves") < _NO_CURVES
+    bends = "curve" in passed.free or passed.against("curves") < NO_CURVES
     groups = fit.structure.groups
-    more = [name for name in ("elastic", "lens") if len(groups.get(name, ())) and len(q) >= _LEAST]
+    more = [
+        name for name in ("elastic", "lens") if len(groups.get(name, ())) and len(q) >= GUARDED_ROWS
+    ]
     if not bends and {*chain, *more} <= set(passed.free):
         return None
     free = tuple(dict.fromkeys((*passed.free, *chain, *more, *(("curve",) if bends else ()))))
     prior = fit.structure.prior(free)
     sd = prior.sd.copy()
     if "lens" in more and fit.structure.kind == "planar":
-        sd[groups["lens"]] = _GUARD_LENS, 0.0, 0.0
+        sd[groups["lens"]] = GUARD_LENS, 0.0, 0.0
     sd[fit.active] = fit.sd
     (pseudo, rms), hypers = fit.structure.wide, []
     for h in prior.hypers:
@@ -180,7 +172,7 @@ def _second(
         nu=fit.nu, floor=floor, noise=fit.noise, steps=4, begun=fit,
     )  # fmt: skip
     # Few rows of an arm in space tell how large its curves are altogether, if not where.
-    few = len(q) < _FEW and fit.structure.kind == "spatial"
-    share = np.clip(leave_blocks_out(made).ratio(), _LEAST_SHARE, 1.0) if few else 1.0
+    few = len(q) < SHARED_ROWS and fit.structure.kind == "spatial"
+    share = np.clip(leave_blocks_out(made).ratio(), LEAST_SHARE, 1.0) if few else 1.0
     root = as_kept(float(share) ** 2 * made.covariance)
     return Second(made.beta, made.active, root, made.noise)

@@ -8,9 +8,8 @@ from ..common.arrays import Array
 from .normal import Factor, slices, with_prior
 from .parameters import Prior
 from .search import Search
+from .settings import STUDENT
 from .structure import Structure
-
-_NU = 6.0
 
 _SETTLED = 1e-3
 """Share of a parameter's own sd below which a step ends a run."""
@@ -24,7 +23,7 @@ def _spread(r: Array, extents: Array, blocks: tuple[int, ...]) -> Array:
         e2 = (r[:, part] ** 2).sum(axis=1)
         s2 = float(np.median(e2)) / p + least
         for _ in range(12):
-            s2 = float(((_NU + p) / (_NU + e2 / s2) * e2).mean()) / p + least
+            s2 = float(((STUDENT + p) / (STUDENT + e2 / s2) * e2).mean()) / p + least
         sigma[part] = np.sqrt(s2)
     return sigma
 
@@ -40,7 +39,7 @@ def settle(
     Returns cost : negative log posterior with Student noise, of which the scale was fitted
     Returns noise : share of the extents that the residuals have
     """
-    search = Search(structure, q, z, beta, prior, _NU, np.zeros(structure.outputs))
+    search = Search(structure, q, z, beta, prior, STUDENT, np.zeros(structure.outputs))
     search.edges = np.array([0, len(z)])  # nothing is held out
     damping = 1e-3
     with np.errstate(all="ignore"):

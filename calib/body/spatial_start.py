@@ -12,6 +12,7 @@ from ..common.arrays import Array
 from ..common.rows import thinned
 from ..errors import LogError
 from .parameters import Prior
+from .settings import CLEAR, FEW_NUMBERS, HELD_TOOL, NO_CALIBRATION, OTHER_ARM
 from .settle import settle
 from .spatial import SpatialStructure
 from .spatial_random import chains
@@ -25,19 +26,8 @@ _GUESSED = 60
 _STEPS, _FIRST = 40, 10
 #: Fewest rows that tell a chain of which only the joints are known.
 _LEAST = 10
-#: Fewer numbers than this do not tell good joint origins from bad ones: of 10 draws of 10 rows of a
-#: real UR10, two that moved them ended worse than frames alone, by 1.1 and 1.8; of 15 rows none.
-_FEW = 45
-#: A median distance beyond this share says that it is not this arm.
-_OTHER = 0.3
-#: A median distance beyond this share of the rows' spread is no calibration error.
-_MISFIT = 0.1
-#: Another reading of the rows explains them where its misfit is below this share of theirs.
-CLEAR = 0.3
 #: Tools, as shares of the reach, from which tool and frame are fitted by turns, and how often.
 _TOOL, _TURNS = 0.1, 8
-#: Orientations that vary by less than this [rad] leave the tool where the drawing has it.
-_HELD = 1e-3
 
 
 def spatial_starts(
@@ -56,7 +46,7 @@ def spatial_starts(
     q, z = q[rows], z[rows]
     if not structure.informed:
         return chains(structure, q, z)
-    few = not structure.camera and z.size < _FEW
+    few = not structure.camera and z.size < FEW_NUMBERS
     return [(replace(structure, few=few), frame(structure, q, z))]
 
 
@@ -97,7 +87,7 @@ def _refuse_misfit(structure: SpatialStructure, q: Array, z: Array, beta: Array)
     residual = float(np.median(np.linalg.norm(misfit, axis=1)))
     size = max(float(np.linalg.norm(z[:, :3] - np.median(z[:, :3], axis=0), axis=1).max()), 1e-300)
     tool = float(np.linalg.norm(beta[structure.groups["tool"]]))
-    if residual < _MISFIT * size and tool < 2 * structure.chain.reach:
+    if residual < NO_CALIBRATION * size and tool < 2 * structure.chain.reach:
         return
     points = structure.metre * structure.pose(q, structure.neutral())[0]
 
@@ -121,7 +111,7 @@ def _refuse_misfit(structure: SpatialStructure, q: Array, z: Array, beta: Array)
             "the positions are those of a mirrored arm: one of the axes x, y, z has the wrong "
             "sign, or two are swapped; change one of them (columns of the log)"
         )
-    if residual > _OTHER * size:
+    if residual > OTHER_ARM * size:
         raise LogError(
             f"the robot does not explain the positions: in the best frame half of the rows are "
             f"more than {residual:.3g} off, of {size:.3g} that they spread; check the order of "
@@ -176,7 +166,7 @@ def _tool(
     arms, target = factor * (turn @ rotations), z[:, :3] - factor * points @ turn.T
     a, b = (each - each.mean(axis=0) for each in (arms, target))
     # where the tool keeps one orientation the frame's shift is the same: the tool stays where drawn
-    gram = np.einsum("nij,nik->jk", a, a) + len(a) * (_HELD * factor) ** 2 * np.eye(3)
+    gram = np.einsum("nij,nik->jk", a, a) + len(a) * (HELD_TOOL * factor) ** 2 * np.eye(3)
     tool = np.linalg.solve(gram, np.einsum("nij,ni->j", a, b))
     return tool, (target - arms @ tool).mean(axis=0)
 

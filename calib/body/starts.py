@@ -10,6 +10,7 @@ import numpy as np
 from ..common.arrays import Array
 from .planar import PlanarStructure
 from .planar_start import planar_starts
+from .settings import APART, RIVAL_START
 from .settle import settle
 from .spatial import SpatialStructure
 from .spatial_start import spatial_starts
@@ -20,12 +21,6 @@ _ROWS = 400
 
 _KEPT = 8
 """Runs that are carried on after the first six steps."""
-
-_RIVAL = 2.0
-"""A rival's residuals are at most this many times the best start's."""
-
-_APART = 0.05
-"""Two starts are different arms where they differ by this share of the extents."""
 
 _ASKED = 100
 """Places where two starts are compared."""
@@ -84,9 +79,9 @@ def best_starts(
     ask = box[0] + np.random.default_rng(0).random((_ASKED, q.shape[1])) * box[1]
     there = best.structure.predict(ask, best.beta)
     for run in sorted(runs, key=lambda run: run.cost):
-        if run.noise > _RIVAL * best.noise or not np.isfinite(run.cost):
+        if run.noise > RIVAL_START * best.noise or not np.isfinite(run.cost):
             break
         apart = best.structure.residual(there, run.structure.predict(ask, run.beta))
-        if float(np.abs(apart / best.structure.extents).max()) > max(_APART, 20 * best.noise):
+        if float(np.abs(apart / best.structure.extents).max()) > max(APART, 20 * best.noise):
             return best, run
     return (best,)

@@ -19,6 +19,7 @@ from ..common.arrays import Array
 from ..errors import ModelError
 from ..model.model import Model
 from ..samples.samples import Samples
+from ..training.sound_rows import in_time
 from .explain import Explanation, changed, explain, unusual
 from .group_tests import FALSE_ALARM, Tested, group_tests
 from .members import as_built
@@ -292,10 +293,11 @@ def compare(model: Model, log: Samples, cause: str | None = None) -> Comparison:
         raise ModelError(
             "the model has an older format without a posterior of its body: train it again"
         )
+    log, told = in_time(model, log)
     u, x, notes = comparable(model, log)
     q = model.motor.scale.from_unit(u)
     body = body_of(model)
     predicted = model.predictor.value(u)
     if not (np.abs([predicted, body.predict(q)]) < _SQUARED).all():  # as in a forged file
         raise ModelError("the model predicts no finite positions for this log: train it again")
-    return Comparison(model, u, q, x, notes, predicted, body, cause, log.unit, log.shared)
+    return Comparison(model, u, q, x, (*told, *notes), predicted, body, cause, log.unit, log.shared)

@@ -11,21 +11,18 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..body.basis import exponents
 from ..body.belief import Body
 from ..body.covariance import RADIUS_95
 from ..body.likeness import matern
-from ..body.trend import Trend
 from ..common.arrays import Array
-from ..common.robust import solve_least_squares
 from ..common.scale import Scale
 from ..common.wording import for_people
 from ..maps import local_models
 from ..maps.association import Association
 from ..maps.linear_models import LinearModels, from_shifts, to_shifts
-from ..maps.local_models import NO_MODELS
+from ..maps.local_models import NO_MODELS, exponents
 from ..maps.map import Map
-from ..maps.predictor import BodyInBox, Both, Predictor, Smooth
+from ..maps.predictor import BodyInBox, Predictor
 from ..model.alignment import Alignment
 from ..model.model import Model
 from .adaptation import Adaptation
@@ -151,6 +148,7 @@ def _carry(model: Model, body: Body | None, value: _Value) -> Model:
     else:
         drawn = np.random.default_rng(0).random((_PER_NODE * motor.size, nodes.shape[1]))
         u = np.concatenate([nodes, drawn])
+        assert body is not None  # noqa: S101 - without a body the maps stand alone
         predictor = _refitted(model, body, u, value(u))
     sensory = _moved(model, model.predictor.value(nodes), predictor.value(nodes))
     means = old.sensory_means
@@ -164,16 +162,10 @@ def _carry(model: Model, body: Body | None, value: _Value) -> Model:
     )
 
 
-def _refitted(model: Model, body: Body | None, u: Array, wanted: Array) -> Predictor:
-    """A body or trend of the old kind, and local models of what it leaves over of a prediction."""
+def _refitted(model: Model, body: Body, u: Array, wanted: Array) -> Predictor:
+    """The body, and local models of what it leaves over of a prediction."""
     old, motor = model.predictor, model.motor
-    trend = old.smooth.second if isinstance(old.smooth, Both) else old.smooth
-    smooth: Smooth | None = None if body is None else BodyInBox(body, motor.scale)
-    if isinstance(trend, Trend) and (smooth is None or isinstance(old.smooth, Both)):
-        left = wanted if smooth is None else wanted - smooth.value(u)
-        around = Trend(trend.basis, solve_least_squares(trend.basis.values(u), left))
-        smooth = around if smooth is None else Both(smooth, around)
-    assert smooth is not None  # noqa: S101 - without a body there is a trend
+    smooth = BodyInBox(body, motor.scale)
     residual = wanted - smooth.value(u)
     extent = float(np.linalg.norm(np.ptp(wanted, axis=0)))
     if float(np.abs(residual).max()) < _NOTHING * extent:

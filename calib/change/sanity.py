@@ -6,21 +6,22 @@ positions that come some rows after their joints where nothing else explains a l
 
 from __future__ import annotations
 
-import itertools
-
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arm.rotations import quaternion_of
+from ..body.poses import knows_orientation
 from ..common.arrays import Array
-from ..common.robust import robust_solve
 from ..common.rows import thinned
 from ..errors import LogError
 from ..model.model import Model
+from ..model.space import Space
+from ..samples.diagnosis import diagnose, refuse_mistakes
 from ..samples.samples import Samples
 from .reference import Reference, rigid_misfit
 
 _LEAST_ROWS = 10  # fewest different rows that a judgement or a correction can rest on
-_SWAPPED = 0.2  # residual by which exchanged columns must fit better
+_MISREAD = ("exchanged", "turns", "inverted")
 _CORNER = 0.5  # share of a joint's range below which it is said how little was covered
 
 _MOST_LAG = 30  # rows by which positions are moved against the joints, either way
@@ -62,7 +63,8 @@ def comparable(model: Model, log: Samples) -> tuple[Array, Array, tuple[str, ...
     if left_out:
         notes.append(f"{left_out} rows outside of what the model has learned are left out")
     u, x, q = u[known], x[known], q[known]
-    _check_swapped(model, q, x)
+    turns = None if log.orientation is None else log.orientation[first][known]
+    notes += _misread(model, q, x, turns)
     for name, width in zip(model.about.joint_names, np.ptp(u, axis=0).tolist(), strict=True):
         if width < _CORNER:
             notes.append(
@@ -85,33 +87,20 @@ def _check_degrees(model: Model, q: Array, known: NDArray[np.bool_]) -> None:
             raise LogError(f"the log's joint values look like {other}: {remedy}")
 
 
-def _check_swapped(model: Model, q: Array, x: Array) -> None:
-    """Refuse a log that fits only with its joint columns exchanged."""
-    dof = q.shape[1]
-    if not 2 <= dof <= 4:  # more joints have too many orders to try
-        return
+def _misread(model: Model, q: Array, x: Array, turns: Array | None) -> list[str]:
+    """Refuse a log that fits only if it is read otherwise: what a change of the arm cannot be."""
 
-    def misfit(columns: Array) -> float:
-        inside = np.isfinite(model.expected_error(columns))
-        if np.mean(inside) < 0.9:
-            return float("inf")
-        predicted = model.predictor.value(model.motor.scale.to_unit(columns[inside]))
-        features = np.concatenate([predicted, np.ones((len(predicted), 1))], axis=1)
-        gap = x[inside] - features @ robust_solve(features, x[inside])
-        return float(np.median(np.linalg.norm(gap, axis=1)))
+    def pose(q: Array) -> tuple[Array, Array]:
+        space = Space.of(model)
+        place, rotation = space.to_sensor(*space.evaluate(q)[:2])
+        return place, quaternion_of(rotation)
 
-    mine = misfit(q)
-    if mine <= 5.0 * np.median(model.expected_error(q)):
-        return
-    names = model.about.joint_names
-    for order in itertools.permutations(range(dof)):
-        if list(order) != sorted(order) and misfit(q[:, list(order)]) < _SWAPPED * mine:
-            pairs = {names[k]: names[j] for k, j in enumerate(order) if names[k] != names[j]}
-            raise LogError(
-                "the log fits the model only if its joint columns are exchanged",
-                hint=f"give `columns={pairs}`, or correct the log's header",
-                parameter="columns",
-            )
+    found = diagnose(
+        model.forward, q, x, model.about.joint_names, model.about.revolute,
+        unit=model.about.unit, turns=turns, pose=pose if knows_orientation(model.body) else None,
+    )  # fmt: skip
+    # units, mirrors, signs and clocks are causes that the comparison itself tells
+    return refuse_mistakes([each for each in found if each.kind in _MISREAD])
 
 
 def lag_behind_body(reference: Reference, q: Array, z: Array) -> int:

@@ -1,8 +1,8 @@
 """The model that maps settle to which have followed a stream: links at rest and local models.
 
 What leads from joints to positions is learned anew from the rows since the change.  With a body the
-changed arm is a body again, so that a few rows speak for the whole range; without one the trends
-and local models of the maps are chosen as in training.
+changed arm is a body again, so that a few rows speak for the whole range; without one maps and
+links stand alone.
 """
 
 from __future__ import annotations
@@ -20,12 +20,11 @@ from ..errors import CalibError
 from ..maps.association import Association
 from ..maps.local_models import NO_MODELS
 from ..maps.map import Map
-from ..maps.model_selection import SmoothCandidate, blocks, of_body, of_trends, select
+from ..maps.model_selection import blocks, of_body, select
 from ..maps.predictor import Predictor
 from ..model.measured import Rows
 from ..model.model import Model
 from ..training.held_out import node_bounds
-from ..training.smooth import NO_ARM
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
@@ -35,7 +34,6 @@ IMAGINED = 20_000
 """Samples that a model imagines to learn its links from."""
 
 _ROWS = 3000  # rows that a body is refitted to: more would tell it hardly more
-_NOISE_FLOOR = 1.5  # so is that of a simulation beyond so many times the usual noise
 _FEW_ROWS = 1000  # fewer have no links of their own
 
 
@@ -54,17 +52,14 @@ def settled_model(
     first = np.sort(np.unique(np.hstack([q, x]), axis=0, return_index=True)[1])
     u, x = motor.scale.to_unit(q[first]), x[first]
     fitted = _with_body(model, motor, u, x)
-    if fitted is None:
-        selected = select(motor, u, of_trends(motor.scale, model.about.revolute, u, x))
-        fitted = _Refit(selected.predictor, None, selected.rows, selected.errors, u, x)
     wiring = model.association.wiring
     if links is not None:
         association = Association(motor, sensory, links, wiring)
     else:
-        v = sensory.scale.to_unit(fitted.v)
-        association = Association.learn(motor, fitted.u, sensory, v, wiring)
-    if model.default_readout == "linear":  # maps and links, without anything else
-        fitted = _alone(association, u, x)
+        seen_u, seen_x = (u, x) if fitted is None else (fitted.u, fitted.v)
+        v = sensory.scale.to_unit(seen_x)
+        association = Association.learn(motor, seen_u, sensory, v, wiring)
+    fitted = fitted or _alone(association, u, x)  # maps and links, without anything else
     made = replace(
         model,
         association=association,
@@ -120,15 +115,7 @@ def _with_body(model: Model, motor: Map, u: Array, x: Array) -> _Refit | None:
         )
     except CalibError:  # too few rows, or too close to each other
         return None
-    candidates: list[SmoothCandidate] = [of_body(fit, scale, u, x)]
-    extent = float(np.linalg.norm(np.ptp(x, axis=0)))
-    usual = NO_ARM * extent
-    if simulated:  # an exact lens or gear is smooth: a trend follows it
-        noise = model.baseline.noise if model.baseline is not None else 0.0
-        usual = _NOISE_FLOOR * noise + 1e-6 * extent
-    if float(np.linalg.norm(fit.held_out, axis=1).mean()) > usual and len(u) > 100:
-        candidates += of_trends(scale, about.revolute, u, x, candidates[0])
-    selected = select(motor, u, candidates)
+    selected = select(motor, u, of_body(fit, scale, u, x))
     if len(seen[0]) < _FEW_ROWS:  # too few for links of their own
         drawn = np.random.default_rng(about.seed).random((IMAGINED, u.shape[1]))
         seen = drawn, selected.predictor.value(drawn)

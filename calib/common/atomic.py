@@ -105,7 +105,7 @@ def _replace(target: Path, mode: int | None, data: bytes | Callable[[BinaryIO], 
             file.flush()
             os.fsync(handle)
         Path(name).chmod(_new_mode() if mode is None else stat.S_IMODE(mode))
-        Path(name).replace(target)
+        os.replace(name, target)  # noqa: PTH105
     except BaseException:  # Ctrl-C too must leave nothing behind
         Path(name).unlink(missing_ok=True)
         raise

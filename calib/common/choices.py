@@ -14,39 +14,43 @@ MAPS = (
 )  # fmt: skip
 """Networks: :data:`calib.maps.density.GAINS` has the same, with the gain that each trains with."""
 
-Rule = Literal["batch", "online"]
-RULES: tuple[str, ...] = get_args(Rule)
+RuleWord = Literal["batch", "online"]
+RULES: tuple[str, ...] = get_args(RuleWord)
 """Training rules of a map."""
 
 MAP_READOUTS = ("linear", "activity", "winner")
 """Readouts of maps and links alone."""
 
-Readout = Literal["local", "body", "linear", "activity", "winner"]
-READOUTS: tuple[str, ...] = get_args(Readout)
+ReadoutWord = Literal["local", "body", "linear", "activity", "winner"]
+READOUTS: tuple[str, ...] = get_args(ReadoutWord)
 """Every readout; ``body`` only where there is one."""
 
-Body = Literal["auto", "none"]
-BODIES: tuple[str, ...] = get_args(Body)
+BodyWord = Literal["auto", "none"]
+BODIES: tuple[str, ...] = get_args(BodyWord)
 """Whether a kinematic model stands under the maps."""
 
-View = Literal["auto", "base", "rigid", "similarity", "affine", "homography", "pinhole"]
-VIEWS: tuple[str, ...] = get_args(View)
+ViewWord = Literal["auto", "base", "rigid", "similarity", "affine", "homography", "pinhole"]
+VIEWS: tuple[str, ...] = get_args(ViewWord)
 """What a sensor measures; ``auto`` goes by the unit, ``pinhole`` is for arms in space."""
 
-Frame = Literal["sensor", "base"]
-FRAMES: tuple[str, ...] = get_args(Frame)
+FrameWord = Literal["sensor", "base"]
+FRAMES: tuple[str, ...] = get_args(FrameWord)
 """Whose coordinates a query is asked and answered in."""
 
-LogFrame = Literal["auto", "base"]
-LOG_FRAMES: tuple[str, ...] = get_args(LogFrame)
+LogFrameWord = Literal["auto", "base"]
+LOG_FRAMES: tuple[str, ...] = get_args(LogFrameWord)
 """Whether a log is in the robot's root frame."""
 
-Cause = Literal["sensor", "joints"]
-CAUSES: tuple[str, ...] = get_args(Cause)
+CauseWord = Literal["sensor", "joints"]
+CAUSES: tuple[str, ...] = get_args(CauseWord)
 """What a user may know of a change."""
 
-Method = Literal["few-shot", "online"]
-METHODS: tuple[str, ...] = get_args(Method)
+Eye = Literal["hand", "base"]
+EYES: tuple[str, ...] = get_args(Eye)
+"""Where the camera is: in the hand and the board stands still, or the other way round."""
+
+MethodWord = Literal["few-shot", "online"]
+METHODS: tuple[str, ...] = get_args(MethodWord)
 """How a model adapts."""
 
 DICTIONARY = "apriltag_36h11"
@@ -58,6 +62,6 @@ PICTURES = (".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp", ".ppm", "
 VIDEOS = (".mp4", ".mov", ".avi", ".mkv", ".webm", ".m4v", ".mpg", ".mpeg", ".wmv")
 """Endings of files that are videos, whatever else OpenCV opens."""
 
-Motion = Literal["uniform", "halton", "sobol", "smooth"]
-MOTIONS: tuple[str, ...] = get_args(Motion)
+MotionWord = Literal["uniform", "halton", "sobol", "smooth"]
+MOTIONS: tuple[str, ...] = get_args(MotionWord)
 """How a simulated arm babbles."""

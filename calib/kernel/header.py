@@ -7,11 +7,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ..body.basis import exponents
 from ..body.covariance import NORMAL_95
 from ..body.curves import HARMONICS
 from ..common.arrays import Array
-from ..maps.local_models import FULL, LocalModels, blend_size, reach_of
+from ..maps.local_models import FULL, SILENT, LocalModels, blend_size, exponents, reach_of
 from ..maps.map import Map
 from .arm import KernelArm
 from .posterior import CompactPosterior
@@ -110,11 +109,8 @@ class Kernel:
             "nearest": arm.nearest,
             "trusted": "" if self.trusted else blended,
             "local": local,
-            "fades": int(models.fades),
-            "votes": int(models.votes > 0.0),
-            "silent": float(models.votes),
+            "silent": SILENT,
             "full": float(FULL),
-            "gated": models.gates is not None,
             "terms": models.coefficients.shape[1] if local else 1,
             "slack": -float(self.slack),
             "extent": float(self.extent),
@@ -192,8 +188,6 @@ class Kernel:
         along = [int(np.flatnonzero(term)[0]) if term.any() else 0 for term in terms]
         unit = np.eye(terms.shape[1], dtype=int)
         below = [[place.get(tuple((t - e).tolist()), 0) for e in unit] for t in terms]
-        if models.gates is not None:
-            out += array("calib_gate", models.gates, single)
         flat = models.coefficients.reshape(len(models.coefficients), -1)
         return (
             out

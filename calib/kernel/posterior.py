@@ -14,9 +14,10 @@ from typing import Any
 
 import numpy as np
 
-from ..body.belief import SHARED, Body, Second
+from ..body.belief import Body, Second
 from ..body.covariance import radius_95, root_of
 from ..body.curves import HARMONICS, powers
+from ..body.settings import SHARED
 from ..common.arrays import Array
 from ..errors import OptionError
 from .arm import KernelArm

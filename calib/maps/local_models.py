@@ -1,17 +1,16 @@
-"""Local models: each motor node keeps a polynomial of what the trend leaves over."""
+"""Local models: motor nodes keep a polynomial of what the smooth part leaves over."""
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from ..body.basis import exponents
 from ..common.arrays import Array, Index
 from ..common.frozen import ReadOnly
 from ..common.scale import Scale
-from .gates import opening
 from .map import Map, nearest_points
 
 MOST_DEGREE = 5
@@ -22,7 +21,6 @@ _RING = 16  # places around a node where its polynomial has to be firm
 _FIRM = 10.0  # variance of an answer there, over that of one sample
 _CLOSE_ROWS = 5  # rows that have to be near a node
 SILENT, FULL = 0.3, 0.5  # shares of the weight at which nodes are not heard, and in full
-OLD_SILENT = 0.2  # of a model file that only says that silent nodes vote
 _CHUNK = 20_000_000  # numbers held at once while fitting
 
 
@@ -35,24 +33,27 @@ def blend_size(dim: int) -> int:
 class LocalModels(ReadOnly):
     """One polynomial per motor node."""
 
-    # largest total degree, -1 for none: the smooth part stands alone.  A node of a lower degree, or
-    # of no model, has zeros for the other coefficients.
+    # largest total degree, -1 for none: the smooth part stands alone.  A node that is silent, or of
+    # a lower degree, has zeros for the other coefficients.
     degree: int
-    # largest number of samples that one was fitted to; with `degree` it follows the noise
-    samples: int
+    samples: int  # number of samples that each was fitted to
     radius: Array  # (nodes,), distance to the first sample that was left out, in the unit box
     # (nodes, terms, 2), coefficients of the monomials of (u - w) / radius, in the unit of the
     # positions
     coefficients: Array
-    fades: bool = True  # whether a node's say ends beyond its cell; not in models of file format 1
-    # share of the weight below which silent nodes decide, see :func:`heard`; 0 where they have no
-    # vote
-    votes: float = SILENT
-    # (nodes, dof + 1), the half-space in which each node speaks, see :mod:`calib.maps.gates`
-    gates: Array | None = None
 
 
 NO_MODELS = LocalModels(-1, 0, np.zeros(0), np.zeros((0, 0, 2)))
+
+
+def exponents(dim: int, degree: int) -> NDArray[np.intp]:
+    """Exponents of all terms of total degree <= `degree`, (terms, dim), lowest first."""
+    terms: list[tuple[int, ...]] = []
+    for total in range(degree + 1):
+        for bars in itertools.combinations(range(total + dim - 1), dim - 1):
+            edges = (-1, *bars, total + dim - 1)
+            terms.append(tuple(b - a - 1 for a, b in itertools.pairwise(edges)))
+    return np.array(terms, dtype=np.intp).reshape(-1, dim)
 
 
 def monomials(z: Array, degree: int) -> Array:
@@ -225,17 +226,15 @@ def _fade(ratio: Array) -> Array:
     return np.asarray((1.0 - np.clip(ratio - 1.0, 0.0, 1.0) ** 2) ** 2)
 
 
-def heard(share: Array | float, silent: float = SILENT) -> Any:
+def heard(share: Array) -> Array:
     """Factor on what speaking nodes say, by their share of the weight beside silent ones.
 
     Below three tenths the silent nodes decide and nothing is said; from a half on the others
     speak in full.  The edge of a sharp defect then lies between nodes, and neither side dilutes the
     other.
     """
-    t = (share - silent) / (FULL - silent)
-    t = np.clip(t, 0.0, 1.0) if isinstance(t, np.ndarray) else min(max(t, 0.0), 1.0)
-    floor = np.maximum if isinstance(share, np.ndarray) else max
-    return t * t * (3.0 - 2.0 * t) / floor(share, silent)
+    t = np.clip((share - SILENT) / (FULL - SILENT), 0.0, 1.0)
+    return np.asarray(t * t * (3.0 - 2.0 * t) / np.maximum(share, SILENT))
 
 
 def contributions(models: LocalModels, index: Index, gap: Array) -> Array:
@@ -249,17 +248,9 @@ def predict(
     models: LocalModels, motor: Map, u: Array, *, slope: bool = False
 ) -> tuple[Array, Array | None]:
     """Blended correction at the points `u` (n, d), (n, 2), and its slope (n, 2, d)."""
-    if models.fades:
-        index, weight, gap = speaking(motor, u)
-        if models.votes:
-            own = np.where((models.coefficients != 0.0).any(axis=(1, 2))[index], weight, 0.0)
-            share = own.sum(axis=1) / np.maximum(weight.sum(axis=1), 1e-300)
-            weight = own * heard(share, models.votes)[:, None]
-    else:
-        index, weight = blend(motor, u, blend_size(u.shape[1]))
-        gap = motor.scale.difference(u[:, None], motor.units[index])
-    if models.gates is not None:
-        weight = weight * opening(models.gates[index], gap)
+    index, weight, gap = speaking(motor, u)
+    own = np.where((models.coefficients != 0.0).any(axis=(1, 2))[index], weight, 0.0)
+    weight = own * heard(own.sum(axis=1) / np.maximum(weight.sum(axis=1), 1e-300))[:, None]
     value = np.einsum("nm,nmo->no", weight, contributions(models, index, gap))
     if not slope:
         return value, None

@@ -18,7 +18,7 @@ _CHUNK = 250_000  # products at once: fewer than a BLAS splits over threads that
 
 
 class Smooth(Protocol):
-    """A smooth function of the joints: a body, a trend, or both."""
+    """A smooth function of the joints: a body, or the linear models of maps and links."""
 
     @property
     def terms(self) -> int:
@@ -57,29 +57,6 @@ class BodyInBox:
 
 
 @dataclass(frozen=True)
-class Both:
-    """The sum of two smooth parts: a body, and a trend of what it leaves over."""
-
-    first: Smooth
-    second: Smooth
-
-    @property
-    def terms(self) -> int:
-        """Number of functions of both."""
-        return self.first.terms + self.second.terms
-
-    def value(self, u: Array) -> Array:
-        """Positions (n, m) at the points `u` (n, dof) of the unit box."""
-        return self.first.value(u) + self.second.value(u)
-
-    def value_and_slope(self, u: Array) -> tuple[Array, Array]:
-        """Positions (n, m) and their derivatives by the unit coordinates (n, m, dof)."""
-        value, slope = self.first.value_and_slope(u)
-        more, tilt = self.second.value_and_slope(u)
-        return value + more, slope + tilt
-
-
-@dataclass(frozen=True)
 class Predictor:
     """The readout ``local`` in the forward direction."""
 
@@ -90,10 +67,7 @@ class Predictor:
     @property
     def body(self) -> Body | None:
         """The kinematic model in the smooth part, if there is one."""
-        smooth = self.smooth
-        while isinstance(smooth, Both):
-            smooth = smooth.first
-        return smooth.body if isinstance(smooth, BodyInBox) else None
+        return self.smooth.body if isinstance(self.smooth, BodyInBox) else None
 
     def value(self, u: Array) -> Array:
         """Positions (n, m) at the points `u` (n, d) of the unit box."""

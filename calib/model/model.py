@@ -351,8 +351,12 @@ class Model(Parts, Saving):
             Of several solutions the nearest to these joints answers.
         frame : {"sensor", "base"}
         """
-        from .poses import solve_poses
+        from .poses import solve_poses, solve_quickly
 
+        if self.kernel is not None and quaternion is not None and near is not None:
+            quick = solve_quickly(self, position, quaternion, near) if frame == "sensor" else None
+            if quick is not None:
+                return quick
         found = solve_poses(self, position, quaternion, near, frame=frame)
         q = np.where(found.reachable[:, None], found.q, np.nan)
         return q[0] if np.ndim(position) == 1 else q

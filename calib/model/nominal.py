@@ -109,21 +109,22 @@ class NominalPose:
             parts.append(own)
         return NominalPose(root, *parts)
 
-    def towards(self, q: Array) -> Array:
-        """Joints (n, dof) near `q` that give the real tool the nominal pose at `q`."""
+    def towards(self, q: Array) -> tuple[Array, Array]:
+        """Joints (n, dof) near `q` that give the real tool the nominal pose at `q`.
+
+        Also what is left (n,), as a share of the arm's length: a radian of turn counts as 1.
+        """
         position, rotation = self.structure.pose(q, self.nominal)
         # of many steps: two or three suffice but beside singular poses
-        return reach_poses(self._real, q, position, rotation, self.structure.chain.reach)[0]
+        length = max(self.structure.chain.reach, 1e-9)
+        found, left = reach_poses(self._real, q, position, rotation, length)
+        return found, left / length
 
     def angle(self, q: Array, corrected: Array) -> Array:
         """Angle (n,) [rad] between the nominal tool at `q` and the real one at other joints."""
         wanted = self.structure.pose(q, self.nominal)[1]
         turned = self.structure.pose(corrected, self.real)[1]
-        known = np.isfinite(corrected).all(axis=1)
-        out = np.full(len(q), np.nan)
-        gap = turned[known] @ np.swapaxes(wanted[known], 1, 2)
-        out[known] = np.linalg.norm(logarithm(gap), axis=1)
-        return out
+        return np.asarray(np.linalg.norm(logarithm(turned @ np.swapaxes(wanted, 1, 2)), axis=1))
 
     def _real(self, q: Array) -> tuple[Array, Array, Array]:
         seen, slope = self.structure.predict_and_slope(q, self.real)

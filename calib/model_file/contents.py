@@ -53,7 +53,7 @@ def described(model: Model) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
         "sensory": {"lattice": list(model.sensory.lattice.shape)},
         "links": plain_fields(association.wiring, _WIRING),
         "smooth": smooth_header(model.predictor.smooth),
-        "local": {**models_header(models), "fades": models.fades},
+        "local": models_header(models),
     }
     tensors: dict[str, NDArray[Any]] = {
         "links.data": links.data.astype(np.float32),
@@ -69,8 +69,6 @@ def described(model: Model) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
         **smooth_tensors(model.predictor.smooth),
         **baseline_tensors(model.baseline),
     }
-    if models.gates is not None:
-        tensors["local.gates"] = models.gates
     if not np.array_equal(model.model_bounds, model.bounds):
         tensors["model_bounds"] = model.model_bounds
     if model.rows is not None:
@@ -113,8 +111,8 @@ def build(header: Mapping[str, Any], tensors: Tensors) -> Model:
     )
     links = _links(tensors, motor.size, sensory.size)
     association = Association(motor, sensory, links, wiring, motor_means, sensory_means)
-    smooth, body = build_smooth(header, tensors, motor.scale, width, lambda: association.linear)
-    names = "local.radius", "local.coefficients", "local.gates"
+    smooth, body = build_smooth(header, tensors, motor.scale, lambda: association.linear)
+    names = "local.radius", "local.coefficients"
     models = build_models(header["local"], tensors, names, (motor.size, dof, width))
     bounds = tensors.take("bounds", (motor.size,), least=0.0)
     model_bounds = bounds  # of a simulation they are the same, and format 1 had one

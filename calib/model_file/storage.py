@@ -22,7 +22,7 @@ from .contents import build, described
 if TYPE_CHECKING:
     from ..model.model import Model
 
-FORMAT = 2
+FORMAT = 3
 """Version of the format; ``docs/format.md`` describes it."""
 
 _KEY = "calib"
@@ -127,8 +127,11 @@ def from_bytes(data: bytes, name: str = "model") -> Model:
     """Read a model from the content of its file; `name` is for messages."""
     header, tensors = _unpack(data, name)
     version = header.get("format")
-    if not isinstance(version, int) or version < 1:
-        raise ModelError(f"{name}: model format {version!r} is unknown, train the model again")
+    if not isinstance(version, int) or version < FORMAT:
+        raise ModelError(
+            f"{name}: model format {version!r}, expected {FORMAT}: an older program wrote it, "
+            "train the model again"
+        )
     if version > FORMAT:
         raise ModelError(
             f"{name}: model format {version} is newer than {FORMAT}, the newest that this "

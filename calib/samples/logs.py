@@ -37,7 +37,7 @@ from .roles import (
     unit_quaternions,
 )
 from .samples import Samples
-from .settings import MOST_WRONG, OUT_OF_PLANE
+from .settings import LARGEST_ARM, MOST_WRONG, OUT_OF_PLANE
 from .tables import read_about, stated_unit, write_table
 from .wrong_rows import placeholders, rows_in_words
 
@@ -124,6 +124,13 @@ def read_log(
     if sees_pixels(source.header, columns, arm.joint_names if arm else joints or ()):
         columns |= PIXELS
         unit = unit or "px"
+    if unit is not None and isinstance(about.get("unit"), str) and about["unit"] != unit:
+        raise LogError(
+            f"{source.label} states that its positions are in {about['unit']}, not in {unit}",
+            hint="leave out `unit`, or correct the line above the header",
+            parameter="unit",
+            value=unit,
+        )
     unit = unit or stated_unit(about)
     roles = find_roles(source, arm, joints, columns)
     names, axes = roles.joints, roles.axes
@@ -167,6 +174,11 @@ def read_log(
         notes += [camera.note] if camera.note else []
     elif lens is not None:
         raise OptionError("`lens` is for pixels of an arm in space: expected columns u and v")
+    if arm is None and unit == "m" and (size := float(np.ptp(x, axis=0).max())) > LARGEST_ARM:
+        notes.append(
+            f"the positions extend over {size:.4g} m, as those of an arm of that size; if they are "
+            "in mm, give `unit='mm'`"
+        )
     if arm is not None:
         findings = diagnose(
             arm.forward, q, x, names, revolute,

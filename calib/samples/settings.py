@@ -77,3 +77,7 @@ DOUBTED_DELAY = 3.0
 
 DELAY_BLOCKS, DELAY_NU = 20, 4.0
 """Blocks of neighbouring rows that vary on their own, and degrees of freedom of the noise."""
+
+LARGEST_ARM = 20.0
+"""An extent [m] beyond which a log without a robot is most likely in another unit: arms reach 3 m,
+a log of one in mm extends over hundreds."""

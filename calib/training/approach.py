@@ -25,13 +25,13 @@ def play_of(samples: Samples, scale: Scale, part: SmoothPart) -> Array | None:
 
     `samples` are in the order of motion; `part` predicts without the direction.
     """
-    if not part.candidates:
+    if part.candidate is None:
         return None  # nothing predicts before the maps have learned
     if samples.simulation is not None and not samples.simulation.hidden:
         return None  # nothing that rows could show
     few = max(1, -(-len(part.rows) // _ROWS))
     rows = part.rows[::few]
-    smooth, u = part.candidates[0].smooth, scale.to_unit(samples.q[rows])
+    smooth, u = part.candidate.smooth, scale.to_unit(samples.q[rows])
     value, slope = smooth.value_and_slope(u)
     residual = samples.x[rows] - value
     size = np.linalg.norm(residual, axis=1)

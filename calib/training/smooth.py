@@ -1,6 +1,6 @@
-"""The smooth part of a model: the body of the samples, or trends where they are of no arm.
+"""The smooth part of a model: the body of the samples.
 
-Training chooses it before the maps learn: the maps may need samples that it imagines, and the
+Training fits it before the maps learn: the maps may need samples that it imagines, and the
 varying density may need to know where it is wrong.
 """
 
@@ -29,42 +29,35 @@ from ..common.choices import VIEWS
 from ..common.scale import METRES, Scale
 from ..errors import OptionError
 from ..maps.misfit import misfit
-from ..maps.model_selection import SmoothCandidate, of_body, of_trends
+from ..maps.model_selection import SmoothCandidate, of_body
 from ..samples.samples import Samples
 from .learn import Options
 
 _Rows = slice | NDArray[np.intp]
 
 NO_ARM = 0.02
-"""Share of the extent: a body that is further off is compared with trends."""
+"""Share of the extent: a body that is further off explains nothing."""
 
 _VIEWS = ("auto", "base", "rigid", "similarity")  # of positions in space
 _LEARNED_ROWS = 50_000  # rows of a log that the smooth part and the local models rest on
-_RAYLEIGH = {2: 1.2533, 3: 1.5958}  # mean length of a Gaussian vector of standard deviation 1
-_NOISE_FLOOR = 1.2  # a held-out error within this factor of the noise leaves nothing to mend
-_EXACT = 3e-8  # share of the extent that is nothing to mend in a simulation without noise
-_EXACT_LOG = 1e-6  # share of the extent below which a log leaves nothing to mend
-_MUCH_BETTER = 0.2  # of a body's error: what a trend around it has to reach
-_ROWS_PER_CELL, _FILLED = 10, 0.5  # rows that fill so much of the joints' box are no path
 _IMAGINED = 5  # samples for each motor node
-_FAR_BETTER = 0.5  # of a body's error: what a trend without any kinematics has to reach
 
 
 @dataclass(frozen=True, eq=False)
 class SmoothPart:
-    """What may stand under the local models."""
+    """What stands under the local models."""
 
-    # smooth parts, the preferred one first; none where maps and links stand alone
-    candidates: tuple[SmoothCandidate, ...]
+    # the body and what it leaves over; None where maps and links stand alone
+    candidate: SmoothCandidate | None
     fit: BodyFit | None  # the body's fit, where there is a body
-    rows: NDArray[np.intp]  # (k,), rows of the samples that the candidates rest on
+    rows: NDArray[np.intp]  # (k,), rows of the samples that it rests on
     notes: tuple[str, ...] = ()  # what the user should be told besides the notes of the fit
 
 
 def find_smooth_part(
     samples: Samples, scale: Scale, *, body: str = "auto", view: str = "auto", seed: int
 ) -> SmoothPart:
-    """Fit the body of the samples, and trends where the body does not explain them.
+    """Fit the body of the samples.
 
     samples : joint values and positions
     scale : range of the joints
@@ -76,10 +69,8 @@ def find_smooth_part(
     rows = np.arange(0, len(samples), every)
     q, x = samples.q[rows], samples.x[rows]
     u = scale.to_unit(q)
-    turning = samples.revolute
     if body == "none":
-        return SmoothPart((), None, rows)  # the maps and their links stand alone
-    simulation = samples.simulation
+        return SmoothPart(None, None, rows)  # the maps and their links stand alone
     fit = (
         _fit_in_space(samples, rows, view, seed)
         if _in_space(samples, view)
@@ -88,43 +79,17 @@ def find_smooth_part(
     under = of_body(fit, scale, u, x)
     error = float(np.linalg.norm(fit.held_out, axis=1).mean())
     extent = float(np.linalg.norm(np.ptp(x, axis=0)))
-    if simulation is not None:
-        if error <= _NOISE_FLOOR * _RAYLEIGH[x.shape[1]] * simulation.noise + _EXACT * extent:
-            return SmoothPart((under,), fit, rows)
-        # an exact lens or gear is smooth: a trend of what the body leaves over follows it
-        trends = of_trends(scale, turning, u, x)
-        return SmoothPart((under, *trends, *of_trends(scale, turning, u, x, under)), fit, rows)
-    if error <= NO_ARM * extent:
-        if view != "auto" or error <= _EXACT_LOG * extent or not _fills_box(u):
-            return SmoothPart((under,), fit, rows)
-        # no chain, but smooth, such as a lens of high order: a trend around the body or alone
-        around = of_trends(scale, turning, u, x, under)
-        alone = of_trends(scale, turning, u, x)
-        best = min((*around, *alone), key=_held_out_error)
-        if _held_out_error(best) < _MUCH_BETTER * error:
-            return SmoothPart((best,), fit if any(best is c for c in around) else None, rows)
-        rivals = (replace(trend, rival=_MUCH_BETTER) for trend in alone)
-        return SmoothPart((under, *rivals), fit, rows)
-    trends = of_trends(scale, turning, u, x)
-    better = tuple(trend for trend in trends if _held_out_error(trend) < _FAR_BETTER * error)
+    if error <= NO_ARM * extent or samples.simulation is not None:
+        return SmoothPart(under, fit, rows)
     kind = "planar arm" if x.shape[1] == 2 and samples.arm is None else "arm"
     space = ", and whether the arm moves in space (then give its URDF)" if kind != "arm" else ""
     unlike = (
         f"no {kind} explains the positions: held-out rows are missed by {100 * error / extent:.2g}"
         " % of their extent; check that `joints` names all that moved, base to tip, and that each "
-        f"row's joints and position are of one moment{space}"
+        f"row's joints and position are of one moment{space}; maps and links alone learn what is "
+        "no arm: `body='none'`"
     )
-    return SmoothPart(better or (under,), None if better else fit, rows, (unlike,))
-
-
-def _fills_box(u: Array) -> bool:
-    """Whether rows (n, dof) of the unit box spread over it, so that a trend may be told."""
-    side = int((len(u) / _ROWS_PER_CELL) ** (1 / u.shape[1]))
-    if side < 2:
-        return False
-    cell = np.clip((u * side).astype(int), 0, side - 1)
-    place = cell @ side ** np.arange(u.shape[1])
-    return bool(len(np.unique(place)) > _FILLED * side ** u.shape[1])
+    return SmoothPart(under, fit, rows, (unlike,))
 
 
 def _planar(samples: Samples, q: Array, x: Array, view: str, seed: int) -> BodyFit:
@@ -150,9 +115,9 @@ def _planar(samples: Samples, q: Array, x: Array, view: str, seed: int) -> BodyF
 
 def wrong_around(part: SmoothPart, scale: Scale, samples: Samples, u: Array) -> Array | None:
     """How wrong (k,) the preferred smooth part is around points `u` (k, dof), None within noise."""
-    if not part.candidates:
+    if part.candidate is None:
         return None
-    rows, held_out = part.rows, part.candidates[0].held_out
+    rows, held_out = part.rows, part.candidate.held_out
     extent = float(np.linalg.norm(np.ptp(samples.x[rows], axis=0)))
     return misfit(scale, scale.to_unit(samples.q[rows]), held_out, extent, u)
 
@@ -167,18 +132,13 @@ def to_learn(
     Returns wrong : (k,), how wrong the smooth part is there, None within noise
     """
     u, x = scale.to_unit(samples.q[rows]), samples.x[rows]
-    if options.taught and part.fit is not None:
+    if options.taught and part.candidate is not None:
         every = -(-len(u) // _LEARNED_ROWS)
         rng = np.random.default_rng(options.stream("imagined"))
         drawn = rng.random((_IMAGINED * math.prod(options.motor_size), u.shape[1]))
-        seen = part.candidates[0].smooth.value(drawn)
+        seen = part.candidate.smooth.value(drawn)
         u, x = np.concatenate([u[::every], drawn]), np.concatenate([x[::every], seen])
     return u, x, wrong_around(part, scale, samples, u)
-
-
-def _held_out_error(candidate: SmoothCandidate) -> float:
-    """Mean distance of held-out rows to their predictions."""
-    return float(np.linalg.norm(candidate.held_out, axis=1).mean())
 
 
 def _in_space(samples: Samples, view: str) -> bool:

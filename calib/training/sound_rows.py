@@ -10,6 +10,7 @@ import numpy as np
 
 from ..common.arrays import Array
 from ..common.scale import Scale
+from ..maps.predictor import Smooth
 from ..model.model import Model
 from ..samples.delays import Delay, Trajectory, estimate_delay
 from ..samples.diagnosis import aligned, rows_behind
@@ -36,26 +37,45 @@ def fit_sound_rows(
         return samples, fit(samples), []
     samples, notes = _rows_aligned(samples)
     part = fit(samples)
-    if not part.candidates:
+    if part.candidate is None:
         return samples, part, notes
     samples, part, told = _without_delay(samples, part, fit)
     notes += told
-    residual = samples.x - part.candidates[0].smooth.value(scale.to_unit(samples.q))
+    residual = samples.x - _smooth_of(part).value(scale.to_unit(samples.q))
     kept, told = contradictions(samples, residual)
     notes += told
     if not kept.all():
         samples = samples.take(kept)
         part = fit(samples)
-        residual = samples.x - part.candidates[0].smooth.value(scale.to_unit(samples.q))
+        residual = samples.x - _smooth_of(part).value(scale.to_unit(samples.q))
     corner = contradicting_corner(samples, residual)
     return samples, part, [*notes, corner] if corner else notes
 
 
 def sound_log(model: Model, samples: Samples) -> tuple[Samples, list[str]]:
-    """A log that a model is compared with, without its delay and the rows that contradict others.
+    """A log that a model is compared with, in time and without rows that contradict the others."""
+    samples, notes = in_time(model, samples)
+    predicted = model.forward(samples.q)
+    known = np.asarray(np.isfinite(predicted).all(axis=1))
+    residual = np.where(known[:, None], samples.x - predicted, np.nan)
+    if known.sum() >= FEWEST_ROWS:
+        # a sensor that was moved is no reason to leave rows out
+        moved = residual.copy()
+        moved[known] = samples.x[known] - aligned(
+            predicted[known], samples.x[known], affine=samples.unit == "px"
+        )
+        far, near = (np.nanmedian(np.linalg.norm(r, axis=1)) for r in (residual, moved))
+        residual = moved if near < 0.5 * far else residual
+        kept, told = contradictions(samples, residual)
+        samples, notes = samples.take(kept), notes + told
+    return samples, notes
+
+
+def in_time(model: Model, samples: Samples) -> tuple[Samples, list[str]]:
+    """A log that a model is compared with, without the delay of its positions.
 
     samples : in the model's unit; the arm or its sensor may have changed
-    Returns the samples, their joints in the model's order, and notes.
+    Returns the samples, their joints in the model's order, and what is told of their clock.
     """
     samples = replace(
         samples,
@@ -75,19 +95,6 @@ def sound_log(model: Model, samples: Samples) -> tuple[Samples, list[str]]:
             samples = replace(samples.take(known), q=q[known])
         if delay is not None and delay.note():
             notes.append(delay.note())
-    predicted = model.forward(samples.q)
-    known = np.asarray(np.isfinite(predicted).all(axis=1))
-    residual = np.where(known[:, None], samples.x - predicted, np.nan)
-    if known.sum() >= FEWEST_ROWS:
-        # a sensor that was moved is no reason to leave rows out
-        moved = residual.copy()
-        moved[known] = samples.x[known] - aligned(
-            predicted[known], samples.x[known], affine=samples.unit == "px"
-        )
-        far, near = (np.nanmedian(np.linalg.norm(r, axis=1)) for r in (residual, moved))
-        residual = moved if near < 0.5 * far else residual
-        kept, told = contradictions(samples, residual)
-        samples, notes = samples.take(kept), notes + told
     return samples, notes
 
 
@@ -174,3 +181,8 @@ def _delay(
         if abs(step.value) < 0.05 * step.sd:
             break
     return Delay(total, step.sd, step.unit, share)
+
+
+def _smooth_of(part: SmoothPart) -> Smooth:
+    assert part.candidate is not None  # noqa: S101 - without a body nothing is fitted
+    return part.candidate.smooth

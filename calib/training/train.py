@@ -186,7 +186,7 @@ def _learned(
     )
     begin(0.7, "local models")
     motor, u = association.motor, scale.to_unit(samples.q)
-    selected = select(motor, u[part.rows], part.candidates) if part.candidates else None
+    selected = select(motor, u[part.rows], part.candidate) if part.candidate else None
     linear = Predictor(motor, association.linear, NO_MODELS)
     predictor = linear if selected is None else selected.predictor
     begin(0.8, "evaluation")

@@ -28,7 +28,7 @@ from .geometry import fit_geometry, frame_is_free, frames, is_simulated
 from .planar_geometry import PlanarGeometry
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class Wanted:
     """Where a nominal arm would be."""
 
@@ -42,6 +42,12 @@ class Wanted:
     near: Callable[[Array], tuple[Array, NDArray[np.bool_]]] | None = None
     # (dof,) [rad or m], what `correct` usually changes at most, once it was asked
     limits: list[float] = field(default_factory=list)
+    # parameters of the nominal arm behind a sensor whose frame was fitted, of a body in space
+    drawn: Array | None = None
+    # whether the compiled kernel corrects alike, once it was asked; and what it says then
+    agrees: bool | None = None
+    said: tuple[str, ...] = ()
+    limits_array: Array = field(default_factory=lambda: np.zeros(0))
 
     def target(self, q: Array) -> Array:
         """Where the nominal arm would be, in the sensor's frame, (n, m)."""
@@ -101,6 +107,7 @@ def _in_space(model: Model, view: str, cause: str, free: bool) -> Wanted:
         structure = geometry.structure
         beta = nominal_in_space(structure, geometry.beta)
     found = _of(structure, beta, moved, free)
+    found.drawn = beta if own is structure else None
     if pose is not None:
         return replace(found, pose=pose)
     if body is None or not is_camera(body.structure.view):

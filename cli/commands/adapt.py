@@ -7,11 +7,11 @@ from typing import Annotated
 
 from typer import Option
 
-from calib.common.choices import Method
+from calib.common.choices import MethodWord
 from calib.common.wording import for_people
 
 from .. import options as opt
-from ..files import check_output
+from ..files import check_file
 from ..measurements import Reading, log_for
 from ..options import option
 from ..output import NO, Outcome, TextTable, fields, number, progress_bar, say
@@ -21,14 +21,14 @@ from ..units import units_of
 
 
 def adapt(
-    model: opt.Model,
+    model: opt.ModelFile,
     *,
     data: opt.NewLog,
     output: Annotated[
         str | None, option("--output -o MODEL", "The new file (default MODEL.adapted.calib).")
     ] = None,
     method: Annotated[
-        Method, Option(help="few-shot: the body, from a few rows; online: the paper's rule.")
+        MethodWord, Option(help="few-shot: the body, from a few rows; online: the paper's rule.")
     ] = "few-shot",
     cause: opt.WhatChanged = None,
     columns: opt.Columns = None,
@@ -38,10 +38,10 @@ def adapt(
     """Re-calibrate a model from a few new samples. Exit code 3 if it does not improve."""
     import calib
 
-    check_output(output, ())
+    check_file(output, ())
     loaded = calib.load(model)
     path = output or adapted_name(model)
-    check_output(path, ())  # before the work whose result would be lost
+    check_file(path, ())  # before the work whose result would be lost
     log = log_for(loaded, data, Reading(columns, unit, degrees))
     with progress_bar(loaded.about.unit) as progress:
         found = calib.adapt(loaded, log, method=method, cause=cause, progress=progress)

@@ -5,14 +5,14 @@ from __future__ import annotations
 from typing import Annotated
 
 from .. import options as opt
-from ..files import TABLES, check_output
+from ..files import TABLES, check_file
 from ..options import option
 from ..output import Outcome
 from ..samples import Babbling, Selection, babbled_samples
 
 
 def babble(
-    robot: opt.Robot,
+    robot: opt.RobotFile,
     *,
     output: Annotated[
         str, option("--output -o LOG", "CSV, or Parquet by its name (- standard output).")
@@ -21,7 +21,7 @@ def babble(
     noise: opt.Noise = None,
     motion: opt.Moves = None,
     change: opt.Changes = None,
-    joints: opt.Joints = None,
+    joints: opt.JointNames = None,
     tip: opt.Tip = None,
     planar: opt.Planar = False,
     lock: opt.Lock = None,
@@ -32,7 +32,7 @@ def babble(
     """Write a log of simulated babbling [rad, m]."""
     import calib
 
-    check_output(output, TABLES, stream=True)
+    check_file(output, TABLES, stream=True)
     selection = Selection(joints, tip, planar, lock, ranges, degrees)
     log = babbled_samples(robot, selection, Babbling(samples, noise, motion, change), seed)
     calib.write_log(log, output)

@@ -27,7 +27,7 @@ SIGNALS = {
 
 
 def check(
-    model: opt.Model,
+    model: opt.ModelFile,
     *,
     data: opt.NewLog,
     cause: opt.WhatChanged = None,

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from calib.common.wording import for_people
 
 from .. import options as opt
-from ..files import TABLES, check_output
+from ..files import TABLES, check_file
 from ..options import option
 from ..output import NO, Outcome, fields, note, number, say
 from ..parsing import above_zero
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 def correct(
-    model: opt.Model,
+    model: opt.ModelFile,
     *,
     input_: Annotated[
         str, option("--input FILE", "Joints that are right for the nominal arm: CSV (- stdin).")
@@ -38,9 +38,9 @@ def correct(
     """Correct joint values so that the real arm reaches where the nominal arm would be.
 
     Exit code 3 if the real arm cannot reach one of these places, or if a joint would change by
-    more than the limit; then nothing is written.
+    more than the limit; the other rows are written.
     """
-    check_output(output, TABLES, stream=True)
+    check_file(output, TABLES, stream=True)
     import numpy as np
 
     import calib
@@ -62,10 +62,13 @@ def correct(
         cause=cause,
     )
     say(found.notes)
-    table = dict(zip(joints.names, (found.q * factors).T, strict=True))
+    commanded = np.where(found.exceeded[:, None], np.nan, found.q)
+    table = dict(zip(joints.names, (commanded * factors).T, strict=True))
     table |= dict(zip(loaded.axes, found.target.T, strict=True))
     table |= fields(found, "distance expected_error reachable")
     table |= {} if found.angle is None else {"angle": found.angle}
+    placed = found.placement_error
+    table |= {} if placed is None else {"placement_error": placed}
     say(batch.notes(list(table)))
     beyond, missed = rows[found.exceeded].tolist(), rows[~found.reachable].tolist()
     say_rows(batch.invalid, n, "not all values are numbers, no answer")
@@ -78,7 +81,7 @@ def correct(
             f"{numbered(beyond)} of {n}: a joint would change by more than the limit (row "
             f"{rows[row]}: {joints.change(worst, found.change[row, worst])}, limit "
             f"{joints.change(worst, found.limit[worst])}); "
-            "nothing was written; if the change is right, give a larger --limit"
+            "no answer; if the change is right, give a larger --limit"
         )
     changes = _changes(found, joints)
     told = []
@@ -86,8 +89,9 @@ def correct(
         factor, unit = for_people(kind)
         mean, most = (number(factor * change[key]) for key in ("mean", "max"))
         told.append(f"{name} {mean} (largest {most}) {unit}")
+    answered = bool((found.reachable & ~found.exceeded).any())
     return table_outcome(
-        None if beyond else batch.answered(over_all_rows(valid, table)),
+        batch.answered(over_all_rows(valid, table)) if answered or not beyond else None,
         output,
         joints,
         code=1 if batch.invalid and not beyond else NO if missed or beyond else 0,

@@ -12,7 +12,7 @@ from ..summary import accuracy, answers_back, error_table, summary
 
 
 def evaluate(
-    model: opt.Model,
+    model: opt.ModelFile,
     *,
     data: opt.Data = None,
     columns: opt.Columns = None,

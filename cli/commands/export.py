@@ -7,7 +7,7 @@ from typing import Annotated, Any
 from typer import Option
 
 from .. import options as opt
-from ..files import check_output
+from ..files import check_file
 from ..options import option
 from ..output import Outcome, say
 from ..parsing import BadOption
@@ -20,7 +20,7 @@ _ENDINGS = {
 
 
 def export(
-    model: opt.Model,
+    model: opt.ModelFile,
     *,
     output: Annotated[str | None, option("--output -o FILE.h", "The C header to write.")] = None,
     single: Annotated[bool, Option("--float", help="Single precision.")] = False,
@@ -41,7 +41,7 @@ def export(
     if not paths:
         raise BadOption("nothing to write: expected -o FILE.h, --camera FILE or --transform FILE")
     for name, path in paths.items():
-        check_output(path, _ENDINGS[name], option=f"--{name}")
+        check_file(path, _ENDINGS[name], option=f"--{name}")
     from calib.use.camera_files import camera_info, static_transform
     from calib.use.export_c import c_header
 

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 from typer import Argument
 
 from .. import options as opt
-from ..files import TABLES, check_output
+from ..files import TABLES, check_file
 from ..output import NO, Outcome, TextTable, fixed, note
-from ..parsing import check_count, check_streams, number
+from ..parsing import any_number, check_count, check_streams
 from ..units import JointFormat, PositionFormat, meaning
 
 if TYPE_CHECKING:
@@ -21,10 +21,10 @@ if TYPE_CHECKING:
 
 
 def forward(
-    model: opt.Model,
+    model: opt.ModelFile,
     values: Annotated[
         list[float] | None,
-        Argument(metavar="Q1 Q2", parser=number, help="Joint values, base to tip [rad or m]."),
+        Argument(metavar="Q1 Q2", parser=any_number, help="Joint values, base to tip [rad or m]."),
     ] = None,
     *,
     readout: opt.ReadoutKind = None,
@@ -42,7 +42,7 @@ def forward(
 
     typed = values or []
     check_streams(typed, input_, output, columns)
-    check_output(output, TABLES, stream=True)
+    check_file(output, TABLES, stream=True)
     loaded = calib.load(model)
     joints = JointFormat(loaded.about, degrees)
     positions = PositionFormat(loaded.about, frame, unit)

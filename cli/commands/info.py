@@ -9,9 +9,8 @@ from calib.common.wording import printable, unit_of_joint
 from calib.model.facts import facts
 
 from .. import options as opt
-from .. import output
 from ..advice import advice
-from ..output import Outcome, fields
+from ..output import Outcome, fact_lines, fields
 from ..summary import accuracy, compact_table, summary
 from ..translation import as_typed
 
@@ -19,7 +18,7 @@ if TYPE_CHECKING:
     from calib import Model
 
 
-def info(model: opt.Model, *, degrees: opt.Degrees = False) -> Outcome:
+def info(model: opt.ModelFile, *, degrees: opt.Degrees = False) -> Outcome:
     """Show what a model is and how it was made."""
     import calib
 
@@ -27,7 +26,7 @@ def info(model: opt.Model, *, degrees: opt.Degrees = False) -> Outcome:
     about = loaded.about
     # a model knows no seconds: its bytes must not depend on the machine's pace
     document = summary(loaded, model, about.errors, {}) | _provenance(loaded)
-    lines = output.facts(_facts(loaded, model, degrees))
+    lines = fact_lines(_facts(loaded, model, degrees))
     told = [] if loaded.body is None else loaded.body.describe()
     lines += ["", "body", *(f"  {printable(line)}" for line in told)] if told else []
     if not about.errors:

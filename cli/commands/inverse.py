@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 from typer import Argument, Option
 
 from .. import options as opt
-from ..files import TABLES, check_output
+from ..files import TABLES, check_file
 from ..options import option
 from ..output import NO, Outcome, note
-from ..parsing import BadOption, check_count, check_streams, height, number, reals
+from ..parsing import BadOption, any_number, check_count, check_streams, height, reals
 from ..units import JointFormat, PositionFormat, meaning
 
 if TYPE_CHECKING:
@@ -22,10 +22,12 @@ if TYPE_CHECKING:
 
 
 def inverse(
-    model: opt.Model,
+    model: opt.ModelFile,
     target: Annotated[
         list[float] | None,
-        Argument(metavar="X Y [Z]", parser=number, help="Position [m, sensor's unit or --unit]."),
+        Argument(
+            metavar="X Y [Z]", parser=any_number, help="Position [m, sensor's unit or --unit]."
+        ),
     ] = None,
     *,
     near: Annotated[
@@ -58,7 +60,7 @@ def inverse(
 
     typed = target or []
     check_streams(typed, input_, output, columns)
-    check_output(output, TABLES, stream=True)
+    check_file(output, TABLES, stream=True)
     turned = quaternion is not None or rpy is not None
     if every and readout is not None:
         raise BadOption(f"--all answers by the default readout: expected no --readout {readout}")

@@ -12,7 +12,7 @@ from calib.common.wording import for_people
 from .. import options as opt
 from .. import parsing
 from ..camera import Shooting, is_picture, offset_or_auto, record
-from ..files import TABLES, check_output
+from ..files import TABLES, check_file
 from ..measurements import refuse
 from ..options import option
 from ..output import Outcome, say
@@ -34,7 +34,7 @@ def log(
     frames: Annotated[
         Any, option("--frames SENSOR,TIP", "For tf; found if one transform moves.", parsing.names)
     ] = None,
-    joints: opt.Joints = None,
+    joints: opt.JointNames = None,
     max_gap: Annotated[
         float, option("--max-gap S", "Longest gap between joint states [s].", parsing.above_zero)
     ] = 0.1,
@@ -57,7 +57,7 @@ def log(
         int | None, Option("--tag", metavar="ID", min=0, help="Number of the tag on the tip.")
     ] = None,
     dictionary: opt.Dictionary = DICTIONARY,
-    board: opt.Board = None,
+    board: opt.BoardSpec = None,
     tags_at: Annotated[
         str | None, option("--tags-at FILE", "Tags on the desk: a table of tag, x, y [m].")
     ] = None,
@@ -94,7 +94,7 @@ def log(
         joints_file, tag, dictionary, board, tags_at, lens, tag_size, tag_height, pose, since,
         picture, camera,
     )  # fmt: skip
-    check_output(output, TABLES, stream=True)
+    check_file(output, TABLES, stream=True)
     bags: dict[str, Any] = {"joints_topic": joints_topic, "tip_topic": tip_topic, "frames": frames}
     shared: dict[str, Any] = {"joints": joints, "max_gap": max_gap, "still": still}
     if shooting.given() or is_picture(bag):

@@ -6,7 +6,7 @@ import math
 from typing import Annotated, Any
 
 from .. import options as opt
-from ..files import TABLES, check_output
+from ..files import TABLES, check_file
 from ..options import option
 from ..output import NO, Outcome, fields, note
 from ..parsing import above_zero, expects, reals
@@ -19,7 +19,7 @@ def _step(text: str) -> float:
 
 
 def path(
-    model: opt.Model,
+    model: opt.ModelFile,
     *,
     input_: Annotated[str, option("--input FILE", "Waypoints: a CSV file with columns x,y.")],
     columns: opt.Columns = None,
@@ -38,7 +38,7 @@ def path(
 
     Exit code 3 if the joints have to jump between branches or a point is out of reach.
     """
-    check_output(output, TABLES, stream=True)
+    check_file(output, TABLES, stream=True)
     import numpy as np
 
     import calib

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from typer import Argument, Option
 
 from .. import options as opt
-from ..files import TABLES, check_output
+from ..files import TABLES, check_file
 from ..measurements import Reading, log_for, refuse
 from ..options import option
 from ..output import Outcome, fields, say
@@ -32,7 +32,7 @@ def plan(
     poses: Annotated[
         int, Option("--poses", "-n", metavar="N", min=1, max=1000, help="How many poses.")
     ] = 60,
-    joints: opt.Joints = None,
+    joints: opt.JointNames = None,
     tip: opt.Tip = None,
     planar: opt.Planar = False,
     lock: opt.Lock = None,
@@ -54,7 +54,7 @@ def plan(
     With --data the plan covers what that log has not measured. Obstacles and self-collision are
     not checked: move slowly the first time.
     """
-    check_output(output, TABLES, stream=True)
+    check_file(output, TABLES, stream=True)
     if data is None:
         refuse({"columns": columns}, "applies to a log: expected --data LOG too")
     import calib

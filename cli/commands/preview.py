@@ -9,7 +9,7 @@ from typing import Annotated, Any
 from typer import Option
 
 from .. import options as opt
-from ..files import check_output
+from ..files import check_file
 from ..measurements import Reading
 from ..options import option
 from ..output import Outcome, note, say
@@ -18,7 +18,7 @@ from ..photo import load_drawn
 
 
 def preview(
-    model: opt.Model,
+    model: opt.ModelFile,
     *,
     html: Annotated[
         str | None, option("--html FILE", "Write the page, which needs no network, and end.")
@@ -27,7 +27,7 @@ def preview(
     columns: opt.Columns = None,
     unit: opt.Unit = None,
     degrees: opt.LogDegrees = None,
-    photo: opt.Photo = None,
+    photo: opt.PhotoFile = None,
     no_photo: opt.NoPhoto = False,
     meshes: Annotated[
         str | None, option("--meshes FOLDER", "Mesh files of the URDF; none from elsewhere.")
@@ -47,7 +47,7 @@ def preview(
 
     if live and html is not None:
         raise BadOption("--live needs a running preview: expected it without --html")
-    check_output(html, (".html", ".htm"), option="--html")
+    check_file(html, (".html", ".htm"), option="--html")
     loaded, log = load_drawn(model, data, photo, no_photo, Reading(columns, unit, degrees))
     how: dict[str, Any] = {"live": live, "meshes": meshes, "port": port, "browse": not no_open}
     with show(loaded, html, log, **how) as shown:

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Annotated
 
 from .. import options as opt
-from ..files import check_output
+from ..files import check_file
 from ..measurements import Reading
 from ..options import option
 from ..output import Outcome
@@ -15,7 +15,7 @@ from ..photo import load_drawn
 
 
 def report(
-    model: opt.Model,
+    model: opt.ModelFile,
     *,
     output: Annotated[str | None, option("--output -o FILE.html", "One file.")] = None,
     png: Annotated[str | None, option("--png DIR", "Its figures as PNG.")] = None,
@@ -23,13 +23,13 @@ def report(
     columns: opt.Columns = None,
     unit: opt.Unit = None,
     degrees: opt.LogDegrees = None,
-    photo: opt.Photo = None,
+    photo: opt.PhotoFile = None,
     no_photo: opt.NoPhoto = False,
 ) -> Outcome:
     """Write figures and tables that explain a calibration."""
     if output is None and png is None:
         raise BadOption("nothing to write: expected -o FILE.html, or --png DIR, or both")
-    check_output(output, (".html", ".htm"))
+    check_file(output, (".html", ".htm"))
     reading = Reading(columns, unit, degrees)
     loaded, log = load_drawn(model, data, photo, no_photo, reading)
     from calib.common.atomic import atomic_write

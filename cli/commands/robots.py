@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ..output import Outcome, TextTable, facts, fields
+from ..output import Outcome, TextTable, fact_lines, fields
 
 
 def robots() -> Outcome:
@@ -12,6 +12,6 @@ def robots() -> Outcome:
     entries = calib.list_robots()
     rows = [[entry.name, str(entry.dof), entry.description] for entry in entries]
     table = TextTable(["robot", "joints", "description"], rows, left=3)
-    names = facts({entry.name: ", ".join(entry.joints) for entry in entries})
+    names = fact_lines({entry.name: ", ".join(entry.joints) for entry in entries})
     document = [fields(entry, "name joints dof description") for entry in entries]
     return Outcome(document, [table], ["", "joints, base to tip", *names], result=[table])

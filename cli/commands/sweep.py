@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from typer import Argument, Option
 
-from calib.common.choices import MAPS, RULES, Readout
+from calib.common.choices import MAPS, RULES, ReadoutWord
 from calib.common.wording import for_people
 
 from .. import options as opt
 from .. import parsing
-from ..files import TABLES, check_output
+from ..files import TABLES, check_file
 from ..options import option
 from ..output import Outcome, TextTable, fields, note, number, progress_bar, say
 from ..parsing import BadOption, several
@@ -47,7 +47,7 @@ def sweep(
     rule: Annotated[Any, _grid("--rule batch|online", "Rules.", parsing.one_of(RULES))] = None,
     epochs: Annotated[Any, _grid("--epochs N", opt.EPOCHS, parsing.count)] = None,
     sigma: Annotated[Any, _grid("--sigma START:END", opt.SIGMA, parsing.sigma)] = None,
-    samples: Annotated[Any, _grid("--samples -n N", opt.SAMPLES, parsing.count)] = None,
+    samples: Annotated[Any, _grid("--samples -n N", opt.BABBLED, parsing.count)] = None,
     noise: Annotated[Any, _grid("--noise S", opt.NOISE, parsing.not_negative)] = None,
     seeds: Annotated[
         int, Option(metavar="K", min=1, max=1000, help="Train each with the seeds 0 to K - 1.")
@@ -57,9 +57,9 @@ def sweep(
         Option(metavar="N", min=1, max=1000, help="Trainings at a time (default all cores)."),
     ] = None,
     readout: Annotated[
-        Readout, Option(help="Readout of the table; files and JSON hold them all.")
+        ReadoutWord, Option(help="Readout of the table; files and JSON hold them all.")
     ] = "local",
-    joints: opt.Joints = None,
+    joints: opt.JointNames = None,
     tip: opt.Tip = None,
     planar: opt.Planar = False,
     lock: opt.Lock = None,
@@ -85,7 +85,7 @@ def sweep(
     check_sources(robots or (), bool(data), simulated, vars(logged))
     if data and len(robots or ()) > 1:
         raise BadOption(f"--data with {len(robots or ())} robots: expected one ROBOT or none")
-    check_output(output, TABLES, stream=True)
+    check_file(output, TABLES, stream=True)
     sources: dict[str, Callable[[], Arm | Samples]] = {
         name: partial(selection.load, name) for name in robots or ()
     }

@@ -9,7 +9,7 @@ from typer import Argument
 from calib.common.choices import DICTIONARY
 
 from .. import options as opt
-from ..files import check_output
+from ..files import check_file
 from ..options import option
 from ..output import Outcome
 from ..parsing import BadOption
@@ -21,7 +21,7 @@ def tag(
     output: Annotated[str, option("--output -o FILE.svg", "The page to print.")],
     size: Annotated[str, option("--size 40mm", "Side of the black square.")] = "40mm",
     dictionary: opt.Dictionary = DICTIONARY,
-    board: opt.Board = None,
+    board: opt.BoardSpec = None,
 ) -> Outcome:
     """Write a tag for the arm's tip, or a board for the desk, to print at its true size (SVG)."""
     from calib.common.atomic import atomic_write
@@ -30,7 +30,7 @@ def tag(
 
     if (number is None) == (board is None):
         raise BadOption("expected the ID of a tag, or --board, and not both")
-    check_output(output, (".svg",), stream=True)
+    check_file(output, (".svg",), stream=True)
     if board is not None:
         made = Board.parse(board)
         page = print_board(made)

@@ -14,7 +14,7 @@ from calib.model.facts import size_in_words
 
 from .. import options as opt
 from ..advice import advice, found_by_body
-from ..files import check_output
+from ..files import check_file
 from ..options import option
 from ..output import Outcome, progress_bar, say
 from ..parsing import BadOption
@@ -45,18 +45,18 @@ def train(
     force: Annotated[
         bool, Option("--force", help="Replace a model of another robot or log by that name.")
     ] = False,
-    joints: opt.Joints = None,
+    joints: opt.JointNames = None,
     tip: opt.Tip = None,
     planar: opt.Planar = False,
     lock: opt.Lock = None,
     ranges: opt.Ranges = None,
     degrees: opt.Degrees = False,
-    map: opt.Map = None,  # noqa: A002
-    size: opt.Size = None,
+    map: opt.MapName = None,  # noqa: A002
+    size: opt.MapSize = None,
     motor_size: opt.MotorSize = None,
     sensory_size: opt.SensorySize = None,
     body: opt.BodyKind = "auto",
-    view: opt.ViewKind = "auto",
+    view: opt.SensorView = "auto",
     rule: opt.TrainingRule = "batch",
     epochs: opt.Epochs = None,
     sigma: opt.Sigma = None,
@@ -74,7 +74,7 @@ def train(
     no_rows: Annotated[
         bool, Option("--no-rows", help="Keep no rows of the log in the model (default up to 5000).")
     ] = False,
-    photo: opt.Photo = None,
+    photo: opt.PhotoFile = None,
     no_photo: opt.NoPhoto = False,
 ) -> Outcome:
     """Learn a model from simulated babbling or from a measured log."""
@@ -86,13 +86,13 @@ def train(
     check_sources([robot] if robot else [], data is not None, vars(babbling), of_logs)
     if photo is not None and no_photo:
         raise BadOption("--photo and --no-photo are given: expected one of them")
-    check_output(output, ())
+    check_file(output, ())
     if data is None:
         log = babbled_samples(robot, selection, babbling, seed)
     else:
         log = measured_samples(robot, selection, data, logged, seed, lens)
     path = output or _file_name(str(robot or data))
-    check_output(path, ())
+    check_file(path, ())
     if output is None and not force:
         _check_same_origin(path, log)
     how: dict[str, Any] = {"motor_size": motor_size, "sensory_size": sensory_size, "view": view}

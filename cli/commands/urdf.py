@@ -9,7 +9,7 @@ from typer import Option
 from calib.common.wording import for_people
 
 from .. import options as opt
-from ..files import check_output
+from ..files import check_file
 from ..options import option
 from ..output import NO, Outcome, TextTable, fixed, note, number, say
 from ..units import units_of
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 def urdf(
-    model: opt.Model,
+    model: opt.ModelFile,
     *,
     output: Annotated[str, option("--output -o URDF", "The corrected description.")],
     view: opt.LogView = "auto",
@@ -40,12 +40,11 @@ def urdf(
     from calib.common.atomic import atomic_write
     from calib.use.correct import free_frame
     from calib.use.geometry import fit_geometry
-    from calib.use.urdf import MOST_UNEXPLAINED, corrected_urdf
-    from calib.use.urdf import check_output as check_other_file
+    from calib.use.urdf import MOST_UNEXPLAINED, check_output, corrected_urdf
 
-    check_output(output, (".urdf", ".xml"))
+    check_file(output, (".urdf", ".xml"))
     loaded = calib.load(model)
-    check_other_file(output, loaded.about.urdf)
+    check_output(output, loaded.about.urdf)
     geometry = fit_geometry(loaded, view=view, cause=cause, move_base=move_base, move_tip=move_tip)
     explained = geometry.residual <= MOST_UNEXPLAINED * geometry.reach
     if explained:

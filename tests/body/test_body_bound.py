@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.stats import chi2
@@ -123,6 +125,8 @@ def body_of(kappa=1.0, residual=0.0):
 
 def test_the_bound_grows_with_noise_kappa_and_residual():
     q, body = body_of()
+    assert (body.bound(q, noise=False) == body.bound(q)).all()  # no pose was repeated
+    body = replace(body, repeat=float(body.noise[0]))
     plain = body.bound(q, noise=False)
     assert (body.bound(q) > plain).all()
     assert np.allclose(body_of(kappa=2.0)[1].bound(q), 2 * body.bound(q))

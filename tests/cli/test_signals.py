@@ -27,6 +27,7 @@ if where.startswith("import "):
         @staticmethod
         def find_spec(name, path=None, target=None):
             if name == where.split()[1]:
+                sys.meta_path.remove(Finder)
                 os.kill(os.getpid(), number)
     sys.meta_path.insert(0, Finder)
 else:

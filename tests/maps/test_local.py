@@ -5,13 +5,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from calib.body.basis import Basis, exponents
-from calib.body.trend import Trend
 from calib.common.scale import TURN, Scale
 from calib.maps import local_models as local
 from calib.maps.lattice import Lattice
+from calib.maps.local_models import exponents
 from calib.maps.map import Map
-from calib.maps.predictor import Predictor
 
 
 def scale_of(*periodic):
@@ -180,33 +178,6 @@ def test_monomials_are_powers_in_the_order_of_the_exponents(d, degree, seed):
     z = np.random.default_rng(seed).normal(size=(4, d))
     expected = np.prod(z[:, None] ** exponents(d, degree), axis=2)
     np.testing.assert_allclose(local.monomials(z, degree), expected, rtol=1e-9)
-
-
-def test_a_predictor_adds_trend_and_correction_and_their_slopes():
-    motor, u = grid(scale_of(False, False)), points(2000)
-    value, slope = polynomial(2)
-    models = local.fit(motor.units, u, value(u), motor.scale, 2, 24)
-    basis = Basis((0.0, 0.0), 1)
-    trend = Trend(basis, np.array([[1.0, 2.0], [3.0, 0.0], [0.0, -1.0]]))
-    fresh = points(50, seed=1)
-    said, tilt = Predictor(motor, trend, models).value_and_slope(fresh)
-    np.testing.assert_allclose(said, trend.value(fresh) + value(fresh), atol=1e-6)
-    np.testing.assert_allclose(tilt, trend.value_and_slope(fresh)[1] + slope(fresh), atol=1e-4)
-    alone = Predictor(motor, trend, local.NO_MODELS)
-    assert (alone.value(fresh) == trend.value(fresh)).all()
-
-
-def test_a_large_batch_is_answered_row_by_row_the_same():
-    basis = Basis((0.0, 0.0), 8)
-    rng = np.random.default_rng(0)
-    trend = Trend(basis, rng.normal(size=(len(basis.orders), 2)))
-    predictor = Predictor(grid(scale_of(False, False)), trend, local.NO_MODELS)
-    u = points(100_000)  # more than one chunk of 45 terms
-    value, slope = predictor.value_and_slope(u)
-    some = np.arange(0, len(u), 9973)
-    few, few_slopes = predictor.value_and_slope(u[some])
-    np.testing.assert_allclose(value[some], few, rtol=1e-12, atol=1e-12)
-    np.testing.assert_allclose(slope[some], few_slopes, rtol=1e-12, atol=1e-12)
 
 
 def test_more_joints_blend_more_nodes():

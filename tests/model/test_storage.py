@@ -13,10 +13,7 @@ from hostile.test_model_file import described, split
 from models import draw, log, measured, no_arm, trained, turning
 
 import calib
-from calib.body.basis import Basis
-from calib.body.trend import Trend
 from calib.errors import ModelError
-from calib.maps.predictor import Both, Predictor
 from calib.model_file.storage import FORMAT, from_bytes, to_bytes
 
 
@@ -27,27 +24,6 @@ def data():
 
 def plain(about):
     return json.dumps(about.to_json(), sort_keys=True)
-
-
-def of_both():
-    """A body, a trend of what it leaves over, and local models."""
-    model = measured(300, 6)
-    basis = Basis((1.5, 0.0), 2, 0)
-    rng = np.random.default_rng(0)
-    trend = Trend(basis, 1e-4 * rng.standard_normal((len(basis.orders), 2)))
-    predictor = model.predictor
-    return replace(
-        model, predictor=Predictor(model.motor, Both(predictor.smooth, trend), predictor.models)
-    )
-
-
-def of_gates():
-    """Local models that end at a line."""
-    model = MODELS["of no arm"]()
-    models = model.predictor.models
-    gates = np.random.default_rng(0).standard_normal((len(models.radius), 3))
-    models = replace(models, gates=gates)
-    return replace(model, predictor=replace(model.predictor, models=models))
 
 
 def of_a_camera():
@@ -67,8 +43,6 @@ MODELS = {
     "of few rows": lambda: calib.train(log(30, 1e-3), size=6),
     "without a body": lambda: calib.train(log(300, 1e-3), size=6, body="none"),
     "of no arm": lambda: calib.train(no_arm(150), size=6),
-    "of a body and a trend": of_both,
-    "of gates": of_gates,
     "of a camera": of_a_camera,
     "of a growing neural gas": lambda: trained("two_link", 300, 5, map="gng"),
     "with a radius": lambda: trained("two_link", 300, 5, sigma=(2.0, 0.5), epochs=3),

@@ -249,3 +249,21 @@ def test_one_lost_row_is_no_unit(tmp_path):
     q, x = samples()
     x[40] = [1000.0, 0.0]
     assert calib.read_log(write(tmp_path, q, x), ARM).notes == ()
+
+
+def test_an_arm_of_three_hundred_metres_is_told(tmp_path):
+    """A log in mm without a robot was learned without a note."""
+    q, x = samples()
+    file = write(tmp_path, q, 1e3 * x)
+    names = list(ARM.joint_names)
+    assert any("unit='mm'" in note for note in calib.read_log(file, joints=names).notes)
+    assert calib.read_log(file, joints=names, unit="mm").notes == ()
+
+
+def test_a_unit_against_what_the_log_states_is_refused(tmp_path):
+    q, x = samples()
+    columns = {"shoulder": q[:, 0], "elbow": q[:, 1], "x": x[:, 0], "y": x[:, 1]}
+    write_table(tmp_path / "log.csv", columns, about={"unit": "m"})
+    with pytest.raises(calib.LogError, match="states that its positions are in m") as caught:
+        calib.read_log(tmp_path / "log.csv", ARM, unit="mm")
+    assert caught.value.parameter == "unit"

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from drifting import arm, log, model
-from models import in_space
+from models import in_space, six, trained
 
 import calib
 from calib.arm.loading import arm_from_urdf
@@ -152,6 +152,7 @@ def test_a_change_beyond_the_limit_is_marked_and_not_written(tmp_path, run, turn
     assert done.document["change"]["elbow"]["max"] == pytest.approx(0.02, abs=2e-3)
     done = run(*line)
     assert done.code == 0
+    assert np.isfinite(np.loadtxt(old, delimiter=",", skiprows=1)).all()
     assert "elbow" in done.out
     assert "deg" in done.out
 
@@ -234,12 +235,43 @@ def test_six_joints_keep_the_tools_orientation():
     nominal = nominal_in_space(structure, real)
     pose = NominalPose.of(structure, real, nominal)
     q = np.array([0.3, -1.2, 1.4, -0.8, 1.2, 0.4]) + rng.uniform(-0.3, 0.3, (200, 6))
-    found = pose.towards(q)
+    found, left = pose.towards(q)
+    assert left.max() < 1e-9
     gap = structure.predict(found, real) - structure.predict(q, nominal)
     assert np.linalg.norm(gap, axis=1).max() < 1e-8
     assert pose.angle(q, found).max() < 1e-8
     assert pose.angle(q, q).min() > 1e-4
     assert NominalPose.of(structure_of(calib.load_arm("spatial_three")), real, real) is None
+
+
+def test_beside_a_wrist_singularity_no_tool_is_tilted_without_a_word():
+    """A UR5 with wrist_2 at -0.01 rad was tilted by 5.5 deg with `reachable=1`."""
+    model = six()
+    q = np.array([0.3, -1.2, 1.4, -0.8, 0.0, 0.4]) + np.zeros((41, 6))
+    q[:, 4] = np.linspace(-0.02, 0.02, 41)
+    found = correct(model, q)
+    answered = found.reachable & ~found.exceeded
+    assert found.angle[found.reachable].max() < 1e-5
+    assert not answered.all()
+    assert np.isfinite(found.nearest).all()
+    assert (found.distance[~found.reachable] + found.angle[~found.reachable] > 0).all()
+    told = model.warm_up()
+    if "compiled" in told:
+        alone = [correct(model, row) for row in q]
+        assert [
+            bool(each.reachable[0] and not each.exceeded[0]) for each in alone
+        ] == answered.tolist()
+        for k in np.flatnonzero(answered):
+            np.testing.assert_allclose(alone[k].q[0], found.q[k], atol=1e-6)
+
+
+def test_what_is_unsure_of_frame_and_probe_is_in_the_placement_error():
+    model = in_space()
+    q = 0.5 * (model.about.lower + model.about.upper) + np.zeros((1, 3))
+    found = correct(model, q, limit=0.5)
+    assert found.placement_error.shape == (1,)
+    assert found.placement_error[0] > 0
+    assert calib.correct(trained(), Q).placement_error is None
 
 
 def test_positions_in_space_are_corrected():

@@ -87,11 +87,10 @@ def model(kind):
 
 
 def partly_silent(trained):
-    """The same, every third node without a model and the others with a gate."""
-    models, rng = trained.predictor.models, np.random.default_rng(2)
-    gates = np.column_stack([4.0 * rng.normal(size=(len(models.radius), 2)), rng.random(64)])
+    """The same, every third node without a model."""
+    models = trained.predictor.models
     coefficients = models.coefficients * (np.arange(64) % 3 > 0)[:, None, None]
-    models = replace(models, coefficients=coefficients, gates=gates)
+    models = replace(models, coefficients=coefficients)
     return replace(trained, predictor=replace(trained.predictor, models=models))
 
 

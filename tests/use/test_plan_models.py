@@ -54,13 +54,18 @@ def test_a_model_of_a_log_plans_within_what_was_measured():
 
 def test_planned_poses_teach_more_than_random_ones(arm):
     """The prediction variance of a trend of the second harmonics, to which maps are fitted."""
-    from calib.body.basis import Basis
 
-    basis = Basis(tuple((arm.upper - arm.lower).tolist()), 2)
-    place = basis.values(np.random.default_rng(0).random((2000, 2)))
+    def harmonics(q):
+        a, b = (np.stack([np.ones(len(q)), *(f(n * v) for n in (1, 2) for f in (np.cos, np.sin))])
+                for v in q.T)  # fmt: skip
+        return np.einsum("in,jn->nij", a, b).reshape(len(q), -1)[:, :13]
+
+    place = harmonics(
+        arm.lower + (arm.upper - arm.lower) * np.random.default_rng(0).random((2000, 2))
+    )
 
     def variance(q):
-        features = basis.values((q - arm.lower) / (arm.upper - arm.lower))
+        features = harmonics(q)
         inverse = np.linalg.inv(features.T @ features)
         return float(np.einsum("ni,ij,nj->n", place, inverse, place).mean())
 

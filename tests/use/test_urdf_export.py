@@ -171,7 +171,7 @@ def test_a_second_reader_finds_what_was_written(monkeypatch):
     adapted = calib.adapt(model(), log("elbow.length=+4%", n=100, noise=0.0)).model
     geometry = fit_geometry(adapted, cause="joints")
     monkeypatch.setattr("calib.use.urdf.edited", lambda text, _: text)  # loses the change
-    with pytest.raises(RobotError, match="another origin is read"):
+    with pytest.raises(RobotError, match="yourdfpy reads another origin"):
         corrected_urdf(geometry)
 
 

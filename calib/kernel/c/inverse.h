@@ -245,7 +245,14 @@ static inline int calib_search(const calib_task *task, const calib_real x[CALIB_
   const int spare = CALIB_DOF > calib_rows(task);
   calib_real from[CALIB_DOF], trial[CALIB_DOF], away, best = 0, left;
   int row[CALIB_TRIES], i, k, count, found = 0;
-  for (k = 0; k < CALIB_DOF; ++k) from[k] = q[k] = near[k];
+  for (k = 0; k < CALIB_DOF; ++k) {
+    const calib_real u = (near[k] - calib_lower[k]) / calib_span[k];
+    from[k] = near[k];
+    q[k] = calib_not_a_number();
+    if (!(u - u == 0) || (!calib_periodic[k] && !(u >= -1 && u <= 2))) break; /* no joints */
+  }
+  if (k < CALIB_DOF) return 0;
+  for (k = 0; k < CALIB_DOF; ++k) q[k] = from[k];
   calib_clipped(from);
   if (calib_reach(task, from, q, &left)) {
     found = 1;

@@ -29,26 +29,18 @@ static inline void calib_local(const calib_real q[CALIB_DOF], calib_real *x, cal
       gap[k][i] = g;
       far += g * g;
     }
-    if (@fades@) share = calib_share(sqrt(far) / calib_says[node[k]]);
+    share = calib_share(sqrt(far) / calib_says[node[k]]);
     weight[k] *= share;
     total += weight[k];
     if (calib_talks[node[k]]) loud += weight[k];
     if (share > left) left = share;
   }
-  if (@votes@) left *= calib_heard(total > 0 ? loud / total : 0);
+  left *= calib_heard(total > 0 ? loud / total : 0);
   for (k = 0; k < CALIB_NEAR; ++k) {
     const calib_real r = calib_radius[node[k]];
     const calib_real *c = calib_local_terms[node[k]];
-    calib_real w = @fades@ ? (total > 0 ? weight[k] * left / total : 0) : weight[k];
+    calib_real w = total > 0 ? weight[k] * left / total : 0;
     calib_real value[@terms@];
-#if @gated@
-    {
-      calib_real t = calib_gate[node[k]][CALIB_DOF];
-      for (i = 0; i < CALIB_DOF; ++i) t += calib_gate[node[k]][i] * gap[k][i];
-      t = t < 0 ? 0 : t > 1 ? 1 : t;
-      w *= t * t * (3 - 2 * t);
-    }
-#endif
     if (!(w > 0)) continue;
     value[0] = 1;
     for (t = 1; t < @terms@; ++t)

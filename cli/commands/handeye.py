@@ -1,0 +1,115 @@
+"""The command `calib handeye`: where the camera is, from pictures of a board."""
+
+from __future__ import annotations
+
+import json
+from typing import Annotated, Any
+
+from typer import Argument
+
+from calib.common.choices import Eye
+
+from .. import options as opt
+from ..files import check_file
+from ..options import flag, option
+from ..output import Outcome, note, say
+from ..samples import Selection
+
+
+def handeye(
+    robot: opt.RobotFile,
+    pictures: Annotated[
+        str, Argument(metavar="PICTURES", help="A folder, or a quoted pattern, of pictures.")
+    ],
+    *,
+    joints_file: Annotated[
+        str, option("--joints-file FILE", "Joints of the pictures (column picture, or in order).")
+    ],
+    board: Annotated[
+        str, option("--board COLSxROWS:SQUARE:MARKER:DICT", "Such as 7x5:24mm:18mm:5x5_100.")
+    ],
+    eye: Annotated[Eye, flag("--eye", "hand: the camera is on the arm; base: it stands still.")],
+    joints: opt.JointNames = None,
+    tip: opt.Tip = None,
+    lock: opt.Lock = None,
+    lens: Annotated[
+        str | None, option("--lens SHOTS|lens.json", "The camera's lens (default: fitted).")
+    ] = None,
+    output: Annotated[str | None, option("--output -o MODEL", "Learn a model, too.")] = None,
+    transform: Annotated[
+        str | None, option("--transform FILE", "Both as static transforms, in JSON.")
+    ] = None,
+    degrees: opt.Degrees = False,
+) -> Outcome:
+    """Find camera and board from pictures of a board that the arm took, or held.
+
+    The arm's own errors are found with them. Positions have 95 % intervals.
+    """
+    check_file(output, (".calib",), option="-o")
+    check_file(transform, (".json",), option="--transform")
+    import calib
+    from calib.recording.board import Board
+    from calib.recording.setting import load_lens
+
+    arm = Selection(joints, tip, False, lock, None, degrees).load(robot)
+    printed = Board.parse(board)
+    known = None
+    if lens is not None:
+        known, said = load_lens(lens, printed)
+        say(said)
+    found = calib.handeye(arm, pictures, joints_file, printed, eye, lens=known, degrees=degrees)
+    say(found.notes)
+    carried, standing = ("camera", "board") if eye == "hand" else ("board", "camera")
+    if output is not None:
+        calib.train(found.poses).save(output)
+    if transform is not None:
+        from calib.common.atomic import atomic_write
+
+        frames = (arm.tip, f"{carried}_frame", found.hand), (
+            _root(arm), f"{standing}_frame", found.base,
+        )  # fmt: skip
+        text = json.dumps([_transform(*each) for each in frames], indent=2) + "\n"
+        atomic_write(transform, text.encode())
+        note(f"T_{arm.tip}_{carried} and T_{_root(arm)}_{standing} are in {transform}")
+    reprojection = found.reprojection
+    lines = [
+        _place(f"{carried} in the frame of {arm.tip}", found.hand),
+        _place(f"{standing} in the base frame", found.base),
+        f"corners are predicted to {reprojection['mean']:.2g} px (largest "
+        f"{reprojection['max']:.2g}), {found.millimetres:.2g} mm at the board; "
+        f"{found.used} of {found.pictures} pictures",
+        f"lens: focal length {found.lens['focal']:.1f} ± {found.lens['focal_95']:.2g} px",
+        f"limited by {found.limited_by}",
+    ]
+    document: Any = found.to_json()
+    document["units"] = {"position": "m", "rotation": "rad", "reprojection": "px"}
+    return Outcome(document, lines)
+
+
+def _root(arm: Any) -> str:
+    from calib.arm.urdf import parse_urdf
+
+    return str(parse_urdf(arm.urdf, arm.name).root)
+
+
+def _place(what: str, found: dict[str, Any]) -> str:
+    """A line of where something is."""
+    at = ", ".join(
+        f"{1e3 * value:.2f} ± {1e3 * half:.2g}"
+        for value, half in zip(found["position"], found["position_95"], strict=True)
+    )
+    quaternion = ", ".join(f"{value:.5f}" for value in found["quaternion"])
+    turn = 180 / 3.141592653589793 * max(found["rotation_95"])
+    return f"{what}: ({at}) mm, quaternion ({quaternion}) ± {turn:.2g} deg"
+
+
+def _transform(parent: str, child: str, found: dict[str, Any]) -> dict[str, Any]:
+    """A geometry_msgs/TransformStamped."""
+    return {
+        "header": {"frame_id": parent},
+        "child_frame_id": child,
+        "transform": {
+            "translation": dict(zip("xyz", found["position"], strict=True)),
+            "rotation": dict(zip("xyzw", found["quaternion"], strict=True)),
+        },
+    }

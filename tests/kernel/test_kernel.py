@@ -1,0 +1,192 @@
+"""Single queries by a model's own compiled C are those of the batch, and safe to ask for."""
+
+from __future__ import annotations
+
+import gc
+import os
+import pickle
+import shutil
+import stat
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from models import in_pixels, in_plane, in_space, measured, six, trained, turning
+
+import calib
+from calib.errors import QueryError
+from calib.model.fast import kernel_of
+
+needs_compiler = pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler here")
+
+ROBOTS = [
+    "two_link", "two_link_full", "three_link", "polar",
+]  # fmt: skip
+MODELS = {
+    **{name: lambda name=name: trained(name, 600, 6) for name in ROBOTS},
+    "measured": measured,
+    "turning": turning,
+    "space": in_space,
+    "pixels": in_pixels,
+    "planar pixels": lambda: homography(),
+    "four": in_plane,
+    "six": six,
+}
+
+
+def homography():
+    """A planar arm before a tilted camera with a lens."""
+    arm = calib.load_arm("two_link")
+    q = np.random.default_rng(0).uniform(arm.lower, arm.upper, (300, 2))
+    x = arm.forward(q)
+    seen = 640 + 900 * x / (1.2 + 0.2 * x[:, :1])
+    seen += 1e-7 * (seen - 640) * ((seen - 640) ** 2).sum(axis=1, keepdims=True)
+    ranges = arm.joint_names, arm.lower, arm.upper, arm.revolute
+    return calib.train(calib.Samples(q, seen, *ranges, arm=arm, unit="px"), size=8)
+
+
+@cache
+def both(kind):
+    """The model as the batch answers, and one whose single queries are compiled."""
+    model = MODELS[kind]()
+    fast = pickle.loads(pickle.dumps(model))
+    assert "compiled" in fast.warm_up()
+    return model, fast
+
+
+def poses(model, n):
+    """Random, limit, outside and stretched postures."""
+    lower, upper = model.about.lower, model.about.upper
+    rng = np.random.default_rng(1)
+    u = rng.uniform(0, 1, (n, len(lower)))
+    limit = np.where(rng.random((n, len(lower))) < 0.5, u.round(), u)
+    outside = rng.uniform(-0.05, 1.05, (n, len(lower)))
+    stretched = lower + u * (upper - lower)
+    stretched[:, 1:] = np.clip(0.0, lower[1:], upper[1:])
+    inside = lower + np.vstack([u, limit, outside]) * (upper - lower)
+    return np.vstack([inside, stretched])
+
+
+@needs_compiler
+@pytest.mark.parametrize("kind", MODELS)
+def test_one_query_is_that_of_the_batch(kind):
+    model, fast = both(kind)
+    q = poses(model, 60)
+    atol = 1e-9 * model.reach
+    for name in ("forward", "expected_error", "model_error", "jacobian"):
+        one = np.array([getattr(fast, name)(row) for row in q])
+        np.testing.assert_allclose(one, getattr(model, name)(q), rtol=0, atol=atol)
+
+
+@needs_compiler
+@pytest.mark.parametrize("kind", MODELS)
+@pytest.mark.parametrize("away", [0.01, 0.3, 9.0])
+def test_one_inverse_reaches_its_target_on_the_nearest_branch(kind, away):
+    model, fast = both(kind)
+    lower, upper, scale = model.about.lower, model.about.upper, model.motor.scale
+    q = poses(model, 20)
+    x = model.forward(q)
+    q, x = q[np.isfinite(x[:, 0])], x[np.isfinite(x[:, 0])]
+    near = q + np.random.default_rng(2).uniform(-away, away, q.shape)
+    near = np.clip(near, lower, upper)
+    together = model.inverse(x, near=near)
+    alone = np.array([fast.inverse(a, near=b) for a, b in zip(x, near, strict=True)])
+    assert (np.isnan(alone) == np.isnan(together)).all()
+    known = np.isfinite(alone[:, 0])
+    assert known.mean() > 0.9
+    gap = np.linalg.norm(model.forward(alone[known]) - x[known], axis=1)
+    met = np.linalg.norm(model.forward(together[known]) - x[known], axis=1)
+    assert (gap <= np.maximum(met, 1e-9 * model.reach)).all()
+
+    def far(found):
+        there, here = scale.to_unit(found[known]), scale.to_unit(near[known])
+        return np.linalg.norm(scale.difference(there, here), axis=1)
+
+    spare = len(lower) > len(model.axes)  # these slide until a step is a small share of the range
+    assert (far(alone) <= far(together) + (2e-2 if spare else 1e-6)).mean() > 0.98
+
+
+@needs_compiler
+def test_one_pose_is_that_of_the_batch():
+    model, fast = both("six")
+    rng = np.random.default_rng(0)
+    lower, upper = model.about.lower, model.about.upper
+    q = lower + (upper - lower) * rng.uniform(0.1, 0.9, (12, 6))
+    x, turns = model.pose(q)
+    near = np.clip(q + rng.uniform(-0.2, 0.2, q.shape), lower, upper)
+    together = model.inverse_pose(x, turns, near)
+    for k in range(len(q)):
+        alone = fast.inverse_pose(x[k], turns[k], near[k])
+        np.testing.assert_allclose(alone, together[k], rtol=0, atol=1e-6)
+        place, turned = model.pose(alone)
+        np.testing.assert_allclose(place, x[k], rtol=0, atol=1e-9)
+        assert abs(abs(turned @ turns[k]) - 1.0) < 1e-12
+
+
+@needs_compiler
+@pytest.mark.parametrize("bad", [[0.5], [0.5, np.nan], ["a", "b"], [0.5, 1.0, 2.0], None, 1.0])
+def test_what_is_no_query_is_still_refused(bad):
+    _, fast = both("two_link")
+    with pytest.raises(QueryError):
+        fast.forward(bad)
+    with pytest.raises(QueryError):
+        fast.inverse([0.3, 0.3], near=bad if bad is not None else [np.inf, 0.0])
+
+
+@needs_compiler
+def test_threads_do_not_disturb_each_other():
+    model, fast = both("six")
+    q = poses(model, 1)[:2]
+    expected = [fast.forward(row) for row in q]
+
+    def ask(k):
+        return all((fast.forward(q[k]) == expected[k]).all() for _ in range(3000))
+
+    with ThreadPoolExecutor(2) as pool:
+        assert all(pool.map(ask, (0, 1)))
+
+
+@needs_compiler
+def test_no_text_of_a_model_gets_into_the_source():
+    model = trained("two_link", 600, 6)
+    evil = '*/ int hacked(void); /* " \\ ??/ \n #include <stdlib.h>'
+    about = replace(
+        model.about,
+        robot=evil,
+        tip=evil,
+        unit="m",
+        joint_names=(evil, "b"),
+        source=model.about.source,
+    )
+    text = kernel_of(replace(model, about=about)).text()[0]
+    assert "hacked" not in text
+    assert "stdlib" not in text
+
+
+@needs_compiler
+def test_the_folder_is_private_and_goes_with_the_model():
+    fast = pickle.loads(pickle.dumps(trained("two_link", 600, 6)))
+    fast.warm_up()
+    folder = Path(fast.kernel._folder.name)
+    assert stat.S_IMODE(folder.stat().st_mode) == 0o700
+    assert folder.stat().st_uid == os.getuid()
+    assert "kernel" not in pickle.loads(pickle.dumps(fast)).__dict__
+    del fast
+    gc.collect()
+    assert not folder.exists()
+
+
+@pytest.mark.parametrize(
+    ("name", "value"), [("CALIB_NO_CC", "1"), ("CC", "no-such-compiler"), ("CC", "false")]
+)
+def test_without_a_compiler_the_batch_answers(monkeypatch, name, value):
+    monkeypatch.setenv(name, value)
+    model = trained("two_link", 600, 6)
+    cold = pickle.loads(pickle.dumps(model))
+    assert "batch" in cold.warm_up()
+    assert cold.kernel is None
+    q = poses(model, 3)
+    np.testing.assert_array_equal(cold.forward(q[0]), model.forward(q[:1])[0])
