@@ -296,9 +296,8 @@ def test_one_noisy_encoder_is_named_and_nothing_is_adapted():
         samples = replace(samples, simulation=None)
         drift, found = calib.check(trained, samples), calib.adapt(trained, samples)
         assert not drift.drifted
-        assert n < 100 or names(drift) == {"noise:shoulder"}
+        assert names(drift) == {"noise:shoulder"}
         assert not found.improved
-        assert found.model is trained
 
 
 @pytest.mark.parametrize("factor", [2, 10])
