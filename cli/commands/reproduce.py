@@ -47,6 +47,7 @@ def reproduce(
     robot: Annotated[
         str | None, option("--robot ROBOT", "Another arm with two revolute joints.")
     ] = None,
+    joints: opt.JointNames = None,
     ranges: opt.Ranges = None,
     lengths: Annotated[
         list[JointValue] | None,
