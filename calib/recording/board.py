@@ -104,7 +104,9 @@ class BoardFinder:
             # pixel centres have whole coordinates: doubling puts them half a pixel off
             larger = {n: 0.5 * (place - 0.5) for n, place in self._detect(large).items()}
             best = max(best, larger, key=len)
-        return refine_corners(grey, best, self.board)
+        board = self.board
+        squares = (board.columns, board.rows)
+        return refine_corners(grey, best, squares, board.marker / board.square)
 
     def _detect(self, grey: Picture) -> dict[int, Array]:
         corners, numbers = self._detector.detectBoard(grey)[:2]

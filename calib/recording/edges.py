@@ -13,17 +13,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..common.arrays import Array, Mask
 from .opencv import Picture, opencv
-
-if TYPE_CHECKING:
-    from .board import Board
-
 
 _POINTS = 31  # along each side
 _STEP = 0.25  # between samples of the grey level along a normal [px]
@@ -153,18 +148,22 @@ def _cross(one: _Edge, other: _Edge) -> Array:
     return one.at(s[0])[0]
 
 
-def refine_corners(grey: Picture, corners: Mapping[int, Array], board: Board) -> dict[int, Array]:
+def refine_corners(
+    grey: Picture, corners: Mapping[int, Array], squares: tuple[int, int], share: float
+) -> dict[int, Array]:
     """Put corners of a board, known within two pixels, where its edges cross.
 
     Corners are places (2,) [px] by number, as in the answer: a hidden one has no edges, and is left
     out.
+
+    squares, share : columns and rows of the board; side of its tags, as a share of a square's
     """
     if len(corners) < 4:
         return {}
     places = {n: np.asarray(place, float) for n, place in corners.items()}
     refined: dict[int, Array] = {}
     for _ in range(2):
-        refined = _crossings(grey, places, board)
+        refined = _crossings(grey, places, squares, share)
         places |= refined
     near = _near(refined, corners)
     # small squares, or tags that fill them, have no edges to speak of
@@ -176,10 +175,13 @@ def _near(refined: Mapping[int, Array], corners: Mapping[int, Array]) -> dict[in
     return {n: p for n, p in refined.items() if np.linalg.norm(p - corners[n]) < 2.5}
 
 
-def _crossings(grey: Picture, places: Mapping[int, Array], board: Board) -> dict[int, Array]:
+def _crossings(
+    grey: Picture, places: Mapping[int, Array], squares: tuple[int, int], share: float
+) -> dict[int, Array]:
     """Return where the edges of squares cross; none where squares are too small for edges."""
-    width = board.columns - 1
-    grid = np.full((board.rows + 1, board.columns + 1, 2), np.nan)
+    columns, rows = squares
+    width = columns - 1
+    grid = np.full((rows + 1, columns + 1, 2), np.nan)
     for n, place in places.items():
         grid[1 + n // width, 1 + n % width] = place
     here = grid[1:-1, 1:-1]
@@ -194,7 +196,7 @@ def _crossings(grey: Picture, places: Mapping[int, Array], board: Board) -> dict
     part, low = _blurred_part(grey, (c[:, None] + d).reshape(-1, 2))
     c = c - low
     area = np.abs(d[:, 0, 0] * d[:, 2, 1] - d[:, 0, 1] * d[:, 2, 0])
-    gap = 0.5 * (1.0 - board.marker / board.square) * area / np.linalg.norm(d, axis=2).max(1)
+    gap = 0.5 * (1.0 - share) * area / np.linalg.norm(d, axis=2).max(1)
     reach = min(float(np.median(gap)) - _CLEAR, 4.0)
     if reach < _LEAST_REACH:
         return {}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -9,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..common.arrays import Array
+from ..common.rows import thinned
 from ..common.scale import Scale
 from ..errors import LogError
 from ..maps.predictor import Smooth
@@ -16,13 +18,15 @@ from ..model.model import Model
 from ..samples.delays import Delay, Trajectory, estimate_delay
 from ..samples.diagnosis import aligned, rows_behind
 from ..samples.samples import Samples
-from ..samples.settings import FEWEST_ROWS
+from ..samples.settings import FAR_BETTER, FEWEST_ROWS
 from ..samples.wrong_rows import contradicting_corner, contradictions
-from .smooth import SmoothPart
+from .smooth import NO_ARM, SmoothPart
 
 _Fit = Callable[[Samples], SmoothPart]
 _ROUNDS = 3  # fits after which a delay is as sure as it gets
 _STEPS = 8  # of a delay and the parameters beside it, from one fit
+_ORDERED_ROWS = 150  # rows that orders of joints are compared by
+_MANY_TIMES = 30.0  # the stated noise of a log: such errors are no calibration's
 _ROWS = 4_000  # neighbouring rows that a delay rests on
 
 
@@ -41,7 +45,7 @@ def fit_sound_rows(
     if part.candidate is None:
         return samples, part, notes
     samples, part, told = _without_delay(samples, part, fit)
-    notes += told
+    notes += told + _other_order(samples, part, fit)
     residual = samples.x - _smooth_of(part).value(scale.to_unit(samples.q))
     kept, told = contradictions(samples, residual)
     notes += told
@@ -51,6 +55,42 @@ def fit_sound_rows(
         residual = samples.x - _smooth_of(part).value(scale.to_unit(samples.q))
     corner = contradicting_corner(samples, residual)
     return samples, part, [*notes, corner] if corner else notes
+
+
+def _other_order(samples: Samples, part: SmoothPart, fit: _Fit) -> list[str]:
+    """Say that joints without a robot fit far better in another order from base to tip."""
+    dof, stated = samples.dof, samples.source.get("noise")
+    error = _body_error(part)
+    extent = float(np.linalg.norm(np.ptp(samples.x, axis=0)))
+    noisy = isinstance(stated, float) and error > _MANY_TIMES * stated
+    if samples.arm is not None or not 2 <= dof <= 3 or not (noisy or error > NO_ARM * extent):
+        return []
+    some = samples.take(thinned(len(samples), _ORDERED_ROWS))
+    tried = {}
+    for order in itertools.permutations(range(dof)):
+        rows, names = list(order), tuple(samples.joint_names[k] for k in order)
+        other = replace(
+            some,
+            q=some.q[:, rows],
+            joint_names=names,
+            lower=some.lower[rows],
+            upper=some.upper[rows],
+            revolute=tuple(some.revolute[k] for k in rows),
+        )
+        tried[names] = _body_error(fit(other))
+    best = min(tried, key=lambda names: tried[names])
+    if not tried[best] < min(FAR_BETTER * tried[samples.joint_names], NO_ARM * extent):
+        return []
+    return [
+        f"the rows fit far better with the joints in the order {', '.join(best)}: name them so in "
+        "`joints`, from base to tip"
+    ]
+
+
+def _body_error(part: SmoothPart) -> float:
+    """Mean distance of held-out rows from the body; infinite where it explains nothing."""
+    fit = part.fit
+    return float("inf") if fit is None else float(np.linalg.norm(fit.held_out, axis=1).mean())
 
 
 def sound_log(model: Model, samples: Samples) -> tuple[Samples, list[str]]:

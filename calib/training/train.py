@@ -164,6 +164,7 @@ def _learned(
     body, view, seed = options.body, options.view, options.seed
 
     def fit(samples: Samples) -> SmoothPart:
+        scale = Scale.of_range(samples.lower, samples.upper, samples.revolute)
         return find_smooth_part(samples, scale, body=body, view=view, seed=seed)
 
     given = len(samples)
