@@ -120,8 +120,8 @@ def in_time(model: Model, samples: Samples) -> tuple[Samples, list[str]]:
     """
     if samples.touch is not None:
         raise LogError(
-            "the log holds touches of sockets, whose places nobody measured: `calib.evaluate` tells "
-            "how they scatter; train anew with them, and with those of before"
+            "the log holds touches of sockets, whose places nobody measured: `calib.evaluate` "
+            "tells how they scatter; train anew with them, and with those of before"
         )
     samples = replace(
         samples,
