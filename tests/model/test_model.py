@@ -142,7 +142,9 @@ def test_a_body_answers_where_no_row_was_and_its_bound_holds():
     model, _ = with_a_hole("auto", 0.3)
     q = np.array([0.8, 1.4])
     miss = np.linalg.norm(model.forward(q) - two_link(q[None])[0])
-    assert miss <= model.model_error(q) < 1e-3
+    assert miss < 1e-3
+    # no pose was repeated: the readings' noise counts as the model's
+    assert miss <= model.model_error(q) < 3e-3
 
 
 def test_without_a_body_there_is_no_answer_far_from_every_row():

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from browser import Sight, document, look
-from scenes import data_of, objects, page_of, project, tracks
+from scenes import data_of, objects, page_of, project, tracks, unpacked
 
 import calib
 from calib.show.error_scale import STOPS
@@ -78,6 +78,15 @@ def test_the_tip_is_on_its_ball(page: str, seen: Sight):
     close = np.hypot(columns - expected[0], rows - expected[1]) < 12
     assert close.sum() > 15
     assert np.hypot(columns[close].mean() - expected[0], rows[close].mean() - expected[1]) < 3
+
+
+def test_partners_of_the_linked_node_are_dots(page: str, seen: Sight):
+    data = data_of(page)
+    partners = unpacked(data["links"]["partners"], "<u2").reshape(-1, data["links"]["each"])
+    nodes = objects(data)["Motor map/nodes"]["points"]
+    strongest = nodes[partners[data["node"]][:3]]
+    pixels = project(data["camera"], strongest, *SIZE, PANEL)
+    assert (near(seen, pixels, np.tile(rgb(data["link"]), (3, 1)), 1) < 40).all()
 
 
 def test_outside_of_everything_is_background(seen: Sight):

@@ -10,7 +10,6 @@ from matplotlib.figure import Figure
 from models import log
 
 import calib
-from calib.samples.tables import write_table
 from calib.show.report.drawing import plain_text
 
 HOSTILE = "\x1b]0;owned\x07\x1b[2J\u202eel\nbow$\\foo$"
@@ -36,30 +35,6 @@ def hostile():
         },
     )
     return replace(model, about=about)
-
-
-def test_no_command_prints_a_control_character(hostile, tmp_path, run):
-    path = tmp_path / "m\x1b[2J.calib"
-    hostile.save(path)
-    table = tmp_path / "q.csv"
-    write_table(table, {"shoulder": [0.4], HOSTILE: [1.0], "\x1b[2J": [1.0]})
-    lines = [
-        ["info", path],
-        ["query", "forward", path, "0.4", "1.0"],
-        ["query", "forward", path, "0.4", "9"],
-        ["query", "inverse", path, "0.2", "0.4"],
-        ["evaluate", path],
-        ["evaluate", path, "--data", tmp_path / "none\x07.csv"],
-        ["query", "forward", path, "--input", table, "--output", tmp_path / "o.csv"],
-        ["info", path, "--json"],
-        ["train", "two_link", "--joints", HOSTILE],
-    ]
-    for line in lines:
-        done = run(*line)
-        assert done.code in (0, 1, 3), (line, done.err)
-        assert not RAW.search(done.out), line
-        assert not RAW.search(done.err), line
-        assert "internal" not in done.err, done.err
 
 
 def test_the_parameters_of_a_body_are_printed_without_control_characters(tmp_path, run):

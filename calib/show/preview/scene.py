@@ -194,6 +194,7 @@ class Scene:
             "panel": {"corner": panel.corner.tolist(), "edges": panel.edges.tolist()},
             "plane": {"point": middle.tolist(), "normal": placement.frame[2].tolist()},
             "size": size,
+            "dot": 0.022 * size,  # width of the partners of a linked node
             "notes": notes,
         }
 
