@@ -91,7 +91,8 @@ def test_the_log_says_its_unit_to_train(shot, tmp_path):
         about = read_about(tmp_path / name)
         assert about["noise"] == made.noise
         assert about["tag"] == 7
-        assert calib.read_log(tmp_path / name, joints=["a", "b", "c"], unit="mm").unit == "mm"
+        with pytest.raises(calib.LogError, match="states that its positions are in px"):
+            calib.read_log(tmp_path / name, joints=["a", "b", "c"], unit="mm")
 
 
 def test_a_camera_that_was_bumped_is_told_and_positions_stay(shot, tmp_path):
