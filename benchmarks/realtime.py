@@ -1,35 +1,31 @@
-"""Measure what one call costs in a control loop: the first, median, 99th and 99.9th percentile.
+"""Measure what one call costs in a control loop: median, 99th and 99.9th percentile.
 
-    python benchmarks/realtime.py [--calls N] [--model MODEL] [--page] [--wall]
+    python benchmarks/realtime.py [--calls N] [--model MODEL] [--page]
 
 Measured are `two_link`, and `six_axis` as a log would teach it: placements, gravity and joint
 curves are off.  Each call gets a fresh pose of a slow sweep, as a controller would ask.  Times are
-processor time of the thread, which other work on the machine does not disturb much; wall time with
---wall.  --page writes the tables into docs/realtime.md.  Beside `two_link` runs a lean damped
-least-squares loop on Pinocchio with the nominal arm (framesForwardKinematics,
-computeFrameJacobian, a 2x2 solve, at most five steps from a start that is near).
+processor time of the thread, which other work on the machine does not disturb much, with the
+compiled C and, of fewer calls, without a compiler.  --page writes the tables into docs/realtime.md.
+Beside `two_link` runs a lean damped least-squares loop on Pinocchio with the nominal arm
+(framesForwardKinematics, computeFrameJacobian, a 2x2 solve, at most five steps from near).
 """
 
 from __future__ import annotations
 
 import argparse
 import gc
-import json
-import tempfile
 import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from measure import child
 from numpy.typing import NDArray
 
 import calib
 
 Array = NDArray[np.float64]
 
-FRESH = 7  # processes whose first calls are measured
 START, END = "<!-- latencies -->\n\n", "\n\n<!-- end of latencies -->"
 NEAR = 5e-3  # rad between a pose and the start of the search for it
 
@@ -85,19 +81,6 @@ def latencies(call: Callable[[int], Any], n: int, clock: Callable[[], int]) -> d
     return {"median": median, "p99": p99, "p999": p999}
 
 
-def firsts(path: Path, clock: Callable[[], int]) -> dict[str, float]:
-    """Time of the first call of each kind after `warm_up` [us]."""
-    model, taken = calib.load(path), {}
-    found = cases(model, 8)[0]
-    model.warm_up()
-    for name, call in found.items():
-        clock()
-        start = clock()
-        call(5)
-        taken[name] = (clock() - start) / 1e3
-    return taken
-
-
 def lean_loop(q: Array, x: Array) -> Callable[[int], Any]:
     """Pinocchio's inverse kinematics as a lean loop, nominal arm, from a near start."""
     import pinocchio as pin
@@ -128,49 +111,37 @@ def lean_loop(q: Array, x: Array) -> Callable[[int], Any]:
 
 def cases(model: Any, calls: int) -> tuple[dict[str, Callable[[int], Any]], Array, Array]:
     """Calls by name, each with the number of a pose; the poses and their positions."""
-    monitor, q = calib.monitor(model), sweep(model, calls)
-    x = model.forward(q)
-    near = q + NEAR
-    # a sample far from every node is passed over, in half the time: it would hide what others cost
-    seen = [monitor.update(*row).samples for row in zip(q, x, strict=True)]
-    watched = np.resize(np.flatnonzero(np.diff(seen, prepend=0)), calls)
+    q, rng = sweep(model, calls), np.random.default_rng(0)
+    x, lower, upper = model.forward(q), model.about.lower, model.about.upper
+    near = np.clip(q + rng.uniform(-0.5, 0.5, q.shape), lower, upper)
     found: dict[str, Callable[[int], Any]] = {
         "forward(q)": lambda k: model.forward(q[k]),
-        "expected_error(q)": lambda k: model.expected_error(q[k]),
         "forward and expected_error": lambda k: (model.forward(q[k]), model.expected_error(q[k])),
-        "inverse(x, near=q)": lambda k: model.inverse(x[k], near=near[k]),
-        "monitor.update(q, x)": lambda k: monitor.update(q[watched[k]], x[watched[k]]),
+        "inverse(x, near), 0.5 rad away": lambda k: model.inverse(x[k], near=near[k]),
+        "correct(q)": lambda k: calib.correct(model, q[k]),
     }
-    if model.about.urdf:
-        found["correct(q)"] = lambda k: calib.correct(model, q[k])
+    if len(q[0]) >= 6:
+        close = np.clip(q + rng.uniform(-0.2, 0.2, q.shape), lower, upper)
+        turns = model.pose(q)[1]
+        found["inverse_pose, 0.2 rad away"] = lambda k: model.inverse_pose(x[k], turns[k], close[k])
     return found, q, x
 
 
-def measure(path: Path, calls: int, wall: bool) -> dict[str, dict[str, float]]:
-    """Latencies of each call of a model that was loaded warm."""
-    clock = time.perf_counter_ns if wall else time.thread_time_ns
-    model = calib.load(path, warm=True)
+def measure(model: Any, calls: int) -> list[str]:
+    """Rows of Markdown: with a compiler, and without."""
+    clock = time.thread_time_ns
+    few = max(20, calls // 20)
     found, q, x = cases(model, calls)
-    if len(q[0]) == 2 and model.about.robot == "two_link":
-        found["Pinocchio, lean loop"] = lean_loop(q, x)
-    task = {"model": str(path), "wall": wall}
-    fresh = [row for _ in range(FRESH) if (row := child(Path(__file__), task))]
-    return {
-        name: latencies(call, calls, clock)
-        | {"first": float(np.median([row[name] for row in fresh])) if name in fresh[0] else np.nan}
-        for name, call in found.items()
-    }
-
-
-def table(found: dict[str, dict[str, float]], title: str) -> list[str]:
-    """Rows of Markdown."""
-    lines = [f"| {title} | median | 99 % | 99.9 % | first after `warm_up` |"]
-    lines.append("|---|---:|---:|---:|---:|")
-    for name, r in found.items():
-        called = f"`{name}`" if "(" in name else name
+    batch = {name: latencies(call, few, clock)["median"] for name, call in found.items()}
+    print(model.warm_up(), flush=True)
+    rows = {name: latencies(call, calls, clock) for name, call in found.items()}
+    if model.about.robot == "two_link":
+        rows["Pinocchio, lean loop, 5 mrad away"] = latencies(lean_loop(q, x), calls, clock)
+    lines = []
+    for name, r in rows.items():
         cells = " | ".join(f"{r[key]:.1f}" for key in ("median", "p99", "p999"))
-        first = "" if np.isnan(r["first"]) else f"{r['first']:.1f}"
-        lines.append(f"| {called} | {cells} | {first} |")
+        alone = f"{batch[name]:.0f}" if name in batch else ""
+        lines.append(f"| {f'`{name}`' if '(' in name else name} | {cells} | {alone} |")
     return lines
 
 
@@ -180,34 +151,26 @@ def main() -> None:
     parser.add_argument("--calls", type=int, default=5000)
     parser.add_argument("--model", type=Path)
     parser.add_argument("--page", action="store_true", help="write it into docs/realtime.md")
-    parser.add_argument("--wall", action="store_true", help="wall time, other work included")
-    parser.add_argument("--child", type=json.loads, help=argparse.SUPPRESS)
     options = parser.parse_args()
-    if options.child:
-        clock = time.perf_counter_ns if options.child["wall"] else time.thread_time_ns
-        print(json.dumps(firsts(options.child["model"], clock)))
-        return
-    with tempfile.TemporaryDirectory() as folder:
-        paths = {"one call [us]": options.model}
-        if options.model is None:
-            arm = calib.load_arm("two_link")
-            models = {
-                "two joints [us]": calib.train(calib.babble(arm, 20_000, seed=0)),
-                "six joints in space [us]": six_axis(),
-            }
-            paths = {title: Path(folder) / f"{k}.calib" for k, title in enumerate(models)}
-            for title, model in models.items():
-                model.save(paths[title])
-        tables = [
-            "\n".join(table(measure(path, options.calls, options.wall), title))
-            for title, path in paths.items()
-        ]
-    print("\n\n".join(tables))
+    if options.model is not None:
+        models = {"one call [us]": calib.load(options.model)}
+    else:
+        arm = calib.load_arm("two_link")
+        models = {
+            "two joints [us]": calib.train(calib.babble(arm, 3000, seed=0), size=20),
+            "six joints in space [us]": six_axis(),
+        }
+    tables = []
+    for title, model in models.items():
+        head = f"| {title} | median | 99 % | 99.9 % | median without a compiler |"
+        rows = measure(model, options.calls)
+        tables.append("\n".join([head, "|---|---:|---:|---:|---:|", *rows]))
+        print(tables[-1], flush=True)
     if options.page:
-        page = Path(__file__).parents[1] / "docs" / "realtime.md"
-        before, _, rest = page.read_text(encoding="utf-8").partition(START)
-        after = rest.partition(END)[2]
-        page.write_text(before + START + "\n\n".join(tables) + END + after, encoding="utf-8")
+        page = Path(__file__).parent.parent / "docs" / "realtime.md"
+        text = page.read_text()
+        before, after = text.split(START)[0], text.split(END)[1]
+        page.write_text(before + START + "\n\n".join(tables) + END + after)
 
 
 if __name__ == "__main__":

@@ -17,6 +17,8 @@ _INNER = 0.01  # of the extent: a target moves by no more at a time
 _FAR = 3.0  # extents of the workspace
 _SMOOTH = 0.05  # of the joints' range: joints that move by more are looked at closely
 _CLOSELY = 16  # parts of a step that is looked at closely
+# of the workspace, and of its nodes' spacing: targets further away from all nodes are not followed
+_BEYOND, _SPACINGS = 0.1, 1.5
 _DRIFT = 0.5  # redundant joints drift to the middle by at most this share of their move
 
 
@@ -33,8 +35,20 @@ def follow_targets(solver: Solver, x: Array, start: Array | None) -> Track:
     Every solution of the first target sets out, or the one nearest to `start` (dof,); the one that
     gets furthest without a jump is taken, of several the one that moves least. Where it ends every
     solution of the next target sets out, and so on: no other choice of branches jumps less often.
-    Where a target is out of reach, joints stay as close to it as they can, which is no jump.
+    Where a target is out of reach, joints stay as close to it as they can, which is no jump; where
+    it is further away than `_BEYOND` they stay where they are.
     """
+    sensory = solver.association.sensory
+    away = sensory.nearest(sensory.scale.to_unit(x))[0][:, 0]
+    close = away <= max(_BEYOND, _SPACINGS * sensory.spacing)
+    if close.any() and not close.all():
+        near = np.flatnonzero(close)
+        track = follow_targets(solver, x[near], start)
+        held = np.maximum(np.searchsorted(near, np.arange(len(x)), side="right") - 1, 0)
+        return Track(track.u[held], near[track.jumps].tolist())
+    if not close.any():  # the first alone: nothing more is told by the others
+        wish = np.full((1, solver.scale.span.size), 0.5) if start is None else start[None]
+        return Track(np.repeat(solver.solve(x[:1], wish)[0], len(x), axis=0), [])
     middle = np.full((len(x), solver.scale.span.size), 0.5)
     reachable = solver.solve(x, middle)[1] <= CLOSE * solver.extent
     front = _everywhere(solver, x[0]) if start is None else solver.solve(x[:1], start[None])[0]

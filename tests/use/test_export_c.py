@@ -216,16 +216,36 @@ def test_the_command_writes_the_header(run, tmp_path):
     assert "typedef float calib_real;" in text
 
 
+CALLS = """
+int main(void) {
+  double command[CALIB_DOF];
+  calib_real q[CALIB_DOF], target[CALIB_OUT];
+  int i;
+  for (i = 0; i < CALIB_DOF; ++i) {
+    q[i] = calib_lower[i] + calib_span[i] / 2;
+    command[i] = (double)q[i];
+  }
+  filter_command(command);
+  calib_forward(q, target);
+  target[0] += calib_span[0] / 1000;
+  return step_towards(target, q) >= 0 ? 0 : 1;
+}
+"""
+
+
 @needs_compiler
 @pytest.mark.parametrize("language", LANGUAGES)
-def test_the_code_of_the_page_compiles(language, tmp_path):
+@pytest.mark.parametrize("kind", ["real", "space"])
+def test_the_code_of_the_page_compiles_and_runs(kind, language, tmp_path):
+    """A target of two numbers overflowed before the header of an arm in space."""
     page = (Path(__file__).parents[2] / "docs" / "apply.md").read_text()
     blocks = re.findall(r"```c\n(.*?)```", page, re.DOTALL)
     assert len(blocks) == 2
-    (tmp_path / "arm.h").write_text(c_header(model("real"), single=True).text)
-    main = "int main(void) { return 0; }\n"
-    (tmp_path / "page.c").write_text("\n".join([*blocks, main]))
+    (tmp_path / "arm.h").write_text(c_header(model(kind), single=True).text)
+    (tmp_path / "page.c").write_text("\n".join([*blocks, CALLS]))
     flags = [*LANGUAGES[language], "-Wall", "-Wextra", "-Werror", "-pedantic"]
-    subprocess.run(
-        [COMPILER, *flags, "-o", tmp_path / "page", tmp_path / "page.c", "-lm"], check=True
-    )
+    made = [COMPILER, *flags, "-o", tmp_path / "page", tmp_path / "page.c", "-lm"]
+    guarded = ["-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
+    if subprocess.run([*made, *guarded], check=False, capture_output=True).returncode:
+        subprocess.run(made, check=True)  # a compiler without sanitisers
+    subprocess.run([tmp_path / "page"], check=True)
