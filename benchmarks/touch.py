@@ -57,9 +57,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--data", type=Path, required=True)
     folder = parser.parse_args().data
-    print(
-        "| arm | rows, places | drawing, tool fitted [mm] | calib [mm] | distance off [mm] | fit (processor) |"
-    )
+    print("| arm | rows, places | tool fitted [mm] | calib [mm] | distance off [mm] | processor |")
     print("|---|---|---|---|---|---|")
     for name, drawing in ARMS.items():
         path = folder / f"{name}.csv"
