@@ -83,7 +83,8 @@ def log_of(model: Model, path: str | None, reading: Reading) -> Samples | None:
         refuse(vars(reading), "applies to a log: expected --data LOG too")
         return None
     log = log_for(model, path, reading)
-    say(_doubt(model, log))
+    if log.touch is None:
+        say(_doubt(model, log))
     return log
 
 

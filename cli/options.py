@@ -127,6 +127,16 @@ PhotoFile = Annotated[
     str | None, option("--photo FILE", "By the camera of the log: the map is drawn over it.")
 ]
 NoPhoto = Annotated[bool, flag("--no-photo", "Keep no photo in the model and draw none.")]
+Distances = Annotated[
+    list[str] | None,
+    Option(
+        "--distance", metavar="A,B=50mm", help="Of touched points, +-0.1mm if said; repeatable."
+    ),
+]
+Planes = Annotated[
+    list[str] | None,
+    Option("--plane", metavar="A,B,C,D", help="Touched points that lie in a plane; repeatable."),
+]
 
 # queries and what else asks a model
 ReadoutKind = Annotated[

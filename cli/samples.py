@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from .measurements import refuse
@@ -71,6 +71,21 @@ class Logged:
     columns: Mapping[str, str] | None = None
     unit: str | None = None
     prismatic: Sequence[str] | None = None
+    distance: Sequence[str] | None = None
+    plane: Sequence[str] | None = None
+
+
+def with_sockets(
+    log: Samples, distances: Sequence[str] | None, planes: Sequence[str] | None
+) -> Samples:
+    """The log with what was typed of the sockets that its rows touched."""
+    if log.touch is None:
+        refuse(
+            {"distance": distances, "plane": planes},
+            "is of touched points: expected a log with a column `point`",
+        )
+        return log
+    return replace(log, touch=log.touch.stated(distances or (), planes or ()))
 
 
 def check_sources(
@@ -157,7 +172,7 @@ def measured_samples(
         lens=glass,
     )
     say(log.notes)
-    return log
+    return with_sockets(log, logged.distance, logged.plane)
 
 
 def _arm_of_log(

@@ -10,49 +10,25 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..common.arrays import Array
+from ..samples.sockets import Known
 from .belief import Body
 from .covariance import as_kept
 from .measurement import Measurement
 from .parameters import Block, Indices
 from .posterior import BodyFit, fit_structure
+from .search import BLOCKS
 from .settings import FREE, STATED
 from .spatial import SpatialStructure
 from .spatial_view import InSpace
 
 _POSTURES = 400  # all over the joints' range, of which the mean motion is that of the whole arm
-
-
-@dataclass(frozen=True)
-class Known:
-    """What is known of some sockets: the distance of two, or that several lie in a plane."""
-
-    points: tuple[int, ...]  # their numbers
-    value: float | None  # their distance [m]; None: a plane
-    tolerance: float  # sd [m]
-
-    def misfit(self, places: Array) -> tuple[Array, Array]:
-        """How far places (p, 3) are off (k,) [m], and the derivative (k, p, 3)."""
-        own = places[list(self.points)]
-        if self.value is not None:
-            apart = own[0] - own[1]
-            length = max(float(np.linalg.norm(apart)), 1e-12)
-            slope = np.zeros((1, len(places), 3))
-            slope[0, self.points[0]], slope[0, self.points[1]] = apart / length, -apart / length
-            return np.array([length - self.value]), slope
-        centred = own - own.mean(axis=0)
-        *_, axes = np.linalg.svd(centred)
-        # to first order a point leaves the fitted plane by what the plane does not follow
-        basis = np.column_stack([np.ones(len(own)), centred @ axes[:2].T])
-        left = np.eye(len(own)) - basis @ np.linalg.pinv(basis)
-        slope = np.zeros((len(own), len(places), 3))
-        slope[:, list(self.points)] = left[:, :, None] * axes[2]
-        return centred @ axes[2], slope
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,7 +116,7 @@ class TouchFit:
 def fit_touches(
     structure: SpatialStructure,
     q: Array,
-    point: Array,
+    point: NDArray[np.intp],
     known: Sequence[Known] = (),
     *,
     lower: Array,
@@ -173,7 +149,23 @@ def fit_touches(
     points = fit.body.beta[fit.body.structure.groups["point"]].reshape(-1, 3)
     range_of = np.random.default_rng(seed).random((_POSTURES, q.shape[1]))
     body = anchored(restated(fit.body, structure), lower + range_of * (upper - lower))
-    return TouchFit(replace(fit, body=body, held_out=fit.held_out[: len(q)]), points)
+    held = _scattered(fit.held_out, point, len(rows))[: len(q)]
+    return TouchFit(replace(fit, body=body, held_out=held), points)
+
+
+def _scattered(residual: Array, point: NDArray[np.intp], rows: int) -> Array:
+    """Held-out residuals, about their own mean where a block holds most touches of a socket.
+
+    What the other blocks say of the arm does not tell where such a socket is.
+    """
+    out, counts = residual.copy(), np.bincount(point)
+    for first, last in pairwise(np.linspace(0, rows, BLOCKS + 1).round().astype(int)):
+        inside = np.arange(first, min(last, len(point)))
+        for k in np.unique(point[inside]):
+            own = inside[point[inside] == k]
+            if 2 * len(own) > counts[k]:
+                out[own] -= out[own].mean(axis=0)
+    return out
 
 
 def restated(body: Body, structure: SpatialStructure) -> Body:

@@ -41,6 +41,7 @@ class Setting:
     quick: bool = False  # small lattices and few samples, to see that everything runs
     report: _Report = field(default=lambda _share, _what: None)
     robot: str = ROBOT  # a bundled robot or a URDF with two joints that turn
+    named: tuple[str, ...] | None = None  # which two of its joints, where it has more
     # parts of the joints' ranges that are babbled [rad]
     ranges: tuple[tuple[str, tuple[float, float]], ...] = ()
     # lengths of the links that the joints move, where not those of the robot [m]
@@ -53,6 +54,7 @@ class Setting:
         quick: bool = False,
         report: _Report | None = None,
         robot: str = ROBOT,
+        joints: Iterable[str] | None = None,
         ranges: Mapping[str, tuple[float, float]] | None = None,
         lengths: Mapping[str, float] | None = None,
     ) -> Setting:
@@ -69,6 +71,7 @@ class Setting:
             quick=quick,
             report=report or (lambda _share, _what: None),
             robot=robot,
+            named=None if joints is None else tuple(joints),
             ranges=tuple((ranges or {}).items()),
             lengths=tuple((lengths or {}).items()),
         )
@@ -84,7 +87,7 @@ class Setting:
     @cached_property
     def arm(self) -> PlanarArm:
         """The arm, with its ranges and lengths."""
-        arm = load_arm(self.robot, ranges=dict(self.ranges) or None)
+        arm = load_arm(self.robot, joints=self.named, ranges=dict(self.ranges) or None)
         if not isinstance(arm, PlanarArm) or len(arm.joint_names) != 2 or not all(arm.revolute):
             raise OptionError(
                 f"robot {self.robot!r} has the joints {', '.join(arm.joint_names)}: the paper's "

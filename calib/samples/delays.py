@@ -56,12 +56,12 @@ class Delay:
         if self.clear:
             return (
                 f"the positions are {self.words()} against the joints: corrected; poses at rest "
-                "(calib log --still) do not depend on clocks"
+                "(`still`) do not depend on clocks"
             )
         if self.doubted:
             return (
                 f"the positions may be {self.words()} against the joints, which the rows do not "
-                "settle: not corrected; measure at rest (calib log --still), or along a path that "
+                "settle: not corrected; measure at rest (`still`), or along a path that "
                 "is run in both directions"
             )
         return ""

@@ -39,6 +39,7 @@ from .roles import (
 from .samples import Samples
 from .settings import LARGEST_ARM, MOST_WRONG, OUT_OF_PLANE
 from .tables import read_about, stated_unit, write_table
+from .touches import is_touches, read_touches
 from .wrong_rows import placeholders, rows_in_words
 
 if TYPE_CHECKING:
@@ -132,6 +133,10 @@ def read_log(
             value=unit,
         )
     unit = unit or stated_unit(about)
+    if is_touches(source.header, columns):
+        names = arm.joint_names if arm is not None else tuple(joints or ())
+        kinds = arm.revolute if arm is not None else (True,) * len(names)
+        return read_touches(source, names, arm, columns, revolute=kinds, degrees=degrees)
     roles = find_roles(source, arm, joints, columns)
     names, axes = roles.joints, roles.axes
     wanted = arm.outputs if arm is not None and outputs is None else outputs

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from ..arm.plane import Plane
     from .camera import Camera
     from .simulation import Simulation
+    from .sockets import Touches
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,6 +64,8 @@ class Samples:
         Whether the log has its turning joints in degrees; `q` is in rad all the same.
     camera : Camera or None
         Of pixels of an arm that moves in space, what is known of the camera.
+    touch : Touches or None
+        Which socket each row touched, where no sensor measured a position.
     source : dict
         What the log says of itself, as `calib log` writes it above the columns.
     rows : (n,) array or None
@@ -102,6 +105,7 @@ class Samples:
     degrees: bool = False
     camera: Camera | None = field(default=None, repr=False)
     source: Mapping[str, Any] = field(default_factory=dict, repr=False)
+    touch: Touches | None = field(default=None, repr=False)
     rows: NDArray[np.intp] | None = field(default=None, repr=False)
     time: Array | None = field(default=None, repr=False)
     left_out: int = 0
@@ -154,7 +158,8 @@ class Samples:
             name: None if (values := getattr(self, name)) is None else values[rows]
             for name in ("orientation", "rows", "time")
         }
-        return replace(self, q=self.q[rows], x=self.x[rows], **beside)
+        touch = None if self.touch is None else self.touch.take(rows)
+        return replace(self, q=self.q[rows], x=self.x[rows], touch=touch, **beside)
 
     def _check_shapes(self) -> None:
         dof, n = len(self.joint_names), len(self.q) if self.q.ndim else 0

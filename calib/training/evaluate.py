@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -19,6 +19,7 @@ from ..model.model import Model
 from ..model.space import Space
 from ..samples.samples import Samples
 from ..samples.simulation import Simulation
+from ..samples.sockets import Touches
 from .sound_rows import sound_log
 
 _SAMPLES = 10_000
@@ -136,6 +137,9 @@ class Evaluation:
         the expected error bounds. Empty where it is not known.
     notes : tuple of str
         What the user should be told of the samples.
+    touch : dict
+        Of touches: "scatter" of the tips about their sockets' means, by "points", and stated and
+        predicted "distances" [m]. Empty for other samples.
     """
 
     errors: dict[str, Any]
@@ -144,6 +148,7 @@ class Evaluation:
     source: str
     within: dict[str, float] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
+    touch: dict[str, Any] = field(default_factory=dict)
 
     def __repr__(self) -> str:
         """Say in a line how well each readout predicts."""
@@ -173,9 +178,13 @@ def evaluate(model: Model, samples: Samples | None = None) -> Evaluation:
     """
     simulation, about = simulation_of(model), model.about
     notes: list[str] = []
+    touched: dict[str, Any] = {}
     if samples is not None:
         given = len(samples) + samples.left_out
-        samples, notes = sound_log(model, samples)
+        if samples.touch is not None:
+            samples, touched = in_sockets(model, samples, samples.touch)
+        else:
+            samples, notes = sound_log(model, samples)
         residuals = evaluate_residuals(model, samples.q, samples.x, None)
         errors, source = summarise(residuals, _turned(model, samples)), "measured rows of the log"
     elif simulation is not None:
@@ -186,7 +195,39 @@ def evaluate(model: Model, samples: Samples | None = None) -> Evaluation:
         errors, within = dict(about.errors), dict(about.within)
         return Evaluation(errors, about.tested, about.left_out, source, within)
     tested, within = len(residuals.q), answered_within(model, residuals)
-    return Evaluation(errors, tested, given - tested, source, within, tuple(notes))
+    return Evaluation(errors, tested, given - tested, source, within, tuple(notes), touched)
+
+
+def in_sockets(model: Model, samples: Samples, touch: Touches) -> tuple[Samples, dict[str, Any]]:
+    """Touches with the means of the predicted tips as positions, and how these scatter.
+
+    The scatter is that of each socket's predicted tips about their own mean [m].
+    """
+    tip = model.forward(samples.q)
+    known = np.flatnonzero(np.isfinite(tip).all(axis=1))
+    if not len(known):
+        raise LogError("no row of the log lies within what the model has learned: measure others")
+    samples, touch, tip = samples.take(known), touch.take(known), tip[known]
+    means = touch.means(tip)
+    off = np.linalg.norm(tip - means[touch.number], axis=1)
+    points = [
+        {"setup": setup, "point": point, "rows": int(own.sum()), "scatter": float(off[own].mean())}
+        for k, (setup, point) in enumerate(touch.sockets)
+        if (own := touch.number == k).any()
+    ]
+    distances = [
+        {
+            "points": [list(touch.sockets[k]) for k in each.points],
+            "stated": each.value,
+            "predicted": float(np.linalg.norm(means[each.points[0]] - means[each.points[1]])),
+        }
+        for each in touch.known
+        if each.value is not None and np.isfinite(means[list(each.points)]).all()
+    ]
+    size = {"mean": off.mean(), "rms": np.sqrt((off**2).mean()), "max": off.max()}
+    scatter = {name: float(value) for name, value in size.items()}
+    told = {"scatter": scatter, "points": points, "distances": distances}
+    return replace(samples, x=means[touch.number]), told
 
 
 def _turned(model: Model, samples: Samples) -> Array | None:

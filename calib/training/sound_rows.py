@@ -12,6 +12,7 @@ import numpy as np
 from ..common.arrays import Array
 from ..common.rows import thinned
 from ..common.scale import Scale
+from ..errors import LogError
 from ..maps.predictor import Smooth
 from ..model.model import Model
 from ..samples.delays import Delay, Trajectory, estimate_delay
@@ -117,6 +118,11 @@ def in_time(model: Model, samples: Samples) -> tuple[Samples, list[str]]:
     samples : in the model's unit; the arm or its sensor may have changed
     Returns the samples, their joints in the model's order, and what is told of their clock.
     """
+    if samples.touch is not None:
+        raise LogError(
+            "the log holds touches of sockets, whose places nobody measured: `calib.evaluate` "
+            "tells how they scatter; train anew with them, and with those of before"
+        )
     samples = replace(
         samples,
         q=model.about.joints_of(samples),

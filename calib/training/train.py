@@ -37,6 +37,7 @@ from .learn import UNFOLD, Options, Progress, associate
 from .map_choice import LATTICE, lattice_sizes, with_chosen_map
 from .smooth import SmoothPart, find_smooth_part, to_learn
 from .sound_rows import fit_sound_rows
+from .touched import fit_sockets
 
 _LEAST_ROWS = 10  # fewest rows that anything can be learned and checked from
 _BOUND_SAMPLES = 12_000
@@ -132,7 +133,7 @@ def train(
         raise OptionError(f"view {view!r}: expected one of {', '.join(VIEWS)}")
     screened: list[str] = []
     wrong = samples.left_out
-    if samples.simulation is None:
+    if samples.simulation is None and samples.touch is None:
         with one_blas_thread():
             kept, screened = screen(samples)
         wrong += int((~kept).sum())
@@ -167,9 +168,12 @@ def _learned(
         return find_smooth_part(samples, scale, body=body, view=view, seed=seed)
 
     given = len(samples)
-    samples, part, told = fit_sound_rows(samples, scale, fit)
+    if samples.touch is not None:
+        samples, part, told = fit_sockets(samples, scale, seed)
+    else:
+        samples, part, told = fit_sound_rows(samples, scale, fit)
     notes += told
-    play = play_of(samples, scale, part)
+    play = play_of(samples, scale, part) if samples.touch is None else None
     if play is not None:  # where the joints stood, rather than what they read
         samples = replace(samples, q=samples.q - play * directions(samples.q))
         part = fit(samples)

@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 import time
+from typing import TYPE_CHECKING
 
 from .. import options as opt
 from ..advice import advice
 from ..measurements import Reading, log_of
-from ..output import Outcome, fields, say
+from ..output import Outcome, TextTable, fields, say
+from ..samples import with_sockets
 from ..summary import accuracy, answers_back, error_table, summary
+
+if TYPE_CHECKING:
+    from calib import Evaluation
 
 
 def evaluate(
@@ -18,18 +23,25 @@ def evaluate(
     columns: opt.Columns = None,
     unit: opt.Unit = None,
     degrees: opt.LogDegrees = None,
+    distance: opt.Distances = None,
+    plane: opt.Planes = None,
 ) -> Outcome:
     """Print the errors of a model, on fresh samples or on a log."""
     import calib
 
     loaded = calib.load(model)
     log = log_of(loaded, data, Reading(columns, unit, degrees))
+    if log is not None:
+        log = with_sockets(log, distance, plane)
     started = time.perf_counter()
     result = calib.evaluate(loaded, log)
     say(result.notes)
     seconds = {"total": time.perf_counter() - started}
     document = summary(loaded, model, result.errors, seconds)
     document["evaluated"] = fields(result, "source rows left_out")
+    if result.touch:
+        document["touch"] = result.touch
+        return Outcome(document, [_scatter(model, result)], [_points(result)])
     rows = f"{result.rows} {result.source}"
     lines = [
         f"{model}: {accuracy(loaded, result.errors, result.within, rows, result.left_out)}",
@@ -38,3 +50,23 @@ def evaluate(
     ]
     title = f"errors on {rows}"
     return Outcome(document, lines, [error_table(loaded, result.errors, title)])
+
+
+def _scatter(model: str, result: Evaluation) -> str:
+    """The scatter of touches in a line, and the distances of sockets."""
+    size = {name: 1e3 * value for name, value in result.touch["scatter"].items()}
+    line = (
+        f"{model}: tips scatter about their sockets by {size['mean']:.3g} mm (rms "
+        f"{size['rms']:.3g}, largest {size['max']:.3g}) in {result.rows} touches"
+    )
+    off = [abs(each["predicted"] - each["stated"]) for each in result.touch["distances"]]
+    return line + (f"; distances are off by {1e3 * sum(off) / len(off):.2g} mm" if off else "")
+
+
+def _points(result: Evaluation) -> TextTable:
+    """The scatter of each socket."""
+    rows = [
+        [each["setup"], each["point"], str(each["rows"]), f"{1e3 * each['scatter']:.3f}"]
+        for each in result.touch["points"]
+    ]
+    return TextTable(["setup", "point", "rows", "scatter [mm]"], rows, "by socket", 2)

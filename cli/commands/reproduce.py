@@ -47,6 +47,7 @@ def reproduce(
     robot: Annotated[
         str | None, option("--robot ROBOT", "Another arm with two revolute joints.")
     ] = None,
+    joints: opt.JointNames = None,
     ranges: opt.Ranges = None,
     lengths: Annotated[
         list[JointValue] | None,
@@ -76,7 +77,13 @@ def reproduce(
         arm = robot or ROBOT
         typed = in_si("--range", ranges, kinds_of_joints(arm), degrees) if ranges else None
         setting = Setting.of(
-            seed, quick=quick, report=report, robot=arm, ranges=typed, lengths=dict(lengths or ())
+            seed,
+            quick=quick,
+            report=report,
+            robot=arm,
+            joints=joints,
+            ranges=typed,
+            lengths=dict(lengths or ()),
         )
         drawn = tuple(dict.fromkeys(formats or ("png",)))
         # the figures bring the adaptation along

@@ -68,6 +68,8 @@ def train(
     columns: opt.Columns = None,
     unit: opt.Unit = None,
     prismatic: opt.Prismatic = None,
+    distance: opt.Distances = None,
+    plane: opt.Planes = None,
     lens: Annotated[
         str | None, option("--lens lens.json", "Lens of a camera in space (default: fitted).")
     ] = None,
@@ -81,7 +83,10 @@ def train(
     import calib
 
     selection = Selection(joints, tip, planar, lock, ranges, degrees)
-    babbling, logged = Babbling(samples, noise, motion, change), Logged(columns, unit, prismatic)
+    babbling, logged = (
+        Babbling(samples, noise, motion, change),
+        Logged(columns, unit, prismatic, distance, plane),
+    )
     of_logs = {**vars(logged), "lens": lens, "photo": photo}
     check_sources([robot] if robot else [], data is not None, vars(babbling), of_logs)
     if photo is not None and no_photo:

@@ -91,7 +91,8 @@ def test_the_log_says_its_unit_to_train(shot, tmp_path):
         about = read_about(tmp_path / name)
         assert about["noise"] == made.noise
         assert about["tag"] == 7
-        assert calib.read_log(tmp_path / name, joints=["a", "b", "c"], unit="mm").unit == "mm"
+        with pytest.raises(calib.LogError, match="states that its positions are in px"):
+            calib.read_log(tmp_path / name, joints=["a", "b", "c"], unit="mm")
 
 
 def test_a_camera_that_was_bumped_is_told_and_positions_stay(shot, tmp_path):
@@ -136,9 +137,14 @@ def test_no_such_tag(shot):
 
 def test_twice_in_a_picture(copy):
     scene = desk(still=(tag(7, 0.05, (0.1, 0.28, 0, 1)),))
-    picture = scene.picture(copy.q[3], np.random.default_rng(4))
-    cv2.imwrite(str(copy.folder / "p" / "img_3.png"), picture)
-    refused("twice in 1 of 16 pictures \\(img_3.png\\)", make, copy.folder)
+    for k in (3, 4):
+        picture = scene.picture(copy.q[k], np.random.default_rng(4))
+        cv2.imwrite(str(copy.folder / "p" / f"img_{k}.png"), picture)
+        if k == 3:  # below a tenth they are left out, and told
+            made = make(copy.folder)
+            assert "img_3.png" not in made.pictures
+            assert any("1 pictures left out: tag 7 is there twice" in n for n in made.notes)
+    refused("twice in 2 of 16 pictures \\(img_3.png, img_4.png\\)", make, copy.folder)
 
 
 def test_at_one_place(copy):

@@ -1,0 +1,116 @@
+"""Sockets: which one each row of a log touched, and what is known of where they are."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..common.arrays import Array, Mask
+from ..common.scale import METRES
+from ..common.wording import listed
+from ..errors import OptionError
+
+MACHINED = 1e-4
+"""Sd [m] of a distance or a plane that is stated without one."""
+
+
+@dataclass(frozen=True)
+class Known:
+    """What is known of some sockets: the distance of two, or that several lie in a plane."""
+
+    points: tuple[int, ...]  # their numbers
+    value: float | None  # their distance [m]; None: a plane
+    tolerance: float = MACHINED  # sd [m]
+
+    def misfit(self, places: Array) -> tuple[Array, Array]:
+        """How far places (p, 3) are off (k,) [m], and the derivative (k, p, 3)."""
+        own = places[list(self.points)]
+        if self.value is not None:
+            apart = own[0] - own[1]
+            length = max(float(np.linalg.norm(apart)), 1e-12)
+            slope = np.zeros((1, len(places), 3))
+            slope[0, self.points[0]], slope[0, self.points[1]] = apart / length, -apart / length
+            return np.array([length - self.value]), slope
+        centred = own - own.mean(axis=0)
+        *_, axes = np.linalg.svd(centred)
+        # to first order a point leaves the fitted plane by what the plane does not follow
+        basis = np.column_stack([np.ones(len(own)), centred @ axes[:2].T])
+        left = np.eye(len(own)) - basis @ np.linalg.pinv(basis)
+        slope = np.zeros((len(own), len(places), 3))
+        slope[:, list(self.points)] = left[:, :, None] * axes[2]
+        return centred @ axes[2], slope
+
+
+@dataclass(frozen=True)
+class Touches:
+    """Which socket each row touched, and what is known of the sockets."""
+
+    number: NDArray[np.intp]  # (n,), of the socket
+    sockets: tuple[tuple[str, str], ...]  # setup and point of each number
+    known: tuple[Known, ...] = ()
+
+    def take(self, rows: slice | NDArray[np.intp] | Mask) -> Touches:
+        """The touches of some rows; all sockets keep their numbers."""
+        return replace(self, number=self.number[rows])
+
+    def means(self, x: Array) -> Array:
+        """Mean of positions `x` (n, m) in each socket (p, m); NaN where no row touched it."""
+        out = np.full((len(self.sockets), x.shape[1]), np.nan)
+        for k in np.unique(self.number):
+            out[k] = x[self.number == k].mean(axis=0)
+        return out
+
+    def stated(self, distances: Sequence[str] = (), planes: Sequence[str] = ()) -> Touches:
+        """With what was typed of them, such as `A,B=50mm+-0.1mm` and `A,B,C,D`.
+
+        It holds in each setup that has these points.  Raises OptionError if none has.
+        """
+        known = list(self.known)
+        for text in distances:
+            names, value, tolerance = _distance(text)
+            known += [Known(k, value, tolerance) for k in self._of(names, "distance", text)]
+        for text in planes:
+            names = [name.strip() for name in text.split(",")]
+            if len(names) < 4:
+                raise OptionError(f"plane {text!r}: expected four points or more, such as A,B,C,D")
+            known += [Known(k, None) for k in self._of(names, "plane", text)]
+        return replace(self, known=tuple(known))
+
+    def _of(self, names: Sequence[str], what: str, text: str) -> list[tuple[int, ...]]:
+        """Numbers of some points in each setup that has them."""
+        number = {socket: k for k, socket in enumerate(self.sockets)}
+        setups = dict.fromkeys(setup for setup, _ in self.sockets)
+        found = [
+            tuple(number[setup, name] for name in names)
+            for setup in setups
+            if all((setup, name) in number for name in names)
+        ]
+        if not found:
+            points = dict.fromkeys(point for _, point in self.sockets)
+            raise OptionError(
+                f"{what} {text!r}: no setup has all of these points; points: {listed(points)}"
+            )
+        return found
+
+
+def _distance(text: str) -> tuple[list[str], float, float]:
+    """Read `A,B=50mm` or `A,B=50mm+-0.1mm`: the points, their distance and its sd [m]."""
+    number = r"([0-9.]+(?:[eE][+-]?[0-9]+)?)\s*(mm|cm|m|in)"
+    match = re.fullmatch(rf"(.+),(.+)=\s*{number}\s*(?:(?:\+-|±)\s*{number}\s*)?", text.strip())
+    try:
+        if match is None:
+            raise ValueError
+        value = float(match[3]) / METRES[match[4]]
+        sd = MACHINED if match[5] is None else float(match[5]) / METRES[match[6]] / 1.96
+        if not (0 < value < 1e3 and 0 < sd < 1e3):
+            raise ValueError
+    except ValueError:
+        raise OptionError(
+            f"distance {text!r}: expected two points, their distance and its unit, such as "
+            "A,B=50mm or A,B=50mm+-0.1mm"
+        ) from None
+    return [match[1].strip(), match[2].strip()], value, sd

@@ -1,0 +1,71 @@
+"""An arm whose tip touches sockets, whose truth is known."""
+
+from __future__ import annotations
+
+import numpy as np
+
+import calib
+from calib.arm.rotations import similarity
+from calib.body.spatial import structure_of
+from calib.body.touch import fit_touches
+from calib.samples.sockets import Known
+
+MM = 1e-3
+
+
+def touching(structure, beta, points, each, play, rng):
+    """Joint values (n, dof) at which the true tip is in each socket, and the sockets' numbers."""
+    lower, upper = structure.limits
+    rows, numbers = [], []
+    for k, point in enumerate(points):
+        found = np.zeros((0, structure.arm.dof))
+        while len(found) < each:
+            q = rng.uniform(lower, upper, (400, structure.arm.dof))
+            target = point + play * rng.standard_normal((400, 3))
+            for _ in range(60):
+                x, slope = structure.truth.predict_and_slope(q, beta)
+                lean = slope @ np.swapaxes(slope, 1, 2) + 1e-6 * np.eye(3)
+                step = np.swapaxes(slope, 1, 2) @ np.linalg.solve(lean, (target - x)[..., None])
+                q = q + np.clip(step[..., 0], -0.3, 0.3)
+            x = structure.truth.predict(q, beta)
+            there = (np.linalg.norm(x - target, axis=1) < 1e-9) & (q > lower).all(1)
+            found = np.concatenate([found, q[there & (q < upper).all(1)]])
+        rows.append(found[:each])
+        numbers += [k] * each
+    return np.concatenate(rows), np.array(numbers)
+
+
+class World:
+    """A six-joint arm with origins off by half a millimetre and a tenth of a degree."""
+
+    def __init__(self, seed, each=25, play=0.1 * MM):
+        rng = np.random.default_rng(seed)
+        self.arm = calib.load_arm("six_axis")
+        self.truth = structure_of(self.arm, "base")
+        self.limits = np.maximum(self.arm.lower, -2.5), np.minimum(self.arm.upper, 2.5)
+        self.beta = self.truth.neutral()
+        self.beta[self.truth.shifts] = 0.5 * MM * rng.standard_normal(self.truth.shifts.shape)
+        self.beta[self.truth.turns] = np.radians(0.1) * rng.standard_normal(self.truth.turns.shape)
+        self.beta[self.truth.groups["tool"]] = 3 * MM * rng.standard_normal(3)
+        reach = self.arm.chain.reach
+        middle = np.array([0.45, 0.0, 0.35]) * reach
+        self.points = middle + 0.2 * reach * rng.uniform(-1, 1, (4, 3))
+        self.q, self.number = touching(self, self.beta, self.points, each, play, rng)
+
+    def known(self, *pairs):
+        return [
+            Known(pair, float(np.linalg.norm(np.subtract(*self.points[list(pair)]))), 0.1 * MM)
+            for pair in pairs
+        ]
+
+    def fit(self, known):
+        lower, upper = self.limits
+        return fit_touches(self.truth, self.q, self.number, known, lower=lower, upper=upper)
+
+    def off(self, body):
+        """Distances of the tip from the truth but for a rigid motion, which no touch tells."""
+        q = np.random.default_rng(9).uniform(*self.limits, (500, self.arm.dof))
+        true, said = self.truth.predict(q, self.beta), body.predict(q)
+        turn, shift, _ = similarity(said, true)
+        shift = true.mean(axis=0) - turn @ said.mean(axis=0)
+        return np.linalg.norm(said @ turn.T + shift - true, axis=1), body.bound(q, noise=False)
