@@ -300,11 +300,12 @@ def test_one_noisy_encoder_is_named_and_nothing_is_adapted():
         assert not found.improved
 
 
-@pytest.mark.parametrize("factor", [2, 10])
-def test_few_rows_of_a_noisier_sensor_are_no_drift(factor):
+# of ten rows at ten times the noise one log in some still is: docs/drift.md says so
+@pytest.mark.parametrize(("factor", "least"), [(2, 10), (5, 10), (10, 15)])
+def test_few_rows_of_a_noisier_sensor_are_no_drift(factor, least):
     arm = calib.load_arm("two_link")
     trained = calib.train(replace(calib.babble(arm, 400, noise=1e-4), simulation=None), size=8)
-    for n in (10, 15, 20):
+    for n in (least, 17, 20):
         for seed in (50, 51):
             samples = calib.babble(arm, n, seed=seed, noise=factor * 1e-4)
             assert not calib.check(trained, replace(samples, simulation=None)).drifted
