@@ -28,7 +28,7 @@ from .rows import Log, weighted
 from .sanity import comparable, lag_behind_body
 from .score import Tested, group_tests
 from .seen import body_of
-from .settings import BEYOND, FALSE_ALARM
+from .settings import BEYOND, FALSE_ALARM, FEW
 
 _PROBES = 120  # joints all over the learned range at which predictions are compared
 UNEXPLAINED = 0.1
@@ -170,6 +170,9 @@ class Comparison:
         if self.model.body is None:  # a corner's rows share the errors of a few nodes
             told = told * _SHARED_ERRORS**2
         more = max(self.tested.noise**2 - self.tested.usual**2, 0.0)
+        if len(gap) < FEW:  # half of the rows of a noisier sensor are nearer than its median
+            half = float(np.median(gap)) ** 2 / float(chdtri(self.x.shape[1], 0.5))
+            more = max(more, half - self.tested.usual**2)
         noisy = told + radius * more
         if self.tested.noisy is not None:
             joint, sd = self.tested.noisy

@@ -135,6 +135,13 @@ def in_time(model: Model, samples: Samples) -> tuple[Samples, list[str]]:
     motion = Trajectory.of(samples) if model.body is not None else None
     if motion is not None:
         delay = _delay(samples, motion, model.body, 0.0, fresh=False)
+        for _ in range(_ROUNDS):  # where joints jump, a step of rows is found by several
+            if delay is None or not delay.clear:
+                break
+            found = _delay(samples, motion, model.body, delay.value, fresh=False)
+            if found is None or abs(found.value - delay.value) < found.sd:
+                break
+            delay = replace(found, share=delay.share)
         if delay is not None and delay.clear:
             q = motion.before(delay.value)
             known = np.asarray(np.isfinite(q).all(axis=1))

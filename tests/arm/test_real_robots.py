@@ -193,7 +193,7 @@ def test_every_whole_arm_agrees_with_pinocchio_and_with_the_table(path):
         assert not words.startswith("trained")
         return
     assert (listed, words) == ("", f"trained {'space' if arm.outputs == 3 else 'plane'}")
-    assert (", ".join(f"`{name}`" for name in arm.joint_names), f"`{arm.tip}`") == (joints, tip)
+    assert (str(arm.dof), f"`{arm.tip}`") == (joints, tip)
     assert 2 <= arm.dof <= 7
     try:
         expected = pinocchio_forward(arm, random_joints(arm, 10))

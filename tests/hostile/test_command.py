@@ -185,7 +185,10 @@ def judge_output(args, code, out, err):
         except ValueError as error:
             raise Violation(f"no JSON ({error}): {args!r} {out[:300]!r}") from None
         demand(not errors or set(document) == {"error"}, "an error that is no document")
-    demand(code != 2 or (len(others) == len(errors) == 1 and (asked or not out)), "wrong usage")
+    demand(
+        code != 2 or (len(others) == len(errors) == 1 and ("--json" in args or not out)),
+        "wrong usage",
+    )
     demand(code != 1 or (lines and len(errors) <= 1), "an error in other than one line")
     # of a batch, the others are answered
     told = errors or "not all values are numbers" in err or "left out" in err
