@@ -10,7 +10,7 @@ import ast
 import re
 
 _SAME = (
-    "board body cause columns degrees dictionary epochs force frames max_gap joints joints_topic "
+    "board body cause columns degrees dictionary distance epochs eye force frame frames max_gap joints joints_topic "
     "lens limit lock map margin meshes method motor_size move_base near noise planar port "
     "prismatic readout rule seed sensory_size sigma size since still tag tag_height tag_size "
     "tags_at time_offset tip tip_topic tolerance unit view weights"

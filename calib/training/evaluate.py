@@ -9,11 +9,12 @@ from typing import Any
 import numpy as np
 
 from ..arm.loading import arm_from_urdf
-from ..arm.rotations import logarithm, matrix_of
+from ..arm.rotations import logarithm, matrix_of, similarity
 from ..body.poses import knows_orientation
 from ..common.arrays import Array
 from ..common.parallel import side_by_side
-from ..errors import LogError
+from ..common.wording import for_people
+from ..errors import LogError, OptionError
 from ..model.answers import unit_joints
 from ..model.model import Model
 from ..model.space import Space
@@ -22,6 +23,9 @@ from ..samples.simulation import Simulation
 from ..samples.sockets import Touches
 from .sound_rows import sound_log
 
+EVALUATED = ("kept", "free")
+_PLACED = 10  # rows that tell where a frame is
+_FAR_NEARER = 0.5  # of the median error: a frame that moved explains so much
 _SAMPLES = 10_000
 _STREAM = 4  # the same as in training: the tables agree
 
@@ -156,7 +160,7 @@ class Evaluation:
         return f"Evaluation of {self.rows:,} {self.source}, mean distances: {', '.join(means)}"
 
 
-def evaluate(model: Model, samples: Samples | None = None) -> Evaluation:
+def evaluate(model: Model, samples: Samples | None = None, *, frame: str = "kept") -> Evaluation:
     """Evaluate a model.
 
     Parameters
@@ -166,6 +170,9 @@ def evaluate(model: Model, samples: Samples | None = None) -> Evaluation:
         Measured samples.  Without them a simulated model is tested on 10,000 fresh exact
         samples of the simulated arm, and a model of a log repeats the errors on the rows
         that were held out in contiguous blocks while it was trained.
+    frame : {"kept", "free"}
+        Whether the sensor's frame is found anew for `samples`, as where a tracker was set up
+        again: "free" gives the errors after that, and says by how much it moved.
 
     Returns
     -------
@@ -176,6 +183,8 @@ def evaluate(model: Model, samples: Samples | None = None) -> Evaluation:
     LogError
         If the joints of `samples` are not those of the model.
     """
+    if frame not in EVALUATED:
+        raise OptionError(f"frame {frame!r}: expected one of {', '.join(EVALUATED)}")
     simulation, about = simulation_of(model), model.about
     notes: list[str] = []
     touched: dict[str, Any] = {}
@@ -185,6 +194,8 @@ def evaluate(model: Model, samples: Samples | None = None) -> Evaluation:
             samples, touched = in_sockets(model, samples, samples.touch)
         else:
             samples, notes = sound_log(model, samples)
+            samples, told = _in_frame(model, samples, free=frame == "free")
+            notes = [*notes, *told]
         residuals = evaluate_residuals(model, samples.q, samples.x, None)
         errors, source = summarise(residuals, _turned(model, samples)), "measured rows of the log"
     elif simulation is not None:
@@ -196,6 +207,35 @@ def evaluate(model: Model, samples: Samples | None = None) -> Evaluation:
         return Evaluation(errors, about.tested, about.left_out, source, within)
     tested, within = len(residuals.q), answered_within(model, residuals)
     return Evaluation(errors, tested, given - tested, source, within, tuple(notes), touched)
+
+
+def _in_frame(model: Model, samples: Samples, *, free: bool) -> tuple[Samples, list[str]]:
+    """The log in the model's frame where `free`, and what is told of how its own frame moved."""
+    tip = model.forward(samples.q)
+    known = np.isfinite(tip).all(axis=1)
+    if known.sum() < _PLACED:
+        return samples, []
+    turn, _, _ = similarity(samples.x[known], tip[known])
+    shift = np.median(tip[known] - samples.x[known] @ turn.T, axis=0)
+    moved = samples.x @ turn.T + shift
+    before, after = (
+        float(np.median(np.linalg.norm(x[known] - tip[known], axis=1))) for x in (samples.x, moved)
+    )
+    if not free and after > _FAR_NEARER * before:
+        return samples, []
+    away = float(np.linalg.norm(samples.x[known].mean(axis=0) - moved[known].mean(axis=0)))
+    # of a turn by t the Frobenius norm of R - 1 is 2 sqrt(2) sin(t / 2)
+    half = min(float(np.linalg.norm(turn - np.eye(len(turn)))) / np.sqrt(8.0), 1.0)
+    turned = float(np.degrees(2.0 * np.arcsin(half)))
+    factor, unit = for_people(samples.unit)
+    found = (
+        f"{factor * away:.3g} {unit} and {turned:.2g} deg: rows are {factor * before:.3g} {unit} "
+        f"off (median), {factor * after:.3g} once it is found anew"
+    )
+    if free:
+        return replace(samples, x=moved), [f"the sensor's frame was found anew, moved by {found}"]
+    remedy = "`frame='free'` gives the errors after that, `calib.adapt` takes it over"
+    return samples, [f"the sensor's frame seems to have moved, by {found}; {remedy}"]
 
 
 def in_sockets(model: Model, samples: Samples, touch: Touches) -> tuple[Samples, dict[str, Any]]:

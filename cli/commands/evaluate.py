@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from .. import options as opt
 from ..advice import advice
@@ -25,6 +25,10 @@ def evaluate(
     degrees: opt.LogDegrees = None,
     distance: opt.Distances = None,
     plane: opt.Planes = None,
+    frame: Annotated[
+        Literal["kept", "free"],
+        opt.flag("--frame", "free: of the log, the sensor's frame is found anew."),
+    ] = "kept",
 ) -> Outcome:
     """Print the errors of a model, on fresh samples or on a log."""
     import calib
@@ -34,7 +38,7 @@ def evaluate(
     if log is not None:
         log = with_sockets(log, distance, plane)
     started = time.perf_counter()
-    result = calib.evaluate(loaded, log)
+    result = calib.evaluate(loaded, log, frame=frame)
     say(result.notes)
     seconds = {"total": time.perf_counter() - started}
     document = summary(loaded, model, result.errors, seconds)

@@ -1,6 +1,7 @@
 """Evaluation: figures by hand, exact truth for a simulation, recorded rows for a log."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -172,3 +173,23 @@ def test_a_log_wholly_outside_is_refused():
     s = log(300)
     with pytest.raises(LogError, match="no row of the log lies within"):
         calib.evaluate(narrow, s.take(s.q[:, 1] > 2.2))
+
+
+def test_a_frame_that_moved_is_told_and_can_be_found_anew(tmp_path, run):
+    arm = calib.load_arm("two_link")
+    rows = [calib.babble(arm, 200, seed=seed, noise=1e-4) for seed in (1, 2)]
+    rows = [replace(each, simulation=None) for each in rows]
+    model = calib.train(rows[0], size=8)
+    turn = np.array([[np.cos(0.1), -np.sin(0.1)], [np.sin(0.1), np.cos(0.1)]])
+    moved = replace(rows[1], x=rows[1].x @ turn.T + [0.02, -0.01])
+    kept, free = calib.evaluate(model, moved), calib.evaluate(model, moved, frame="free")
+    assert kept.errors["local"]["forward"]["distance"]["mean"] > 0.01
+    assert free.errors["local"]["forward"]["distance"]["mean"] < 3e-4
+    assert any("frame seems to have moved" in note for note in kept.notes)
+    assert any("found anew" in note for note in free.notes)
+    assert not any("frame" in note for note in calib.evaluate(model, rows[1]).notes)
+    model.save(tmp_path / "m.calib")
+    calib.write_log(moved, tmp_path / "moved.csv")
+    words = ["evaluate", tmp_path / "m.calib", "--data", tmp_path / "moved.csv", "--json"]
+    done = run(*words, "--frame", "free")
+    assert done.document["errors"]["local"]["forward"]["distance"]["mean"] < 3e-4
