@@ -156,11 +156,13 @@ def test_commands_and_code_run_and_print_what_the_page_shows(name, folder, monke
         names = {"robot": robots, "action": dict(action)}
     run_page(page, folder, names)
     if name == "docs/howto/ros.md":
-        correct = calib.load("two_link.adapted.calib").correct
+        adapted = calib.load("two_link.adapted.calib")
         (message,) = robots.published
-        (row,) = correct([[0.5, 1.0]])  # a batch as on the page: single queries differ by rounding
+        (row,) = calib.correct(
+            adapted, [[0.5, 1.0]]
+        ).q  # a batch as on the page: single queries differ by rounding
         assert message.points[0].positions == [0.1, *row[::-1]]
-        q = np.degrees(correct(np.radians([30.0, 60.0])))
+        (q,) = np.degrees(calib.correct(adapted, np.radians([[30.0, 60.0]])).q)
         expected = {"shoulder_lift.pos": q[0], "elbow_flex.pos": q[1], "gripper.pos": 5.0}
         assert robots.sent == pytest.approx(expected)
 
