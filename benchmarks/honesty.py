@@ -23,6 +23,7 @@ from typing import Any
 
 import honest_change
 import honest_clock
+import honest_noise
 import honest_real
 import honest_simulated
 import honest_space
@@ -52,6 +53,8 @@ OWN: dict[str, Callable[[bool], Iterator[Row]]] = {
     "time": honest_simulated.times,
     "simulation": honest_simulated.simulation,
     "clocks": honest_clock.clocks,
+    "noisier": honest_noise.noisier,
+    "encoders": honest_noise.encoders,
 }
 
 

@@ -234,7 +234,10 @@ def _in_frame(model: Model, samples: Samples, *, free: bool) -> tuple[Samples, l
     )
     if free:
         return replace(samples, x=moved), [f"the sensor's frame was found anew, moved by {found}"]
-    remedy = "`frame='free'` gives the errors after that, `calib.adapt` takes it over"
+    remedy = (
+        "an arm that changed may look like that in few places: `check` tells which it is, "
+        "`frame='free'` gives the errors after that, `adapt` takes it over"
+    )
     return samples, [f"the sensor's frame seems to have moved, by {found}; {remedy}"]
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from typing import Annotated, Any
 
 from typer import Argument
@@ -99,7 +100,7 @@ def _place(what: str, found: dict[str, Any]) -> str:
         for value, half in zip(found["position"], found["position_95"], strict=True)
     )
     quaternion = ", ".join(f"{value:.5f}" for value in found["quaternion"])
-    turn = 180 / 3.141592653589793 * max(found["rotation_95"])
+    turn = math.degrees(max(found["rotation_95"]))
     return f"{what}: ({at}) mm, quaternion ({quaternion}) ± {turn:.2g} deg"
 
 
