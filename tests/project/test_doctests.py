@@ -23,6 +23,7 @@ from calib.common.choices import (
 from calib.maps.density import kind_of
 from calib.maps.links import WIRINGS
 from calib.samples.babbling import SAMPLERS as BABBLING
+from calib.training.evaluate import EVALUATED
 
 MODULES = sorted(
     ["calib"]
@@ -65,7 +66,7 @@ CHOICES = {
     "cause": CAUSES,
     "method": (*METHODS, *MOTIONS, *BABBLING),
     "links": tuple(WIRINGS),
-    "frame": FRAMES,
+    "frame": (*FRAMES, *EVALUATED),
 }
 _ITEM = re.compile(r"^(\w+(?:, \w+)*) : (.*(?:\n(?:    .*|$))*)", re.MULTILINE)
 _QUOTED = re.compile(r'"([a-z][\w:-]*)"')
