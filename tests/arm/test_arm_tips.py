@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from chains import NO_TIP, branching, chain_urdf, turning
+from chains import NO_TIP, branching, turning
 
 from calib.arm.finding import find_tip
 from calib.arm.loading import arm_from_urdf, load_arm
