@@ -6,11 +6,10 @@ import time
 from typing import TYPE_CHECKING, Annotated, Literal
 
 from .. import options as opt
-from ..advice import advice
 from ..measurements import Reading, log_of
 from ..output import Outcome, TextTable, fields, say
 from ..samples import Sockets
-from ..summary import accuracy, answers_back, error_table, summary
+from ..summary import accuracy, advice, answers_back, error_table, summary
 
 if TYPE_CHECKING:
     from calib import Evaluation
