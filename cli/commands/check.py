@@ -61,8 +61,8 @@ def check(
     factor, name = for_people(unit_seen)
     smallest = f"{number(factor * drift.smallest)} {name}"
     limit = (
-        f"limited by noise and few rows: {drift.samples} of {data} show changes from {smallest} "
-        f"on (score {number(drift.score)} of 1), more rows show smaller ones"
+        f"limited by noise: these {drift.samples} rows show changes from {smallest} on; more rows "
+        "show smaller ones"
     )
     if drift.drifted:
         first, *others = drift.explanations or ("its cause is unknown",)
