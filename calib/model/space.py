@@ -31,7 +31,10 @@ from .base import drawn, in_base
 if TYPE_CHECKING:
     from .model import Model
 
-_BESIDE = 0.1  # rad: joints no further from `near` than this are on its branch
+_BESIDE = 0.5  # rad: of joints no further from `near` the other branches are looked for there
+_ACROSS = (-4.0, -2.0, -1.0, 1.0, 2.0, 4.0)  # least singular values to the other side of a fold
+_AROUND = 12  # more starts, within twice the distance from `near`
+_FEW = 12  # of a start that is near
 _CLEAR = 0.3  # share of the least singular value that joints may move by beside `near`
 _STEPS = 40  # of a search whose residual stays
 _TOGETHER = 50  # targets that are tried again side by side
@@ -198,17 +201,34 @@ class Space:
 
     def _beside(self, wish: Array, target: Array) -> tuple[NDArray[np.bool_], Array]:
         """Which poses are reached so close to a wish that no other branch is nearer; joints."""
-        u, left = self._posing.refine(wish, target)
-        q = self._scale.from_unit(u)
-        moved = np.abs(self._scale.difference(u, wish) * self._scale.span).max(axis=1)
-        if q.shape[1] > 6 or not len(q):
-            return np.zeros(len(q), dtype=bool), q
+        newton, span = self._posing, self._scale.span
+        u, left = newton.refine(wish, target)
+        if u.shape[1] > 6 or not len(u):
+            return np.zeros(len(u), dtype=bool), self._scale.from_unit(u)
+        moved = np.abs(self._scale.difference(u, wish) * span).max(axis=1)
+        beside = (left <= TOLERANCE * self.length) & (moved <= _BESIDE)
         # another branch is as near only beside a fold, where the Jacobian loses a direction
-        slope = self.evaluate(q)[2].copy()
+        slope = self.evaluate(self._scale.from_unit(u))[2].copy()
         slope[:, :3] /= self.length
-        least = np.linalg.svd(slope, compute_uv=False)[:, -1]
-        beside = (left <= TOLERANCE * self.length) & (moved <= _BESIDE) & (moved <= _CLEAR * least)
-        return np.asarray(beside), q
+        least, lost = (part[:, -1] for part in np.linalg.svd(slope)[1:])
+        rows = np.flatnonzero(beside & (moved > _CLEAR * least))
+        if len(rows):  # across the fold, and as near all around
+            across = least[rows, None, None] * np.array(_ACROSS)[:, None] * lost[rows, None]
+            around = np.random.default_rng(0).uniform(-2, 2, (_AROUND, u.shape[1]))
+            starts = np.concatenate(
+                [
+                    u[rows, None] + across / span,
+                    wish[rows, None] + moved[rows, None, None] * around / span,
+                ],
+                axis=1,
+            )
+            owner = np.repeat(rows, starts.shape[1])
+            tried = newton.clip(starts.reshape(-1, u.shape[1]))
+            found, now = newton.refine(tried, target[owner], steps=_FEW)
+            owner = np.append(rows, owner)
+            every, now = np.concatenate([u[rows], found]), np.append(left[rows], now)
+            u[rows] = every[newton.best(owner, every, now, wish[owner])]
+        return beside, self._scale.from_unit(u)
 
     def _again(self, newton: Newton, u: Array, left: Array, target: Array, wish: Array) -> None:
         """Answers that missed their target, tried from all over the ranges; in place."""
