@@ -52,7 +52,7 @@ class Positions:
 
     def spare(self, target: Array, dof: int) -> bool:
         """Whether there are more joints than coordinates."""
-        return dof > target.shape[1]
+        return bool(dof > target.shape[1])
 
 
 @dataclass(frozen=True)
@@ -96,4 +96,4 @@ class Poses:
 
     def spare(self, target: Array, dof: int) -> bool:
         """Whether there are more than six joints."""
-        return dof > target.shape[1] // 2
+        return bool(dof > target.shape[1] // 2)
