@@ -50,6 +50,7 @@ class Source:
     rows: pl.LazyFrame  # its columns are named by their place in the header: "0", "1", ...
     about: str = "{}"  # what the file says of all its rows, as JSON
     keep: object = None  # whatever has to live as long as the rows are needed
+    text: bool = False  # whether it is a CSV file
 
     def __contains__(self, name: str) -> bool:
         """Whether there is a column, or an element of a column's lists, of this name."""
@@ -117,7 +118,7 @@ def read_rows(
     """Read some columns as numbers; of more than `most` rows so many, drawn at random.
 
     Of a Parquet file's lists a name is one element, as in `state[0]`. NaN is a missing value, where
-    `lenient` also text in a number's place. A line with nothing in it is no row.
+    `lenient` also text in a number's place. Blank lines at the end are no rows.
 
     Raises LogError if a column is missing or there twice, or a value is no number.
     """
@@ -130,7 +131,8 @@ def read_rows(
         count = source.rows.select(pl.len())
         total = int(count.collect(engine="streaming").item()) if most else 0
     rows = source.rows.with_row_index("row")
-    if most and total > most:
+    drawn = most is not None and total > most
+    if drawn:
         some = np.sort(np.random.default_rng(seed).choice(total, most, replace=False))
         rows = rows.join(pl.LazyFrame({"row": some.astype(np.uint32)}), on="row", how="semi")
     numbers = [cell.values.cast(pl.Float64, strict=False) for cell in cells]
@@ -140,8 +142,7 @@ def read_rows(
         for k, (cell, column) in enumerate(zip(cells, numbers, strict=True))
         if isinstance(cell.dtype, pl.String) and not lenient
     ]
-    with _errors(source.label):
-        frame = rows.select("row", *asked).collect(engine="streaming").sort("row")
+    frame = _collected(source, rows, ["row", *asked]).sort("row")
     for name in frame.columns:
         if name.startswith("bad ") and frame[name].any():
             k, row = int(name[4:]), int(frame["row"][int(frame[name].arg_true()[0])])
@@ -149,7 +150,9 @@ def read_rows(
     values = np.empty((frame.height, len(names)))
     for k in range(len(names)):
         values[:, k] = frame[f"value {k}"].fill_null(float("nan")).to_numpy()
-    return Rows(values, frame["row"].to_numpy().astype(np.intp) + 1, total or frame.height)
+    return Rows(
+        values, frame["row"].to_numpy().astype(np.intp) + 1, total if drawn else frame.height
+    )
 
 
 def read_columns(source: Source, names: Sequence[str], *, lenient: bool = False) -> Array:
@@ -162,9 +165,22 @@ def read_texts(source: Source, names: Sequence[str]) -> pl.DataFrame:
     import polars as pl
 
     columns = [pl.col(str(source.header.index(name))).alias(name) for name in names]
-    with _errors(source.label):
-        frame = source.rows.select(columns).collect()
+    frame = _collected(source, source.rows, columns)
     return frame.with_columns(pl.col(pl.String).fill_null(""))
+
+
+def _collected(
+    source: Source, rows: pl.LazyFrame, columns: Sequence[str | pl.Expr]
+) -> pl.DataFrame:
+    """Columns of some rows of a table, without blank lines at the end of a CSV file."""
+    import polars as pl
+
+    blank = pl.all_horizontal(pl.exclude("row").is_null()) if source.text else pl.lit(value=False)
+    nothing = blank.alias("nothing")
+    with _errors(source.label):
+        frame = rows.select(*columns, nothing).collect(engine="streaming")
+    something = (~frame["nothing"]).arg_true()
+    return frame.drop("nothing").head(something[-1] + 1 if len(something) else 0)
 
 
 class _Cells(NamedTuple):
@@ -241,7 +257,8 @@ def _element(
         raise LogError(
             f"{where} lists of {high}, counted from 0: there is no '{column}[{element}]'"
         )
-    return lists.list.get(element, null_on_oob=True), dtype.inner
+    inner: pl.DataType = dtype.inner  # type: ignore[assignment]
+    return lists.list.get(element, null_on_oob=True), inner
 
 
 def _lacks(text: pl.Expr) -> pl.Expr:
@@ -284,9 +301,7 @@ def _open_csv(label: str, path: Path, keep: object) -> Source:
         glob=False,
         with_column_names=lambda names: [str(k) for k in range(len(names))],
     )
-    blank = pl.all_horizontal(pl.all().is_null())
-    names = tuple(name.strip() for name in header)
-    return Source(label, names, rows.filter(~blank), about, keep)
+    return Source(label, tuple(name.strip() for name in header), rows, about, keep, text=True)
 
 
 def _open_parquet(label: str, path: Path, keep: object) -> Source:

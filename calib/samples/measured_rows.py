@@ -43,8 +43,8 @@ def measured_rows(
             "these"
         )
     finite = np.abs(values) < LARGEST
-    for name, there in zip(columns, finite.any(axis=0), strict=True):
-        if not there:
+    for k, name in enumerate(columns):
+        if not finite[:, k].any():
             raise LogError(f"{source.label}: column {name!r} has no finite value in any row")
     whole = finite.all(axis=1)
     dropped = int((~whole).sum())

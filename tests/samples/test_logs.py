@@ -221,7 +221,7 @@ def test_columns_may_name_locked_joints_too(tmp_path):
 
 
 def test_a_batch_keeps_its_order_and_names_its_bad_rows(file):
-    path = file("x,y,t\n1,2,a\noops,2,b\n3,inf,c\n,4,d\n5,,e\n\n7,8,g\n")
+    path = file("x,y,t\n1,2,a\noops,2,b\n3,inf,c\n,4,d\n5,,e\n7,8,g\n\n")
     batch = read_batch(path, ["y", "x"])
     values = batch.values
     assert batch.invalid == (2, 3, 4, 5)

@@ -39,7 +39,10 @@ def files(tmp_path, rows):
 @pytest.mark.parametrize(
     ("text", "values"),
     [
-        ("a,b,t\n1,2,x\n\n3,NA,y\n\n5,6,z\n\n", [[1, 2], [3, np.nan], [5, 6]]),
+        (
+            "a,b,t\n1,2,x\n\n3,NA,y\n\n5,6,z\n\n",
+            [[1, 2], [np.nan] * 2, [3, np.nan], [np.nan] * 2, [5, 6]],
+        ),
         ('a,b,t\n1,2,x\n3,4,"line\nend"\n5,6,"z"\n7,8,\n', [[1, 2], [3, 4], [5, 6], [7, 8]]),
         ("a,b,t\r\n1,2,x\r\n3,4,y\r\n5,6,z\r\n", [[1, 2], [3, 4], [5, 6]]),
         ('\ufeff\na,"b",t\n1,2,é\n3,4,肘\n', [[1, 2], [3, 4]]),
