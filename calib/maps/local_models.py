@@ -76,9 +76,7 @@ def _products(z: Array, terms: NDArray[np.intp]) -> Array:
     return found
 
 
-def fit(
-    motor: Map, nodes: Index, u: Array, residual: Array, shape: tuple[int, int]
-) -> LocalModels:
+def fit(motor: Map, nodes: Index, u: Array, residual: Array, shape: tuple[int, int]) -> LocalModels:
     """Kernel-weighted least squares around some of the nodes (k,), which alone have models here.
 
     u, residual : (n, d), (n, o), samples in the unit box and what the smooth part leaves over of
