@@ -148,7 +148,7 @@ def test_nodes_at_the_border_of_even_rows_follow_a_polynomial_to_its_degree():
 
 
 def test_rows_on_a_line_do_not_multiply_their_noise_beside_it():
-    """Without the check of half a spacing around a node the largest answer is 20 times the noise."""
+    """Unchecked, the largest answer half a spacing away is 20 times the noise."""
     motor = grid(False, False, n=12)
     u = np.stack([np.linspace(0, 1, 600), np.full(600, 0.5)], axis=1) + 1e-4 * points(600, seed=4)
     noise = np.random.default_rng(3).normal(scale=1e-3, size=(600, 2))
