@@ -15,7 +15,8 @@ from calib.common.choices import MAP_READOUTS
 from calib.common.parallel import one_blas_thread
 from calib.common.scale import Scale
 from calib.maps.association import Association
-from calib.training.learn import Options, associate
+from calib.training.learn import associate
+from calib.training.options import TrainingOptions
 
 ROBOT = "two_link"
 TESTED = 10_000
@@ -26,7 +27,7 @@ def trained(network: str, side: int, n: int, seed: int, sigma: float | None = No
     samples = calib.babble(calib.load_arm(ROBOT), n, seed=seed)
     scale = Scale.of_range(samples.lower, samples.upper, samples.revolute)
     epochs, radii = (None, None) if sigma is None else (20, (side / 2, sigma))
-    options = Options((side,) * 2, (side,) * 2, network, "batch", epochs, radii, seed, False)
+    options = TrainingOptions(side, map=network, epochs=epochs, sigma=radii, seed=seed)
     started = time.process_time()
     pair = associate(scale, scale.to_unit(samples.q), samples.x, options)
     seconds = time.process_time() - started

@@ -62,6 +62,7 @@ if TYPE_CHECKING:
     from .sweeps import sweep as sweep
     from .training.evaluate import Evaluation as Evaluation
     from .training.evaluate import evaluate as evaluate
+    from .training.options import TrainingOptions as TrainingOptions
     from .training.train import train as train
     from .use.correct import Corrected as Corrected
     from .use.correct import correct as correct
@@ -100,6 +101,7 @@ _HOME = {
     "Simulation": "samples.simulation",
     "Surroundings": "maps.fields",
     "Sweep": "sweeps",
+    "TrainingOptions": "training.options",
     "Trial": "sweeps",
     "Visit": "maps.density",
     "adapt": "change.adapt",

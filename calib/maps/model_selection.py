@@ -32,7 +32,7 @@ _SPEAKS = 0.5  # of a node's weight on wrong rows, above which it may speak
 _PARTS = 20  # parts of a log: a gain has to come from several, near-repeats are no evidence
 _GAINS, _BEYOND = 1.0, 3.0  # standard errors beyond zero, of a node's gain and of the sum
 _ALONG, _SURE = 0.1, 5.0  # see `follows_the_motion`
-_MOST = 5_000  # rows whose held-out errors are told
+_MOST = 1_000  # rows whose held-out errors are told
 
 
 @dataclass(frozen=True)
@@ -125,12 +125,13 @@ def select(motor: Map, u: Array, candidate: SmoothCandidate) -> Selected:
 
     def gains(residual: Array) -> Array:
         """By how much the cost of each row is less than without local models."""
-        return care * (np.log1p(_square(held[rows]) / noise) - np.log1p(_square(residual) / noise))
+        before, after = (np.log1p(_square(r) / noise) for r in (held[rows], residual))
+        return np.asarray(care * (before - after))
 
     def remains(said: Array, speaks: Mask) -> Array:
         own = np.where(speaks[index], weight, 0.0)
         own *= local.heard(own.sum(axis=1) / np.maximum(weight.sum(axis=1), 1e-300))[:, None]
-        return held[rows] - np.einsum("nm,nmo->no", own, said)
+        return np.asarray(held[rows] - np.einsum("nm,nmo->no", own, said))
 
     most, best = 0.0, None
     for shape in shapes if len(rows) else ():
@@ -141,7 +142,7 @@ def select(motor: Map, u: Array, candidate: SmoothCandidate) -> Selected:
         )
         speaks = stands & _beyond_chance(by_part, _GAINS)
         residual = remains(said, speaks)
-        gain = np.bincount(part, gains(residual), _PARTS)
+        gain = np.asarray(np.bincount(part, gains(residual), _PARTS), dtype=float)
         if gain.sum() > most and _beyond_chance(gain, _BEYOND):
             most, best = float(gain.sum()), (shape, np.flatnonzero(speaks), residual)
     if best is None:
@@ -158,7 +159,7 @@ def _square(residual: Array) -> Array:
 
 def _of_nodes(motor: Map, index: Index, values: Array) -> Array:
     """Sum of values (n, m) over the rows, by the nodes `index` (n, m) that they belong to."""
-    return np.bincount(index.ravel(), values.ravel(), motor.size)
+    return np.asarray(np.bincount(index.ravel(), values.ravel(), motor.size), dtype=float)
 
 
 def _beyond_chance(parts: Array, errors: float) -> Any:
