@@ -14,9 +14,8 @@ from .fields import Neighbourhood, neighbourhood_values
 from .map import nearest_nodes, search_tree
 from .neighbourhood import moved
 from .schedule import Stage
-from .start import unfold
+from .start import spread_out
 
-_JUDGES = 4_000  # samples by which a start is chosen
 _CELLS = 65_535  # parts of the unit box by which samples are sorted
 
 
@@ -25,11 +24,10 @@ def learn_batch(
     stages: list[Stage],
     gain: Gain | None,
     rng: np.random.Generator,
-    partners: Array | None = None,
     residual: Array | None = None,
     neighbourhood: Neighbourhood | None = None,
 ) -> Iterator[Epoch]:
-    """Train stage after stage from a random start; yields after each epoch.
+    """Train stage after stage; yields after each epoch.
 
     The fixed points of a stage without `step` are those of eq. 2: each node is the mean of
     all samples, weighted by the neighbourhood h (eq. 3, or `neighbourhood`) of their
@@ -38,15 +36,9 @@ def learn_batch(
     order = _by_place(u)
     u = u[order]
     lattice = stages[0].lattice
-    if stages[0].final:
-        weights = rng.random((lattice.size, u.shape[1]))
-    else:
-        coarsest = [stage for stage in stages if stage.lattice == lattice]
-        few, more = (u[_some(u, n, rng)] for n in (coarsest[0].samples, _JUDGES))
-        for epoch in unfold(few, more, coarsest, rng):
-            weights = epoch.weights
-            yield epoch
-        stages = stages[len(coarsest) :]
+    weights = rng.random((lattice.size, u.shape[1]))
+    if not stages[0].final:
+        weights = spread_out(u, lattice)
     per_node = len(u) / stages[-1].lattice.size
     for stage in stages:
         if stage.lattice != lattice:
@@ -55,7 +47,7 @@ def learn_batch(
         drawn = _some(u, stage.samples, rng)
         some, rows = u[drawn], order[drawn]
         back = np.argsort(rows)  # a gain sees samples in the log's order, not in that of places
-        known, wrong = (None if a is None else a[rows[back]] for a in (partners, residual))
+        wrong = None if residual is None else residual[rows[back]]
         for k, sigma in enumerate(stage.sigma):
             tree, share = search_tree(weights), (k + 1) / len(stage.sigma)
             distances, index = nearest_nodes(tree, some)  # eq. 1
@@ -64,7 +56,7 @@ def learn_batch(
             if gain is not None and stage.progress is not None:
                 first, last = stage.progress
                 t, by, far = first + (last - first) * share, winner[back], distance[back]
-                visit = Visit(t, by, far, weights, lattice, known, wrong, float(sigma), per_node)
+                visit = Visit(t, by, far, weights, lattice, wrong, float(sigma), per_node)
                 g[back] = gain(visit)
             topographic = topographic_error(some, tree, lattice)
             # of each node: sum of the samples that it won, and their weight

@@ -126,7 +126,6 @@ class SOM:
         *,
         scale: Scale | None = None,
         progress: _Progress | None = None,
-        partners: Array | None = None,
         residual: Array | None = None,
     ) -> Map:
         """Train on the rows of `x` (n, d) and return the map.
@@ -140,9 +139,6 @@ class SOM:
         progress : callable, optional
             Called now and then with the share of the work done and the current
             quantization error in the unit box.
-        partners : (n, k) array, optional
-            The same samples in the other space, in its unit box, for gains that weigh the
-            errors there.
         residual : (n,) array, optional
             How wrong a smooth model is at each sample, see
             :func:`calib.maps.misfit.misfit`, for the default varying density.
@@ -165,7 +161,7 @@ class SOM:
         gain = self._gain()
         scale = scale or Scale.of_data(x)
         u = scale.to_unit(x)
-        epochs, work = self._training(u, scale, gain, partners, residual)
+        epochs, work = self._training(u, scale, gain, residual)
         history, done = [], 0
         # small products of matrices: threads would only wait for each other
         with one_blas_thread():
@@ -209,8 +205,8 @@ class SOM:
         own = self.seed.entropy if isinstance(self.seed, np.random.SeedSequence) else self.seed
         seeds = np.random.SeedSequence(own).spawn(2)
         motor, sensory = (
-            replace(self, seed=seed).fit(rows, scale=scale, partners=partners)
-            for seed, rows, scale, partners in zip(seeds, (q, x), scales, (v, u), strict=True)
+            replace(self, seed=seed).fit(rows, scale=scale)
+            for seed, rows, scale in zip(seeds, (q, x), scales, strict=True)
         )
         association = Association.learn(motor, u, sensory, v, wiring)
         return Pair(association, np.zeros((0, len(CURVE))))
@@ -271,7 +267,6 @@ class SOM:
         u: Array,
         scale: Scale,
         gain: Gain | None,
-        partners: Array | None,
         residual: Array | None,
     ) -> tuple[Iterator[Epoch], int]:
         """The epochs that train, and how many samples they show in all."""
@@ -291,5 +286,5 @@ class SOM:
             every = passes(net, [u], epochs, self._online_sigma(lattice), rng)
             return (epoch for (epoch,) in every), n * epochs
         stages = self._stages()
-        told = learn_batch(u, stages, gain, rng, partners, residual, self.neighbourhood)
+        told = learn_batch(u, stages, gain, rng, residual, self.neighbourhood)
         return told, total_work(stages, n)

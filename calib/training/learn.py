@@ -60,8 +60,8 @@ def associate(
         return _linked(motor, u, sensory, v, options)
     # steps of a few samples hold the interpreter's lock: two threads would fight for it
     motor, sensory = (side_by_side if kind_of(options.map or LATTICE) == "som" else in_turn)(
-        lambda: som(0, "motor").fit(scale.from_unit(u), scale=scale, partners=v, residual=residual),
-        lambda: som(1, "sensory").fit(x, scale=seen, partners=u, residual=residual, progress=tell),
+        lambda: som(0, "motor").fit(scale.from_unit(u), scale=scale, residual=residual),
+        lambda: som(1, "sensory").fit(x, scale=seen, residual=residual, progress=tell),
     )
     return _linked(motor, u, sensory, v, options)
 
