@@ -77,7 +77,7 @@ def _products(z: Array, terms: NDArray[np.intp]) -> Array:
 
 
 def fit(motor: Map, nodes: Index, u: Array, residual: Array, shape: tuple[int, int]) -> LocalModels:
-    """Kernel-weighted least squares around some of the nodes (k,), which alone have models here.
+    """Kernel-weighted least squares around some of the nodes (k,); the others are silent.
 
     u, residual : (n, d), (n, o), samples in the unit box and what the smooth part leaves over of
         their positions
@@ -99,7 +99,7 @@ def fit(motor: Map, nodes: Index, u: Array, residual: Array, shape: tuple[int, i
     z = scale.difference(u[near[:, :samples]], places[:, None]) / radius[:, None, None]
     kernel = (1.0 - (distance[:, :samples] / radius[:, None]) ** 2) ** 2
     ring = _ring(places, motor.spacings[nodes], scale) / radius[:, None, None]
-    coefficients = np.zeros((len(nodes), len(exponents(z.shape[2], degree)), outputs))
+    coefficients = np.zeros((motor.size, len(exponents(z.shape[2], degree)), outputs))
     shaky = np.arange(len(nodes))
     for lower in range(degree, -1, -1):
         terms = len(exponents(z.shape[2], lower))
@@ -116,9 +116,11 @@ def fit(motor: Map, nodes: Index, u: Array, residual: Array, shape: tuple[int, i
             solved = np.linalg.solve(moments, wanted)
             variance = np.einsum("nta,nta->na", asked, solved[..., outputs:])
             firm = (variance < _FIRM).all(axis=1)
-            coefficients[part[firm], :terms] = solved[firm, :, :outputs]
-        shaky = shaky[(coefficients[shaky] == 0.0).all(axis=(1, 2))]
-    return LocalModels(degree, samples, radius, coefficients)
+            coefficients[nodes[part[firm]], :terms] = solved[firm, :, :outputs]
+        shaky = shaky[(coefficients[nodes[shaky]] == 0.0).all(axis=(1, 2))]
+    reach = np.full(motor.size, motor.spacing)
+    reach[nodes] = radius
+    return LocalModels(degree, samples, reach, coefficients)
 
 
 def _ring(nodes: Array, spacings: Array, scale: Scale) -> Array:

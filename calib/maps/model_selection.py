@@ -150,7 +150,10 @@ def select(motor: Map, u: Array, candidate: SmoothCandidate) -> Selected:
     shape, nodes, residual = best
     mended = held.copy()
     mended[rows] = residual
-    return Selected(_fitted(motor, u, candidate, shape, nodes), told, mended[told])
+    models = local.fit(motor, nodes, u, candidate.residual, shape)
+    near_rows = local.near_rows(motor, u)[:, None, None]  # far from all rows they are silent
+    models = replace(models, coefficients=models.coefficients * near_rows)
+    return Selected(Predictor(motor, candidate.smooth, models), told, mended[told])
 
 
 def _square(residual: Array) -> Array:
@@ -181,23 +184,8 @@ def _held_out(
     for fold in blocks(len(u), _FOLDS):
         mine = np.flatnonzero((rows >= fold[0]) & (rows <= fold[-1]))
         if len(mine):
-            nodes, place = np.unique(index[mine], return_inverse=True)
             others = np.setdiff1d(np.arange(len(u)), fold, assume_unique=True)
-            models = local.fit(motor, nodes, u[others], candidate.residual[others], shape)
-            said[mine] = local.contributions(models, place.reshape(index[mine].shape), gap[mine])
+            seen = u[others], candidate.residual[others]
+            models = local.fit(motor, np.unique(index[mine]), *seen, shape)
+            said[mine] = local.contributions(models, index[mine], gap[mine])
     return said
-
-
-def _fitted(
-    motor: Map, u: Array, candidate: SmoothCandidate, shape: tuple[int, int], nodes: Index
-) -> Predictor:
-    """The predictor with models of one shape on some nodes; far from all rows they are silent."""
-    found = local.fit(motor, nodes, u, candidate.residual, shape)
-    coefficients = np.zeros((motor.size, *found.coefficients.shape[1:]))
-    coefficients[nodes] = found.coefficients
-    coefficients *= local.near_rows(motor, u)[:, None, None]
-    radius = np.full(motor.size, motor.spacing)
-    radius[nodes] = found.radius
-    return Predictor(
-        motor, candidate.smooth, replace(found, radius=radius, coefficients=coefficients)
-    )
