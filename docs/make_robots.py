@@ -42,10 +42,9 @@ Written by `python docs/make_robots.py`; edit that, not this page.
 What `calib train FILE --size {size} --samples {samples}` does with each of the {files}
 URDF files of [{package}](https://github.com/Gepetto/example-robot-data) {version} (PyPI; meshes
 are not needed). Nothing is said about joints or tip: the arm that reaches furthest is taken with a
-note, an arm before its fingers; of limbs that reach alike (two arms, four legs) in space the first.
-A few robots have limbs in planes that reach alike: the command lists them, ends with exit code 1
-and trains nothing; where limits are missing it asks for ranges. The table then gives the arm that
-comes of doing as told: the first of the list, ranges from -1 to 1. Of the files {trained} were
+note, an arm before its fingers; of limbs that reach alike (two arms, four legs) the first.
+Where limits are missing the command asks for ranges and ends with exit code 1. The table then gives
+the arm that comes of doing as told: ranges from -1 to 1. Of the files {trained} were
 trained at once, {listed} after doing as told, {refused} were refused for good. {spatial} of the
 arms move in space, {planar} in a plane.
 
