@@ -43,7 +43,7 @@ CHAPTERS = {
     "Pages": ("report", "preview", "figures", "Preview"),
     "Sweeps": ("sweep", "Sweep", "Trial"),
     "Drift and re-calibration": ("Drift", "Monitor", "adapt", "Adaptation"),
-    "Maps": ("SOM", "Map", "Pair", "Association", "Visit", "Surroundings", "Pairs"),
+    "Maps": ("SOM", "Map", "Pair", "Association", "Visit"),
     "Errors": (
         "CalibError",
         "RobotError",

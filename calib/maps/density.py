@@ -174,6 +174,33 @@ def rationed(residual: Array, per_node: float, dim: int) -> Array:
     return share
 
 
+def checked_gain(gain: Gain) -> Gain:
+    """A user's gain whose answers are checked whenever it is asked."""
+
+    def ask(visit: Visit) -> Array:
+        given, shape = gain(visit), visit.winners.shape
+        try:
+            found = np.asarray(given, dtype=float)
+        except (TypeError, ValueError):
+            raise OptionError(f"the gain returned {given!r:.60}, expected an array") from None
+        if found.shape != shape:
+            raise OptionError(
+                f"the gain returned an array of shape {found.shape}, expected {shape}: one factor "
+                "for each sample"
+            )
+        bad = found[~(np.isfinite(found) & (found >= 0.0))]
+        if len(bad):
+            raise OptionError(
+                f"the gain returned {bad[0]:g} for {len(bad)} of {len(found)}: expected finite "
+                "numbers, 0 or more"
+            )
+        if not found.any():
+            raise OptionError("the gain returned zeros alone: no sample would be learned")
+        return found
+
+    return ask
+
+
 def border_strength(lattice: Lattice | Graph, per_node: float = np.inf) -> float:
     """Strength p of the border's gain: 3 log2(side / 4), 1.5 to 9, by the nodes along a side.
 

@@ -11,7 +11,6 @@ from numpy.random import SeedSequence
 from ..common.choices import BODIES, VIEWS
 from ..errors import OptionError
 from ..maps.density import Gain
-from ..maps.fields import LinkRule
 from ..maps.lattice import Size, shape_of
 from ..maps.links import wiring_of
 
@@ -41,9 +40,8 @@ class TrainingOptions:
         the coarse lattices that come first by default.
     sigma : (float, float), optional
         Neighbourhood radius at the start and at the end [nodes].
-    links : {"reciprocal", "oja", "local", "mutual"} or link rule
-        How the links (eq. 5) are learned and read (eq. 6), see docs/paper.md, or a
-        function of :class:`calib.Pairs`.
+    links : {"reciprocal", "oja", "local", "mutual"}
+        How the links (eq. 5) are learned and read (eq. 6), see docs/paper.md.
     body : {"auto", "none"}
         ``auto`` fits a kinematic body under the maps; ``none`` learns from maps and links
         alone, as the paper does.
@@ -68,7 +66,7 @@ class TrainingOptions:
     rule: str = "batch"
     epochs: int | None = None
     sigma: tuple[float, float] | None = None
-    links: str | LinkRule = "reciprocal"
+    links: str = "reciprocal"
     body: str = "auto"
     view: str = "auto"
     seed: int = 0
@@ -91,9 +89,8 @@ class TrainingOptions:
     def to_json(self) -> dict[str, Any]:
         """Plain data for a model file."""
         data = {k: v for k, v in asdict(self).items() if k != "size"} | {"seed": int(self.seed)}
-        for name in ("map", "links"):
-            if callable(data[name]):
-                data[name] = getattr(data[name], "__name__", "custom")
+        if callable(self.map):
+            data["map"] = getattr(self.map, "__name__", "custom")
         return data
 
     def stream(self, name: str) -> SeedSequence:
