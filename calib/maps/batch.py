@@ -1,9 +1,10 @@
 """Kohonen's batch map: it goes to the fixed points of eq. 2, in a fortieth of the time.
 
 Where eq. 2 comes to rest each node is the mean of all samples, weighted by h of eq. 3.  Each epoch
-puts the nodes there for the winners as they are.  `python benchmarks/map_readouts.py rules --samples
-20000`, 30x30 nodes, maps and links: eq. 1 to 4 sample by sample 15.1 s, quantization error 0.0103;
-batch from a random start 0.46 s, 0.0102; coarse to fine 0.22 s, 0.0099; VDSOM 16.2 s and 0.32 s.
+puts the nodes there for the winners as they are.  `python benchmarks/map_readouts.py rules
+--samples 20000`, 30x30 nodes, maps and links: eq. 1 to 4 sample by sample 15.1 s, quantization
+error 0.0103; batch from a random start 0.46 s, 0.0102; coarse to fine 0.22 s, 0.0099; a VDSOM
+16.2 s and 0.32 s.
 """
 
 from __future__ import annotations
