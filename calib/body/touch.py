@@ -24,7 +24,7 @@ from .measurement import Measurement
 from .parameters import Block, Indices
 from .posterior import BodyFit, fit_structure
 from .search import BLOCKS
-from .settings import FREE, STATED
+from .settings import FREE, SCALES, STATED
 from .spatial import SpatialStructure
 from .spatial_view import InSpace
 
@@ -46,9 +46,9 @@ class Touch(Measurement):
     blocks = (3,)
 
     @property
-    def sized(self) -> bool:  # type: ignore[override]
-        """Whether a distance tells how large the arm is."""
-        return any(each.value is not None for each in self.known)
+    def scales(self) -> tuple[float, ...]:  # type: ignore[override]
+        """Without a distance nothing tells how large the arm is: origins are where drawn."""
+        return SCALES if any(each.value is not None for each in self.known) else (1.0,)
 
     def parameters(self) -> tuple[Block, ...]:
         """The sockets."""
