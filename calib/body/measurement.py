@@ -13,6 +13,7 @@ import numpy as np
 
 from ..common.arrays import Array
 from .parameters import Block
+from .settings import SCALES
 
 Moved = tuple[Array, Any]
 """How the tip moves: velocity (..., D, n) [m] and angular velocity (..., 3, n) [rad], or 0."""
@@ -52,7 +53,7 @@ class Measurement:
     """A kind of reading, with the sensor's own parameters."""
 
     blocks: tuple[int, ...]  # sizes of the outputs that share a unit and a noise
-    sized: bool = True  # whether its rows tell how large the arm is
+    scales: tuple[float, ...] = SCALES  # of joint origins' priors, which the evidence compares
 
     @property
     def outputs(self) -> int:

@@ -105,7 +105,7 @@ class SpatialStructure(Structure):
         flat = np.repeat((self._reach, 3.0), 3)  # shifts and turns where no drawing says
         turned, slid = own[turning[first:]], own[~turning[first:]]
         placed = np.arange(6 * first, 6 * len(self.chain_names)).reshape(-1, 2, 3)
-        choices = SCALES if self.measurement.sized else (1.0,)
+        choices = self.measurement.scales
         places = list(product((("shift", "m"), ("turn", "rad")), "xyz"))
         drawn = (
             ScaleGroup("placement.shift", SHIFT, choices, within=placed[:, 0].ravel()),
