@@ -53,7 +53,8 @@ class Measurement:
     """A kind of reading, with the sensor's own parameters."""
 
     blocks: tuple[int, ...]  # sizes of the outputs that share a unit and a noise
-    scales: tuple[float, ...] = SCALES  # of joint origins' priors, which the evidence compares
+    curves: bool = True  # whether its rows may tell error curves of joints
+    scales: tuple[float, ...] = SCALES  # factors on the sd of joint origins that are compared
 
     @property
     def outputs(self) -> int:

@@ -218,7 +218,7 @@ class SpatialStructure(Structure):
         if len(self.groups["elastic"]) and self.informed:
             chain = (*chain, "elastic")
             ladder.append(("elastic", chain))
-        if any(self.revolute):
+        if any(self.revolute) and self.measurement.curves:
             ladder.append(("curves", (*chain, "curve")))
         return tuple(ladder)
 
