@@ -46,7 +46,7 @@ COMMANDS = {
     "tag": "Write a tag for the arm's tip, or a board for the desk.",
     "preview": "Show the arm and its learned maps in a browser.",
     "report": "Write figures and tables that explain a calibration.",
-    "reproduce": "Repeat the paper's tables, figures and experiments.",
+    "reproduce": "Repeat the paper's tables, figures and adaptation.",
     "info": "Show what a model is and how it was made.",
 }
 """What the command line can do, in the order of its use, and what `calib --help` says of it."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 from typer import Argument, Option
 
@@ -84,10 +84,10 @@ def train(
     check_file(path, ())
     if output is None and not force:
         _check_same_origin(path, log)
-    how: dict[str, Any] = {"motor_size": motor_size, "sensory_size": sensory_size, "view": view}
-    how |= {"map": map, "size": size, "body": body, "rule": rule, "epochs": epochs, "sigma": sigma}
+    sizes = (size, motor_size, sensory_size)
+    how = calib.TrainingOptions(*sizes, map, rule, epochs, sigma, body=body, view=view, seed=seed)
     with progress_bar(log.unit) as progress:
-        model = calib.train(log, **how, seed=seed, progress=progress)
+        model = calib.train(log, how, progress=progress)
     say([*model.about.notes, *_unexplained(model, log)])
     if no_rows:
         model = replace(model, rows=None)
