@@ -56,9 +56,11 @@ def _scatter(model: str, result: Evaluation) -> str:
     """The scatter of touches in a line, and the distances of sockets."""
     size = {name: 1e3 * value for name, value in result.touch["scatter"].items()}
     line = (
-        f"{model}: tips scatter about their sockets by {size['mean']:.3g} mm (rms "
-        f"{size['rms']:.3g}, largest {size['max']:.3g}) in {result.rows} touches"
+        f"{model}: tips scatter about their sockets by {size['mean']:.3g} mm (95 % within "
+        f"{size['p95']:.3g}, largest {size['max']:.3g}) in {result.rows} touches"
     )
+    if result.left_out:
+        line += f", {result.left_out} left out (in no socket of theirs, or out of range)"
     off = [abs(each["predicted"] - each["stated"]) for each in result.touch["distances"]]
     return line + (f"; distances are off by {1e3 * sum(off) / len(off):.2g} mm" if off else "")
 
