@@ -252,6 +252,12 @@ def joint_range(text: str) -> tuple[str, float, float]:
     return joint.strip(), low, high
 
 
+@expects("a number of seconds, or auto")
+def offset_or_auto(text: str) -> float | None:
+    """Read a number of seconds, or `auto`, which is None."""
+    return None if text.strip() == "auto" else finite_number(text)
+
+
 def check_count(typed: Sequence[float], names: Sequence[str], what: str) -> None:
     """Refuse more or fewer numbers than there are names."""
     if len(typed) != len(names):

@@ -65,6 +65,7 @@ class About(ReadOnly):
     degrees: bool = False
     # [px], width and height of the pictures of a camera that sees an arm in space
     picture: tuple[int, int] | None = None
+    frame: str = ""  # the sensor's, as its log names it
 
     @property
     def units_of_joints(self) -> tuple[str, ...]:
@@ -156,6 +157,7 @@ def _check_about(data: Mapping[str, Any]) -> None:
     columns = of_type("columns", data.get("columns", {}), dict)
     texts("columns", [*columns, *columns.values()])
     of_type("degrees", data.get("degrees", False), bool)
+    of_type("frame", data.get("frame", ""), str)
     if data.get("picture") is not None:
         if not all(0 < of_type("picture", side, int) < 1e6 for side in data["picture"]):
             raise ValueError("picture: expected a width and a height [px]")

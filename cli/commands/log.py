@@ -17,12 +17,6 @@ from ..output import Outcome, say
 from ..parsing import TABLES, BadOption, check_file
 
 
-@parsing.expects("a number of seconds, or auto")
-def _offset(text: str) -> float | None:
-    """Read a number of seconds, or `auto`, which is None."""
-    return None if text.strip() == "auto" else parsing.finite_number(text)
-
-
 def log(
     bag: Annotated[
         str, Argument(metavar="BAG|PICTURES|VIDEO", help="A ROS bag, pictures (folder), a video.")
@@ -46,9 +40,7 @@ def log(
         float | None,
         option("--still V", "Drop rows of faster joints [rad/s or m/s].", parsing.above_zero),
     ] = None,
-    time_offset: Annotated[
-        Any, option("--time-offset auto|S", "Added to times of positions [s].", _offset)
-    ] = None,
+    time_offset: opt.TimeOffset = None,
     rests: Annotated[
         bool, Option("--rests", help="Of a video the median of each rest (the default).")
     ] = False,
