@@ -15,7 +15,8 @@ from safetensors.numpy import save as pack
 
 import calib
 from calib.errors import ModelError
-from calib.model_file.storage import FORMAT, from_bytes, to_bytes
+from calib.model_file.loading import from_bytes
+from calib.model_file.storage import VERSION, to_bytes
 
 PAGE = (Path(__file__).parents[2] / "docs" / "format.md").read_text(encoding="utf-8")
 
@@ -48,5 +49,5 @@ def test_an_older_format_says_train_again(version):
     data = to_bytes(trained("two_link", 300, 5))
     header = {**described(data), "format": version}
     old = pack(unpack(data), metadata={"calib": json.dumps(header)})
-    with pytest.raises(ModelError, match=f"expected {FORMAT}.*train the model again"):
+    with pytest.raises(ModelError, match=f"expected {VERSION}.*train the model again"):
         from_bytes(old)
