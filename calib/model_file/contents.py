@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from ..arm.spatial_chain import SpatialChain
 from ..body.approach import Approach
 from ..body.belief import Body, Second
-from ..body.gaussian import Gaussian
 from ..body.planar import PlanarStructure
 from ..body.spatial import SpatialStructure
 from ..body.structure import Structure
@@ -79,20 +78,36 @@ def kept_of(model: Parts) -> Kept:
     """What of a model is kept."""
     association, models = model.association, model.predictor.models
     links, wiring = association.linked, association.wiring
-    means = association.motor_means, association.sensory_means
-    shifts = [
-        None if mean is None else to_shifts(part, mean).astype(float)
-        for part, mean in zip((model.motor, model.sensory), means, strict=True)
-    ]
     same = np.array_equal(model.model_bounds, model.bounds)
     return Kept(
-        model.about, model.motor, model.sensory, *shifts,
-        Links(np.diff(links.indptr), links.indices, links.data, wiring.local, wiring.mutual,
-              wiring.bandwidth),
-        model.body, models if models.degree >= 0 else None, model.bounds,
-        None if same else model.model_bounds, model.visited, model.rows, model.baseline,
-        model.approach, model.photo, model.history,
-    )  # fmt: skip
+        model.about,
+        model.motor,
+        model.sensory,
+        _shifts(model.motor, association.motor_means),
+        _shifts(model.sensory, association.sensory_means),
+        Links(
+            np.diff(links.indptr).astype(np.intp),
+            np.asarray(links.indices, dtype=np.intp),
+            links.data,
+            wiring.local,
+            wiring.mutual,
+            wiring.bandwidth,
+        ),
+        model.body,
+        models if models.degree >= 0 else None,
+        model.bounds,
+        None if same else model.model_bounds,
+        model.visited,
+        model.rows,
+        model.baseline,
+        model.approach,
+        model.photo,
+        model.history,
+    )
+
+
+def _shifts(part: Map, means: Array | None) -> Array | None:
+    return None if means is None else to_shifts(part, means).astype(float)
 
 
 def model_of(kept: Kept) -> Parts:
@@ -175,7 +190,7 @@ def _local(own: LocalModels) -> dict[str, bool]:
     }
 
 
-def _belief(own: Gaussian) -> dict[str, bool]:
+def _belief(own: Body | Second) -> dict[str, bool]:
     active, root = own.active, own.root
     return {
         "rising numbers of parameters": not bool((np.diff(active) > 0).all())

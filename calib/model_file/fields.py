@@ -60,7 +60,8 @@ class Format:
         if value is None and (_is_array(kinds[0]) or kinds[0] is bytes):
             return _NOTHING
         if is_dataclass(value):
-            hints = _hints(type(value))
+            own: Any = type(value)
+            hints = _hints(own)
             told = {
                 f.name: self._told(getattr(value, f.name), hints[f.name], _under(path, f.name),
                                    tensors)
@@ -68,7 +69,7 @@ class Format:
             }  # fmt: skip
             told = {name: part for name, part in told.items() if part is not _NOTHING}
             several = len(self._classes(kinds)) > 1
-            return {"kind": _name(type(value)), **told} if several else told
+            return {"kind": _name(own), **told} if several else told
         return _json(value)
 
     def _given(

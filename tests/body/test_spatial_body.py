@@ -297,6 +297,6 @@ def test_damaged_arrays_of_a_model_file_are_refused():
     }.items():
         with pytest.raises(ModelError):
             FORMAT.read(Body, header, {**arrays, name: value})
+    odd = {**header["structure"], "view": "odd"}
     with pytest.raises(ModelError, match="view"):
-        odd = {**header["structure"], "view": "odd"}
         FORMAT.read(Body, {**header, "structure": odd}, arrays)

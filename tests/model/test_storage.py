@@ -16,7 +16,7 @@ import calib
 from calib.errors import ModelError
 from calib.model_file.contents import FORMAT
 from calib.model_file.loading import from_bytes
-from calib.model_file.storage import to_bytes
+from calib.model_file.storage import VERSION, to_bytes
 
 
 @pytest.fixture(scope="module")
@@ -105,7 +105,7 @@ def test_the_description_is_one_canonical_json_string(data):
     text = header["__metadata__"]["calib"]
     again = json.dumps(json.loads(text), sort_keys=True, separators=(",", ":"), ensure_ascii=False)
     assert text == again
-    assert described(data)["format"] == FORMAT
+    assert described(data)["format"] == VERSION
 
 
 def test_any_safetensors_reader_finds_the_weights(data):
