@@ -30,9 +30,8 @@ class SpatialChain:
     """A serial chain of m joints that are moved by dof values, at its zero posture."""
 
     axes: Annotated[Array, Shape("m", 3)]  # unit axes in the root frame, base to tip
-    points: Annotated[
-        Array, Shape("m", 3)
-    ]  # (m, 3) [m], origins of the joint frames; the axes pass through them
+    # [m], origins of the joint frames; the axes pass through them
+    points: Annotated[Array, Shape("m", 3)]
     tip: Annotated[Array, Shape(3)]  # [m], position of the tip
     rotation: Annotated[Array, Shape(3, 3)]  # orientation of the tip's frame
     revolute: tuple[bool, ...]  # whether each joint turns about its axis or slides along it

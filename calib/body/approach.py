@@ -24,12 +24,10 @@ _PAYS = 0.03  # share of the held-out error that it must mend
 class Approach:
     """What the direction of approach tells."""
 
-    play: Annotated[
-        Array, Shape("dof")
-    ]  # (dof,) [rad or m], half the play of each joint, 0 where the log shows none
-    bounds: Annotated[
-        Array, Shape("nodes")
-    ]  # (motor nodes,) [unit], 95 % bound on the error where the direction is known
+    # [rad or m], half the play of each joint, 0 where the log shows none
+    play: Annotated[Array, Shape("dof")]
+    # [unit], 95 % bound on the error where the direction is known
+    bounds: Annotated[Array, Shape("nodes")]
 
     def effective(self, q: Array, direction: ArrayLike) -> Array:
         """Where joints (n, dof) stand that came from a direction, 1, -1 or 0 (unknown)."""

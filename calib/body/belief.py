@@ -40,9 +40,8 @@ class Second(Gaussian):
     """A second fit with a wider hyperprior of the curves; the bound takes the worse of both."""
 
     beta: Annotated[Array, Shape("parameters")]
-    active: Annotated[
-        Indices, Shape("k")
-    ]  # (l,), its parameters: those of the first fit and the curves
+    # its parameters: those of the first fit and the curves
+    active: Annotated[Indices, Shape("k")]
     root: Annotated[Array, Shape("k", "k", kept=TRIANGLE)]  # of their covariance
     noise: Annotated[Array, Shape("outputs")]
 

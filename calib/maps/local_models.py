@@ -4,11 +4,8 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass
-<<<<<<< HEAD
-from typing import Annotated
-=======
 from functools import lru_cache
->>>>>>> main
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,9 +39,8 @@ class LocalModels(ReadOnly):
     # a lower degree, has zeros for the other coefficients.
     degree: int
     samples: int  # number of samples that each was fitted to
-    radius: Annotated[
-        Array, Shape("nodes")
-    ]  # (nodes,), distance to the first sample that was left out, in the unit box
+    # distance to the first sample that was left out, in the unit box
+    radius: Annotated[Array, Shape("nodes")]
     # (nodes, terms, 2), coefficients of the monomials of (u - w) / radius, in the unit of the
     # positions
     coefficients: Annotated[Array, Shape("nodes", "terms", "width")]

@@ -29,9 +29,8 @@ _MANY = 4_000  # places whose search is shared among threads
 class Map:
     """Nodes in the motor or the sensory space."""
 
-    units: Annotated[
-        Array, Shape("nodes", "d")
-    ]  # (nodes, d), weights of the nodes in the unit box of `scale`
+    # weights of the nodes in the unit box of `scale`
+    units: Annotated[Array, Shape("nodes", "d")]
     # how the nodes are joined; a growing neural gas has no lattice but a graph
     lattice: Lattice | Graph
     scale: Scale  # from the space's own units to the unit box
