@@ -23,14 +23,11 @@ _LONGEST = 1e3  # of a link [m]
 Subject = Literal["table1", "table2", "figures", "adaptation", "all"]
 
 
-@parsing.expects("JOINT=METRES such as elbow=0.3")
-def _length(text: str) -> tuple[str, float]:
-    joint, _, value = text.partition("=")
-    length = parsing.finite_number(value)
-    parsing.require(bool(joint) and 0.0 < length < _LONGEST)
-    return joint, length
-
-
+_length = parsing.reader(
+    "JOINT=METRES such as elbow=0.3",
+    parsing.joint_value,
+    lambda typed: 0.0 < typed[1] < _LONGEST,
+)
 _format = parsing.one_of(("png", "svg", "pdf"))
 
 
