@@ -29,7 +29,6 @@ _MANY = 4_000  # places whose search is shared among threads
 class Map:
     """Nodes in the motor or the sensory space.
 
-<<<<<<< HEAD
     Attributes
     ----------
     units : (nodes, d) array
@@ -42,19 +41,10 @@ class Map:
         Nodes, sigma [nodes], quantization and topographic error of each epoch.
     """
 
-    units: Array
+    units: Annotated[Array, Shape("nodes", "d")]
     lattice: Lattice | Graph
     scale: Scale
-    history: Array
-=======
-    # weights of the nodes in the unit box of `scale`
-    units: Annotated[Array, Shape("nodes", "d")]
-    # how the nodes are joined; a growing neural gas has no lattice but a graph
-    lattice: Lattice | Graph
-    scale: Scale  # from the space's own units to the unit box
-    # (epochs, 4), nodes, sigma [nodes], quantization and topographic error of each epoch
     history: Annotated[Array, Shape("epochs", "columns")]
->>>>>>> main
 
     def __post_init__(self) -> None:
         freeze(self, "units", "history")
