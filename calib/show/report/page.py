@@ -183,7 +183,10 @@ def _soft(text: str) -> str:
 
 
 def _list(items: Mapping[str, str]) -> str:
-    rows = (f"<dt>{html.escape(k)}</dt><dd>{html.escape(v)}</dd>" for k, v in items.items())
+    rows = (
+        f"<dt>{html.escape(k)}</dt><dd>{html.escape(v.replace('`', ''))}</dd>"
+        for k, v in items.items()
+    )
     return f"<dl>{''.join(rows)}</dl>"
 
 
