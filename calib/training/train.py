@@ -6,6 +6,7 @@ import math
 import time
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -271,13 +272,18 @@ def _about(samples: Samples, options: Options, taught: bool) -> About:
         taught=taught,
         samples=len(samples),
         seed=options.seed,
-        options=options.to_json(),
+        options={**options.to_json(), **_seen_board(samples)},
         simulation=simulation.to_json() if simulation is not None else None,
         urdf=arm.urdf if arm is not None else "",
         columns=samples.columns,
         degrees=samples.degrees,
         picture=samples.camera.size if samples.camera is not None else None,
     )
+
+
+def _seen_board(samples: Samples) -> dict[str, Any]:
+    """What later pictures are read with: the board and the lens that the log was made with."""
+    return {"board": dict(samples.source)} if samples.source.get("source") == "board" else {}
 
 
 def _simulated_bounds(

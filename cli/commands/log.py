@@ -25,7 +25,11 @@ def _offset(text: str) -> float | None:
 
 def log(
     bag: Annotated[
-        str, Argument(metavar="BAG|PICTURES|VIDEO", help="A ROS bag, pictures (folder), a video.")
+        str,
+        Argument(
+            metavar="BAG|PICTURES|VIDEO|DATASET",
+            help="A ROS bag, pictures (folder), a video; with --eye a LeRobotDataset.",
+        ),
     ],
     *,
     output: Annotated[str, option("--output -o LOG", "The log: CSV or Parquet.")],
@@ -69,7 +73,8 @@ def log(
             raise BadOption("--rests and --still are given: expected one of them")
         made = shooting.record(bag, output, joints, degrees, prismatic or (), **timed)
         factor, shown = for_people(made.unit)
-        kinds = f"[rad, {made.unit}], noise {factor * made.noise:.2g} {shown}"
+        kinds = f"[rad, {made.unit}]"
+        kinds += f", noise {factor * made.noise:.2g} {shown}" if made.noise else ""
     else:
         from calib.recording.bags import read_bag
 
