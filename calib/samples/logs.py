@@ -132,7 +132,7 @@ def read_log(
     if is_touches(source.header, columns):
         names = arm.joint_names if arm is not None else tuple(joints or ())
         kinds = arm.revolute if arm is not None else (True,) * len(names)
-        return read_touches(source, names, arm, columns, revolute=kinds, degrees=degrees)
+        return read_touches(source, names, arm, columns, revolute=kinds, degrees=degrees, unit=unit)
     roles = find_roles(source, arm, joints, columns)
     names, axes = roles.joints, roles.axes
     wanted = arm.outputs if arm is not None and outputs is None else outputs
