@@ -137,7 +137,7 @@ class PlanarStructure(Structure):
         known = nominal if self.view == "base" else None
         at = (self.metre * known.shift[0], self.metre * known.shift[1]) if known else (0.0, 0.0)
         return PlanarReading(
-            self.view, self.unit, self._length, self.mirror, self.extent, self.centre, reach,
+            self.unit, self._length, self.mirror, self.extent, self.centre, reach,
             known.rotation if known else 0.0, at,
         )  # fmt: skip
 
@@ -218,26 +218,12 @@ class PlanarStructure(Structure):
         if slides := list(self.slides):  # turning a slide's direction turns no other link
             yield self.groups["offset"][slides], lambda: (_pairs(1j * motion.terms[slides]), 0.0)
 
-    def _sums(self, q: Array) -> Array:
-        """Sums (dof, n) of the logged angles along the chain: directions of the links but for o."""
-        signed = q * self.signs * np.asarray(self.revolute)
-        return np.ascontiguousarray(np.cumsum(signed, axis=1).T)
-
     def loads(self, q: Array) -> tuple[Array, Indices]:
         """Cosines and sines (e, n) of the links' directions, and the joints (e,) they bend."""
-        sums = self._sums(q)
+        signed = q * self.signs * np.asarray(self.revolute)
+        sums = np.ascontiguousarray(np.cumsum(signed, axis=1).T)
         waves = [wave(sums[j]) for _, j in self.pairs for wave in (np.cos, np.sin)]
         return np.array(waves), np.repeat([i for i, _ in self.pairs], 2).astype(np.intp)
-
-    def load_slopes(self, q: Array) -> Array:
-        """Derivatives (e, dof, n) of the loads by the joint values."""
-        sums, out = self._sums(q), np.zeros((2 * len(self.pairs), self.dof, len(q)))
-        for e, (_, j) in enumerate(self.pairs):
-            for k in range(j + 1):
-                if self.revolute[k]:
-                    out[2 * e, k] = -self.signs[k] * np.sin(sums[j])
-                    out[2 * e + 1, k] = self.signs[k] * np.cos(sums[j])
-        return out
 
     def members(self) -> Ladder:
         """The gate's members from simple to rich."""

@@ -165,11 +165,6 @@ class SpatialStructure(Structure):
         loads = self.chain.torques(q, np.asarray(self.gravity)).T / self.torque
         return np.ascontiguousarray(loads), np.arange(self.chain.joints)
 
-    def load_slopes(self, q: Array) -> Array:
-        """Derivatives (c, dof, n) of the loads by the joint values."""
-        slopes = self.chain.torque_slopes(q, np.asarray(self.gravity)) / self.torque
-        return np.moveaxis(slopes, 0, 2)
-
     def coupled(self, own: Array) -> Array:
         """Values (c, n) of the chain's joints that follow the logged ones (dof, n)."""
         return np.asarray(self.chain.coupling @ own + self.chain.bias[:, None])

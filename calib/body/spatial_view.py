@@ -139,11 +139,11 @@ class View:
         """Derivative (4, 2, n) of pixels by focal length, centre and k1."""
         f, _, _, k1 = self.sensor.lens
         ideal = self.point[:2] / self.point[2]
-        slope, ratio, by_k1 = SPATIAL[self.sensor.kind].bend(float(k1), (ideal**2).sum(axis=0))
+        r2 = (ideal**2).sum(axis=0)
         out = np.zeros((4, *ideal.shape))
-        out[0] = ideal * (1 + slope * ratio)
+        out[0] = ideal * (1 + k1 * r2)
         out[1, 0] = out[2, 1] = 1.0
-        out[3] = f * ideal * by_k1
+        out[3] = f * ideal * r2
         return out
 
     def seen(self, moved: Array, turned: Array | float = 0.0) -> Array:
@@ -178,14 +178,13 @@ def pixels(sensor: Placed, point: Array) -> View:
     depth = np.maximum(point[2], LEAST_DEPTH)
     point = np.stack([point[0], point[1], depth])
     ideal = point[:2] / depth
-    rise, ratio, _ = SPATIAL[sensor.kind].bend(float(k1), (ideal**2).sum(axis=0))
-    bent = 1 + rise * ratio
+    bent = 1 + k1 * (ideal**2).sum(axis=0)
     values = f * ideal * bent + np.array([[u0], [v0]])
-    # d pixel / d ideal = f ((1 + b) 1 + 2 b' u u'), d ideal / d point = [1, -u] / depth
+    # d pixel / d ideal = f ((1 + k1 r^2) 1 + 2 k1 u u'), d ideal / d point = [1, -u] / depth
     slope = np.empty((2, 3, len(depth)))
     for i in range(2):
         for j in range(2):
-            slope[i, j] = f * 2 * rise * ideal[i] * ideal[j] / depth
+            slope[i, j] = f * 2 * k1 * ideal[i] * ideal[j] / depth
         slope[i, i] += f * bent / depth
     slope[:, 2] = -(slope[:, 0] * ideal[0] + slope[:, 1] * ideal[1])
     return View(np.ascontiguousarray(values.T), sensor, point, slope)

@@ -26,6 +26,8 @@ from .measurement import Measurement, Moved, Sight, TipMotion
 from .parameters import Block, Blocks, Indices, Label, Layout, Prior, ScaleGroup
 from .views import VIEWS_OF_BODIES, ViewKind
 
+_STEP = 1e-5  # [rad or m], of differences of loads, which bend by mrad: exact to 1e-12 rad
+
 Ladder = tuple[tuple[str, tuple[str, ...]], ...]
 """The gate's members from simple to rich: a name and the blocks that it frees."""
 
@@ -102,10 +104,6 @@ class Structure:
 
     def loads(self, q: Array) -> tuple[Array, Indices]:
         """Loads (e, n) that bend joints, one for each elastic parameter, and which joints (e,)."""
-        raise NotImplementedError
-
-    def load_slopes(self, q: Array) -> Array:
-        """Derivatives (e, dof, n) of the loads by the joint values."""
         raise NotImplementedError
 
     def members(self) -> Ladder:
@@ -278,6 +276,11 @@ class Structure:
                 at = slice(int(stands[run[0]]), int(stands[run[-1]]) + 1)
                 waved.append(Waves(at, np.ascontiguousarray(led[k].T), factors[:, run]))
         return sight.values, Derivative(out, bare, tuple(waved))
+
+    def load_slopes(self, q: Array) -> Array:
+        """Derivatives (e, dof, n) of the loads by the joint values, as central differences."""
+        steps = _STEP * np.eye(self.dof)
+        return np.stack([self.loads(q + s)[0] - self.loads(q - s)[0] for s in steps], 1) / 2 / _STEP
 
     def led(self, chained: Array) -> Array:
         """How outputs move with each logged joint (dof, m, n), from the chain's (c, m, n)."""

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from ..arm.arm import SpatialArm
 from ..arm.rotations import logarithm, matrix_of
 from ..body.fitting import fit_body
-from ..body.misfit import refuse_pixels, refuse_turns
+from ..body.misfit import refuse_pixels
 from ..body.nominal import nominal_of
 from ..body.poses import positions_of
 from ..body.posterior import BodyFit, fit_structure
@@ -186,7 +186,6 @@ def _fit_in_space(samples: Samples, rows: NDArray[np.intp], view: str, seed: int
         template = structure_of(arm, kind, unit=samples.unit, metre=metre, extent=extent)
         if samples.orientation is not None and kind == "rigid":
             turns = samples.orientation[rows]
-            refuse_turns(template, q, x, turns)
             poses = np.hstack([x, logarithm(matrix_of(turns))])
             found = fit_structure(template.with_view("pose"), q, poses, seed=seed, notes=notes)
             return positions_of(found)
