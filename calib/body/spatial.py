@@ -66,6 +66,11 @@ class SpatialStructure(Structure):
     reading: Measurement | None = None  # what is measured, where its view's name does not say all
 
     @property
+    def based(self) -> bool:
+        """Whether the sensor's frame is the robot's root frame."""
+        return self.view.startswith("base")
+
+    @property
     def camera(self) -> bool:
         """Whether a camera sees the arm, in pixels."""
         return self.outputs == 2
@@ -98,7 +103,7 @@ class SpatialStructure(Structure):
         weighted = self.chain_names if len(self.chain.masses) else ()
         # in a free frame the first turning joint's offset and a turn of the frame about its axis
         # are one, and the first origin's place is the frame's own
-        first = 0 if self.view == "base" else 1
+        first = 0 if self.based else 1
         tool = self.seen_as.tool
         held = (tool,) if tool is not None and informed else ()
         own = np.arange(first, self.dof)
@@ -118,7 +123,7 @@ class SpatialStructure(Structure):
             ),
             Block(
                 "tool.rotation", tuple((None, f"tool.rotation.{axis}", "rad") for axis in "xyz"),
-                sd=3.0,
+                sd=TURN if self.view == "base pose" else 3.0,
             ),
             Block(
                 "placement",

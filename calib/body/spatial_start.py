@@ -12,7 +12,7 @@ from ..common.arrays import Array
 from ..common.rows import thinned
 from ..errors import LogError
 from .parameters import Prior
-from .settings import FEW_NUMBERS, HELD_TOOL, OTHER_ARM, OTHER_TURNS
+from .settings import FEW_NUMBERS, HELD_TOOL, OTHER_ARM, OTHER_TURNS, TARGET
 from .settle import settle
 from .spatial import SpatialStructure
 from .spatial_random import chains
@@ -46,8 +46,11 @@ def spatial_starts(
     q, z = q[rows], z[rows]
     if not structure.informed:
         return chains(structure, q, z)
-    few = not structure.camera and z.size < FEW_NUMBERS
-    return [(replace(structure, few=few), frame(structure, q, z))]
+    few, beta = not structure.camera and z.size < FEW_NUMBERS, frame(structure, q, z)
+    view = structure.view
+    if view == "base pose" and np.linalg.norm(beta[structure.groups["tool.rotation"]]) > TARGET:
+        view = "base target"
+    return [(replace(structure, few=few, view=view), beta)]
 
 
 def frame(structure: SpatialStructure, q: Array, z: Array, arm: Array | None = None) -> Array:
@@ -109,6 +112,8 @@ def _guesses(structure: SpatialStructure, q: Array, z: Array, arm: Array) -> lis
     if structure.view == "base":
         return [beta]
     points, rotations = structure.pose(q, beta)
+    if structure.based:
+        return [_turned(structure, points, rotations, z, beta, np.eye(3))]
     if structure.camera:
         return _cameras(structure, points, z, beta)
     if structure.outputs == 6:
@@ -180,6 +185,8 @@ def _turned(
     left = np.einsum("nij,jk,nkl->nil", np.swapaxes(rotations, 1, 2), turn.T, exponential(z[:, 3:]))
     beta[groups["view.rotation"]] = logarithm(turn)
     beta[groups["tool.rotation"]] = logarithm(nearest_rotation(left.sum(axis=0)))
+    if structure.based:
+        return beta
     beta[groups["tool"]], beta[groups["view.shift"]] = _tool(
         points, rotations, z, turn, structure.metre
     )

@@ -150,7 +150,7 @@ class View:
         """How outputs move when the point moves and turns (..., 3, n) in the sensor's frame."""
         if self.slope is not None:
             return np.asarray((self.slope * moved[..., None, :, :]).sum(axis=-2))
-        if self.sensor.kind == "pose":
+        if SPATIAL[self.sensor.kind].outputs == 6:
             return np.concatenate([moved, np.broadcast_to(turned, moved.shape)], axis=-2)
         return moved
 
@@ -166,7 +166,7 @@ def look(sensor: Placed, position: Array, rotation: Array) -> View:
     if SPATIAL[sensor.kind].outputs == 2:
         return pixels(sensor, turned + sensor.shift[:, None])
     values = (turned + sensor.shift[:, None]).T
-    if sensor.kind == "pose":
+    if SPATIAL[sensor.kind].outputs == 6:
         matrices = sensor.rotation @ np.moveaxis(rotation, 2, 0)
         values = np.concatenate([values, logarithm(matrices)], axis=1)
     return View(np.ascontiguousarray(values), sensor, turned, None)

@@ -46,6 +46,9 @@ SPATIAL = {
     "base": ViewKind(("tool",), 3, least=2),
     "rigid": ViewKind((*_FRAME, "tool"), 3, least=4),
     "similarity": ViewKind((*_FRAME, "tool", "view.scale"), 3, least=4),
+    # in the robot's root frame with the orientation of the drawing's tip, or of some target there
+    "base pose": ViewKind(("tool", "tool.rotation"), 6, least=3),
+    "base target": ViewKind(("tool", "tool.rotation"), 6, least=3),
     "pose": ViewKind((*_FRAME, "tool", "tool.rotation"), 6, least=3),
     "pinhole": ViewKind((*_FRAME, "tool"), 2, least=6, tool=ScaleGroup("tool", TAG, SCALES)),
     "touch": ViewKind(("tool", "point"), 3, least=8, tool=ScaleGroup("tool", SOCKET, (1.0,))),

@@ -184,10 +184,15 @@ def _fit_in_space(samples: Samples, rows: NDArray[np.intp], view: str, seed: int
     if isinstance(arm, SpatialArm) and not simulated:
         kind = {"auto": "rigid" if samples.unit in METRES else "similarity"}.get(view, view)
         template = structure_of(arm, kind, unit=samples.unit, metre=metre, extent=extent)
-        if samples.orientation is not None and kind == "rigid":
+        posed = {"rigid": "pose", "base": "base pose"}.get(kind)
+        if samples.orientation is not None and posed:
             turns = samples.orientation[rows]
             poses = np.hstack([x, logarithm(matrix_of(turns))])
-            found = fit_structure(template.with_view("pose"), q, poses, seed=seed, notes=notes)
+            found = fit_structure(template.with_view(posed), q, poses, seed=seed, notes=notes)
+            if found.body.structure.view == "base target":
+                last = f"its turn cannot be told from the offset of {samples.joint_names[-1]}"
+                turned = f"the orientations are of a target that is turned against the tip: {last}"
+                found = replace(found, notes=(*found.notes, turned))
             return positions_of(found)
         if samples.orientation is not None:
             notes = (*notes, f"orientations are not used with the view {kind!r}")
