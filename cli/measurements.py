@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING
 
+from . import options as opt
 from .output import say
 from .parsing import BadOption
 
@@ -19,13 +20,13 @@ _FAR_BOUND = 3.0  # times the expected error from which a log is doubted
 _FAR_SHARE = 0.02  # and of the positions' spread: the bound of an ideal arm is rounding
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Reading:
     """How a log is read, as typed; what is None is as in the log that a model was made from."""
 
-    columns: Mapping[str, str] | None = None
-    unit: str | None = None
-    degrees: bool | None = None
+    columns: opt.Columns = None
+    unit: opt.Unit = None
+    degrees: opt.LogDegrees = None
 
 
 def refuse(typed: Mapping[str, object], why: str) -> None:
@@ -80,7 +81,8 @@ def log_for(model: Model, path: str, reading: Reading) -> Samples:
 def log_of(model: Model, path: str | None, reading: Reading) -> Samples | None:
     """Read a log to look at, with a note where it does not fit the model; None for none."""
     if path is None:
-        refuse(vars(reading), "applies to a log: expected --data LOG too")
+        typed = {field.name: getattr(reading, field.name) for field in fields(Reading)}
+        refuse(typed, "applies to a log: expected --data LOG too")
         return None
     log = log_for(model, path, reading)
     if log.touch is None:

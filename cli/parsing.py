@@ -10,7 +10,8 @@ import math
 from collections.abc import Callable, Sequence
 from difflib import get_close_matches
 from functools import wraps
-from typing import Any, Literal, NamedTuple, TypeVar, get_args, get_origin
+from pathlib import Path
+from typing import Any, Literal, TypeVar, get_args, get_origin
 
 import typer
 import typer.core
@@ -233,37 +234,22 @@ def typed_columns(text: str) -> dict[str, str]:
     return parse_columns(text)
 
 
-class JointValue(NamedTuple):
-    """A joint and a value of it [rad, m, or deg as typed]."""
-
-    joint: str
-    value: float
-
-
-class JointRange(NamedTuple):
-    """A joint and the ends of a part of its range [rad, m, or deg as typed]."""
-
-    joint: str
-    low: float
-    high: float
-
-
 @expects("JOINT=VALUE such as wrist=0.5")
-def joint_value(text: str) -> JointValue:
-    """Read `joint=value`; the name may hold an equals sign itself."""
+def joint_value(text: str) -> tuple[str, float]:
+    """Read `joint=value` [rad, m, or deg as typed]; the name may hold an equals sign itself."""
     # from the right: names in URDFs hold what they like, a number no equals sign
     joint, _, value = text.rpartition("=")
     require(bool(joint.strip()))
-    return JointValue(joint.strip(), finite_number(value))
+    return joint.strip(), finite_number(value)
 
 
 @expects("JOINT=LOW:HIGH with LOW below HIGH such as elbow=0.5:1.5")
-def joint_range(text: str) -> JointRange:
-    """Read `joint=lo:hi`."""
+def joint_range(text: str) -> tuple[str, float, float]:
+    """Read `joint=lo:hi` [rad, m, or deg as typed]."""
     joint, _, limits = text.rpartition("=")
     low, high = map(finite_number, limits.split(":"))
     require(bool(joint.strip()) and low < high)
-    return JointRange(joint.strip(), low, high)
+    return joint.strip(), low, high
 
 
 def check_count(typed: Sequence[float], names: Sequence[str], what: str) -> None:
@@ -283,3 +269,28 @@ def check_streams(
     for option, value in (("--output", output), ("--columns", columns)):
         if value is not None and input_ is None:
             raise BadOption(f"{option} is for many queries: expected --input FILE too")
+
+
+TABLES = (".csv", ".txt", ".parquet", ".pq")
+"""Endings of tables; all but Parquet's are written as CSV."""
+
+
+def check_file(
+    path: str | None, endings: tuple[str, ...], *, option: str = "--output", stream: bool = False
+) -> None:
+    """Refuse an output that cannot be written, or whose ending is not what will be written.
+
+    endings : those that fit; a name without any fits always
+    stream : whether `-`, standard output, is one
+    """
+    from calib.common.atomic import check_writable
+
+    if path is None or (stream and path == "-"):
+        return
+    if path == "-":
+        raise BadOption(f"{option} '-': expected a file name", option, path)
+    ending = Path(path).suffix.lower()
+    if endings and ending and ending not in endings:
+        expected = f"{option} {path!r}: expected a name that ends in {' or '.join(endings)}"
+        raise BadOption(f"{expected}, which is what is written", option, path)
+    check_writable(path)

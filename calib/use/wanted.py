@@ -44,10 +44,6 @@ class Wanted:
     limits: list[float] = field(default_factory=list)
     # parameters of the nominal arm behind a sensor whose frame was fitted, of a body in space
     drawn: Array | None = None
-    # whether the compiled kernel corrects alike, once it was asked; and what it says then
-    agrees: bool | None = None
-    said: tuple[str, ...] = ()
-    limits_array: Array = field(default_factory=lambda: np.zeros(0))
 
     def target(self, q: Array) -> Array:
         """Where the nominal arm would be, in the sensor's frame, (n, m)."""

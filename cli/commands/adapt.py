@@ -11,10 +11,10 @@ from calib.common.choices import MethodWord
 from calib.common.wording import for_people
 
 from .. import options as opt
-from ..files import check_file
 from ..measurements import Reading, log_for
 from ..options import option
 from ..output import NO, Outcome, TextTable, fields, number, progress_bar, say
+from ..parsing import check_file
 from ..photo import photo_of_log
 from ..translation import as_typed
 from ..units import units_of
@@ -31,9 +31,7 @@ def adapt(
         MethodWord, Option(help="few-shot: the body, from a few rows; online: the paper's rule.")
     ] = "few-shot",
     cause: opt.WhatChanged = None,
-    columns: opt.Columns = None,
-    unit: opt.Unit = None,
-    degrees: opt.LogDegrees = None,
+    reading: Reading,
 ) -> Outcome:
     """Re-calibrate a model from a few new samples. Exit code 3 if it does not improve."""
     import calib
@@ -42,7 +40,7 @@ def adapt(
     loaded = calib.load(model)
     path = output or adapted_name(model)
     check_file(path, ())  # before the work whose result would be lost
-    log = log_for(loaded, data, Reading(columns, unit, degrees))
+    log = log_for(loaded, data, reading)
     with progress_bar(loaded.about.unit) as progress:
         found = calib.adapt(loaded, log, method=method, cause=cause, progress=progress)
     say(found.notes)

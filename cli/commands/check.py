@@ -34,15 +34,13 @@ def check(
     tolerance: Annotated[
         float | None, option("--tolerance S", "Exit 3 too if such a change [m] were not shown.")
     ] = None,
-    columns: opt.Columns = None,
-    unit: opt.Unit = None,
-    degrees: opt.LogDegrees = None,
+    reading: Reading,
 ) -> Outcome:
     """Compare a model with new samples: is it still calibrated? Exit code 3 if not."""
     import calib
 
     loaded = calib.load(model)
-    log = log_for(loaded, data, Reading(columns, unit, degrees))
+    log = log_for(loaded, data, reading)
     drift = calib.check(loaded, log, cause=cause, tolerance=tolerance)
     say(drift.notes)
     rescaled = any(cause.cause == "scale" and cause.interval is None for cause in drift.causes)

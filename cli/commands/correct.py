@@ -7,10 +7,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 from calib.common.wording import for_people
 
 from .. import options as opt
-from ..files import TABLES, check_file
 from ..options import option
 from ..output import NO, Outcome, fields, note, number, say
-from ..parsing import above_zero
+from ..parsing import TABLES, above_zero, check_file
 from ..units import JointFormat, units_of
 
 if TYPE_CHECKING:

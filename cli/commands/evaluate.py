@@ -9,7 +9,7 @@ from .. import options as opt
 from ..advice import advice
 from ..measurements import Reading, log_of
 from ..output import Outcome, TextTable, fields, say
-from ..samples import with_sockets
+from ..samples import Sockets
 from ..summary import accuracy, answers_back, error_table, summary
 
 if TYPE_CHECKING:
@@ -20,11 +20,8 @@ def evaluate(
     model: opt.ModelFile,
     *,
     data: opt.Data = None,
-    columns: opt.Columns = None,
-    unit: opt.Unit = None,
-    degrees: opt.LogDegrees = None,
-    distance: opt.Distances = None,
-    plane: opt.Planes = None,
+    reading: Reading,
+    sockets: Sockets,
     frame: Annotated[
         Literal["kept", "free"],
         opt.flag("--frame", "free: of the log, the sensor's frame is found anew."),
@@ -34,9 +31,9 @@ def evaluate(
     import calib
 
     loaded = calib.load(model)
-    log = log_of(loaded, data, Reading(columns, unit, degrees))
+    log = log_of(loaded, data, reading)
     if log is not None:
-        log = with_sockets(log, distance, plane)
+        log = sockets.of(log)
     started = time.perf_counter()
     result = calib.evaluate(loaded, log, frame=frame)
     say(result.notes)

@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 from typer import Argument
 
 from .. import options as opt
-from ..files import TABLES, check_file
 from ..output import NO, Outcome, TextTable, fixed, note
-from ..parsing import any_number, check_count, check_streams
+from ..parsing import TABLES, any_number, check_count, check_file, check_streams
 from ..units import JointFormat, PositionFormat, meaning
 
 if TYPE_CHECKING:

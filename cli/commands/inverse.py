@@ -10,10 +10,18 @@ from typing import TYPE_CHECKING, Annotated, Any
 from typer import Argument, Option
 
 from .. import options as opt
-from ..files import TABLES, check_file
 from ..options import option
 from ..output import NO, Outcome, note
-from ..parsing import BadOption, any_number, check_count, check_streams, height, reals
+from ..parsing import (
+    TABLES,
+    BadOption,
+    any_number,
+    check_count,
+    check_file,
+    check_streams,
+    height,
+    reals,
+)
 from ..units import JointFormat, PositionFormat, meaning
 
 if TYPE_CHECKING:

@@ -6,10 +6,9 @@ import math
 from typing import Annotated, Any
 
 from .. import options as opt
-from ..files import TABLES, check_file
 from ..options import option
 from ..output import NO, Outcome, fields, note
-from ..parsing import above_zero, expects, reals
+from ..parsing import TABLES, above_zero, check_file, expects, reals
 from ..units import JointFormat, PositionFormat, meaning
 
 

@@ -13,7 +13,6 @@ from .. import options as opt
 from .. import parsing
 from ..options import option
 from ..output import Outcome, TextTable, number, progress_bar
-from ..parsing import JointValue
 from ..units import in_si, kinds_of_joints
 
 if TYPE_CHECKING:
@@ -25,11 +24,11 @@ Subject = Literal["table1", "table2", "figures", "adaptation", "networks", "expe
 
 
 @parsing.expects("JOINT=METRES such as elbow=0.3")
-def _length(text: str) -> JointValue:
+def _length(text: str) -> tuple[str, float]:
     joint, _, value = text.partition("=")
     length = parsing.finite_number(value)
     parsing.require(bool(joint) and 0.0 < length < _LONGEST)
-    return JointValue(joint, length)
+    return joint, length
 
 
 _format = parsing.one_of(("png", "svg", "pdf"))
@@ -50,7 +49,7 @@ def reproduce(
     joints: opt.JointNames = None,
     ranges: opt.Ranges = None,
     lengths: Annotated[
-        list[JointValue] | None,
+        list[Any] | None,
         option("--length JOINT=M", "Length of the link that a joint moves; repeatable.", _length),
     ] = None,
     formats: Annotated[

@@ -15,10 +15,9 @@ from calib.common.wording import for_people
 
 from .. import options as opt
 from .. import parsing
-from ..files import TABLES, check_file
 from ..options import option
 from ..output import Outcome, TextTable, fields, note, number, progress_bar, say
-from ..parsing import BadOption, several
+from ..parsing import TABLES, BadOption, check_file, several
 from ..samples import Logged, Selection, check_sources, measured_samples
 
 if TYPE_CHECKING:
@@ -59,15 +58,8 @@ def sweep(
     readout: Annotated[
         ReadoutWord, Option(help="Readout of the table; files and JSON hold them all.")
     ] = "local",
-    joints: opt.JointNames = None,
-    tip: opt.Tip = None,
-    planar: opt.Planar = False,
-    lock: opt.Lock = None,
-    ranges: opt.Ranges = None,
-    degrees: opt.Degrees = False,
-    columns: opt.Columns = None,
-    unit: opt.Unit = None,
-    prismatic: opt.Prismatic = None,
+    selection: Selection,
+    logged: Logged,
 ) -> Outcome:
     """Train with every combination of options on all cores, and compare the errors.
 
@@ -79,8 +71,6 @@ def sweep(
     typed = {"size": size, "map": map, "rule": rule, "epochs": epochs, "sigma": sigma}
     typed |= {"samples": samples, "noise": noise}
     tried = {name: list(values) for name, values in typed.items() if values is not None}
-    selection = Selection(joints, tip, planar, lock, ranges, degrees)
-    logged = Logged(columns, unit, prismatic)
     simulated = {name: tried.get(name) for name in ("samples", "noise")}
     check_sources(robots or (), bool(data), simulated, vars(logged))
     if data and len(robots or ()) > 1:
@@ -92,7 +82,7 @@ def sweep(
     if data is not None:
         read = partial(measured_samples, robots[0] if robots else None, selection, logged=logged)
         sources = {path: partial(read, path) for path in _logs(data)}
-    with progress_bar(unit or "m") as progress:
+    with progress_bar(logged.unit or "m") as progress:
         # logs are read here: a worker cannot say what was assumed of one
         ready: dict[str, Any] = {name: source() for name, source in sources.items()}
         found = run(ready, tried, seeds=seeds, jobs=jobs, progress=progress)

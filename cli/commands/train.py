@@ -14,15 +14,15 @@ from calib.model.facts import size_in_words
 
 from .. import options as opt
 from ..advice import advice, found_by_body
-from ..files import check_file
 from ..options import option
 from ..output import Outcome, progress_bar, say
-from ..parsing import BadOption
+from ..parsing import BadOption, check_file
 from ..photo import photo_of_log, with_photo
 from ..samples import (
     Babbling,
     Logged,
     Selection,
+    Sockets,
     babbled_samples,
     check_sources,
     measured_samples,
@@ -45,12 +45,7 @@ def train(
     force: Annotated[
         bool, Option("--force", help="Replace a model of another robot or log by that name.")
     ] = False,
-    joints: opt.JointNames = None,
-    tip: opt.Tip = None,
-    planar: opt.Planar = False,
-    lock: opt.Lock = None,
-    ranges: opt.Ranges = None,
-    degrees: opt.Degrees = False,
+    selection: Selection,
     map: opt.MapName = None,  # noqa: A002
     size: opt.MapSize = None,
     motor_size: opt.MotorSize = None,
@@ -60,16 +55,10 @@ def train(
     rule: opt.TrainingRule = "batch",
     epochs: opt.Epochs = None,
     sigma: opt.Sigma = None,
-    samples: opt.Number = None,
-    noise: opt.Noise = None,
-    motion: opt.Moves = None,
-    change: opt.Changes = None,
+    babbling: Babbling,
     seed: opt.Seed = 0,
-    columns: opt.Columns = None,
-    unit: opt.Unit = None,
-    prismatic: opt.Prismatic = None,
-    distance: opt.Distances = None,
-    plane: opt.Planes = None,
+    logged: Logged,
+    sockets: Sockets,
     lens: Annotated[
         str | None, option("--lens lens.json", "Lens of a camera in space (default: fitted).")
     ] = None,
@@ -82,12 +71,7 @@ def train(
     """Learn a model from simulated babbling or from a measured log."""
     import calib
 
-    selection = Selection(joints, tip, planar, lock, ranges, degrees)
-    babbling, logged = (
-        Babbling(samples, noise, motion, change),
-        Logged(columns, unit, prismatic, distance, plane),
-    )
-    of_logs = {**vars(logged), "lens": lens, "photo": photo}
+    of_logs = {**vars(logged), **vars(sockets), "lens": lens, "photo": photo}
     check_sources([robot] if robot else [], data is not None, vars(babbling), of_logs)
     if photo is not None and no_photo:
         raise BadOption("--photo and --no-photo are given: expected one of them")
@@ -95,7 +79,7 @@ def train(
     if data is None:
         log = babbled_samples(robot, selection, babbling, seed)
     else:
-        log = measured_samples(robot, selection, data, logged, seed, lens)
+        log = sockets.of(measured_samples(robot, selection, data, logged, seed, lens))
     path = output or _file_name(str(robot or data))
     check_file(path, ())
     if output is None and not force:

@@ -9,9 +9,9 @@ from typer import Option
 from calib.common.wording import for_people
 
 from .. import options as opt
-from ..files import check_file
 from ..options import option
 from ..output import NO, Outcome, TextTable, fixed, note, number, say
+from ..parsing import check_file
 from ..units import units_of
 
 if TYPE_CHECKING:
