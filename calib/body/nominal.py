@@ -7,9 +7,12 @@ from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..common.arrays import Array
 from ..errors import OptionError
+
+Complex = NDArray[np.complex128]
 
 _ALIKE = 3e-5
 """Share of the largest spread below which columns are one."""
@@ -48,7 +51,11 @@ class LinearChain:
 
 
 def linear_chain(
-    q: Array, tip: Array, signs: tuple[int, ...], mirror: int, revolute: tuple[bool, ...]
+    q: Array,
+    tip: NDArray[np.complex128],
+    signs: tuple[int, ...],
+    mirror: int,
+    revolute: tuple[bool, ...],
 ) -> LinearChain:
     """Fit tips (n,), complex, at joint values (n, dof).
 

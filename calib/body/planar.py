@@ -17,12 +17,11 @@ from functools import cached_property
 from itertools import product
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..common.arrays import Array
 from .curves import curve_shape
 from .measurement import Moved
-from .nominal import Nominal
+from .nominal import Complex, Nominal
 from .parameters import Block, Indices, ScaleGroup
 from .planar_view import PlanarReading
 from .settings import (
@@ -39,21 +38,19 @@ from .settings import (
 from .structure import Ladder, Structure
 from .views import PLANAR
 
-_Complex = NDArray[np.complex128]
-
 
 @dataclass(frozen=True, eq=False)
 class PlanarMotion:
     """Where a planar chain is at n rows, as complex numbers."""
 
-    direction: _Complex  # (dof, n), of each link or slide
-    terms: _Complex  # (dof, n), the links
-    swept: _Complex  # (dof, n), how the tip moves as each joint turns
+    direction: Complex  # (dof, n), of each link or slide
+    terms: Complex  # (dof, n), the links
+    swept: Complex  # (dof, n), how the tip moves as each joint turns
     slides: tuple[int, ...]
     slide: float  # chain units in a metre of a slide
 
     @property
-    def tip(self) -> _Complex:
+    def tip(self) -> Complex:
         """The tip (n,)."""
         return np.asarray(self.terms.sum(axis=0))
 
@@ -71,7 +68,7 @@ class PlanarMotion:
         return _pairs(moved), 0.0
 
 
-def _pairs(values: _Complex) -> Array:
+def _pairs(values: Complex) -> Array:
     """Complex numbers (..., n) as coordinates (..., 2, n)."""
     return np.stack([values.real, values.imag], axis=-2)
 

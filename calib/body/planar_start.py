@@ -9,14 +9,12 @@ from itertools import product
 import numpy as np
 
 from ..common.arrays import Array
-from .nominal import linear_chain, sides
+from .nominal import Complex, linear_chain, sides
 from .planar import PlanarStructure
 from .structure import Structure
 
 _MOST = 16
 """Combinations of signs and mirrors that are refined."""
-
-_ELBOWS = np.linspace(-np.pi, np.pi, 9)[:-1]
 
 
 def planar_starts(structure: PlanarStructure, q: Array, z: Array) -> list[tuple[Structure, Array]]:
@@ -32,17 +30,7 @@ def planar_starts(structure: PlanarStructure, q: Array, z: Array) -> list[tuple[
         if best > 0.02 * structure.extent:
             found += [_linear(each, q, tip) for each in _sided(structure, every=True)]
     found.sort(key=lambda item: item[0])
-    out: list[tuple[Structure, Array]] = []
-    for _, each, beta in found[:_MOST]:
-        out.append((each, beta))
-        if structure.nominal is None and structure.seen_as.tilted:
-            out += [(each, b) for b in _affine(each, q, z)]
-        if structure.nominal is None and structure.scaled and structure.dof == 2:
-            for offset in _ELBOWS:  # equal links
-                beta = each.neutral()
-                beta[each.groups["offset"][1]] = offset
-                out.append((each, _placed(each, beta, q, tip)))
-    return out
+    return [(each, beta) for _, each, beta in found[:_MOST]]
 
 
 def _sided(structure: PlanarStructure, every: bool) -> Iterator[PlanarStructure]:
@@ -59,7 +47,7 @@ def _sided(structure: PlanarStructure, every: bool) -> Iterator[PlanarStructure]
 
 
 def _linear(
-    structure: PlanarStructure, q: Array, tip: Array
+    structure: PlanarStructure, q: Array, tip: Complex
 ) -> tuple[float, PlanarStructure, Array]:
     """Error, structure and parameters of the best similarity of the chain."""
     beta, groups = structure.neutral(), structure.groups
@@ -82,7 +70,7 @@ def _linear(
     return found.rms, structure, beta
 
 
-def _placed(structure: PlanarStructure, beta: Array, q: Array, tip: Array) -> Array:
+def _placed(structure: PlanarStructure, beta: Array, q: Array, tip: Complex) -> Array:
     """`beta` with the rotation, scale and shift that fit its chain best."""
     groups, p = structure.groups, structure.move(structure.joint_values(q, beta), beta).tip
     p = p if structure.mirror > 0 else p.conj()
@@ -94,40 +82,3 @@ def _placed(structure: PlanarStructure, beta: Array, q: Array, tip: Array) -> Ar
     out[groups["view.rotation"]], out[groups["view.scale"]] = np.angle(t), scale
     out[groups["view.shift"]] = shift.real, shift.imag
     return out
-
-
-def _affine(structure: PlanarStructure, q: Array, z: Array) -> list[Array]:
-    """The start of an affine view: a real 2x2 block for each turning joint."""
-    n, groups = structure.dof, structure.groups
-    if structure.slides:
-        return []
-    sums = np.cumsum(q * np.asarray(structure.signs, dtype=float), axis=1)
-    columns = np.concatenate([np.cos(sums), np.sin(sums), np.ones((len(q), 1))], axis=1)
-    normal = columns.T @ columns + 1e-6 * len(q) * np.eye(2 * n + 1)
-    t = np.linalg.solve(normal, columns.T @ z)
-    blocks = [np.stack([t[k], t[n + k]], axis=1) for k in range(n)]
-    first = blocks[0]
-    turn = np.linalg.det(first) * structure.mirror
-    if not turn > 1e-6 * structure.extent**2:
-        return []
-    # polar decomposition of the first block: the view's rotation, and its scale and shear
-    rotated = first @ np.diag([1.0, float(structure.mirror)])
-    u, _, vt = np.linalg.svd(rotated)
-    rotation = u @ vt
-    stretch = rotation.T @ rotated
-    scale = np.trace(stretch) / 2
-    beta = structure.neutral()
-    beta[groups["view.rotation"]] = np.arctan2(rotation[1, 0], rotation[0, 0])
-    beta[groups["view.scale"]] = np.log(scale)
-    sheared = (stretch[0, 0] - stretch[1, 1]) / 2, stretch[0, 1]
-    beta[groups["view.shear"]] = np.array(sheared) / scale
-    beta[groups["view.shift"]] = t[2 * n]
-    before = 0.0
-    for k in range(1, n):
-        x = np.linalg.solve(first, blocks[k])
-        # nearest to a rotation times a length, as a complex number
-        c = (x[0, 0] + x[1, 1]) / 2 + 1j * (x[1, 0] - x[0, 1]) / 2
-        beta[groups["length"][k]] = max(abs(c), 0.05)
-        beta[groups["offset"][k]] = np.angle(c) - before
-        before = np.angle(c)
-    return [beta]

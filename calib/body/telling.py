@@ -54,7 +54,7 @@ def warnings_of(
         rank = int((values > _SHARE * values[0]).sum())
         if rank < len(moving):
             notes.append(
-                f"{', '.join(joint_names[i] for i in moving)} move together along {rank} of "
+                f"{', '.join(joint_names[int(i)] for i in moving)} move together along {rank} of "
                 f"{len(moving)} directions: the rows cannot tell them apart"
             )
         elif len(q) >= _AREA_ROWS and _is_path(scaled):
