@@ -135,18 +135,14 @@ class SpatialStructure(Structure):
                 scales=drawn if informed else (),
             ),
             Block(
-                "offset",
-                tuple(
-                    (name, f"{name}.offset", "rad" if turns else "m")
-                    for name, turns in zip(self.joint_names, self.revolute, strict=True)
-                ),
+                "offset", self.of_joints("offset", *("rad" if t else "m" for t in turning)),
                 scales=(
                     ScaleGroup("offset", TURN, OFFSET_SCALES, within=turned),
                     ScaleGroup("offset.slide", SHIFT, SCALES, within=slid),
                 ),
             ),
             Block(
-                "gain", tuple((name, f"{name}.gain", "1") for name in self.joint_names), 1.0,
+                "gain", self.of_joints("gain", "1"), 1.0,
                 scales=(ScaleGroup("gain", GAIN, SCALES),),
             ),
             Block(
@@ -204,23 +200,19 @@ class SpatialStructure(Structure):
 
     def members(self) -> Ladder:
         """The gate's members from simple to rich."""
-        frame = self.frame_groups
-        chain = (*frame, "placement")
-        ladder: list[tuple[str, tuple[str, ...]]] = []
-        if self.informed:
-            chain = (*chain, "offset")
-            ladder.append(("frame", frame))
-            if self.few:
-                return tuple(ladder)
-            if self.camera:
-                ladder.append(("offsets", (*frame, "offset")))
-        ladder.append(("chain", chain))
-        if len(self.groups["elastic"]) and self.informed:
-            chain = (*chain, "elastic")
-            ladder.append(("elastic", chain))
-        if any(self.revolute):
-            ladder.append(("curves", (*chain, "curve")))
-        return tuple(ladder)
+        frame, drawn = self.frame_groups, self.informed
+        chain = (*frame, "placement", *(("offset",) if drawn else ()))
+        bent = (*chain, "elastic") if drawn and len(self.groups["elastic"]) else chain
+        if drawn and self.few:
+            return (("frame", frame),)
+        ladder = (
+            ("frame", frame, drawn),
+            ("offsets", (*frame, "offset"), drawn and self.camera),
+            ("chain", chain, True),
+            ("elastic", bent, bent is not chain),
+            ("curves", (*bent, "curve"), any(self.revolute)),
+        )
+        return tuple((name, groups) for name, groups, wanted in ladder if wanted)
 
     @property
     def frame_groups(self) -> tuple[str, ...]:

@@ -23,7 +23,7 @@ from ..common.arrays import Array
 from .curves import HARMONICS, curve_slope, curve_value, powers
 from .derivative import Derivative, Waves
 from .measurement import Measurement, Moved, Sight, TipMotion
-from .parameters import Block, Blocks, Indices, Label, Layout, Prior, ScaleGroup
+from .parameters import Block, Blocks, Indices, Label, Layout, Part, Prior, ScaleGroup
 from .views import VIEWS_OF_BODIES, ViewKind
 
 _STEP = 1e-5  # [rad or m], of differences of loads, which bend by mrad: exact to 1e-12 rad
@@ -143,6 +143,12 @@ class Structure:
     def prior(self, free: Sequence[str]) -> Prior:
         """Prior that frees the blocks of `free`; ``"curve"`` stands for all joints' curves."""
         return self.parameters.prior(free)
+
+    def of_joints(self, what: str, *units: str) -> tuple[Part, ...]:
+        """One parameter of each joint, in a unit that all share or each has."""
+        every = units * self.dof if len(units) == 1 else units
+        pairs = zip(self.joint_names, every, strict=True)
+        return tuple((name, f"{name}.{what}", unit) for name, unit in pairs)
 
     def curves(self, rms: float, pseudo: float, shape: Array) -> Iterator[Block]:
         """Blocks of the joints' error curves, of an rms [rad] that the evidence moves."""

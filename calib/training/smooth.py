@@ -177,7 +177,7 @@ def _fit_in_space(samples: Samples, rows: NDArray[np.intp], view: str, seed: int
         )
         fit = fit_structure(template, q, x, seed=seed, notes=notes)
         refuse_pixels(fit.body, q, x)
-        doubts = doubtful_depth(fit.body, q, samples.lower, samples.upper)
+        doubts = doubtful_depth(fit.body, q)
         return replace(fit, notes=(*fit.notes, *doubts))
     metre = METRES.get(samples.unit, 1.0)
     simulated = samples.simulation is not None
