@@ -98,7 +98,7 @@ class Shooting:
 
     def record(
         self,
-        source: str,
+        sources: Sequence[str],
         output: str,
         joints: Sequence[str] | None,
         degrees: bool,
@@ -114,24 +114,27 @@ class Shooting:
         from calib.samples.tables import read_about
 
         setting, file = self.setting(output), str(self.joints_file)
+        first, source = Path(sources[0]), sources[0] if len(sources) == 1 else sources
         if self.camera is not None:
             from calib.recording.live import record_live
 
-            file = str(record_live(self.camera, sys.stdin, Path(source), setting, note))
+            file = str(record_live(self.camera, sys.stdin, first, setting, note))
         chosen = list(joints) if joints else None
         table = read_joints(file, chosen, degrees=degrees, prismatic=prismatic)
         earlier = read_about(self.since) if self.since is not None else None
-        if Path(source).is_file() and Path(source).suffix.lower() not in PICTURES:
+        if first.is_file() and first.suffix.lower() not in PICTURES:
+            if len(sources) > 1:
+                raise BadOption(f"{len(sources)} names: expected one video, or pictures alone")
             turns = tuple(name not in prismatic for name in table.names)
             how: dict[str, Any] = of_videos
-            made = log_video(source, table, setting, **how, revolute=turns, since=earlier)
+            made = log_video(first, table, setting, **how, revolute=turns, since=earlier)
         else:
             if of_videos["still"] is not None or of_videos["time_offset"] is not None:
                 raise BadOption("--still and --time-offset are for videos and bags, not pictures")
             made = log_pictures(source, table, setting, since=earlier)
         say(made.notes)
         # named in the log, so that train can draw the map over it
-        path = Path(source)
+        path = first
         if made.pictures is not None:
             named = {each.name: each for each in list_pictures(source)}
             path = named[made.pictures[len(made) // 2]]

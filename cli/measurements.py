@@ -96,22 +96,21 @@ def _doubt(model: Model, log: Samples) -> list[str]:
 
     from calib.samples.diagnosis import unit_hint
 
-    predicted, bound = model.forward(log.q), model.expected_error(log.q)
-    known = np.isfinite(predicted[:, 0]) & np.isfinite(bound)
+    predicted = model.forward(log.q)
+    known = np.isfinite(predicted[:, 0])
     if not known.any():
         return []
     predicted, x = predicted[known], log.x[known]
-    gap = float(np.median(np.linalg.norm(predicted - x, axis=1)))
     # spreads about the median: single wrong rows do not decide the ratio
-    size, seen = (
-        float(np.median(np.linalg.norm(p - np.median(p, axis=0), axis=1))) for p in (predicted, x)
+    gap, size, seen = (
+        float(np.median(np.linalg.norm(away, axis=1)))
+        for away in (predicted - x, predicted - np.median(predicted, 0), x - np.median(x, 0))
     )
-    if gap <= max(_FAR_BOUND * float(np.median(bound[known])), _FAR_SHARE * size):
+    bound = float(np.nanmedian(model.expected_error(log.q)))
+    if gap <= max(_FAR_BOUND * bound, _FAR_SHARE * size):
         return []
-    ratio = seen / max(size, 1e-300)
-    hint = unit_hint(ratio)
-    times = f"; its positions extend over {ratio:.4g} times the model's{hint}" if hint else ""
+    hint = unit_hint(seen / max(size, 1e-300))
     return [
         "the log does not fit the model: the median distance from predicted to measured position "
-        f"is {gap / size:.2g} times their spread{times}; calib check names the cause"
+        f"is {gap / size:.2g} times their spread{hint}; calib check names the cause"
     ]

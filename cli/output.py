@@ -246,11 +246,8 @@ def fixed(value: float, decimals: int) -> str:
     return f"{round(value, decimals) + 0.0:.{decimals}f}"
 
 
-_Report = Callable[[float, str, float], None]
-
-
 @contextmanager
-def progress_bar(unit: str) -> Iterator[_Report | None]:
+def progress_bar(unit: str) -> Iterator[Callable[[float, str, float], None] | None]:
     """Show how far a training is, on standard error.
 
     Yields what takes the share of the work that is done, the stage and its error [unit]; None
@@ -259,23 +256,12 @@ def progress_bar(unit: str) -> Iterator[_Report | None]:
     if not sys.stderr.isatty() or _spoken.quiet:
         yield None
         return
-    from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-    bar = Progress(
-        TextColumn("{task.description}"),
-        BarColumn(),
-        TextColumn("{task.percentage:>3.0f} %"),
-        TimeRemainingColumn(compact=True),
-        TextColumn("{task.fields[error]}"),
-        console=Console(stderr=True),
-        transient=True,
-    )
-    with bar:
-        task = bar.add_task("babbling", total=1.0, error="")
+    def report(share: float, stage: str, error: float) -> None:
+        shown = f", error {error:.3g} {unit}" if math.isfinite(error) else ""
+        print(f"\r{100 * share:3.0f} % {stage}{shown}\033[K", end="", file=sys.stderr, flush=True)
 
-        def report(share: float, stage: str, error: float) -> None:
-            shown = f"error {error:.3g} {unit}" if math.isfinite(error) else ""
-            bar.update(task, completed=share, description=stage, error=shown)
-
+    try:
         yield report
+    finally:
+        print("\r\033[K", end="", file=sys.stderr, flush=True)

@@ -110,7 +110,7 @@ class SpatialStructure(Structure):
         flat = np.repeat((self._reach, 3.0), 3)  # shifts and turns where no drawing says
         turned, slid = own[turning[first:]], own[~turning[first:]]
         placed = np.arange(6 * first, 6 * len(self.chain_names)).reshape(-1, 2, 3)
-        choices = SCALES if self.measurement.sized else (1.0,)
+        choices = self.measurement.scales
         places = list(product((("shift", "m"), ("turn", "rad")), "xyz"))
         drawn = (
             ScaleGroup("placement.shift", SHIFT, choices, within=placed[:, 0].ravel()),
@@ -200,6 +200,7 @@ class SpatialStructure(Structure):
 
     def members(self) -> Ladder:
         """The gate's members from simple to rich."""
+<<<<<<< HEAD
         frame, drawn = self.frame_groups, self.informed
         chain = (*frame, "placement", *(("offset",) if drawn else ()))
         bent = (*chain, "elastic") if drawn and len(self.groups["elastic"]) else chain
@@ -213,6 +214,25 @@ class SpatialStructure(Structure):
             ("curves", (*bent, "curve"), any(self.revolute)),
         )
         return tuple((name, groups) for name, groups, wanted in ladder if wanted)
+=======
+        frame = self.frame_groups
+        chain = (*frame, "placement")
+        ladder: list[tuple[str, tuple[str, ...]]] = []
+        if self.informed:
+            chain = (*chain, "offset")
+            ladder.append(("frame", frame))
+            if self.few:
+                return tuple(ladder)
+            if self.camera:
+                ladder.append(("offsets", (*frame, "offset")))
+        ladder.append(("chain", chain))
+        if len(self.groups["elastic"]) and self.informed:
+            chain = (*chain, "elastic")
+            ladder.append(("elastic", chain))
+        if any(self.revolute) and self.measurement.curves:
+            ladder.append(("curves", (*chain, "curve")))
+        return tuple(ladder)
+>>>>>>> main
 
     @property
     def frame_groups(self) -> tuple[str, ...]:

@@ -5,11 +5,11 @@ from __future__ import annotations
 import sys
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 
-from ..common.arrays import Array, Index
+from ..common.arrays import Array, Index, Shape
 from ..common.frozen import freeze, frozen
 from ..common.scale import Scale
 from .graph import Graph
@@ -29,12 +29,13 @@ _MANY = 4_000  # places whose search is shared among threads
 class Map:
     """Nodes in the motor or the sensory space."""
 
-    units: Array  # (nodes, d), weights of the nodes in the unit box of `scale`
+    # weights of the nodes in the unit box of `scale`
+    units: Annotated[Array, Shape("nodes", "d")]
     # how the nodes are joined; a growing neural gas has no lattice but a graph
     lattice: Lattice | Graph
     scale: Scale  # from the space's own units to the unit box
     # (epochs, 4), nodes, sigma [nodes], quantization and topographic error of each epoch
-    history: Array
+    history: Annotated[Array, Shape("epochs", "columns")]
 
     def __post_init__(self) -> None:
         freeze(self, "units", "history")

@@ -44,7 +44,7 @@ def facts(model: Parts, *, degrees: bool = True) -> dict[str, str]:
     if about.source == "log":
         found["bounds hold"] = (
             "in the session of the log; a sensor that was set up anew has moved: "
-            "`calib evaluate --frame free` tells by how much"
+            "an evaluation with `frame='free'` tells by how much"
         )
     return found
 

@@ -68,11 +68,11 @@ def adapt(
     else:
         lines = [f"no improvement: {model} stays as it is, nothing was written"]
         lines.append(f"{before} {name} as it is, {after} {name} adapted, {rests}")
-    if found.coverage < 1.0:
-        lines.append(
-            f"limited by coverage: the log measured {100 * found.coverage:.0f} % of the learned "
-            "range; rows from the rest help most"
-        )
+    share = f"the log measured {100 * found.coverage:.0f} % of the learned range"
+    limit = (
+        f"coverage: {share}; rows from the rest" if found.coverage < 0.99 else "noise; more rows"
+    )
+    lines.append(f"limited by {limit} help most")
     rows = [
         [when, *(number(factor * error[key]) for key in ("mean", "p99", "max"))]
         for when, error in (("before", found.before), ("after", found.after))

@@ -6,11 +6,10 @@ import time
 from typing import TYPE_CHECKING, Annotated, Literal
 
 from .. import options as opt
-from ..advice import advice
 from ..measurements import Reading, log_of
 from ..output import Outcome, TextTable, fields, say
 from ..samples import Sockets
-from ..summary import accuracy, answers_back, error_table, summary
+from ..summary import accuracy, advice, answers_back, error_table, summary
 
 if TYPE_CHECKING:
     from calib import Evaluation
@@ -57,9 +56,11 @@ def _scatter(model: str, result: Evaluation) -> str:
     """The scatter of touches in a line, and the distances of sockets."""
     size = {name: 1e3 * value for name, value in result.touch["scatter"].items()}
     line = (
-        f"{model}: tips scatter about their sockets by {size['mean']:.3g} mm (rms "
-        f"{size['rms']:.3g}, largest {size['max']:.3g}) in {result.rows} touches"
+        f"{model}: tips scatter about their sockets by {size['mean']:.3g} mm (95 % within "
+        f"{size['p95']:.3g}, largest {size['max']:.3g}) in {result.rows} touches"
     )
+    if result.left_out:
+        line += f", {result.left_out} left out (in no socket of theirs, or out of range)"
     off = [abs(each["predicted"] - each["stated"]) for each in result.touch["distances"]]
     return line + (f"; distances are off by {1e3 * sum(off) / len(off):.2g} mm" if off else "")
 

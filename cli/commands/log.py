@@ -16,16 +16,16 @@ from ..options import option
 from ..output import Outcome, say
 from ..parsing import TABLES, BadOption, check_file
 
-
-@parsing.expects("a number of seconds, or auto")
-def _offset(text: str) -> float | None:
-    """Read a number of seconds, or `auto`, which is None."""
-    return None if text.strip() == "auto" else parsing.finite_number(text)
+_offset = parsing.reader(
+    "a number of seconds, or auto",
+    lambda text: None if text.strip() == "auto" else parsing.finite_number(text),
+)
 
 
 def log(
     bag: Annotated[
-        str, Argument(metavar="BAG|PICTURES|VIDEO", help="A ROS bag, pictures (folder), a video.")
+        list[str],
+        Argument(metavar="BAG|PICTURES|VIDEO", help="A ROS bag, a folder or files, a video."),
     ],
     *,
     output: Annotated[str, option("--output -o LOG", "The log: CSV or Parquet.")],
@@ -63,7 +63,7 @@ def log(
     check_file(output, TABLES, stream=True)
     bags: dict[str, Any] = {"joints_topic": joints_topic, "tip_topic": tip_topic, "frames": frames}
     timed: dict[str, Any] = {"max_gap": max_gap, "still": still, "time_offset": time_offset}
-    if shooting.given() or is_picture(bag):
+    if shooting.given() or any(map(is_picture, bag)):
         refuse(bags, "is for bags, not for pictures and videos")
         if rests and still is not None:
             raise BadOption("--rests and --still are given: expected one of them")
@@ -73,9 +73,11 @@ def log(
     else:
         from calib.recording.bags import read_bag
 
+        if len(bag) > 1:
+            raise BadOption(f"{len(bag)} names are for pictures: expected one bag")
         if frames is not None and len(frames) != 2:
             raise BadOption("--frames names two frames: expected SENSOR,TIP")
-        made = read_bag(bag, **bags, **timed, joints=joints)
+        made = read_bag(bag[0], **bags, **timed, joints=joints)
         say(made.notes)
         kinds = "[rad, m, s]"
     made.write(output)

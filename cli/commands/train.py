@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 from typer import Argument, Option
 
@@ -13,7 +13,6 @@ from calib.common.wording import for_people
 from calib.model.facts import size_in_words
 
 from .. import options as opt
-from ..advice import advice, found_by_body
 from ..options import option
 from ..output import Outcome, progress_bar, say
 from ..parsing import BadOption, check_file
@@ -27,7 +26,7 @@ from ..samples import (
     check_sources,
     measured_samples,
 )
-from ..summary import accuracy, compact_table, summary
+from ..summary import accuracy, advice, error_table, found_by_body, summary
 
 if TYPE_CHECKING:
     from calib import Model, Samples
@@ -84,10 +83,10 @@ def train(
     check_file(path, ())
     if output is None and not force:
         _check_same_origin(path, log)
-    how: dict[str, Any] = {"motor_size": motor_size, "sensory_size": sensory_size, "view": view}
-    how |= {"map": map, "size": size, "body": body, "rule": rule, "epochs": epochs, "sigma": sigma}
+    sizes = (size, motor_size, sensory_size)
+    how = calib.TrainingOptions(*sizes, map, rule, epochs, sigma, body=body, view=view, seed=seed)
     with progress_bar(log.unit) as progress:
-        model = calib.train(log, **how, seed=seed, progress=progress)
+        model = calib.train(log, how, progress=progress)
     say([*model.about.notes, *_unexplained(model, log)])
     if no_rows:
         model = replace(model, rows=None)
@@ -107,7 +106,7 @@ def train(
         f"{'samples' if simulated else 'rows'}, "
         f"{model.seconds['total']:.2f} s, {Path(path).stat().st_size / 1e6:.2f} MB",
     ]
-    table = compact_table(model, about.errors, f"errors on {what}")
+    table = error_table(model, about.errors, f"errors on {what}")
     return Outcome(summary(model, path, about.errors, model.seconds), lines, [table])
 
 

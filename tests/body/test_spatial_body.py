@@ -10,15 +10,19 @@ import pytest
 from models import in_pixels
 
 from calib.arm.loading import load_arm
+<<<<<<< HEAD
 from calib.arm.rotations import exponential, logarithm
+=======
+from calib.arm.rotations import exponential, logarithm, quaternion_of
+from calib.body.belief import Body
+>>>>>>> main
 from calib.body.fitting import fit_structure
 from calib.body.misfit import refuse_pixels
 from calib.body.sensor import SensorPose
 from calib.body.spatial import structure_of, unknown_structure
 from calib.body.starts import candidates
 from calib.errors import LogError, ModelError
-from calib.model_file.bodies import body_arrays, body_header, rebuild_body
-from calib.model_file.checked import Tensors
+from calib.model_file.contents import FORMAT
 
 VIEWS = ("base", "rigid", "similarity", "pose", "pinhole")
 
@@ -125,7 +129,8 @@ def test_a_fit_finds_the_arm_and_its_bound_holds_the_errors():
     error = np.linalg.norm(body.predict(fresh) - structure.predict(fresh, beta), axis=1)
     assert error.mean() < 1.5e-4
     assert np.mean(error <= body.bound(fresh, noise=False)) > 0.93
-    again = rebuild_body(json.loads(json.dumps(body_header(body))), Tensors(body_arrays(body)))
+    told, arrays = FORMAT.write(body, Body)
+    again = FORMAT.read(Body, json.loads(json.dumps(told)), arrays)
     np.testing.assert_array_equal(again.predict(fresh), body.predict(fresh))
     np.testing.assert_allclose(again.bound(fresh), body.bound(fresh), rtol=1e-5)
     words = " ".join(body.describe())
@@ -278,16 +283,15 @@ def test_damaged_arrays_of_a_model_file_are_refused():
     arm, structure, beta = truth()
     q = rows(arm, 40, 1)
     body = fit_structure(structure, q, structure.predict(q, beta)).body
-    header, arrays = body_header(body), body_arrays(body)
+    header, arrays = FORMAT.write(body, Body)
     for name, value in {
-        "structure.axes": np.zeros((3, 3)),
-        "structure.points": np.full((3, 3), np.nan),
-        "structure.rotation": np.ones((3, 3)),
-        "structure.coupling": np.eye(2),
+        "structure.chain.axes": np.zeros((3, 3)),
+        "structure.chain.points": np.full((3, 3), np.nan),
+        "structure.chain.rotation": np.ones((3, 3)),
+        "structure.chain.coupling": np.eye(2),
     }.items():
         with pytest.raises(ModelError):
-            rebuild_body(header, Tensors({**arrays, name: value}))
+            FORMAT.read(Body, header, {**arrays, name: value})
+    odd = {**header["structure"], "view": "odd"}
     with pytest.raises(ModelError, match="view"):
-        rebuild_body(
-            {**header, "structure": {**header["structure"], "view": "odd"}}, Tensors(arrays)
-        )
+        FORMAT.read(Body, {**header, "structure": odd}, arrays)
