@@ -200,7 +200,6 @@ class SpatialStructure(Structure):
 
     def members(self) -> Ladder:
         """The gate's members from simple to rich."""
-<<<<<<< HEAD
         frame, drawn = self.frame_groups, self.informed
         chain = (*frame, "placement", *(("offset",) if drawn else ()))
         bent = (*chain, "elastic") if drawn and len(self.groups["elastic"]) else chain
@@ -211,28 +210,9 @@ class SpatialStructure(Structure):
             ("offsets", (*frame, "offset"), drawn and self.camera),
             ("chain", chain, True),
             ("elastic", bent, bent is not chain),
-            ("curves", (*bent, "curve"), any(self.revolute)),
+            ("curves", (*bent, "curve"), any(self.revolute) and self.measurement.curves),
         )
         return tuple((name, groups) for name, groups, wanted in ladder if wanted)
-=======
-        frame = self.frame_groups
-        chain = (*frame, "placement")
-        ladder: list[tuple[str, tuple[str, ...]]] = []
-        if self.informed:
-            chain = (*chain, "offset")
-            ladder.append(("frame", frame))
-            if self.few:
-                return tuple(ladder)
-            if self.camera:
-                ladder.append(("offsets", (*frame, "offset")))
-        ladder.append(("chain", chain))
-        if len(self.groups["elastic"]) and self.informed:
-            chain = (*chain, "elastic")
-            ladder.append(("elastic", chain))
-        if any(self.revolute) and self.measurement.curves:
-            ladder.append(("curves", (*chain, "curve")))
-        return tuple(ladder)
->>>>>>> main
 
     @property
     def frame_groups(self) -> tuple[str, ...]:

@@ -10,12 +10,8 @@ import pytest
 from models import in_pixels
 
 from calib.arm.loading import load_arm
-<<<<<<< HEAD
 from calib.arm.rotations import exponential, logarithm
-=======
-from calib.arm.rotations import exponential, logarithm, quaternion_of
 from calib.body.belief import Body
->>>>>>> main
 from calib.body.fitting import fit_structure
 from calib.body.misfit import refuse_pixels
 from calib.body.sensor import SensorPose
