@@ -106,6 +106,14 @@ SensorView = Annotated[
 ]
 
 # logs
+TimeOffset = Annotated[
+    Any,
+    option(
+        "--time-offset auto|S",
+        "Added to times of positions [s]; auto: as the motion shows.",
+        parsing.offset_or_auto,
+    ),
+]
 Columns = Annotated[
     Any,
     option(

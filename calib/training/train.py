@@ -201,6 +201,7 @@ def _about(samples: Samples, options: TrainingOptions, taught: bool) -> About:
         columns=samples.columns,
         degrees=samples.degrees,
         picture=samples.camera.size if samples.camera is not None else None,
+        frame=str(samples.source.get("frame", "")),
     )
 
 

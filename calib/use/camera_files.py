@@ -43,7 +43,8 @@ def camera_info(model: Model) -> str:
 def static_transform(model: Model) -> str:
     """The sensor's place as a geometry_msgs/TransformStamped in JSON, from the robot's root link.
 
-    A camera's frame is optical: x right, y down, z ahead.
+    The child is the frame that the log names, as a bag does. A camera's frame is optical: x right,
+    y down, z ahead.
 
     Raises OptionError if the model knows no sensor in space.
     """
@@ -55,7 +56,7 @@ def static_transform(model: Model) -> str:
         )
     structure: Any = model.body and model.body.structure
     root = parse_urdf(model.about.urdf, model.about.robot).root
-    child = "camera_optical_frame" if structure.camera else "sensor_frame"
+    child = model.about.frame or ("camera_optical_frame" if structure.camera else "sensor_frame")
     names = zip("xyz", sensor.position.tolist(), strict=True)
     turns = zip("xyzw", sensor.quaternion.tolist(), strict=True)
     document = {

@@ -16,11 +16,6 @@ from ..options import option
 from ..output import Outcome, say
 from ..parsing import TABLES, BadOption, check_file
 
-_offset = parsing.reader(
-    "a number of seconds, or auto",
-    lambda text: None if text.strip() == "auto" else parsing.finite_number(text),
-)
-
 
 def log(
     bag: Annotated[
@@ -46,9 +41,7 @@ def log(
         float | None,
         option("--still V", "Drop rows of faster joints [rad/s or m/s].", parsing.above_zero),
     ] = None,
-    time_offset: Annotated[
-        Any, option("--time-offset auto|S", "Added to times of positions [s].", _offset)
-    ] = None,
+    time_offset: opt.TimeOffset = None,
     rests: Annotated[
         bool, Option("--rests", help="Of a video the median of each rest (the default).")
     ] = False,
