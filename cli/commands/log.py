@@ -20,7 +20,10 @@ from ..parsing import TABLES, BadOption, check_file
 def log(
     bag: Annotated[
         list[str],
-        Argument(metavar="BAG|PICTURES|VIDEO", help="A ROS bag, a folder or files, a video."),
+        Argument(
+            metavar="BAG|PICTURES|VIDEO|DATASET",
+            help="A ROS bag, a folder or files, a video; with --eye a LeRobotDataset.",
+        ),
     ],
     *,
     output: Annotated[str, option("--output -o LOG", "The log: CSV or Parquet.")],
@@ -62,7 +65,8 @@ def log(
             raise BadOption("--rests and --still are given: expected one of them")
         made = shooting.record(bag, output, joints, degrees, prismatic or (), **timed)
         factor, shown = for_people(made.unit)
-        kinds = f"[rad, {made.unit}], noise {factor * made.noise:.2g} {shown}"
+        kinds = f"[rad, {made.unit}]"
+        kinds += f", noise {factor * made.noise:.2g} {shown}" if made.noise else ""
     else:
         from calib.recording.bags import read_bag
 
