@@ -56,6 +56,7 @@ class About(ReadOnly):
     degrees: bool = False
     # [px], width and height of the pictures of a camera that sees an arm in space
     picture: tuple[int, int] | None = None
+    frame: str = ""  # the sensor's, as its log names it
 
     @property
     def units_of_joints(self) -> tuple[str, ...]:
