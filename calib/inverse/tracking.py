@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable
-from functools import cache
+from functools import cache, partial
 from typing import NamedTuple
 
 import numpy as np
@@ -58,12 +58,18 @@ def follow_targets(solver: Solver, x: Array, start: Array | None) -> Track:
         last = np.maximum(np.searchsorted(near, np.arange(len(x)), side="right") - 1, 0)
         return Track(track.u[last], near[track.jumps].tolist(), ~close)
     front = _everywhere(solver, x[0]) if start is None else solver.solve(x[:1], start[None])[0]
-    reachable = cache(lambda: _reachable(solver, x))
+
+    @cache
+    def reachable() -> NDArray[np.bool_]:
+        return _reachable(solver, x)
+
+    def within(first: int, k: int) -> bool:
+        return bool(reachable()[first + k])
+
     rows: list[Array] = []
     jumps: list[int] = []
     while True:
-        first = len(rows)
-        best = _furthest(solver, x[first:], lambda k, first=first: reachable()[first + k], front)
+        best = _furthest(solver, x[len(rows) :], partial(within, len(rows)), front)
         rows += list(best)
         if len(rows) == len(x):
             return Track(np.array(rows), jumps, ~close)
@@ -99,7 +105,7 @@ def _furthest(solver: Solver, x: Array, reachable: Callable[[int], bool], front:
     alive = np.arange(len(front))
     for k in range(1, len(x)):
         u = history[-1][alive]
-        moved, going = _advance(solver, u, x[k - 1], x[k], lambda k=k: reachable(k))
+        moved, going = _advance(solver, u, x[k - 1], x[k], partial(reachable, k))
         if not going.any():
             break
         rows = history[-1].copy()
