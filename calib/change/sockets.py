@@ -69,7 +69,7 @@ def as_positions(model: Model, log: Samples) -> tuple[Samples, list[str]]:
             more[seen.groups[group], seen.groups[group]] += _FREED[group] ** 2
         free = np.flatnonzero(np.diag(more) > 0)
         sd = np.sqrt(np.diag(more))
-        prior = Prior(beta, sd, known=np.linalg.inv(more[np.ix_(free, free)]))
+        prior = Prior(beta, sd, known=np.asarray(np.linalg.inv(more[np.ix_(free, free)])))
         return maximise(
             seen, rows, np.zeros((len(rows), 3)), beta, prior, nu=STUDENT,
             floor=np.full(3, 0.5 * noise), noise=np.full(3, noise), steps=8,

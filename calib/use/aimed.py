@@ -160,12 +160,12 @@ def _surest(told: Array, weight: Array, n: int) -> Index:
     return chosen
 
 
-def _belief(source: Arm | Model) -> tuple[SpatialStructure, Array, Array, Array]:
+def _belief(source: Arm | Model) -> tuple[SpatialStructure, Array, Index, Array]:
     """An arm seen in its base frame: structure, parameters, the free ones, and a root of theirs."""
     if isinstance(source, SpatialArm):
         structure = structure_of(source, "base")
         prior = structure.prior(("tool", "placement", "offset"))
-        root = np.diag(np.minimum(prior.sd[prior.active], _WIDE))
+        root = np.asarray(np.diag(np.minimum(prior.sd[prior.active], _WIDE)))
         return structure, structure.neutral(), prior.active, root
     body = None if isinstance(source, Arm) else source.body
     if body is None or not isinstance(body.structure, SpatialStructure):
