@@ -94,7 +94,7 @@ def fit_sockets(samples: Samples, scale: Scale, seed: int) -> tuple[Samples, Smo
 
 def _check(q: Array, touch: Touches) -> None:
     """Raise LogError if touches tell nothing of an arm."""
-    rows = [touch.number == k for k in range(len(touch.sockets))]
+    rows = [touch.number == k for k in np.unique(touch.number[touch.number >= 0])]
     counts = [int(row.sum()) for row in rows]
     if sum(counts) < _FEW or max(counts) < 4:
         raise LogError(
