@@ -31,6 +31,8 @@ from .spatial_view import InSpace
 
 _POSTURES = 400  # all over the joints' range, of which the mean motion is that of the whole arm
 
+_ALIKE = 1.5  # factor on the noise within which stated distances need not be weighed again
+
 
 @dataclass(frozen=True, eq=False)
 class Touch(Measurement):
@@ -172,7 +174,8 @@ def fit_touches(
         return fit_structure(seen, rows, np.zeros((len(rows), 3)), seed=seed)
 
     fit = fitted(touch)
-    if len(rows) > len(q) or (point < 0).any():
+    misjudged = abs(np.log(float(fit.body.noise[0]) / STATED)) > np.log(_ALIKE)
+    if (len(rows) > len(q) and misjudged) or (point < 0).any():
         # distances weigh as they were stated, and positions as they are, beside touches' own noise
         off = fit.body.structure.predict(rows, fit.body.beta)[: len(q)][point < 0]
         sensor = 1.48 * float(np.median(np.abs(off))) if len(off) else STATED

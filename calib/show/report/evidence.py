@@ -12,6 +12,7 @@ from ...training.evaluate import (
     Residuals,
     evaluate_residuals,
     fresh_residuals,
+    in_sockets,
     simulation_of,
     summarise,
 )
@@ -31,6 +32,7 @@ class Evidence:
     u: Array
     v: Array
     noise: float | None  # [unit], the sensor's along each axis, where it is known
+    touches: Samples | None = None  # a log of touches as it is: its sockets' places are unknown
 
     @property
     def unit(self) -> str:
@@ -46,6 +48,9 @@ class Evidence:
 def gather(model: Model, log: Samples | None = None) -> Evidence:
     """Evaluate a model, on a log or on fresh samples of the simulated arm."""
     simulation = simulation_of(model)
+    touches = log if log is not None and log.touch is not None else None
+    if touches is not None and touches.touch is not None:
+        log = in_sockets(model, touches, touches.touch)[0]
     q, x, _ = training_rows(model, log)
     errors, residuals = dict(model.about.errors), None
     source = "rows held out in contiguous blocks while it was trained"
@@ -61,4 +66,4 @@ def gather(model: Model, log: Samples | None = None) -> Evidence:
             source += f"; {residuals.left_out:,} outside of what was learned are left out"
     u, v = model.motor.scale.to_unit(q), model.sensory.scale.to_unit(x)
     noise = None if simulation is None else simulation.noise
-    return Evidence(model, errors, source, residuals, u, v, noise)
+    return Evidence(model, errors, source, residuals, u, v, noise, touches)

@@ -19,7 +19,7 @@ from ...errors import OptionError
 from ...model.facts import facts, shown_errors
 from ...model.model import Model
 from ...samples.samples import Samples
-from . import curves, maps
+from . import curves, maps, sockets
 from .drawing import settings, to_svg
 from .evidence import Evidence, gather
 
@@ -37,6 +37,12 @@ SECTIONS = {
         "The map over a photo",
         "The sensory map as the camera sees the arm, and where the tip was seen and is predicted.",
         maps.over_photo,
+    ),
+    "sockets": _Section(
+        "Scatter by socket",
+        "Each dot is a touch: its distance from the mean of all tips in that socket, which should "
+        "be the play of the socket alone.",
+        sockets.by_socket,
     ),
     "forward": _Section(
         "Forward error: where is the tip?",
@@ -145,8 +151,8 @@ def figures(
     log : Samples, optional
         A log to judge the model by, as in :func:`report`.
     names : sequence of str
-        Which: "photo", "forward", "inverse", "joints", "curves", "histogram", "lattices",
-        "nodes", "training".
+        Which: "photo", "sockets", "forward", "inverse", "joints", "curves", "histogram",
+        "lattices", "nodes", "training".
 
     Returns
     -------
