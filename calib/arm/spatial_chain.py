@@ -130,30 +130,6 @@ class SpatialChain:
             out[:, i] = (motion.axes[i] * pull).sum(axis=0)
         return out
 
-    def torque_slopes(self, q: Array, gravity: Array | None = None) -> Array:
-        """Derivative (n, m, dof) of `torques` by the joint values.
-
-        Torques are minus the gradient of the potential energy, so the derivative by the
-        joints' values is symmetric: joint j moves all that joint i >= j carries as one body.
-        """
-        g = np.asarray(GRAVITY if gravity is None else gravity, dtype=float)[:, None]
-        motion, moments, weights = self._moments(q)
-        out = np.zeros((len(q), self.joints, self.joints))
-        for i in range(self.joints):
-            axis = motion.axes[i]
-            for j in range(i + 1):
-                if not self.revolute[j]:  # a slide shifts what lies beyond, turns nothing
-                    continue
-                turn = cross(motion.axes[j], axis)
-                if self.revolute[i]:
-                    swept = cross(motion.axes[j], moments[i])
-                    slope = (turn * cross(moments[i], g)).sum(axis=0)
-                    slope = slope + (axis * cross(swept, g)).sum(axis=0)
-                else:
-                    slope = (turn * g).sum(axis=0) * weights[i]
-                out[:, i, j] = out[:, j, i] = slope
-        return np.asarray(out @ self.coupling)
-
     def _moments(self, q: Array) -> tuple[Motion, Array, Array]:
         """Motion, first moments of mass beyond each joint about it (m, 3, n), and masses (m,)."""
         motion = self.motion(q)

@@ -27,14 +27,23 @@ _MANY = 4_000  # places whose search is shared among threads
 
 @dataclass(frozen=True)
 class Map:
-    """Nodes in the motor or the sensory space."""
+    """Nodes in the motor or the sensory space.
 
-    # weights of the nodes in the unit box of `scale`
+    Attributes
+    ----------
+    units : (nodes, d) array
+        Weights of the nodes in the unit box of `scale`.
+    lattice : Lattice or Graph
+        How the nodes are joined; a neural gas has no lattice but a graph.
+    scale : Scale
+        From the space's own units to the unit box.
+    history : (epochs, 4) array
+        Nodes, sigma [nodes], quantization and topographic error of each epoch.
+    """
+
     units: Annotated[Array, Shape("nodes", "d")]
-    # how the nodes are joined; a growing neural gas has no lattice but a graph
     lattice: Lattice | Graph
-    scale: Scale  # from the space's own units to the unit box
-    # (epochs, 4), nodes, sigma [nodes], quantization and topographic error of each epoch
+    scale: Scale
     history: Annotated[Array, Shape("epochs", "columns")]
 
     def __post_init__(self) -> None:

@@ -6,11 +6,12 @@ Use them where other programs need the camera of an arm: image pipelines and tf.
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from typing import Any
 
 from ..arm.urdf import parse_urdf
 from ..body.sensor import SensorPose
-from ..body.views import SPATIAL, is_camera
+from ..body.views import is_camera
 from ..errors import OptionError
 from ..model.model import Model
 
@@ -25,8 +26,6 @@ def camera_info(model: Model) -> str:
         raise OptionError(
             "the model has no camera: expected one that was learned from pixels of an arm in space"
         )
-    if not (law := SPATIAL[structure.view].ros):
-        raise OptionError(f"camera_info knows no lens of the view {structure.view!r}")
     f, u, v, k1 = model.body.beta[structure.groups["lens"]].tolist()
     width, height = model.about.picture or (round(2 * u), round(2 * v))
     matrix = [f, 0.0, u, 0.0, f, v, 0.0, 0.0, 1.0]
@@ -35,7 +34,7 @@ def camera_info(model: Model) -> str:
     return (
         f"image_width: {width}\nimage_height: {height}\ncamera_name: camera\n"
         + _matrix("camera_matrix", 3, 3, matrix)
-        + f"distortion_model: {law}\n"
+        + "distortion_model: plumb_bob\n"
         + _matrix("distortion_coefficients", 1, 5, [k1, 0.0, 0.0, 0.0, 0.0])
         + _matrix("rectification_matrix", 3, 3, eye)
         + _matrix("projection_matrix", 3, 4, projection)
@@ -59,14 +58,19 @@ def static_transform(model: Model) -> str:
     structure: Any = model.body and model.body.structure
     root = parse_urdf(model.about.urdf, model.about.robot).root
     child = model.about.frame or ("camera_optical_frame" if structure.camera else "sensor_frame")
-    names = zip("xyz", sensor.position.tolist(), strict=True)
-    turns = zip("xyzw", sensor.quaternion.tolist(), strict=True)
-    document = {
-        "header": {"frame_id": root},
-        "child_frame_id": child,
-        "transform": {"translation": dict(names), "rotation": dict(turns)},
+    placed = stamped(root, child, sensor.position.tolist(), sensor.quaternion.tolist())
+    return json.dumps(placed, indent=2) + "\n"
+
+
+def stamped(
+    parent: str, child: str, position: Sequence[float], quaternion: Sequence[float]
+) -> dict[str, Any]:
+    """A geometry_msgs/TransformStamped of a position [m] and a quaternion x, y, z, w."""
+    place = {
+        "translation": dict(zip("xyz", position, strict=True)),
+        "rotation": dict(zip("xyzw", quaternion, strict=True)),
     }
-    return json.dumps(document, indent=2) + "\n"
+    return {"header": {"frame_id": parent}, "child_frame_id": child, "transform": place}
 
 
 def _matrix(name: str, rows: int, columns: int, data: list[float]) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Any
 
-from typer import Argument, Option
+from typer import Argument
 
 from calib.common.wording import for_people
 
@@ -20,7 +20,10 @@ from ..parsing import TABLES, BadOption, check_file
 def log(
     bag: Annotated[
         list[str],
-        Argument(metavar="BAG|PICTURES|VIDEO", help="A ROS bag, a folder or files, a video."),
+        Argument(
+            metavar="BAG|PICTURES|VIDEO|DATASET",
+            help="A ROS bag, a folder or files, a video; with --eye a LeRobotDataset.",
+        ),
     ],
     *,
     output: Annotated[str, option("--output -o LOG", "The log: CSV or Parquet.")],
@@ -42,9 +45,6 @@ def log(
         option("--still V", "Drop rows of faster joints [rad/s or m/s].", parsing.above_zero),
     ] = None,
     time_offset: opt.TimeOffset = None,
-    rests: Annotated[
-        bool, Option("--rests", help="Of a video the median of each rest (the default).")
-    ] = False,
     shooting: Shooting,
     degrees: opt.Degrees = False,
     prismatic: opt.Prismatic = None,
@@ -58,11 +58,10 @@ def log(
     timed: dict[str, Any] = {"max_gap": max_gap, "still": still, "time_offset": time_offset}
     if shooting.given() or any(map(is_picture, bag)):
         refuse(bags, "is for bags, not for pictures and videos")
-        if rests and still is not None:
-            raise BadOption("--rests and --still are given: expected one of them")
         made = shooting.record(bag, output, joints, degrees, prismatic or (), **timed)
         factor, shown = for_people(made.unit)
-        kinds = f"[rad, {made.unit}], noise {factor * made.noise:.2g} {shown}"
+        kinds = f"[rad, {made.unit}]"
+        kinds += f", noise {factor * made.noise:.2g} {shown}" if made.noise else ""
     else:
         from calib.recording.bags import read_bag
 

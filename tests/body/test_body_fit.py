@@ -209,7 +209,7 @@ def test_an_impossible_view_is_refused_in_one_line(view, match):
     ("columns", "match"),
     [
         (lambda q: np.c_[q[:, 0], np.full(len(q), 0.2)], "never moves"),
-        (lambda q: np.c_[q[:, 0], q[:, 0]], "same values"),
+        (lambda q: np.c_[q[:, 0], q[:, 0]], "move together"),
         (lambda q: np.c_[q[:, 0], 0.01 * q[:, 1]], "deg only"),
         (lambda q: np.c_[q[:, 0], 1 - 0.5 * q[:, 0]], "move together"),
         (lambda q: np.c_[np.cos(10 * q[:, 0]), np.sin(10 * q[:, 0])], "path"),
