@@ -60,6 +60,8 @@ class Adaptation:
         What the user should be told.
     everywhere : bool
         Whether the rows span the learned range; otherwise `improved` speaks of their own region.
+    left_out : int
+        Rows of the log that are wrong, or outside of what the model has learned.
     """
 
     model: Model
@@ -74,6 +76,7 @@ class Adaptation:
     coverage: float
     notes: tuple[str, ...] = field(default=())
     everywhere: bool = True
+    left_out: int = 0
 
     def __repr__(self) -> str:
         """Say in two lines whether it helped, and what was corrected."""
@@ -127,7 +130,7 @@ def finished(
         fresh,
         about=about,
         baseline=baseline,
-        rows=Rows.of(found.q[found.log.kept], found.x[found.log.kept]),
+        rows=Rows.of(found.q[found.kept], found.x[found.kept]),
         history=(*old.history, event),
         # a camera that was moved sees another picture
         photo=old.photo if method == "few-shot" and frame is None else None,
@@ -136,7 +139,7 @@ def finished(
 
 def adapt_online(found: Comparison, report: Progress) -> Adaptation:
     """Show a log to the online rule, again and again where it is short."""
-    model, kept = found.model, found.log.kept
+    model, kept = found.model, found.kept
     u, q, x = found.u[kept], found.q[kept], found.x[kept]
     # every tenth block is kept apart to judge by
     held = np.concatenate(blocks(len(u), max(10, len(u) // BLOCK))[4::10])
@@ -167,6 +170,7 @@ def adapt_online(found: Comparison, report: Progress) -> Adaptation:
         (),
         found.coverage,
         (*notes, *unsettled),
+        left_out=found.left_out,
     )
     if not made.improved:
         return made

@@ -105,13 +105,13 @@ def test_wrong_detections_are_counted_and_left_out():
     wrong[[7, 31]] += 0.15
     found = calib.adapt(model(), replace(samples, x=wrong))
     assert (found.samples, found.outliers) == (58, 2)
-    assert any(note.startswith("2 rows contradict all others") for note in found.notes)
+    assert any("contradict" in note and "rows 8, 32" in note for note in found.notes)
     assert found.model.history[0]["outliers"] == 2
     assert moved(found, samples)[1] < 1e-3
     one = samples.x.copy()
     one[7] += 0.15
     single = calib.adapt(model(), replace(samples, x=one))
-    assert any(note.startswith("1 row contradicts all others") for note in single.notes)
+    assert any("contradicts" in note for note in single.notes)
     none = calib.adapt(model(), samples)
     assert not any("contradict" in note for note in none.notes)
 
