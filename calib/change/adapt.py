@@ -114,8 +114,7 @@ def _few_shot(found: Comparison, real: bool, report: Progress) -> Adaptation:
         made = replace(made, notes=(*made.notes, elsewhere(found, made, fresh)))
     frame = frame_between(found, made_of.body.beta) if best.hypothesis.framed else None
     report(1.0, "done", made.after["mean"])
-    after = made_of.after
-    return replace(made, model=finished(found, made, fresh, after, "few-shot", frame))
+    return replace(made, model=finished(found, made, fresh, *made_of.held_out, "few-shot", frame))
 
 
 def _left(found: Comparison, best: Explanation) -> tuple[str, ...]:

@@ -19,7 +19,7 @@ from ..model.alignment import Alignment
 from ..samples.diagnosis import unit_hint
 from .cause import AS_ONE, Cause
 from .comparison import Comparison
-from .explain import Explanation
+from .explain import Explanation, simplest
 from .hypotheses import FRAME, NOTHING, parts_of
 from .score import fired
 from .settings import CREEP
@@ -45,7 +45,7 @@ def find_causes(found: Comparison, drifted: bool) -> tuple[tuple[Cause, ...], tu
     notes: list[str] = []
     if drifted:
         causes += _of_frame(found)
-        best = found.explanations[0]
+        best = simplest(found.explanations)
         if found.changed and best.hypothesis != NOTHING:
             causes += _of_parameters(found, best)
         elif found.changed and best.waves > CREEP:

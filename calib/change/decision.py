@@ -32,6 +32,7 @@ class Decision:
     # (n,) [unit], distances of the same rows from the old prediction and, held out, from the new
     before: Array
     after: Array
+    held_out: tuple[Array, Array]  # their joints (n, dof), and the latter as vectors (n, m)
     improved: bool  # whether the update is worth taking
     causes: tuple[Cause, ...]
     notes: tuple[str, ...]
@@ -47,20 +48,22 @@ def decide(found: Comparison) -> Decision:
     held = posterior.held_out if smooth is None else posterior.held_out_with
     some = thinned(len(found.q), UPDATED_ROWS)
     kept = found.log.kept[some]
-    before, after = found.missed[some][kept], np.linalg.norm(held, axis=1)[kept]
+    held_out = found.q[some][kept], held[kept]
+    before, after = found.missed[some][kept], np.linalg.norm(held_out[1], axis=1)
     improved = found.explained and _improves(found, body, changed, before, after)
     causes, unsettled = find_causes(found, found.score > 1.0)
     tool = turned_tool(found)
     if tool.causes:
         if not improved:  # the tool alone
             body, smooth, after = found.belief, None, before
+            held_out = held_out[0], (found.x - found.predicted)[some][kept]
         body = turned_tool(found, body).of(body)
     known = "no single change explains the log" if found.unexpected else "nothing changed"
     correction = called(chosen[0][1]) if changed else f"{known}, rows added"
     if smooth is not None:
         correction += ", and a smooth residual near the rows"
     return Decision(
-        changed, chosen[0][1], body, smooth, before, after, improved or bool(tool.causes),
+        changed, chosen[0][1], body, smooth, before, after, held_out, improved or bool(tool.causes),
         (*causes, *tool.causes), (*unsettled, *tool.notes), correction,
     )  # fmt: skip
 

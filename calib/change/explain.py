@@ -18,7 +18,18 @@ from ..common.arrays import Array
 from .equations import Equations, Log
 from .frame import Reference
 from .hypotheses import NOTHING, Hypothesis, freedom, hypotheses_of
-from .settings import AVERAGED, COUNTS, CREEP, EXPLAINED_ROWS, HOPELESS, MARGIN, OWN, STEPS, USUAL
+from .settings import (
+    AVERAGED,
+    COUNTS,
+    CREEP,
+    EXPLAINED_ROWS,
+    HARDLY,
+    HOPELESS,
+    MARGIN,
+    OWN,
+    STEPS,
+    USUAL,
+)
 
 _NOTHING_LEFT = 1e-2  # twice the nats by which a step must better the fit
 
@@ -61,14 +72,15 @@ def explain(
     every = (NOTHING,) if calm else hypotheses_of(reference.structure, cause)
     *narrow, richest = (h for h in every if h.framed or calm or not reference.new)
     log, found, at = log.some(EXPLAINED_ROWS), list[Explanation](), dict[Hypothesis, Array]()
-    temper, best = 1.0, -np.inf
+    temper, best = max(reference.body.kappa, 1.0) ** 2, -np.inf
     for factor, waves in OWN:
         equations = Equations(reference, log, factor=factor, waves=waves)
         # The richest first: none that frees less fits better, whatever its prior.
         rich = _fitted(richest, equations, (factor, waves), temper, at.get(richest), cause)
         if not found:
             y = equations.whiten(rich.residual)
-            temper = autocorrelation_time(equations.rest(y, np.zeros((len(y), 0)), rich.noise))
+            rest = equations.rest(y, np.zeros((len(y), 0)), rich.noise)
+            temper = max(temper, autocorrelation_time(rest))
             rich = _fitted(richest, equations, (factor, waves), temper, rich.beta, cause)
         hopeless = rich.fit < best - HOPELESS
         found.append(rich)
@@ -158,6 +170,12 @@ def changed(found: tuple[Explanation, ...]) -> bool:
 def likely(found: Sequence[Explanation]) -> list[tuple[float, Explanation]]:
     """The explanations that count, best first, with their posterior weights."""
     return weighed([e for e in found if e.evidence > found[0].evidence - COUNTS][:AVERAGED])
+
+
+def simplest(found: Sequence[Explanation]) -> Explanation:
+    """The one that frees least, of those that the evidence hardly tells from the best."""
+    some = [e for e in found if e.evidence > found[0].evidence - HARDLY]
+    return min(some, key=lambda e: (len(e.hypothesis.groups), -e.evidence))
 
 
 def weighed(some: Sequence[Explanation]) -> list[tuple[float, Explanation]]:

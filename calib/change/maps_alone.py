@@ -28,11 +28,11 @@ def adapt_maps(found: Comparison) -> Adaptation:
     """Move the maps with the sensor, where rows that are held out want it."""
     model, kept = found.model, found.kept
     old, new = found.predicted[kept], found.x[kept]
-    held = np.empty_like(new)
+    residual = np.empty_like(new)
     for block in np.array_split(np.arange(len(new)), PARTITIONS[-1]):
         others = np.setdiff1d(np.arange(len(new)), block)
-        held[block] = new[block] - Alignment.between(old[others], new[others]).apply(old[block])
-    before, after = found.missed[kept], np.linalg.norm(held, axis=1)
+        residual[block] = new[block] - Alignment.between(old[others], new[others]).apply(old[block])
+    before, after = found.missed[kept], np.linalg.norm(residual, axis=1)
     ratio, sure = gain_on_held_out(before, after)
     frame = Alignment.between(old, new)
     words = f"the sensor's frame moved: {frame.words(found.unit_seen)}"
@@ -51,7 +51,9 @@ def adapt_maps(found: Comparison) -> Adaptation:
     bounds = [np.hypot(frame.scale * b, unsure) for b in (model.bounds, model.model_bounds)]
     bounds[0] = np.maximum(bounds[0], float(np.quantile(after, 0.95)))
     fresh = replace(fresh, bounds=bounds[0], model_bounds=bounds[1], visited=model.visited)
-    return replace(made, model=finished(found, made, fresh, after, "few-shot", frame))
+    return replace(
+        made, model=finished(found, made, fresh, found.q[kept], residual, "few-shot", frame)
+    )
 
 
 def _leverage(model: Model, rows: Array) -> Array:

@@ -143,6 +143,10 @@ COUNTS, AVERAGED, HOPELESS = 5.0, 6, 10.0
 """Explanations so many nats behind the best are averaged, so many at most; nats behind the best
 with which none counts any more."""
 
+HARDLY = 3.0
+"""Nats behind the best within which the explanation that frees least is told: a bumped camera is no
+lens."""
+
 PARTITIONS, OWN_GAIN = (2, 10, 5), 0.1
 """Numbers of contiguous blocks that are held out, and the share of the error that each must gain
 for a smooth residual to be kept."""
