@@ -99,7 +99,7 @@ def _few_shot(found: Comparison, real: bool, report: Progress) -> Adaptation:
     if not found.explained and not made.improved:
         return made
     report(0.8, "maps", float("nan"))
-    fresh = rebuilt(found, made_of.body, made_of.smooth)
+    fresh = rebuilt(found, made_of.body)
     if not made.improved:
         doubted = doubts(found, fresh, real=real)
         if doubted is None:

@@ -17,7 +17,7 @@ from .causes import find_causes
 from .comparison import Comparison
 from .explain import Explanation, called, likely, weighed
 from .orientation import turned_tool
-from .posterior import Smooth, gain_on_held_out, updated
+from .posterior import gain_on_held_out, updated
 from .settings import CHANGED, CREEP, REFINED, SURE, SURER, UNSURE, UPDATED_ROWS
 
 
@@ -28,7 +28,6 @@ class Decision:
     changed: bool  # whether the arm or the sensor changed; otherwise rows are added
     best: Explanation
     body: Body  # the updated belief
-    smooth: Smooth | None  # what the log shows beyond it
     # (n,) [unit], distances of the same rows from the old prediction and, held out, from the new
     before: Array
     after: Array
@@ -43,9 +42,7 @@ def decide(found: Comparison) -> Decision:
     """Explain a log, update the body by it, and judge by rows that were held out."""
     changed = found.changed and found.explained
     chosen = likely(found.explanations) if changed else _unchanged(found)
-    body, posterior = updated(found.reference, chosen, found.log)
-    smooth = posterior.smooth
-    held = posterior.held_out if smooth is None else posterior.held_out_with
+    body, held = updated(found.reference, chosen, found.log)
     some = thinned(len(found.q), UPDATED_ROWS)
     kept = found.log.kept[some]
     held_out = found.q[some][kept], held[kept]
@@ -55,15 +52,13 @@ def decide(found: Comparison) -> Decision:
     tool = turned_tool(found)
     if tool.causes:
         if not improved:  # the tool alone
-            body, smooth, after = found.belief, None, before
+            body, after = found.belief, before
             held_out = held_out[0], (found.x - found.predicted)[some][kept]
         body = turned_tool(found, body).of(body)
     known = "no single change explains the log" if found.unexpected else "nothing changed"
     correction = called(chosen[0][1]) if changed else f"{known}, rows added"
-    if smooth is not None:
-        correction += ", and a smooth residual near the rows"
     return Decision(
-        changed, chosen[0][1], body, smooth, before, after, held_out, improved or bool(tool.causes),
+        changed, chosen[0][1], body, before, after, held_out, improved or bool(tool.causes),
         (*causes, *tool.causes), (*unsettled, *tool.notes), correction,
     )  # fmt: skip
 

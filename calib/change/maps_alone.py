@@ -21,7 +21,7 @@ from .causes import causes_of_maps
 from .comparison import Comparison
 from .posterior import gain_on_held_out
 from .rebuilding import carried
-from .settings import CHANGED, PARTITIONS, SURE
+from .settings import BLOCKS, CHANGED, SURE
 
 
 def adapt_maps(found: Comparison) -> Adaptation:
@@ -29,7 +29,7 @@ def adapt_maps(found: Comparison) -> Adaptation:
     model, kept = found.model, found.kept
     old, new = found.predicted[kept], found.x[kept]
     residual = np.empty_like(new)
-    for block in np.array_split(np.arange(len(new)), PARTITIONS[-1]):
+    for block in np.array_split(np.arange(len(new)), BLOCKS):
         others = np.setdiff1d(np.arange(len(new)), block)
         residual[block] = new[block] - Alignment.between(old[others], new[others]).apply(old[block])
     before, after = found.missed[kept], np.linalg.norm(residual, axis=1)

@@ -11,40 +11,19 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..body.belief import Body
-from ..body.covariance import RADIUS_95, radius_95, root_of
+from ..body.belief import Body, Second
+from ..body.covariance import radius_95, root_of
 from ..body.normal import Factor
 from ..body.parameters import Indices
 from ..common.arrays import Array
 from .equations import Log, OwnResidual, prior_columns, shared_columns
 from .explain import Explanation
 from .frame import Reference
-from .settings import OWN_GAIN, PARTITIONS, SURE, UPDATED_ROWS
+from .settings import BLOCKS, UPDATED_ROWS
 
 _ENOUGH = 30  # rows that tell a quantile
 _OUTLIER = 2.5  # 95 % radii from which a row is an outlier
 _STEPS = 4
-
-
-@dataclass(frozen=True, eq=False)
-class Smooth:
-    """What a log shows beyond its hypothesis: a residual that fades away from its rows."""
-
-    own: OwnResidual
-    mean: Array  # (p m,), of its standard normals, and their covariance (p m, p m)
-    covariance: Array
-
-    def value(self, q: Array) -> Array:
-        """Mean (k, m) at joints (k, dof) [unit]."""
-        return np.asarray(self.own.columns(q) @ self.mean)
-
-    def bound(self, q: Array) -> Array:
-        """95 % bound (k,) [unit] on what is not known of it at joints (k, dof)."""
-        x = self.own.columns(q)
-        spread = np.einsum("kmi,ij,klj->kml", x, self.covariance, x, optimize=True)
-        unseen = np.maximum(1.0 - (self.own.features(q) ** 2).sum(axis=1), 0.0)
-        deviation = np.einsum("kmm->km", spread) + unseen[:, None] * self.own.sd**2
-        return np.asarray(RADIUS_95 * np.sqrt(deviation.max(axis=1)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,16 +35,13 @@ class Posterior:
     covariance: Array  # (k, k)
     # (n, m) [unit], residuals of contiguous blocks of the rows, predicted from the others
     held_out: Array
-    smooth: Smooth | None  # where held-out blocks ask for it, and what they are with it
-    held_out_with: Array
 
 
 def posterior_of(reference: Reference, e: Explanation, log: Log) -> Posterior:
     """Gauss-Newton steps of all parameters from where the explanation ended."""
     structure = reference.structure
     active, ways = prior_columns(reference, e.waves, freed=e.sd)
-    own = OwnResidual.of(reference, log, e.factor)
-    smooth, r = own.columns(log.q), ways.shape[1]
+    smooth, r = OwnResidual.of(reference, log, e.factor).columns(log.q), ways.shape[1]
     weight = np.sqrt(log.weight[:, None] / e.temper) / (e.noise * reference.sizes)
     beta = e.beta.copy()
     normals = np.linalg.lstsq(ways, (e.beta - e.origin)[active], rcond=1e-12)[0]
@@ -85,40 +61,15 @@ def posterior_of(reference: Reference, e: Explanation, log: Log) -> Posterior:
         full = np.zeros(len(beta))
         full[active] = ways @ delta[:r]
         beta, normals = structure.retract(beta, full), normals + delta[:r]
-    covariance = factor.inverse()
-    alone, joint = _held_out(columns, residual, weight, gram, pull, r)
-    at, kept = slice(r, r + smooth.shape[2]), None
-    if len(residual) >= 2 * max(PARTITIONS) and _gains(alone, joint):
-        kept = Smooth(own, delta[at], covariance[at, at])
-    spread = ways @ covariance[:r, :r] @ ways.T
-    return Posterior(beta, active, spread, alone[-1], kept, joint[-1])
-
-
-def _held_out(
-    columns: Array, residual: Array, weight: Array, gram: Array, pull: Array, count: int
-) -> Array:
-    """Residuals (2, p, n, m) of blocks that the others predict, for each number p of blocks.
-
-    The first by the `count` parameters alone, the second with the log's own residual: without the
-    block's rows the information is a difference, and no fit is needed.
-    """
-    found = np.empty((2, len(PARTITIONS), *residual.shape))
-    for k, parts in enumerate(PARTITIONS):
-        for block in np.array_split(np.arange(len(residual)), parts):
-            flat = (columns[block] * weight[block, :, None]).reshape(-1, len(gram))
-            y = (residual[block] * weight[block]).ravel()
-            delta = Factor(gram - flat.T @ flat).solve(pull - flat.T @ y)
-            found[0, k, block] = residual[block] - columns[block, :, :count] @ delta[:count]
-            found[1, k, block] = residual[block] - columns[block] @ delta
-    return found
-
-
-def _gains(alone: Array, joint: Array) -> bool:
-    """Whether the log's own residual clearly predicts each number of blocks better."""
-    before, after = (np.linalg.norm(each, axis=2) for each in (alone, joint))
-    if (after.mean(axis=1) > (1.0 - OWN_GAIN) * before.mean(axis=1)).any():
-        return False
-    return gain_on_held_out(before[-1], after[-1])[1] > SURE
+    held = np.empty_like(residual)
+    for block in np.array_split(np.arange(len(residual)), BLOCKS):
+        # without the block's rows the information is a difference: no fit is needed
+        flat = (columns[block] * weight[block, :, None]).reshape(-1, len(gram))
+        less = Factor(gram - flat.T @ flat)
+        delta = less.solve(pull - flat.T @ (residual[block] * weight[block]).ravel())
+        held[block] = residual[block] - columns[block, :, :r] @ delta[:r]
+    spread = ways @ factor.inverse()[:r, :r] @ ways.T
+    return Posterior(beta, active, spread, held)
 
 
 def gain_on_held_out(before: Array, after: Array) -> tuple[float, float]:
@@ -127,7 +78,7 @@ def gain_on_held_out(before: Array, after: Array) -> tuple[float, float]:
     before, after : (n,) [unit], distances of the same rows from the old prediction, and from the
         new one without their block
     """
-    gain = [float(part.mean()) for part in np.array_split(before - after, PARTITIONS[-1])]
+    gain = [float(part.mean()) for part in np.array_split(before - after, BLOCKS)]
     error = float(np.std(gain, ddof=1)) / np.sqrt(len(gain))
     ratio = float(after.mean() / max(float(before.mean()), 1e-300))
     return ratio, float(np.mean(gain)) / max(error, 1e-300)
@@ -135,8 +86,8 @@ def gain_on_held_out(before: Array, after: Array) -> tuple[float, float]:
 
 def updated(
     reference: Reference, chosen: list[tuple[float, Explanation]], log: Log
-) -> tuple[Body, Posterior]:
-    """The posterior as a body, and that of the most likely explanation.
+) -> tuple[Body, Array]:
+    """The posterior as a body, and held-out residuals (n, m) under the likeliest explanation.
 
     The bound carries what the choice among the explanations is unsure of.
 
@@ -158,9 +109,14 @@ def updated(
     noise = np.sqrt(sum(w * e.noise**2 for w, e in chosen)) * reference.sizes
     noise = _readings(old, noise, best.held_out)
     second = old.second
-    if second is not None:
-        moved = old.structure.retract(second.beta, best.beta - old.beta)
-        second = replace(second, beta=moved, noise=np.maximum(noise, second.noise))
+    if second is not None:  # after the same log, under the most likely explanation
+        e, apart = chosen[0][1], second.beta - old.beta
+        wide = replace(old, beta=second.beta, active=second.active, root=second.root, kappa=1.0)
+        there = replace(reference, body=wide, beta=reference.beta + apart)
+        found = posterior_of(there, replace(e, origin=e.origin + apart, beta=e.beta + apart), log)
+        second = Second(
+            found.beta, found.active, root_of(found.covariance), np.maximum(noise, second.noise)
+        )
     body = replace(
         old,
         beta=best.beta,
@@ -171,7 +127,7 @@ def updated(
         residual=np.maximum(old.residual, own),
         second=second,
     )
-    return body, best
+    return body, best.held_out
 
 
 def _readings(old: Body, noise: Array, held: Array) -> Array:

@@ -26,7 +26,6 @@ from ..model.model import Model
 from .adaptation import Adaptation
 from .comparison import Comparison
 from .frame import carried_offset
-from .posterior import Smooth
 
 _TAIL = 3.0  # 95 % quantile over median; of Gaussian noise in the plane it is 2.1
 _MOST = 0.5  # of the rows beyond a 95 % bound: it does not hold for their arm
@@ -39,7 +38,7 @@ _DEGREE, _SAMPLES = 2, 20  # of local models where there were none
 _NOTHING = 1e-9  # of the extent: less is nothing to keep
 
 
-def rebuilt(found: Comparison, body: Body, smooth: Smooth | None) -> Model:
+def rebuilt(found: Comparison, body: Body) -> Model:
     """The model with the updated body, maps that follow it, and new bounds."""
     model, scale = found.model, found.model.motor.scale
 
@@ -48,14 +47,11 @@ def rebuilt(found: Comparison, body: Body, smooth: Smooth | None) -> Model:
         added = model.predictor.value(u) - found.body.predict(q)
         if np.any(added):
             added = carried_offset(found.body, body, body.beta, q, added)
-        predicted = body.predict(q) + added
-        return predicted if smooth is None else predicted + smooth.value(q)
+        return body.predict(q) + added
 
     fresh = carried(model, body, value)
     nodes = scale.from_unit(np.clip(fresh.motor.units, 0.0, 1.0))
     bounds = [body.bound(nodes, noise=noise) for noise in (True, False)]
-    if smooth is not None:  # away from the rows nobody knows it
-        bounds = [np.hypot(bound, smooth.bound(nodes)) for bound in bounds]
     winners = fresh.motor.nearest(scale.to_unit(found.q))[1][:, 0]
     visited = model.visited | (np.bincount(winners, minlength=fresh.motor.size) > 0)
     return replace(fresh, bounds=bounds[0], model_bounds=bounds[1], visited=visited)

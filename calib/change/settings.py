@@ -147,9 +147,8 @@ HARDLY = 3.0
 """Nats behind the best within which the explanation that frees least is told: a bumped camera is no
 lens."""
 
-PARTITIONS, OWN_GAIN = (2, 10, 5), 0.1
-"""Numbers of contiguous blocks that are held out, and the share of the error that each must gain
-for a smooth residual to be kept."""
+BLOCKS = 5
+"""Contiguous blocks that are held out in turn."""
 
 UNEXPLAINED = 0.1
 """Share of the positions' spread: a log that is further off from every hypothesis is explained by
