@@ -33,7 +33,8 @@ from calib.maps.node_bounds import blend_nodes, learn_bounds
 from calib.maps.predictor import Predictor
 from calib.paper.setting import Setting
 from calib.paper.tables import Result, Table
-from calib.training.learn import Options, associate
+from calib.training.learn import associate
+from calib.training.options import TrainingOptions
 from calib.training.smooth import SmoothPart, find_smooth_part, wrong_around
 
 _NETWORKS = ("vdsom:residual", "vdsom", "vdsom:rho", "som", "gng", "grid", "random", "rows")
@@ -125,7 +126,7 @@ class Ground:
         """Fit the body of a case."""
         samples = case.samples
         scale = Scale.of_range(samples.lower, samples.upper, samples.revolute)
-        part = find_smooth_part(samples, scale, seed=seed)
+        part = find_smooth_part(samples, seed=seed)
         wrong = wrong_around(part, scale, samples, scale.to_unit(samples.q))
         return Ground(scale, part, wrong)
 
@@ -137,12 +138,11 @@ def train_on(case: Case, ground: Ground, network: str, side: int, seed: int) -> 
     the networks differ by what they make of the same rows.
     """
     samples, scale, part, wrong = case.samples, ground.scale, ground.part, ground.wrong
-    options = Options((side,) * 2, (side,) * 2, network, "batch", None, None, seed, False)
+    options = TrainingOptions(side, map=network, seed=seed)
     u = scale.to_unit(samples.q)
     started = time.perf_counter()
     pair = associate(scale, u, samples.x, options, wrong)
     seconds, motor = time.perf_counter() - started, pair.motor
-    assert part.candidate is not None
     selected = select(motor, u[part.rows], part.candidate)
     smooth = part.candidate.smooth
     alone = pair

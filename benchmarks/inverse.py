@@ -1,10 +1,9 @@
-"""Measure the inverse: branches, distances, coverage of the bound, speed beside IK solvers.
+"""Measure the inverse: branches, distances, coverage of the bound.
 
     python benchmarks/inverse.py [--json FILE] [--robots] [--quick]
 
-Branches are counted against the closed form of two links.  Speeds are of one run on one
-core, because the speed of a machine drifts: quote the ratios.  `--robots` adds real URDFs
-of the package example-robot-data; ikpy and pink are measured where they are installed.
+Branches are counted against the closed form of two links.  `--robots` adds real URDFs of the
+package example-robot-data.
 """
 
 from __future__ import annotations
@@ -12,9 +11,6 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-import time
-import warnings
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -92,116 +88,6 @@ def coverage(robot: str, noise: float) -> dict[str, Any]:
     return row
 
 
-def best(run: Callable[[], object], count: int, repeats: int = 5) -> float:
-    """Shortest time of a query in several repeats [s]."""
-    times = []
-    for _ in range(repeats):
-        start = time.perf_counter()
-        run()
-        times.append((time.perf_counter() - start) / count)
-    return min(times)
-
-
-def speed(robot: str) -> dict[str, Any]:
-    """Time of a query [us]: batches, single calls, and other solvers from the same starts."""
-    arm = calib.load_arm(robot)
-    model = calib.train(calib.babble(arm, 20_000, seed=0))
-    rng = np.random.default_rng(3)
-    q = rng.uniform(arm.lower, arm.upper, (100_000, arm.dof))
-    x, near = arm.forward(q), np.clip(q + 0.1 * rng.normal(size=q.shape), arm.lower, arm.upper)
-    model.inverse(x, near=near)
-    few = 300
-    result = {
-        "robot": robot,
-        "batch": best(lambda: model.inverse(x, near=near), len(x), 3),
-        "batch_all": best(lambda: model.inverse_all(x[:5000]), 5000, 3),
-        "single": best(lambda: [model.inverse(x[i], near=near[i]) for i in range(few)], few),
-        "forward_single": best(lambda: [model.forward(q[i]) for i in range(few)], few),
-        "pinocchio": best(lambda: pinocchio_dls(arm, x[:few], near[:few]), few),
-    }
-    for name, solve in (("ikpy", ikpy_loop), ("pink", pink_loop)):
-        try:
-            result[name] = best(lambda solve=solve: solve(arm, x[:100], near[:100]), 100, 2)
-        except ImportError:
-            print(f"{name} is not installed: left out", file=sys.stderr)
-    return {k: v if isinstance(v, str) else 1e6 * v for k, v in result.items()}
-
-
-def pinocchio_dls(arm: calib.PlanarArm, x: np.ndarray, start: np.ndarray) -> np.ndarray:
-    """Damped least squares with Pinocchio's Jacobian, one target after the other."""
-    import pinocchio as pin
-
-    model = pin.buildModelFromXML(arm.urdf)
-    data, frame = model.createData(), model.getFrameId(arm.tip)
-    basis, origin = arm.plane.basis[:2], arm.plane.origin
-    index = [model.joints[model.getJointId(n)].idx_q for n in arm.joint_names]
-    full = pin.neutral(model)
-    answers = start.copy()
-    for i in range(len(x)):
-        q = start[i].copy()
-        for _ in range(50):
-            full[index] = q
-            pin.computeJointJacobians(model, data, full)
-            pin.updateFramePlacements(model, data)
-            gap = x[i] - basis @ (data.oMf[frame].translation - origin)
-            if gap @ gap < 1e-18:
-                break
-            whole = pin.getFrameJacobian(model, data, frame, pin.LOCAL_WORLD_ALIGNED)
-            jacobian = basis @ whole[:3][:, index]
-            damped = jacobian @ jacobian.T + 1e-9 * np.eye(2)
-            q = np.clip(q + jacobian.T @ np.linalg.solve(damped, gap), arm.lower, arm.upper)
-        answers[i] = q
-    return answers
-
-
-def ikpy_loop(arm: calib.PlanarArm, x: np.ndarray, start: np.ndarray) -> None:
-    """Inverse kinematics of ikpy, one target after the other."""
-    import tempfile
-
-    from ikpy.chain import Chain
-
-    with tempfile.NamedTemporaryFile("w", suffix=".urdf") as file, warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        file.write(arm.urdf)
-        file.flush()
-        chain = Chain.from_urdf_file(file.name, base_elements=["base"])
-        names = [link.name for link in chain.links]
-        chain.active_links_mask = [name in arm.joint_names for name in names]
-        for target, near in zip(x, start, strict=True):
-            q = np.zeros(len(names))
-            q[[names.index(n) for n in arm.joint_names]] = near
-            goal = arm.plane.origin + target @ arm.plane.basis[:2]
-            chain.inverse_kinematics(goal, initial_position=q)
-
-
-def pink_loop(arm: calib.PlanarArm, x: np.ndarray, start: np.ndarray) -> None:
-    """Differential inverse kinematics of pink, stepped until it stands on the target."""
-    import pink
-    import pinocchio as pin
-    import qpsolvers
-
-    if not qpsolvers.available_solvers:
-        raise ImportError("qpsolvers has no solver")
-    model = pin.buildModelFromXML(arm.urdf)
-    task = pink.tasks.FrameTask(arm.tip, position_cost=1.0, orientation_cost=0.0)
-    for target, near in zip(x, start, strict=True):
-        configuration = pink.Configuration(model, model.createData(), near.copy())
-        goal = pin.SE3.Identity()
-        goal.translation = arm.plane.origin + target @ arm.plane.basis[:2]
-        task.set_target(goal)
-        for _ in range(50):
-            velocity = pink.solve_ik(
-                configuration,
-                [task],
-                1.0,
-                solver=qpsolvers.available_solvers[0],
-                safety_break=False,
-            )
-            configuration.integrate_inplace(velocity, 1.0)
-            if np.linalg.norm(task.compute_error(configuration)[:3]) < 1e-9:
-                break
-
-
 def real_robots() -> list[dict[str, Any]]:
     """Answers on real URDFs: how far from the target, and how many are reached."""
     import pinocchio
@@ -262,13 +148,8 @@ def main() -> None:
         tables = {
             "branches": [branches(robot) for robot in robots],
             "coverage": [coverage(robot, noise) for robot in robots for noise in noises],
-            "speed_us": [speed("two_link_full")],
             "robots": real_robots() if options.robots else [],
         }
-    for row in tables["speed_us"]:
-        for name in ("pinocchio", "ikpy", "pink"):
-            if name in row:
-                row[f"{name}_over_batch"] = row[name] / row["batch"]
     for title, rows in tables.items():
         show(title, rows)
     if options.json:

@@ -18,8 +18,9 @@ from ablation_cases import Case, measured, simulated
 
 from calib.common.parallel import one_blas_thread
 from calib.common.scale import Scale
-from calib.training.learn import Options, associate
-from calib.training.map_choice import lattice_sizes, with_chosen_map
+from calib.training.learn import associate
+from calib.training.map_choice import resolved
+from calib.training.options import TrainingOptions
 
 JOINTS = ("shoulder_lift_joint", "elbow_joint")
 UNEVEN = tuple((n, seed) for n in (3000, 20_000) for seed in range(5))
@@ -41,10 +42,9 @@ def row(label: str, held: list[Case], side: int | None) -> str:
     found, chosen, sides = [], [], set()
     for case in held:
         log = case.samples
-        motor, sensory, _ = lattice_sizes(log, side, None, None, imagined=False)
-        sides.add("x".join(map(str, motor)))
-        options = Options(motor, sensory, "vdsom", "batch", None, None, 0, False, body="none")
-        chosen.append(with_chosen_map(log, options)[0].map)
+        options, _ = resolved(log, TrainingOptions(side, body="none"))
+        sides.add("x".join(map(str, options.shapes[0])))
+        chosen.append(options.map)
         scale = Scale.of_range(log.lower, log.upper, log.revolute)
         errors = []
         for network in NETWORKS:

@@ -1,6 +1,6 @@
 """Figures of docs/paper.md and docs/maps.md: readouts, small lattices, eq. 7 and 8, many joints.
 
-python benchmarks/map_readouts.py linear|small|rho|joints|time [--samples N] [--seeds N]
+python benchmarks/map_readouts.py linear|small|rho|rules|joints|time [--samples N] [--seeds N]
 """
 
 from __future__ import annotations
@@ -15,18 +15,22 @@ from calib.common.choices import MAP_READOUTS
 from calib.common.parallel import one_blas_thread
 from calib.common.scale import Scale
 from calib.maps.association import Association
-from calib.training.learn import Options, associate
+from calib.training.learn import associate
+from calib.training.options import TrainingOptions
 
 ROBOT = "two_link"
 TESTED = 10_000
 
 
-def trained(network: str, side: int, n: int, seed: int, sigma: float | None = None) -> tuple:
+def trained(
+    network: str, side: int, n: int, seed: int, sigma: float | None = None, **how: object
+) -> tuple:
     """Maps and links, test joints and positions in their unit boxes, processor time [s]."""
     samples = calib.babble(calib.load_arm(ROBOT), n, seed=seed)
     scale = Scale.of_range(samples.lower, samples.upper, samples.revolute)
     epochs, radii = (None, None) if sigma is None else (20, (side / 2, sigma))
-    options = Options((side,) * 2, (side,) * 2, network, "batch", epochs, radii, seed, False)
+    chosen = {"map": network, "epochs": epochs, "sigma": radii, "seed": seed} | how
+    options = TrainingOptions(side, **chosen)
     started = time.process_time()
     pair = associate(scale, scale.to_unit(samples.q), samples.x, options)
     seconds = time.process_time() - started
@@ -106,9 +110,27 @@ def joints() -> None:
             )
 
 
+def rules(n: int, seeds: int) -> None:
+    """Where the paper's rule and the batch rule come to, and in which processor time."""
+    for network in ("som", "vdsom", "vdsom:residual"):
+        for label, how in (
+            ("online, 5 passes", {"rule": "online"}),
+            ("batch, 20 epochs from a random start", {"epochs": 20}),
+            ("batch, coarse to fine", {}),
+        ):
+            runs = [trained(network, 30, n, seed, **how) for seed in range(seeds)]
+            quantized = np.mean([pair.sensory.nearest(v)[0].mean() for pair, _, v, _ in runs])
+            miss = np.mean([errors(*run[:3], "activity").mean(axis=0) for run in runs], axis=0)
+            cells = " | ".join(f"{e:.3f}" for e in miss)
+            seconds = np.median([run[3] for run in runs])
+            print(
+                f"| {network}, {label} | {quantized:.5f} | {cells} | {seconds:.2f} s |", flush=True
+            )
+
+
 def times(n: int, seeds: int) -> None:
     """Processor time of maps and links, 70x70 nodes: one network after the other, each seed."""
-    networks = ("som", "vdsom", "vdsom:border")
+    networks = ("som", "vdsom:residual", "vdsom")
     found = np.array([[trained(k, 70, n, seed)[3] for k in networks] for seed in range(seeds)])
     for network, seconds, ratio in zip(networks, found.T, (found / found[:, :1]).T, strict=True):
         print(f"| {network} | {np.median(seconds):.2f} s | {np.median(ratio):.2f} |")
@@ -117,19 +139,21 @@ def times(n: int, seeds: int) -> None:
 def main() -> None:
     """Print one part."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("part", choices=("linear", "small", "rho", "joints", "time"))
+    parser.add_argument("part", choices=("linear", "small", "rho", "rules", "joints", "time"))
     parser.add_argument("--samples", type=int, default=100_000)
     parser.add_argument("--seeds", type=int, default=1)
     given = parser.parse_args()
     with one_blas_thread():
         if given.part == "linear":
-            names = ("som", "vdsom:border", "vdsom")
+            names = ("som", "vdsom", "vdsom:residual")
             table([(n, s, None) for s in (70, 50, 30) for n in names], given.samples, given.seeds)
         elif given.part == "rho":
             names = ("som", "vdsom:rho", "vdsom:border")
             table([(n, 70, s) for s in (2.0, 1.0) for n in names], given.samples, given.seeds)
         elif given.part == "small":
             small(given.seeds)
+        elif given.part == "rules":
+            rules(given.samples, given.seeds)
         elif given.part == "time":
             times(given.samples, given.seeds)
         else:

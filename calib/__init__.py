@@ -37,8 +37,6 @@ if TYPE_CHECKING:
     from .errors import RobotError as RobotError
     from .maps.association import Association as Association
     from .maps.density import Visit as Visit
-    from .maps.fields import Pairs as Pairs
-    from .maps.fields import Surroundings as Surroundings
     from .maps.map import Map as Map
     from .maps.pair import Pair as Pair
     from .maps.som import SOM as SOM
@@ -62,6 +60,7 @@ if TYPE_CHECKING:
     from .sweeps import sweep as sweep
     from .training.evaluate import Evaluation as Evaluation
     from .training.evaluate import evaluate as evaluate
+    from .training.options import TrainingOptions as TrainingOptions
     from .training.train import train as train
     from .use.correct import Corrected as Corrected
     from .use.correct import correct as correct
@@ -87,7 +86,6 @@ _HOME = {
     "Monitor": "change.monitor",
     "OptionError": "errors",
     "Pair": "maps.pair",
-    "Pairs": "maps.fields",
     "Path": "model.paths",
     "Plan": "use.plan",
     "PlanarArm": "arm.arm",
@@ -98,8 +96,8 @@ _HOME = {
     "SOM": "maps.som",
     "Samples": "samples.samples",
     "Simulation": "samples.simulation",
-    "Surroundings": "maps.fields",
     "Sweep": "sweeps",
+    "TrainingOptions": "training.options",
     "Trial": "sweeps",
     "Visit": "maps.density",
     "adapt": "change.adapt",

@@ -5,8 +5,8 @@ from __future__ import annotations
 import itertools
 import math
 import time
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
 from importlib.util import find_spec
 from typing import Any
 
@@ -14,17 +14,18 @@ from .arm.arm import Arm
 from .arm.loading import load_arm
 from .common.choices import READOUTS
 from .common.parallel import keep_one_blas_thread, one_blas_thread
-from .common.wording import INSTALL, one_line, suggestion
+from .common.wording import one_line, suggestion
 from .errors import CalibError, OptionError
 from .samples.babbling import babble
 from .samples.samples import Samples
 from .training.learn import Progress
+from .training.options import TrainingOptions
 from .training.train import train
 
-Source = str | Arm | Samples | Callable[[], Arm | Samples]
+Source = str | Arm | Samples
 
 _BABBLED = {"samples": "n", "noise": "noise", "motion": "method"}  # by parameters of calib.babble
-_LEARNED = ("size", "motor_size", "sensory_size", "map", "rule", "epochs", "sigma", "links")
+_TRIED = (*_BABBLED, *(f.name for f in fields(TrainingOptions) if f.name != "seed"))
 _MOST = 10_000  # more trainings are more likely a slip than a wish
 
 
@@ -47,20 +48,11 @@ class Trial:
         return math.nan if value is None else float(value)
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@dataclass(frozen=True, eq=False)
 class Sweep:
     """What came out of a grid of options: a row for each training, in the order given."""
 
-    rows: tuple[Trial, ...]
-    notes: tuple[str, ...] = ()
-
-    def __repr__(self) -> str:
-        """Say in a line how many trainings there are."""
-        bad = f", {len(self.failed)} failed" if self.failed else ""
-        return f"Sweep of {len(self)} trainings{bad}"
-
-    def __len__(self) -> int:
-        return len(self.rows)
+    rows: tuple[Trial, ...] = field(repr=False)
 
     @property
     def failed(self) -> tuple[Trial, ...]:
@@ -71,12 +63,10 @@ class Sweep:
         """A row for each training, by columns, as they are written to a table."""
         names = dict.fromkeys(name for row in self.rows for name in row.options)
         table: dict[str, list[Any]] = {"source": [row.source for row in self.rows]}
-        for name in names:
-            table[name] = [written(row.options.get(name)) for row in self.rows]
+        table |= {name: [_typed(row.options.get(name)) for row in self.rows] for name in names}
         for name in ("seed", "unit", "seconds", "error"):
             table[name] = [getattr(row, name) for row in self.rows]
-        every = itertools.product(READOUTS, ("forward", "inverse"), ("mean", "p99", "max"))
-        for part in every:
+        for part in itertools.product(READOUTS, ("forward", "inverse"), ("mean", "p99", "max")):
             table["_".join(part)] = [row.distance(*part) for row in self.rows]
         return table
 
@@ -85,7 +75,7 @@ def sweep(
     sources: Source | Sequence[Source] | Mapping[str, Source],
     grid: Mapping[str, Sequence[Any]] | None = None,
     *,
-    seeds: int | Sequence[int] = 1,
+    seeds: int = 1,
     jobs: int | None = None,
     progress: Progress | None = None,
 ) -> Sweep:
@@ -96,16 +86,16 @@ def sweep(
     Parameters
     ----------
     sources : robot, log, or several of them, by name or in a sequence
-        What `calib.load_arm` or `calib.read_log` returns, a robot's path or name, or a function
-        that is called for either.
+        What `calib.load_arm` or `calib.read_log` returns, or a robot's path or name.
     grid : dict of str to list, optional
-        Values to try for options of `calib.train` and, for robots, "samples", "noise" and
-        "motion" of the babbling.
-    seeds : int or sequence of int
-        The seeds, or how many of them: 0, 1, 2 and so on.
+        Values to try for attributes of `calib.TrainingOptions` and, for robots, "samples", "noise"
+        and "motion" of the babbling.
+    seeds : int
+        How many seeds: 0, 1, 2 and so on.
     jobs : int, optional
         How many at the same time: all cores by default, or what `joblib.parallel_config` says:
         `with joblib.parallel_config("dask"):` sends them to the workers of your Dask client.
+        Without joblib one after the other.
     progress : callable, optional
         Called with the share of the trainings done, how many that are, and the latest mean error.
 
@@ -116,38 +106,43 @@ def sweep(
     >>> [row.options["size"] for row in found.rows]
     [5, 8]
     """
-    named, combinations = _named(sources), _combinations(grid or {})
-    drawn = range(seeds) if isinstance(seeds, int) else seeds
-    tasks = [
-        (Trial(name, options, int(seed)), source)
-        for (name, source), options, seed in itertools.product(named.items(), combinations, drawn)
-    ]
-    if not 0 < len(tasks) <= _MOST:
-        raise OptionError(f"{len(tasks):,} trainings: expected 1 to {_MOST:,}")
+    grid = grid or {}
+    for name, values in grid.items():
+        if name not in _TRIED:
+            raise OptionError(f"grid: {name!r:.60} is unknown; {suggestion(name, _TRIED)}")
+        if isinstance(values, str) or not hasattr(values, "__len__"):
+            raise OptionError(f"grid: {name} {values!r:.60}: expected a list of values")
+    named = _named(sources)
+    count = len(named) * seeds * math.prod(map(len, grid.values()))
+    if not 0 < count <= _MOST:
+        raise OptionError(f"{count:,} trainings: expected 1 to {_MOST:,}")
     if jobs is not None and (isinstance(jobs, bool) or jobs < 1):
         raise OptionError(f"jobs {jobs!r}: expected a whole number, 1 or more")
-    rows, report = [], progress or (lambda *_: None)
-    notes: tuple[str, ...] = ()
-    report(0.0, f"0 of {len(tasks)} trainings", math.nan)
+    tasks = [
+        (Trial(name, dict(zip(grid, chosen, strict=True)), seed), source)
+        for name, source in named.items()
+        for chosen in itertools.product(*grid.values())
+        for seed in range(seeds)
+    ]
+    rows: list[Trial] = []
     with one_blas_thread():
-        if jobs == 1 or find_spec("joblib") is None:
-            found = map(_trained, tasks)
-            if jobs != 1:
-                told = f"joblib is not installed: one training after the other; {INSTALL}"
-                notes = (told.format("sweep"),)
-        else:
-            import joblib
-
-            own = joblib.Parallel(jobs, return_as="generator", batch_size=1)
-            # a user's own context counts; without one all cores
-            if jobs is None and own.n_jobs == 1:
-                own = joblib.Parallel(-1, return_as="generator", batch_size=1)
-            found = own(joblib.delayed(_trained)(task) for task in tasks)
-        for row in found:
+        for row in map(_trained, tasks) if jobs == 1 else _side_by_side(tasks, jobs):
             rows.append(row)
-            told = f"{len(rows)} of {len(tasks)} trainings"
-            report(len(rows) / len(tasks), told, row.distance("local", "forward", "mean"))
-    return Sweep(tuple(rows), notes)
+            if progress is not None:
+                told = f"{len(rows)} of {len(tasks)} trainings"
+                progress(len(rows) / count, told, row.distance("local", "forward", "mean"))
+    return Sweep(tuple(rows))
+
+
+def _side_by_side(tasks: Sequence[tuple[Trial, Source]], jobs: int | None) -> Any:
+    if find_spec("joblib") is None:
+        return map(_trained, tasks)
+    import joblib
+
+    pool = joblib.Parallel(jobs, return_as="generator", batch_size=1)
+    if jobs is None and pool.n_jobs == 1:  # no context of the user's: all cores
+        pool = joblib.Parallel(-1, return_as="generator", batch_size=1)
+    return pool(joblib.delayed(_trained)(task) for task in tasks)
 
 
 def _trained(task: tuple[Trial, Source]) -> Trial:
@@ -156,15 +151,13 @@ def _trained(task: tuple[Trial, Source]) -> Trial:
     keep_one_blas_thread()  # for good: the first of a worker's threads to end would lift it
     started = time.perf_counter()
     try:
-        if not isinstance(source, Arm | Samples):
-            source = load_arm(source) if isinstance(source, str) else source()
         options = dict(row.options)
         babbled = {_BABBLED[n]: options.pop(n) for n in _BABBLED if n in options}
-        if isinstance(source, Arm):
-            source = babble(source, **babbled, seed=row.seed)
-        elif babbled:
+        arm = load_arm(source) if isinstance(source, str) else source
+        if isinstance(arm, Samples) and babbled:
             raise OptionError(f"{', '.join(babbled)}: for simulated babbling, not for a log")
-        model = train(source, seed=row.seed, **options)
+        samples = arm if isinstance(arm, Samples) else babble(arm, **babbled, seed=row.seed)
+        model = train(samples, seed=row.seed, **options)
     except CalibError as error:
         return replace(row, error=str(error))
     except Exception as error:
@@ -176,29 +169,16 @@ def _trained(task: tuple[Trial, Source]) -> Trial:
 
 def _named(sources: Any) -> dict[str, Source]:
     if isinstance(sources, Mapping):
-        return {str(name): source for name, source in sources.items()}
-    single = isinstance(sources, str | Arm | Samples) or callable(sources)
+        return dict(sources)
     named: dict[str, Source] = {}
-    for source in [sources] if single else sources:
+    for source in [sources] if isinstance(sources, str | Arm | Samples) else sources:
         name = source if isinstance(source, str) else getattr(source, "name", "log")
         several = sum(known == name or known.startswith(f"{name} (") for known in named)
         named[f"{name} ({several + 1})" if several else name] = source
     return named
 
 
-def _combinations(grid: Mapping[str, Sequence[Any]]) -> list[dict[str, Any]]:
-    known = (*_BABBLED, *_LEARNED)
-    for name, values in grid.items():
-        if name not in known:
-            raise OptionError(f"grid: {name!r:.60} is unknown; {suggestion(name, known)}")
-        if isinstance(values, str) or not hasattr(values, "__len__") or not len(values):
-            raise OptionError(f"grid: {name} {values!r:.60}: expected a list of one value or more")
-    if math.prod(map(len, grid.values())) > _MOST:
-        raise OptionError(f"grid: expected at most {_MOST:,} combinations")
-    return [dict(zip(grid, chosen, strict=True)) for chosen in itertools.product(*grid.values())]
-
-
-def written(value: Any) -> Any:
+def _typed(value: Any) -> Any:
     """An option's value as it is typed: `30x40`, `2:0.5`, `vdsom`, or nothing for None."""
     if isinstance(value, tuple | list):
         mark = "x" if all(isinstance(v, int) for v in value) else ":"

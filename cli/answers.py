@@ -6,19 +6,18 @@ It needs NumPy.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+import calib
 from calib.common.wording import for_people
-from calib.samples.tables import Batch, write_table
+from calib.samples.tables import Batch, read_batch, write_table
 
 from .output import NO, Outcome, TextTable, fixed, note, say
-from .units import JointFormat, PositionFormat
-
-if TYPE_CHECKING:
-    from calib import Model
+from .units import JointFormat, PositionFormat, meaning
 
 BOUNDS = ("expected_error", "model_error")
 UP_TO_SCALE = "expected_error_up_to_scale"
@@ -29,130 +28,122 @@ LENGTHS = ("x", "y", "z", "distance", *BOUNDS, UP_TO_SCALE)
 _TOLD = 10  # so many rows are named at most
 
 
-def documents(joints: JointFormat, q: Any, **quantities: Any) -> list[dict[str, Any]]:
-    """Return a document for each answer, of joints (n, dof) and quantities of n rows each."""
-    rows = zip(q, *quantities.values(), strict=True)
-    return [
-        {"joints": dict(zip(joints.names, of, strict=True))}
-        | dict(zip(quantities, row, strict=True))
-        for of, *row in rows
-    ]
+class Query:
+    """A model that is asked, and how its joints and positions are typed and printed."""
 
+    def __init__(
+        self, path: str, degrees: bool, frame: str = "sensor", unit: str | None = None
+    ) -> None:
+        self.model, self.frame = calib.load(path), frame
+        self.joints = JointFormat(self.model.about, degrees)
+        self.positions = PositionFormat(self.model.about, frame, unit)
 
-def answer_table(
-    joints: JointFormat,
-    found: Sequence[Mapping[str, Any]],
-    positions: PositionFormat,
-    axes: Sequence[str],
-    quantities: Sequence[str],
-    title: str = "",
-) -> TextTable:
-    """Return answers, one line each; an angle is in deg, all else in the unit of the positions."""
-    # bounds and distances have the unit of the positions, but for the angle of a pose
-    lengths = (positions.factor, positions.shown)
-    by = {name: for_people("rad") if name == "turned" else lengths for name in quantities}
-    header = [*joints.header, *(f"{axis} [{positions.shown}]" for axis in axes)]
-    header += [f"{name.replace('_', ' ')} [{shown}]" for name, (_, shown) in by.items()]
-    rows = [
-        [
-            *joints.cells(list(answer["joints"].values())),
-            *(fixed(value * positions.factor, 4) for value in answer["position"]),
-            *(fixed(float(answer[name]) * size, 4) for name, (size, _) in by.items()),
+    @property
+    def meaning(self) -> dict[str, Any]:
+        """What the numbers of an answer mean, for JSON."""
+        return meaning(self.model.about, self.frame)
+
+    @property
+    def bounds(self) -> tuple[str, ...]:
+        """Bounds that are printed: of a simulation, and in the base frame, both are the same."""
+        both = self.model.about.source == "log" and self.frame == "sensor"
+        return BOUNDS if both else BOUNDS[:1]
+
+    def documents(self, q: Any, **quantities: Any) -> list[dict[str, Any]]:
+        """Return a document for each answer, of joints (n, dof) and quantities of n rows each."""
+        rows = zip(q, *quantities.values(), strict=True)
+        return [
+            {"joints": dict(zip(self.joints.names, of, strict=True))}
+            | dict(zip(quantities, row, strict=True))
+            for of, *row in rows
         ]
-        for answer in found
-    ]
-    return TextTable(header, rows, title, left=0)
 
+    def table(
+        self,
+        found: Sequence[Mapping[str, Any]],
+        axes: Sequence[str],
+        quantities: Sequence[str],
+        title: str = "",
+    ) -> TextTable:
+        """Return answers, one line each, an angle in deg, all else in the positions' unit."""
+        length = (self.positions.factor, self.positions.shown)
+        by = {name: for_people("rad") if name == "turned" else length for name in quantities}
+        header = [*self.joints.header, *(f"{axis} [{length[1]}]" for axis in axes)]
+        header += [f"{name.replace('_', ' ')} [{shown}]" for name, (_, shown) in by.items()]
+        rows = [
+            [
+                *self.joints.cells(list(answer["joints"].values())),
+                *(fixed(value * length[0], 4) for value in answer["position"]),
+                *(fixed(float(answer[name]) * size, 4) for name, (size, _) in by.items()),
+            ]
+            for answer in found
+        ]
+        return TextTable(header, rows, title, left=0)
 
-def bounds_shown(model: Model, frame: str) -> tuple[str, ...]:
-    """Bounds that are printed: of a simulation, and in the base frame, both are the same."""
-    return BOUNDS if model.about.source == "log" and frame == "sensor" else BOUNDS[:1]
+    def read(
+        self,
+        source: str,
+        names: Sequence[str],
+        columns: Mapping[str, str] | None,
+        more: Sequence[Sequence[str]] = (),
+    ) -> Batch:
+        """Read a table of queries; its positions come in the model's unit."""
+        batch = read_batch(source, names, more, columns or {})
+        lengths = [name in LENGTHS and name not in self.joints.names for name in batch.names]
+        return replace(batch, values=batch.values / np.where(lengths, self.positions.typed, 1.0))
 
+    def write(
+        self,
+        columns: Mapping[str, Any] | None,
+        output: str | None,
+        *,
+        key: str = "answers",
+        code: int = 0,
+        lines: Sequence[str] = (),
+        **told: Any,
+    ) -> Outcome:
+        """Write a table of answers, None for no table, and tell what goes with it.
 
-def table_outcome(
-    columns: Mapping[str, Any] | None,
-    output: str | None,
-    joints: JointFormat,
-    positions: PositionFormat | None = None,
-    *,
-    key: str = "answers",
-    code: int = 0,
-    lines: Sequence[str] = (),
-    **told: Any,
-) -> Outcome:
-    """Write a table of answers, None for no table, and tell what goes with it.
+        columns : joints as typed, positions and their bounds in the model's unit
+        output : the file; without one, or with `-`, answers go to standard output, or in SI units
+            by a key into the document
+        """
+        to_file, by = output not in (None, "-"), self.positions.typed
+        document = {"output": (columns and output) if to_file else None, **told}
+        if columns is None:
+            return Outcome(document, lines, code=code)
+        written = {
+            name: np.asarray(column, float) * by if by != 1.0 and name in LENGTHS else column
+            for name, column in columns.items()
+        }
+        if to_file:
+            write_table(str(output), written)
+            return Outcome(document, lines, code=code)
+        document[key] = self.joints.in_si(columns)
+        return Outcome(document, lines, result=(), columns=written, code=code)
 
-    columns : joints as typed, positions and their bounds in the model's unit
-    output : the file; without one, or with `-`, answers go to standard output, or in SI units by
-        a key into the document
-    """
-    to_file = output not in (None, "-")
-    document = {"output": (columns and output) if to_file else None, **told}
-    if columns is None:
-        return Outcome(document, lines, code=code)
-    written, factor = dict(columns), positions.typed if positions else 1.0
-    for name in LENGTHS if factor != 1.0 else ():
-        if name in written:
-            written[name] = np.asarray(written[name], dtype=float) * factor
-    if to_file:
-        write_table(str(output), written)
-        return Outcome(document, lines, code=code)
-    return Outcome(
-        document | {key: joints.in_si(columns)}, lines, result=(), columns=written, code=code
-    )
+    def answer(
+        self,
+        batch: Batch,
+        added: Mapping[str, NDArray[Any]],
+        refused: Sequence[int],
+        why: str,
+        output: str | None,
+        n: int | None = None,
+    ) -> Outcome:
+        """Write the answers to a batch and say which rows have none.
 
-
-def read_table(
-    source: str,
-    names: Sequence[str],
-    columns: Mapping[str, str] | None,
-    positions: PositionFormat | None = None,
-    more: Sequence[Sequence[str]] = (),
-) -> Batch:
-    """Read a table of queries; its positions come in the model's unit."""
-    from dataclasses import replace
-
-    from calib.samples.tables import read_batch
-
-    batch = read_batch(source, names, more, columns or {})
-    if positions is None or positions.typed == 1.0:
-        return batch
-    typed = [positions.typed if name in LENGTHS else 1.0 for name in batch.names]
-    return replace(batch, values=batch.values / np.array(typed))
-
-
-def batch_outcome(
-    joints: JointFormat,
-    positions: PositionFormat,
-    batch: Batch,
-    added: Mapping[str, NDArray[Any]],
-    refused: Sequence[int],
-    why: str,
-    output: str | None,
-    n: int | None = None,
-    **told: Any,
-) -> Outcome:
-    """Write the answers to a batch and say which rows have none.
-
-    added : columns of the answers, joints as typed
-    refused, why : numbers of the rows that have no answer, and the reason
-    n : how many queries there were, where a query may have several rows of answers
-    """
-    invalid, n = batch.invalid, len(batch.values) if n is None else n
-    say(batch.notes(list(added)))
-    say_rows(invalid, n, "not all values are numbers, no answer")
-    say_rows(refused, n, why)
-    return table_outcome(
-        batch.answered(added),
-        output,
-        joints,
-        positions,
-        code=1 if invalid else NO if refused else 0,
-        rows=n,
-        invalid=invalid,
-        out_of_reach=refused,
-        **told,
-    )
+        added : columns of the answers, joints as typed
+        refused, why : numbers of the rows that have no answer, and the reason
+        n : how many queries there were, where a query may have several rows of answers
+        """
+        invalid, n = batch.invalid, len(batch.values) if n is None else n
+        say(batch.notes(list(added)))
+        say_rows(invalid, n, "not all values are numbers, no answer")
+        say_rows(refused, n, why)
+        code = 1 if invalid else NO if refused else 0
+        told = {"rows": n, "invalid": invalid, "out_of_reach": refused, **self.meaning}
+        return self.write(batch.answered(added), output, code=code, **told)
 
 
 def over_all_rows(valid: NDArray[np.bool_], columns: Mapping[str, Any]) -> dict[str, NDArray[Any]]:

@@ -46,7 +46,7 @@ COMMANDS = {
     "tag": "Write a tag for the arm's tip, or a board for the desk.",
     "preview": "Show the arm and its learned maps in a browser.",
     "report": "Write figures and tables that explain a calibration.",
-    "reproduce": "Repeat the paper's tables, figures and experiments.",
+    "reproduce": "Repeat the paper's tables, figures and adaptation.",
     "info": "Show what a model is and how it was made.",
 }
 """What the command line can do, in the order of its use, and what `calib --help` says of it."""
@@ -146,11 +146,11 @@ class ErrorReport:
 
     kind: str  # its type, such as "LogError"; "UsageError" for what was typed wrongly
     message: str  # what was given and what was expected, in one line
-    code: int  # exit code
-    # what to do, and the option that is concerned
+    code: int = 1  # exit code
+    # what to do, the option that is concerned, and its value
     hint: str | None = None
     option: str | None = None
-    value: Any = None  # the value that is wrong, None if there is none
+    value: Any = None
 
     @property
     def line(self) -> str:
@@ -160,9 +160,7 @@ class ErrorReport:
 
     def to_json(self) -> dict[str, Any]:
         """Plain data: what a command with `--json` prints in place of its result."""
-        is_plain = self.value is None or isinstance(
-            self.value, (bool, int, float, str, list, tuple)
-        )
+        is_plain = isinstance(self.value, (bool, int, float, str, list, tuple, type(None)))
         return {
             "type": self.kind,
             "message": one_line(" ".join(self.message.split())),
@@ -174,37 +172,32 @@ class ErrorReport:
 
 def describe_error(error: BaseException) -> ErrorReport:
     """Return how an error is told, whatever ended a command."""
-    kind, code = type(error).__name__, 1
+    kind = type(error).__name__
     if isinstance(error, CalibError):
         hint = None if error.hint is None else as_typed(error.hint)
         # clocks that no offset brings together are an answer about the recording
-        code = NO if kind == "ClockError" else 1
-        option = option_of(error.parameter)
+        code, option = NO if kind == "ClockError" else 1, option_of(error.parameter)
         return ErrorReport(kind, as_typed(error.message), code, hint, option, error.value)
     if _interrupted(error):
-        text, code = "interrupted", INTERRUPTED
-    elif hasattr(error, "format_message"):  # an error of usage, told by Typer
+        return ErrorReport(kind, "interrupted", INTERRUPTED)
+    if hasattr(error, "format_message"):  # an error of usage, told by Typer
         context = getattr(error, "ctx", None)
-        help_line = f" (see {context.command_path} --help)" if context else ""
-        text = error.format_message().rstrip(".") + help_line
+        see = f" (see {context.command_path} --help)" if context else ""
         code = int(getattr(error, "exit_code", USAGE))
         kind = "UsageError" if code == USAGE else kind
-    elif isinstance(error, OSError):
+        option, value = getattr(error, "option", None), getattr(error, "value", None)
+        text = error.format_message().rstrip(".") + see
+        return ErrorReport(kind, text, code, option=option, value=value)
+    text = f"internal error, {kind}: {error}; {_TRACEBACK}=1 shows where, please report it"
+    if isinstance(error, OSError):
         text = f"{f'{error.filename}: ' if error.filename else ''}{error.strerror or error}"
     elif isinstance(error, ImportError):
         text = f"{error}; install calib-arm again, with all that it requires"
-    else:
-        told = f"internal error, {kind}: {error}; {_TRACEBACK}=1 shows where, please report it"
-        # NumPy has a MemoryError of its own
-        text = next((known for kinds, known in _LIMITS if isinstance(error, kinds)), told)
-    option, value = getattr(error, "option", None), getattr(error, "value", None)
-    return ErrorReport(kind, text, code, option=option, value=value)
-
-
-_LIMITS = (
-    (MemoryError, "not enough memory; use a smaller --size or fewer --samples"),
-    (RecursionError, "the input is nested too deeply; simplify it"),
-)
+    elif isinstance(error, MemoryError):  # NumPy has one of its own
+        text = "not enough memory; use a smaller --size or fewer --samples"
+    elif isinstance(error, RecursionError):
+        text = "the input is nested too deeply; simplify it"
+    return ErrorReport(kind, text)
 
 
 def _interrupted(error: BaseException | None) -> bool:

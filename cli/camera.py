@@ -6,34 +6,60 @@ import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
+
+from typer import Option
 
 from calib.common.choices import DICTIONARY, PICTURES, VIDEOS
 
+from . import options as opt
+from .options import option
 from .output import note, say
-from .parsing import BadOption, expects, finite_number
+from .parsing import BadOption
 
 if TYPE_CHECKING:
     from calib.recording.setting import Setup
     from calib.samples.recorded import Recorded
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Shooting:
     """Pictures or a video, and what is in them, as typed."""
 
-    joints_file: str | None = None
-    tag: int | None = None
-    dictionary: str = DICTIONARY
-    board: str | None = None
-    tags_at: str | None = None
-    lens: str | None = None
-    tag_size: str | None = None
-    tag_height: str | None = None
-    pose: bool = False
-    since: str | None = None
-    picture: str | None = None
-    camera: str | None = None
+    joints_file: Annotated[
+        str | None,
+        option("--joints-file FILE", "Joints of pictures (column picture) or a video (time)."),
+    ] = None
+    tag: Annotated[
+        int | None, Option("--tag", metavar="ID", min=0, help="Number of the tag on the tip.")
+    ] = None
+    dictionary: opt.Dictionary = DICTIONARY
+    board: opt.BoardSpec = None
+    tags_at: Annotated[
+        str | None, option("--tags-at FILE", "Tags on the desk: a table of tag, x, y [m].")
+    ] = None
+    lens: Annotated[
+        str | None, option("--lens SHOTS|lens.json", "Pictures of the board, or a lens of before.")
+    ] = None
+    tag_size: Annotated[
+        str | None, option("--tag-size 40mm", "Side of the tip's tag, for --pose.")
+    ] = None
+    tag_height: Annotated[
+        str | None, option("--tag-height 25mm", "Height of the tip's tag above the desk.")
+    ] = None
+    pose: Annotated[
+        bool, Option("--pose", help="Write z and the tag's quaternion too, for arms in space.")
+    ] = False
+    since: Annotated[
+        str | None, option("--since LOG", "An earlier log: how far has the camera moved since?")
+    ] = None
+    picture: Annotated[
+        str | None, option("--picture seen.png", "Draw the detections over a photo.")
+    ] = None
+    camera: Annotated[
+        str | None,
+        option("--camera DEVICE", "Take pictures now, one for each line of joints on stdin."),
+    ] = None
 
     def given(self) -> bool:
         """Whether any of what only pictures have was typed."""
@@ -57,79 +83,70 @@ class Shooting:
             folder = Path() if output == "-" else Path(output).parent
             lens, said = load_lens(self.lens, board, folder / "lens.json")
             say(said)
-        if board is not None and lens is not None and self.tags_at is not None:
+        if lens is not None and self.tags_at is not None:
             board = None  # it served the lens alone
-        layout = read_layout(self.tags_at) if self.tags_at is not None else None
         return Setup(
             tag=self.tag,
             dictionary=self.dictionary,
             board=board,
-            tags_at=layout,
+            tags_at=read_layout(self.tags_at) if self.tags_at is not None else None,
             lens=lens,
             tag_size=parse_length(self.tag_size, "`tag_size`") if self.tag_size else None,
             tag_height=parse_length(self.tag_height or "0", "`tag_height`", signed=True),
             pose=self.pose,
         )
 
+    def record(
+        self,
+        sources: Sequence[str],
+        output: str,
+        joints: Sequence[str] | None,
+        degrees: bool,
+        prismatic: Sequence[str],
+        **of_videos: float | None,
+    ) -> Recorded:
+        """Make a log of pictures or a video, and draw what was seen if that is wanted."""
+        from calib.recording.from_pictures import log_pictures
+        from calib.recording.from_video import log_video
+        from calib.recording.joint_table import read_joints
+        from calib.recording.photo import read_photo, write_seen
+        from calib.recording.pictures import list_pictures
+        from calib.samples.tables import read_about
+
+        setting, file = self.setting(output), str(self.joints_file)
+        first, source = Path(sources[0]), sources[0] if len(sources) == 1 else sources
+        if self.camera is not None:
+            from calib.recording.live import record_live
+
+            file = str(record_live(self.camera, sys.stdin, first, setting, note))
+        chosen = list(joints) if joints else None
+        table = read_joints(file, chosen, degrees=degrees, prismatic=prismatic)
+        earlier = read_about(self.since) if self.since is not None else None
+        if first.is_file() and first.suffix.lower() not in PICTURES:
+            if len(sources) > 1:
+                raise BadOption(f"{len(sources)} names: expected one video, or pictures alone")
+            turns = tuple(name not in prismatic for name in table.names)
+            how: dict[str, Any] = of_videos
+            made = log_video(first, table, setting, **how, revolute=turns, since=earlier)
+        else:
+            if of_videos["still"] is not None or of_videos["time_offset"] is not None:
+                raise BadOption("--still and --time-offset are for videos and bags, not pictures")
+            made = log_pictures(source, table, setting, since=earlier)
+        say(made.notes)
+        # named in the log, so that train can draw the map over it
+        path = first
+        if made.pictures is not None:
+            named = {each.name: each for each in list_pictures(source)}
+            path = named[made.pictures[len(made) // 2]]
+        folder = Path(output).resolve().parent
+        if output != "-" and path.resolve().is_relative_to(folder):
+            name = path.resolve().relative_to(folder).as_posix()  # train finds it there
+            made = replace(made, source={**made.source, "photo": name})
+        if self.picture is not None:
+            write_seen(self.picture, read_photo(path), setting, made.pixels)
+        return made
+
 
 def is_picture(path: str) -> bool:
     """Whether a name is that of pictures or a video, not of a recording of ROS."""
-    suffix = Path(path).suffix.lower()
-    return suffix in VIDEOS + PICTURES or any(mark in path for mark in "*?[")
-
-
-@expects("a number of seconds, or auto")
-def offset_or_auto(text: str) -> float | None:
-    """Read a number of seconds, or `auto`, which is None."""
-    return None if text.strip() == "auto" else finite_number(text)
-
-
-def record(
-    source: str,
-    output: str,
-    shooting: Shooting,
-    *,
-    joints: Sequence[str] | None,
-    degrees: bool,
-    prismatic: Sequence[str],
-    time_offset: float | None,
-    still: float | None,
-    max_gap: float,
-) -> Recorded:
-    """Make a log of pictures or a video, and draw what was seen if that is wanted."""
-    from calib.recording.from_pictures import log_pictures
-    from calib.recording.from_video import log_video
-    from calib.recording.joint_table import read_joints
-    from calib.recording.photo import read_photo, write_seen
-    from calib.recording.pictures import list_pictures
-    from calib.samples.tables import read_about
-
-    setting, file = shooting.setting(output), str(shooting.joints_file)
-    if shooting.camera is not None:
-        from calib.recording.live import record_live
-
-        file = str(record_live(shooting.camera, sys.stdin, Path(source), setting, note))
-    chosen = list(joints) if joints else None
-    table = read_joints(file, chosen, degrees=degrees, prismatic=prismatic)
-    earlier = read_about(shooting.since) if shooting.since is not None else None
-    if Path(source).is_file() and Path(source).suffix.lower() not in PICTURES:
-        turns = tuple(name not in prismatic for name in table.names)
-        ways: dict[str, Any] = {"time_offset": time_offset, "still": still, "max_gap": max_gap}
-        made = log_video(source, table, setting, **ways, revolute=turns, since=earlier)
-    else:
-        if still is not None or time_offset is not None:
-            raise BadOption("--still and --time-offset are for videos and bags, not for pictures")
-        made = log_pictures(source, table, setting, since=earlier)
-    say(made.notes)
-    # named in the log, so that train can draw the map over it
-    path = Path(source)
-    if made.pictures is not None:
-        named = {each.name: each for each in list_pictures(source)}
-        path = named[made.pictures[len(made) // 2]]
-    folder = Path(output).resolve().parent
-    if output != "-" and path.resolve().is_relative_to(folder):
-        name = path.resolve().relative_to(folder).as_posix()  # train finds it there
-        made = replace(made, source={**made.source, "photo": name})
-    if shooting.picture is not None:
-        write_seen(shooting.picture, read_photo(path), setting, made.pixels)
-    return made
+    return Path(path).suffix.lower() in VIDEOS + PICTURES or any(mark in path for mark in "*?[")

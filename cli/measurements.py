@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING
 
+from . import options as opt
 from .output import say
 from .parsing import BadOption
 
@@ -19,13 +20,13 @@ _FAR_BOUND = 3.0  # times the expected error from which a log is doubted
 _FAR_SHARE = 0.02  # and of the positions' spread: the bound of an ideal arm is rounding
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Reading:
     """How a log is read, as typed; what is None is as in the log that a model was made from."""
 
-    columns: Mapping[str, str] | None = None
-    unit: str | None = None
-    degrees: bool | None = None
+    columns: opt.Columns = None
+    unit: opt.Unit = None
+    degrees: opt.LogDegrees = None
 
 
 def refuse(typed: Mapping[str, object], why: str) -> None:
@@ -80,7 +81,8 @@ def log_for(model: Model, path: str, reading: Reading) -> Samples:
 def log_of(model: Model, path: str | None, reading: Reading) -> Samples | None:
     """Read a log to look at, with a note where it does not fit the model; None for none."""
     if path is None:
-        refuse(vars(reading), "applies to a log: expected --data LOG too")
+        typed = {field.name: getattr(reading, field.name) for field in fields(Reading)}
+        refuse(typed, "applies to a log: expected --data LOG too")
         return None
     log = log_for(model, path, reading)
     if log.touch is None:
@@ -94,22 +96,21 @@ def _doubt(model: Model, log: Samples) -> list[str]:
 
     from calib.samples.diagnosis import unit_hint
 
-    predicted, bound = model.forward(log.q), model.expected_error(log.q)
-    known = np.isfinite(predicted[:, 0]) & np.isfinite(bound)
+    predicted = model.forward(log.q)
+    known = np.isfinite(predicted[:, 0])
     if not known.any():
         return []
     predicted, x = predicted[known], log.x[known]
-    gap = float(np.median(np.linalg.norm(predicted - x, axis=1)))
     # spreads about the median: single wrong rows do not decide the ratio
-    size, seen = (
-        float(np.median(np.linalg.norm(p - np.median(p, axis=0), axis=1))) for p in (predicted, x)
+    gap, size, seen = (
+        float(np.median(np.linalg.norm(away, axis=1)))
+        for away in (predicted - x, predicted - np.median(predicted, 0), x - np.median(x, 0))
     )
-    if gap <= max(_FAR_BOUND * float(np.median(bound[known])), _FAR_SHARE * size):
+    bound = float(np.nanmedian(model.expected_error(log.q)))
+    if gap <= max(_FAR_BOUND * bound, _FAR_SHARE * size):
         return []
-    ratio = seen / max(size, 1e-300)
-    hint = unit_hint(ratio)
-    times = f"; its positions extend over {ratio:.4g} times the model's{hint}" if hint else ""
+    hint = unit_hint(seen / max(size, 1e-300))
     return [
         "the log does not fit the model: the median distance from predicted to measured position "
-        f"is {gap / size:.2g} times their spread{times}; calib check names the cause"
+        f"is {gap / size:.2g} times their spread{hint}; calib check names the cause"
     ]

@@ -23,7 +23,7 @@ from calib.common.choices import (
 )
 
 from . import parsing
-from .parsing import JointRange, JointValue, Reader
+from .parsing import Reader
 
 
 def option(usage: str, help: str, read: Reader[Any] | None = None) -> Any:  # noqa: A002
@@ -51,11 +51,11 @@ JointNames = Annotated[
 Tip = Annotated[str | None, option("--tip FRAME", "The frame whose position is sensed.")]
 Planar = Annotated[bool, flag("--planar", "Take the planar part of a robot in space: x, y.")]
 Lock = Annotated[
-    list[JointValue] | None,
+    list[Any] | None,
     option("--lock JOINT=VALUE", "Hold it there [rad or m]; repeatable.", parsing.joint_value),
 ]
 Ranges = Annotated[
-    list[JointRange] | None,
+    list[Any] | None,
     option("--range JOINT=LO:HI", "Part of its range [rad or m]; repeatable.", parsing.joint_range),
 ]
 Degrees = Annotated[

@@ -13,7 +13,7 @@ import sys
 import textwrap
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, is_dataclass
 from functools import wraps
 from inspect import Parameter, Signature, signature
 from typing import Annotated, Any
@@ -130,24 +130,34 @@ _SHOWN = {
 
 
 def rendered(command: Callable[..., Outcome]) -> Callable[..., None]:
-    """Give a command `--json`, `--verbose` and `--quiet`, and print its outcome."""
+    """Give a command `--json`, `--verbose` and `--quiet`, and print its outcome.
+
+    A parameter whose type is a dataclass stands for several options, one for each field.
+    """
+    # annotations are texts in these modules, and Typer looks at types
+    options: dict[str, Parameter] = {}
+    groups: dict[str, Any] = {}
+    for name, taken in signature(command, eval_str=True).parameters.items():
+        if is_dataclass(taken.annotation):
+            groups[name] = taken.annotation
+            options |= signature(groups[name], eval_str=True).parameters
+        else:
+            options[name] = taken
+    for name, kind in _SHOWN.items():
+        options[name] = Parameter(name, Parameter.KEYWORD_ONLY, default=False, annotation=kind)
 
     @wraps(command)
     def run(*, as_json: bool, verbose: bool, quiet: bool, **typed: Any) -> None:
         if as_json and "-" in (typed.get("output"), typed.get("transform")):
             raise BadOption("--json and '-' both want standard output: expected one of them")
         _spoken.quiet = quiet
+        for name, kind in groups.items():
+            typed[name] = kind(**{part: typed.pop(part) for part in signature(kind).parameters})
         outcome = command(**typed)
         outcome.show(as_json=as_json, verbose=verbose)
         raise typer.Exit(outcome.code)
 
-    # annotations are texts in these modules, and Typer looks at types
-    taken = list(signature(command, eval_str=True).parameters.values())
-    added = [
-        Parameter(name, Parameter.KEYWORD_ONLY, default=False, annotation=kind)
-        for name, kind in _SHOWN.items()
-    ]
-    run.__signature__ = Signature([*taken, *added])  # type: ignore[attr-defined]
+    run.__signature__ = Signature(list(options.values()))  # type: ignore[attr-defined]
     return run
 
 
@@ -236,11 +246,8 @@ def fixed(value: float, decimals: int) -> str:
     return f"{round(value, decimals) + 0.0:.{decimals}f}"
 
 
-_Report = Callable[[float, str, float], None]
-
-
 @contextmanager
-def progress_bar(unit: str) -> Iterator[_Report | None]:
+def progress_bar(unit: str) -> Iterator[Callable[[float, str, float], None] | None]:
     """Show how far a training is, on standard error.
 
     Yields what takes the share of the work that is done, the stage and its error [unit]; None
@@ -249,23 +256,12 @@ def progress_bar(unit: str) -> Iterator[_Report | None]:
     if not sys.stderr.isatty() or _spoken.quiet:
         yield None
         return
-    from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-    bar = Progress(
-        TextColumn("{task.description}"),
-        BarColumn(),
-        TextColumn("{task.percentage:>3.0f} %"),
-        TimeRemainingColumn(compact=True),
-        TextColumn("{task.fields[error]}"),
-        console=Console(stderr=True),
-        transient=True,
-    )
-    with bar:
-        task = bar.add_task("babbling", total=1.0, error="")
+    def report(share: float, stage: str, error: float) -> None:
+        shown = f", error {error:.3g} {unit}" if math.isfinite(error) else ""
+        print(f"\r{100 * share:3.0f} % {stage}{shown}\033[K", end="", file=sys.stderr, flush=True)
 
-        def report(share: float, stage: str, error: float) -> None:
-            shown = f"error {error:.3g} {unit}" if math.isfinite(error) else ""
-            bar.update(task, completed=share, description=stage, error=shown)
-
+    try:
         yield report
+    finally:
+        print("\r\033[K", end="", file=sys.stderr, flush=True)

@@ -9,8 +9,8 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from difflib import get_close_matches
-from functools import wraps
-from typing import Any, Literal, NamedTuple, TypeVar, get_args, get_origin
+from pathlib import Path
+from typing import Any, Literal, TypeVar, get_args, get_origin
 
 import typer
 import typer.core
@@ -19,6 +19,9 @@ from calib.errors import OptionError
 
 _T = TypeVar("_T")
 Reader = Callable[[str], _T]
+
+TABLES = (".csv", ".txt", ".parquet", ".pq")
+"""Endings of tables; all but Parquet's are written as CSV."""
 
 
 class BadOption(typer.BadParameter):
@@ -47,28 +50,23 @@ class _ExpectedError(ValueError):
     """What a reader expected."""
 
 
-def expects(expected: str) -> Callable[[Reader[_T]], Reader[_T]]:
-    """Say what a reader expects: it stands in the place of its plain ValueErrors."""
+def reader(
+    expected: str, read: Reader[_T], good: Callable[[_T], bool] = lambda _: True
+) -> Reader[_T]:
+    """Return a reader that says what it expects where `read` fails, or its value is not `good`."""
 
-    def decorated(read: Reader[_T]) -> Reader[_T]:
-        @wraps(read)
-        def told(text: str) -> _T:
-            try:
-                return read(text)
-            except _ExpectedError:
-                raise
-            except ValueError:
-                raise _ExpectedError(expected) from None
+    def told(text: str) -> _T:
+        try:
+            value = read(text)
+        except _ExpectedError:
+            raise
+        except ValueError:
+            raise _ExpectedError(expected) from None
+        if not good(value):
+            raise _ExpectedError(expected)
+        return value
 
-        return told
-
-    return decorated
-
-
-def require(good: bool, expected: str | None = None) -> None:
-    """Raise a ValueError where a condition fails; `expected` is told in the place of the usual."""
-    if not good:
-        raise ValueError if expected is None else _ExpectedError(expected)
+    return told
 
 
 class _Value:
@@ -107,62 +105,48 @@ class _Value:
         told = "a whole number" if self._kind is int else "a number"
         told += f", {'zero' if least == 0 else least} or more" if least is not None else ""
         told += f", at most {most}" if most is not None else ""
-        try:
-            value = finite_number(text) if self._kind is float else whole_number(text)
-        except ValueError:
-            raise _ExpectedError(told) from None
-        require((least is None or value >= least) and (most is None or value <= most), told)
-        return value
+        low, high = -math.inf if least is None else least, math.inf if most is None else most
+        number = whole_number if self._kind is int else finite_number
+        return reader(told, number, lambda value: low <= value <= high)(text)
 
 
 # Typer has no public way; of 0.26, which reads plainly itself, it is no name
 typer.core.build_runtime_param = _Value  # type: ignore[attr-defined, assignment]
 
 
-def finite_number(text: str) -> float:
-    """Return a finite number as a plain user would write it, else raise ValueError."""
-    require(text.isascii() and "_" not in text)  # float() also takes 1_0 and other digits
-    value = float(text)
-    require(math.isfinite(value))
-    return value
-
-
 def whole_number(text: str) -> int:
     """Return a whole number as a plain user would write it, else raise ValueError."""
-    require(text.isascii() and "_" not in text)
+    if not text.isascii() or "_" in text:  # Python also takes 1_0 and other digits
+        raise ValueError(text)
     return int(text)
 
 
-@expects("a number above zero")
-def above_zero(text: str) -> float:
-    """Read a finite number above zero."""
-    value = finite_number(text)
-    require(value > 0.0)
-    return value
+def finite_number(text: str) -> float:
+    """Return a finite number as a plain user would write it, else raise ValueError."""
+    if not text.isascii() or "_" in text or not math.isfinite(float(text)):
+        raise ValueError(text)
+    return float(text)
 
 
-@expects("a number, zero or more")
-def not_negative(text: str) -> float:
-    """Read a finite number that is not below zero."""
-    value = finite_number(text)
-    require(value >= 0.0)
-    return value
+above_zero = reader("a number above zero", finite_number, lambda value: value > 0.0)
+not_negative = reader("a number, zero or more", finite_number, lambda value: value >= 0.0)
+count = reader("a whole number, 1 or more", whole_number, lambda value: value >= 1)
+reals = reader(
+    "numbers with commas between them such as 0.5,-1",
+    lambda text: tuple(map(finite_number, text.split(","))),
+)
+sigma = reader(
+    "START:END above zero such as 5:0.5 [nodes]",
+    lambda text: tuple(map(above_zero, text.split(":", 1))),
+    lambda ends: len(ends) == 2,
+)
 
 
-@expects("a whole number, 1 or more")
-def count(text: str) -> int:
-    """Read a whole number above zero."""
-    value = whole_number(text)
-    require(value >= 1)
-    return value
-
-
-@expects("a finite number")
 def any_number(text: str) -> float:
     """Read a finite number; an option that does not exist is told as one."""
     if text.startswith("-") and not text[1:2].isdigit() and not text.startswith("-."):
         raise BadOption(f"no such option or number: {text!r}")
-    return finite_number(text)
+    return reader("a finite number", finite_number)(text)
 
 
 def one_of(choices: Sequence[str]) -> Reader[str]:
@@ -171,8 +155,7 @@ def one_of(choices: Sequence[str]) -> Reader[str]:
     def read(text: str) -> str:
         near = get_close_matches(text, choices, n=1)
         meant = f"; did you mean {near[0]}?" if near else ""
-        require(text in choices, f"one of {', '.join(choices)}{meant}")
-        return text
+        return reader(f"one of {', '.join(choices)}{meant}", str, choices.__contains__)(text)
 
     return read
 
@@ -181,49 +164,22 @@ def several(read: Reader[_T]) -> Reader[tuple[_T, ...]]:
     """Return a reader of values with commas between them, each once."""
 
     def read_all(text: str) -> tuple[_T, ...]:
-        values = tuple(read(part.strip()) for part in text.split(","))
-        require(not any(value in values[:k] for k, value in enumerate(values)), "each value once")
-        return values
+        return tuple(read(part.strip()) for part in text.split(","))
 
-    return read_all
+    return reader("each value once", read_all, lambda values: len(set(values)) == len(values))
 
 
-@expects("whole numbers of 2 or more such as 70 or 70x70")
-def size(text: str) -> int | tuple[int, ...]:
-    """Read `70`, `70x70` and `17x17x17` as `calib.train` takes it."""
+names = several(reader("names with commas between them such as a,b", str, bool))
+
+
+def _sides(text: str) -> int | tuple[int, ...]:
     sides = tuple(map(whole_number, text.strip().lower().split("x")))
-    require(all(side >= 2 for side in sides))
+    if min(sides) < 2:
+        raise ValueError(text)
     return sides[0] if len(sides) == 1 else sides
 
 
-@expects("START:END above zero such as 5:0.5 [nodes]")
-def sigma(text: str) -> tuple[float, ...]:
-    """Read `START:END`, both above zero."""
-    start, end = map(above_zero, text.split(":"))
-    return start, end
-
-
-@expects("names with commas between them such as a,b")
-def names(text: str) -> tuple[str, ...]:
-    """Read names with commas between them."""
-    parts = tuple(part.strip() for part in text.split(","))
-    require(all(parts))
-    require(len(set(parts)) == len(parts), "each name once")
-    return parts
-
-
-@expects("numbers with commas between them such as 0.5,-1")
-def reals(text: str) -> tuple[float, ...]:
-    """Read numbers with commas between them."""
-    return tuple(map(finite_number, text.split(",")))
-
-
-@expects("a height of the base frame in m such as z=0.02")
-def height(text: str) -> float:
-    """Read `z=0.02`, a plane of the base frame [m]."""
-    axis, _, value = text.partition("=")
-    require(axis.strip() == "z")
-    return finite_number(value)
+size = reader("whole numbers of 2 or more such as 70 or 70x70", _sides)
 
 
 def typed_columns(text: str) -> dict[str, str]:
@@ -233,37 +189,40 @@ def typed_columns(text: str) -> dict[str, str]:
     return parse_columns(text)
 
 
-class JointValue(NamedTuple):
-    """A joint and a value of it [rad, m, or deg as typed]."""
-
-    joint: str
-    value: float
-
-
-class JointRange(NamedTuple):
-    """A joint and the ends of a part of its range [rad, m, or deg as typed]."""
-
-    joint: str
-    low: float
-    high: float
-
-
-@expects("JOINT=VALUE such as wrist=0.5")
-def joint_value(text: str) -> JointValue:
-    """Read `joint=value`; the name may hold an equals sign itself."""
+def _after_name(text: str) -> tuple[str, str]:
     # from the right: names in URDFs hold what they like, a number no equals sign
-    joint, _, value = text.rpartition("=")
-    require(bool(joint.strip()))
-    return JointValue(joint.strip(), finite_number(value))
+    name, _, value = text.rpartition("=")
+    if not name.strip():
+        raise ValueError(text)
+    return name.strip(), value
 
 
-@expects("JOINT=LOW:HIGH with LOW below HIGH such as elbow=0.5:1.5")
-def joint_range(text: str) -> JointRange:
-    """Read `joint=lo:hi`."""
-    joint, _, limits = text.rpartition("=")
+def _value(text: str) -> tuple[str, float]:
+    joint, value = _after_name(text)
+    return joint, finite_number(value)
+
+
+def _range(text: str) -> tuple[str, float, float]:
+    joint, limits = _after_name(text)
     low, high = map(finite_number, limits.split(":"))
-    require(bool(joint.strip()) and low < high)
-    return JointRange(joint.strip(), low, high)
+    return joint, low, high
+
+
+def _height(text: str) -> float:
+    axis, value = _after_name(text)
+    if axis != "z":
+        raise ValueError(text)
+    return finite_number(value)
+
+
+# numbers of joints in rad, m, or deg as typed
+joint_value = reader("JOINT=VALUE such as wrist=0.5", _value)
+joint_range = reader(
+    "JOINT=LOW:HIGH with LOW below HIGH such as elbow=0.5:1.5",
+    _range,
+    lambda found: found[1] < found[2],
+)
+height = reader("a height of the base frame in m such as z=0.02", _height)
 
 
 def check_count(typed: Sequence[float], names: Sequence[str], what: str) -> None:
@@ -283,3 +242,24 @@ def check_streams(
     for option, value in (("--output", output), ("--columns", columns)):
         if value is not None and input_ is None:
             raise BadOption(f"{option} is for many queries: expected --input FILE too")
+
+
+def check_file(
+    path: str | None, endings: tuple[str, ...], *, option: str = "--output", stream: bool = False
+) -> None:
+    """Refuse an output that cannot be written, or whose ending is not what will be written.
+
+    endings : those that fit; a name without any fits always
+    stream : whether `-`, standard output, is one
+    """
+    from calib.common.atomic import check_writable
+
+    if path is None or (stream and path == "-"):
+        return
+    if path == "-":
+        raise BadOption(f"{option} '-': expected a file name", option, path)
+    ending = Path(path).suffix.lower()
+    if endings and ending and ending not in endings:
+        expected = f"{option} {path!r}: expected a name that ends in {' or '.join(endings)}"
+        raise BadOption(f"{expected}, which is what is written", option, path)
+    check_writable(path)

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from . import options as opt
 from .measurements import Reading, log_of
 from .output import say
 from .parsing import BadOption
@@ -40,26 +41,30 @@ def photo_of_log(model: Model, log: Samples, data: str) -> Model:
     return made
 
 
-def load_drawn(
-    path: str, data: str | None, photo: str | None, no_photo: bool, reading: Reading
-) -> tuple[Model, Samples | None]:
-    """Load a model as it is to be drawn, and a log of its own arm where one is given."""
-    import calib
+@dataclass(frozen=True, kw_only=True)
+class Drawn(Reading):
+    """What a model is drawn with, as typed."""
 
-    model = calib.load(path)
-    log = log_of(model, data, reading)
-    return shown(model, path, photo, no_photo, log), log
+    data: opt.Data = None
+    photo: opt.PhotoFile = None
+    no_photo: opt.NoPhoto = False
 
+    def load(self, path: str) -> tuple[Model, Samples | None]:
+        """Load a model as it is to be drawn, and a log of its own arm where one is given.
 
-def shown(model: Model, path: str, photo: str | None, no_photo: bool, log: Samples | None) -> Model:
-    """Return a model as it is to be drawn; a photo that was typed is kept in its file."""
-    if photo is None:
-        return replace(model, photo=None) if no_photo else model
-    made = with_photo(model, photo, log)
-    if not no_photo:
-        made.save(path)
-        say([f"{photo} is kept in {path}; --no-photo leaves it out"])
-    return made
+        A photo that was typed is kept in the model's file.
+        """
+        import calib
+
+        model = calib.load(path)
+        log = log_of(model, self.data, self)
+        if self.photo is None:
+            return (replace(model, photo=None) if self.no_photo else model), log
+        model = with_photo(model, self.photo, log)
+        if not self.no_photo:
+            model.save(path)
+            say([f"{self.photo} is kept in {path}; --no-photo leaves it out"])
+        return model, log
 
 
 def with_photo(model: Model, path: str, log: Samples | None) -> Model:

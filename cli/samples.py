@@ -6,9 +6,10 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
+from . import options as opt
 from .measurements import refuse
 from .output import say
-from .parsing import BadOption, JointRange, JointValue
+from .parsing import BadOption
 from .units import in_si, kinds_of_joints
 
 if TYPE_CHECKING:
@@ -19,16 +20,16 @@ if TYPE_CHECKING:
 _SAMPLES = 20_000  # that are babbled where nobody says how many
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Selection:
     """Which part of a robot, as typed."""
 
-    joints: Sequence[str] | None = None  # active joints
-    tip: str | None = None  # the frame that is sensed
-    planar: bool = False  # whether to look only for planar arms within the robot
-    lock: Sequence[JointValue] | None = None
-    ranges: Sequence[JointRange] | None = None
-    degrees: bool = False  # whether joints that turn are typed in degrees
+    joints: opt.JointNames = None
+    tip: opt.Tip = None
+    planar: opt.Planar = False
+    lock: opt.Lock = None
+    ranges: opt.Ranges = None
+    degrees: opt.Degrees = False
 
     def load(
         self,
@@ -54,38 +55,38 @@ class Selection:
         )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Babbling:
     """How an arm babbles in simulation, as typed."""
 
-    samples: int | None = None
-    noise: float | None = None
-    motion: str | None = None
-    change: Sequence[str] | None = None
+    samples: opt.Number = None
+    noise: opt.Noise = None
+    motion: opt.Moves = None
+    change: opt.Changes = None
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Logged:
     """What stands in a log, as typed."""
 
-    columns: Mapping[str, str] | None = None
-    unit: str | None = None
-    prismatic: Sequence[str] | None = None
-    distance: Sequence[str] | None = None
-    plane: Sequence[str] | None = None
+    columns: opt.Columns = None
+    unit: opt.Unit = None
+    prismatic: opt.Prismatic = None
 
 
-def with_sockets(
-    log: Samples, distances: Sequence[str] | None, planes: Sequence[str] | None
-) -> Samples:
-    """The log with what was typed of the sockets that its rows touched."""
-    if log.touch is None:
-        refuse(
-            {"distance": distances, "plane": planes},
-            "is of touched points: expected a log with a column `point`",
-        )
-        return log
-    return replace(log, touch=log.touch.stated(distances or (), planes or ()))
+@dataclass(frozen=True, kw_only=True)
+class Sockets:
+    """What is known of the points that a log's rows touched, as typed."""
+
+    distance: opt.Distances = None
+    plane: opt.Planes = None
+
+    def of(self, log: Samples) -> Samples:
+        """The log with what was typed."""
+        if log.touch is None:
+            refuse(vars(self), "is of touched points: expected a log with a column `point`")
+            return log
+        return replace(log, touch=log.touch.stated(self.distance or (), self.plane or ()))
 
 
 def check_sources(
@@ -125,7 +126,7 @@ def babbled_samples(
         raise BadOption(f"--{error}") from None
     log = calib.babble(
         arm,
-        n=_SAMPLES if babbling.samples is None else babbling.samples,
+        n=babbling.samples or _SAMPLES,
         seed=seed,
         noise=babbling.noise or 0.0,
         changes=changes,
@@ -172,7 +173,7 @@ def measured_samples(
         lens=glass,
     )
     say(log.notes)
-    return with_sockets(log, logged.distance, logged.plane)
+    return log
 
 
 def _arm_of_log(

@@ -6,7 +6,6 @@ become what is typed, such as --degrees.
 
 from __future__ import annotations
 
-import ast
 import re
 
 _SAME = (
@@ -50,36 +49,10 @@ def option_of(parameter: str | None) -> str | None:
 def _option(match: re.Match[str]) -> str:
     name, value = match[1], match[2]
     option = _OPTIONS.get(name)
-    if option is None:
-        return match[0]
-    if value is None:
-        return option
-    try:
-        # parsed, never evaluated: names within a message may be a stranger's
-        tree = ast.parse(value.strip(), mode="eval").body
-    except (SyntaxError, ValueError, MemoryError, RecursionError):
-        return f"{option} {value}"
-    if isinstance(tree, ast.Constant) and tree.value is True:
-        return option
-    if isinstance(tree, ast.Dict) and name != "columns":  # an option for each entry
-        return " ".join(f"{option} {entry}" for entry in _entries(tree))
-    return f"{option} {_typed(tree)}"
-
-
-def _entries(tree: ast.Dict) -> list[str]:
-    return [
-        f"{'' if key is None else _typed(key)}={_typed(value)}"
-        for key, value in zip(tree.keys, tree.values, strict=True)
-    ]
-
-
-def _typed(tree: ast.expr) -> str:
-    if isinstance(tree, ast.Constant):
-        return str(tree.value)
-    if isinstance(tree, ast.Dict):
-        return ",".join(_entries(tree))
-    if isinstance(tree, ast.List):
-        return ",".join(map(_typed, tree.elts))
-    if isinstance(tree, ast.Tuple):
-        return ":".join(map(_typed, tree.elts))
-    return ast.unparse(tree)
+    if option is None or value in (None, "True"):
+        return option or match[0]
+    value = re.sub(r"\(([^()]*)\)", lambda pair: pair[1].replace(", ", ":"), value)
+    typed = re.sub(r"[][{}'\"]", "", value).replace(": ", "=").replace(", ", ",")
+    # an option for each entry of a mapping
+    several = match[2].startswith("{") and name != "columns"
+    return " ".join(f"{option} {part}" for part in (typed.split(",") if several else [typed]))

@@ -30,10 +30,10 @@ def units_of(about: About, frame: str = "sensor") -> dict[str, Any]:
 
 def meaning(about: About, frame: str = "sensor") -> dict[str, Any]:
     """What the numbers of an answer mean, for JSON: their units, and what a bound is of."""
-    if frame == "base":
-        units = units_of(about, frame)
-        return {"frame": frame, "unit": "m", "bound_of": "true position", "units": units}
-    return {"unit": about.unit, "bound_of": about.bound_of, "units": units_of(about)}
+    units, base = units_of(about, frame), frame == "base"
+    bound = "true position" if base else about.bound_of
+    told = {"unit": units["positions"], "bound_of": bound, "units": units}
+    return {"frame": frame, **told} if base else told
 
 
 class PositionFormat:

@@ -30,11 +30,20 @@ Equations are those of the [paper](paper.md#what-stands-where).
 CHAPTERS = {
     "Arms": ("load_arm", "list_robots", "PlanarArm"),
     "Samples": ("babble", "read_log", "write_log", "Samples", "Simulation", "plan", "Plan"),
-    "Models": ("train", "load", "Model", "Answer", "Path", "evaluate", "Evaluation"),
+    "Models": (
+        "train",
+        "TrainingOptions",
+        "load",
+        "Model",
+        "Answer",
+        "Path",
+        "evaluate",
+        "Evaluation",
+    ),
     "Pages": ("report", "preview", "figures", "Preview"),
     "Sweeps": ("sweep", "Sweep", "Trial"),
     "Drift and re-calibration": ("Drift", "Monitor", "adapt", "Adaptation"),
-    "Maps": ("SOM",),
+    "Maps": ("SOM", "Map", "Pair", "Association", "Visit"),
     "Errors": (
         "CalibError",
         "RobotError",

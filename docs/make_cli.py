@@ -6,6 +6,7 @@ python docs/make_cli.py                 # writes docs/cli.md
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -130,17 +131,17 @@ def row(parameter: Any) -> str:
     return f"| {_cell(typed)} | {_cell(meaning)} | {_cell(default)} |"
 
 
-def section(name: str, command: Any) -> str:
-    """Return the chapter of one command."""
+def section(name: str, command: Any, shared: set[str]) -> str:
+    """Return the chapter of one command; options that others share are named alone."""
     paragraphs = [" ".join(part.split()) for part in (command.help or "").split("\n\n")]
     lines = [f"## {name}", "", *_spaced(paragraphs), "```text", usage(name, command), "```", ""]
-    if own := [parameter for parameter in command.params if parameter.name not in SHOWN]:
-        lines += [
-            "| argument or option | meaning | default |",
-            "|---|---|---|",
-            *map(row, own),
-            "",
-        ]
+    own = [parameter for parameter in command.params if parameter.name not in SHOWN]
+    rows = [row(parameter) for parameter in own if row(parameter) not in shared]
+    if rows:
+        lines += ["| argument or option | meaning | default |", "|---|---|---|", *rows, ""]
+    names = [f"`{max(p.opts, key=len)}`" for p in own if row(p) in shared]
+    if names:
+        lines += [f"And {', '.join(names)}: see [shared options](#shared-options).", ""]
     return "\n".join(lines)
 
 
@@ -152,12 +153,25 @@ def page() -> str:
         f"| [`{name}`](#{anchor(name)}) | {_cell(_first_sentence(command.help))} |"
         for name, command in every
     ]
+    every_row = Counter(
+        row(parameter)
+        for _, command in every
+        for parameter in command.params
+        if parameter.name not in SHOWN and parameter.param_type_name == "option"
+    )
+    named: dict[str, str] = {}
+    for text, count in every_row.most_common():
+        if count > 1:  # of an option with two meanings the rarer one stays with its commands
+            named.setdefault(text.split()[1].strip("`"), text)
+    shared = set(named.values())
     parts = [
         INTRODUCTION,
         "`calib --version` prints the version; `--help` after any command prints its part of "
         "this page.\n",
         "\n".join(["| command | what it does |", "|---|---|", *overview, ""]),
-        *(section(name, command) for name, command in every),
+        "## Shared options\n\nThey mean the same in each command that has them.\n",
+        "\n".join(["| option | meaning | default |", "|---|---|---|", *sorted(shared), ""]),
+        *(section(name, command, shared) for name, command in every),
     ]
     return "\n".join(parts)
 

@@ -36,7 +36,7 @@ def renewed(shown: list[str], printed: list[str]) -> list[str]:
 def page_now(path: Path, folder: Path) -> str:
     """Return a page with what its commands print now, run in a folder with a reader's files."""
     import test_docs
-    from pages import SHARED, blocks, commands
+    from pages import SHARED, blocks, check, commands
 
     text = path.read_text(encoding="utf-8")
     test_docs.needed(text)
@@ -51,6 +51,9 @@ def page_now(path: Path, folder: Path) -> str:
         elif block.language == "console":
             new = block.text
             for command in commands(block):
+                if command.words[0] == "printf":
+                    check(command, folder)
+                    continue
                 done = SHARED.run(command.words[1:], folder)
                 printed = [*done.out.splitlines(), *done.err.splitlines()]
                 before, after = command.shown, renewed(command.shown, printed)

@@ -9,6 +9,7 @@ import numpy as np
 from calib.common.scale import Scale
 from calib.inverse.newton import Newton
 from calib.inverse.solver import Solver
+from calib.inverse.tasks import Positions
 from calib.maps.association import Association
 from calib.maps.lattice import Lattice
 from calib.maps.links import WIRINGS
@@ -39,7 +40,7 @@ def newton_of(links, lower, upper, extent=1.1):
     """Newton on links whose joints have these limits [rad]; a whole turn goes round."""
     lower, upper = np.array(lower, dtype=float), np.array(upper, dtype=float)
     scale = Scale.of_range(lower, upper, (True,) * len(links))
-    return Newton(ClosedForm(links, scale), scale, extent)
+    return Newton(Positions(ClosedForm(links, scale)), scale, extent)
 
 
 def around(n, dof, seed=0, margin=0.1):

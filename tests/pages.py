@@ -130,6 +130,10 @@ def run_page(
 
 def check(command: Command, folder: Path) -> None:
     """Run a command of a page and compare its exit code and what it printed, but for timings."""
+    if command.words[0] == "printf":  # a page that makes a small file
+        text, _, name = command.words[1:]
+        (folder / name).write_text(text.replace("\\n", "\n"))
+        return
     assert command.words[0] == "calib", f"only calib is run here: {command.words}"
     outcome = SHARED.run(command.words[1:], folder)
     said = f"$ {shlex.join(command.words)}\n{outcome.out}{outcome.err}"

@@ -16,8 +16,7 @@ import numpy as np
 from ..common.wording import listed, one_line, quoted, suggestion
 from ..errors import OptionError, RobotError
 from .arm import PlanarArm, SpatialArm
-from .candidates import find_tip
-from .finding import MOST_JOINTS, Choice, find_arm, in_line, is_planar
+from .finding import MOST_JOINTS, Choice, find_arm, find_tip, in_line, is_planar
 from .folding import carried, folded, followers
 from .plane import check_tip, common_normal, plane_of
 from .posture import Kinematics, Posture

@@ -17,12 +17,13 @@ from typing import Any
 
 import numpy as np
 
-from ..arm.rotations import exponential
+from ..arm.rotations import exponential, logarithm, quaternion_of
 from ..common.arrays import Array
 from .belief import Body
 from .measurement import Measurement
-from .parameters import Block
+from .parameters import Block, Indices
 from .posterior import BodyFit, fit_structure
+from .settings import FINE_SCALES
 from .spatial import SpatialStructure
 from .spatial_start import frame
 from .spatial_view import InSpace, Placed, pixels
@@ -38,6 +39,8 @@ class Corners(Measurement):
     begin: Array  # (d,), parameters to begin a fit with
 
     blocks = (2,)
+    curves = False  # of 20 pictures they explained a board that had been moved by 5 cm
+    scales = FINE_SCALES
 
     def parameters(self) -> tuple[Block, ...]:
         """Where what stands still is, and the lens."""
@@ -102,7 +105,7 @@ def fit_corners(
     structure: SpatialStructure,
     q: Array,
     poses: Array,
-    rows: Array,
+    rows: Indices,
     corners: Array,
     seen: Array,
     in_hand: bool,
@@ -132,3 +135,71 @@ def fit_corners(
     nil = np.zeros(6)
     body = replace(fit.body, noise=noise, tau=nil, residual=nil, second=None)
     return fit, restated(body, structure)
+
+
+@dataclass(frozen=True, eq=False)
+class Held:
+    """What is in the hand, in the tip's frame.
+
+    The last joint counts as its encoder says: what is in the hand turned about that joint's axis,
+    and the joint's offset the other way, give the same pictures; so does a shift along it.
+    """
+
+    position: Array  # (3,) [m]
+    rotation: Array  # (3, 3)
+    position_sd: Array  # (3,) [m, rad], where the last joint may have an offset of its own
+    turn_sd: Array
+    told_sd: Array  # (3,) [m, rad], as its encoder says
+    told_turn_sd: Array
+
+    @property
+    def quaternion(self) -> Array:
+        """The rotation as qx, qy, qz, qw."""
+        return quaternion_of(self.rotation)
+
+
+def held_of(body: Body) -> Held:
+    """What is in the hand, as the belief of `fit_corners` knows it."""
+    structure = body.structure
+    assert isinstance(structure, SpatialStructure)  # noqa: S101 - corners are seen in space
+    groups, still, q = structure.groups, structure.with_view("base"), np.zeros((1, structure.dof))
+    tool = np.concatenate([groups["tool"], groups["tool.rotation"]])
+    last = structure.chain_names.index(structure.joint_names[-1])
+    (at,), (frame,) = still.pose(q, structure.neutral())
+    axis = frame.T @ structure.chain.axes[last]
+    origin = frame.T @ (structure.chain.points[last] - at)
+    along = structure.shifts[last], structure.turns[last], groups["offset"][-1:]
+
+    def placed(beta: Array) -> tuple[Array, Array]:
+        bare = beta.copy()
+        bare[tool] = 0.0
+        (p,), (turn,) = still.pose(q, beta)
+        (p0,), (turn0,) = still.pose(q, bare)
+        return turn0.T @ (p - p0), turn0.T @ turn
+
+    def as_encoded(beta: Array) -> tuple[Array, Array]:
+        """Carried by the last joint as it is drawn, whose own deviation goes to the hand."""
+        (position, turn), own = placed(beta), structure.chain.axes[last]
+        slid, turned, offset = own @ beta[along[0]], own @ beta[along[1]], beta[along[2]].sum()
+        slid, turned = (
+            (slid, turned + offset) if structure.revolute[-1] else (slid + offset, turned)
+        )
+        back = exponential(turned * axis)
+        return origin + back @ (position - origin) + slid * axis, back @ turn
+
+    free = np.intersect1d(np.concatenate([tool, *along]), body.active)
+    place = np.searchsorted(body.active, free)
+    covariance = body.covariance[np.ix_(place, place)]
+    found = []
+    for each in (placed, as_encoded):
+        position, turn = each(body.beta)
+        slope = np.empty((6, len(free)))
+        for k, index in enumerate(free):
+            step = np.zeros(structure.size)
+            step[index] = 1e-6
+            p, t = each(structure.retract(body.beta, step))
+            slope[:3, k] = (p - position) / 1e-6
+            slope[3:, k] = logarithm((t @ turn.T)[None])[0] / 1e-6
+        sd = np.sqrt(np.maximum(np.diag(slope @ covariance @ slope.T), 0.0))
+        found += [sd[:3], sd[3:]]
+    return Held(position, turn, *found)

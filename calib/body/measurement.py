@@ -13,6 +13,7 @@ import numpy as np
 
 from ..common.arrays import Array
 from .parameters import Block
+from .settings import SCALES
 
 Moved = tuple[Array, Any]
 """How the tip moves: velocity (..., D, n) [m] and angular velocity (..., 3, n) [rad], or 0."""
@@ -52,7 +53,8 @@ class Measurement:
     """A kind of reading, with the sensor's own parameters."""
 
     blocks: tuple[int, ...]  # sizes of the outputs that share a unit and a noise
-    sized: bool = True  # whether its rows tell how large the arm is
+    curves: bool = True  # whether its rows may tell error curves of joints
+    scales: tuple[float, ...] = SCALES  # factors on the sd of joint origins that are compared
 
     @property
     def outputs(self) -> int:

@@ -48,6 +48,7 @@ class SensorPose:
     position_sd: Array
     turn_sd: Array
     told_sd: Array  # (3,) [m], of the position but for what no reading tells, see `without_gauge`
+    told_turn_sd: Array  # (3,) [rad], the same of its turn
     depth_sd: float  # [m], along the sensor's z
     first: str | None  # the joint whose offset is zero by convention
 
@@ -80,6 +81,7 @@ class SensorPose:
             np.sqrt(np.diag(spread)),
             np.sqrt(np.diag(back @ covariance[:3, :3] @ back.T)),
             np.sqrt(np.maximum(np.diag(slope @ told @ slope.T), 0.0)),
+            np.sqrt(np.maximum(np.diag(back @ told[:3, :3] @ back.T), 0.0)),
             float(np.sqrt(ahead @ spread @ ahead)),
             structure.joint_names[0] if free else None,
         )

@@ -105,7 +105,7 @@ class SpatialStructure(Structure):
         flat = np.repeat((self._reach, 3.0), 3)  # shifts and turns where no drawing says
         turned, slid = own[turning[first:]], own[~turning[first:]]
         placed = np.arange(6 * first, 6 * len(self.chain_names)).reshape(-1, 2, 3)
-        choices = SCALES if self.measurement.sized else (1.0,)
+        choices = self.measurement.scales
         places = list(product((("shift", "m"), ("turn", "rad")), "xyz"))
         drawn = (
             ScaleGroup("placement.shift", SHIFT, choices, within=placed[:, 0].ravel()),
@@ -218,7 +218,7 @@ class SpatialStructure(Structure):
         if len(self.groups["elastic"]) and self.informed:
             chain = (*chain, "elastic")
             ladder.append(("elastic", chain))
-        if any(self.revolute):
+        if any(self.revolute) and self.measurement.curves:
             ladder.append(("curves", (*chain, "curve")))
         return tuple(ladder)
 

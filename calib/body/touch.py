@@ -2,8 +2,8 @@
 
 Where a socket is, nobody measured: each is a flat parameter of the fit, and is left out of the
 belief once the fit is done, which eliminates it exactly.  What is known of the sockets (distances,
-a plane) are rows of their own.  Sockets tell neither where the arm's base stands nor how it is
-turned about its first axis: both stay as drawn.
+a plane) are rows of their own, and so are positions that a sensor measured.  Sockets alone tell
+neither where the arm's base stands nor how it is turned about its first axis: both stay as drawn.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arm.rotations import logarithm, similarity
 from ..common.arrays import Array
 from ..samples.sockets import Known
 from .belief import Body
@@ -24,7 +25,7 @@ from .measurement import Measurement
 from .parameters import Block, Indices
 from .posterior import BodyFit, fit_structure
 from .search import BLOCKS
-from .settings import FREE, STATED
+from .settings import FREE, STATED, TOUCH_SCALES
 from .spatial import SpatialStructure
 from .spatial_view import InSpace
 
@@ -33,22 +34,25 @@ _POSTURES = 400  # all over the joints' range, of which the mean motion is that 
 
 @dataclass(frozen=True, eq=False)
 class Touch(Measurement):
-    """The tip less the socket that it is in [m]; a row also tells the socket's number.
+    """The tip less the socket that it is in [m], or less the position that a sensor measured.
 
-    Numbers from `count` on stand for the rows of what is known, weighed by `noise` over tolerance.
+    A row also tells the socket's number and, where that is negative, a position.  Numbers from
+    `count` on stand for the rows of what is known, weighed by `noise` over tolerance.
     """
 
-    tip: InSpace  # the tip in the arm's base frame
+    tip: InSpace  # the tip in the arm's base frame, or in the sensor's where there is one
     count: int  # sockets
     known: tuple[Known, ...] = ()
     noise: float = STATED  # of a touch [m]
+    sensor: float = STATED  # of a measured position [m]
 
     blocks = (3,)
 
     @property
-    def sized(self) -> bool:  # type: ignore[override]
-        """Whether a distance tells how large the arm is."""
-        return any(each.value is not None for each in self.known)
+    def scales(self) -> tuple[float, ...]:  # type: ignore[override]
+        """Scales of joint origins; not large ones where no distance tells how large the arm is."""
+        sized = self.tip.kind != "base" or any(each.value is not None for each in self.known)
+        return TOUCH_SCALES[: len(TOUCH_SCALES) if sized else 2]
 
     def parameters(self) -> tuple[Block, ...]:
         """The sockets."""
@@ -59,22 +63,33 @@ class Touch(Measurement):
         """Rows that what is known of the sockets takes."""
         return sum(1 if each.value is not None else len(each.points) for each in self.known)
 
+    def rows(self, q: Array, point: NDArray[np.intp], x: Array) -> Array:
+        """Rows of the fit: touches and measured positions, then what is known of the sockets."""
+        facts = np.zeros((self.facts(), q.shape[1] + 4))
+        facts[:, -4] = self.count + np.arange(len(facts))
+        return np.concatenate([np.column_stack([q, point, x]), facts])
+
     def look(self, own: Mapping[str, Array], motion: Any, also: Array) -> _Touched:
         """See the tip in its sockets."""
         seen = self.tip.look(own, motion, also[:, :0])
         places = own["point"].reshape(-1, 3)
         number = also[:, 0].astype(int)
-        touches = number < self.count
+        touches, measured = (number >= 0) & (number < self.count), number < 0
         slope = np.zeros((len(number), 3, self.count, 3))
         slope[touches, :, number[touches]] = -np.eye(3)
-        values = np.where(touches[:, None], seen.values - places[number * touches], 0.0)
-        if not touches.all():
+        values = np.where(touches[:, None], motion.position.T - places[number * touches], 0.0)
+        trust = self.noise / self.sensor
+        values[measured] = trust * (seen.values - also[:, 1:])[measured]
+        facts = ~(touches | measured)
+        if facts.any():
             told = [(self.noise / each.tolerance, each.misfit(places)) for each in self.known]
             misfit = np.concatenate([weight * off for weight, (off, _) in told])
             slopes = np.concatenate([weight * by for weight, (_, by) in told])
-            values[~touches, 0] = misfit[number[~touches] - self.count]
-            slope[~touches, 0] = slopes[number[~touches] - self.count]
-        return _Touched(values, seen, touches, slope.reshape(len(number), 3, -1))
+            values[facts, 0] = misfit[number[facts] - self.count]
+            slope[facts, 0] = slopes[number[facts] - self.count]
+        return _Touched(
+            values, seen, touches, np.asarray(trust * measured), slope.reshape(len(number), 3, -1)
+        )
 
     def start(self, structure: Any, q: Array) -> Array:
         """The drawing, with each socket where it says that the tip was on average."""
@@ -84,6 +99,11 @@ class Touch(Measurement):
         number = also[:, 0].astype(int)
         for k in range(self.count):
             beta[structure.groups["point"][3 * k : 3 * k + 3]] = tip[number == k].mean(axis=0)
+        if (measured := number < 0).any():
+            tip, x = tip[measured], also[measured, 1:]
+            turn = similarity(tip, x)[0]
+            beta[structure.groups["view.rotation"]] = logarithm(turn)
+            beta[structure.groups["view.shift"]] = x.mean(axis=0) - turn @ tip.mean(axis=0)
         return np.asarray(beta)
 
 
@@ -94,20 +114,24 @@ class _Touched:
     values: Array  # (n, 3)
     seen: Any  # the tip
     touches: NDArray[np.bool_]  # (n,)
+    trust: Array  # (n,), weight of a measured position, else 0
     slope: Array  # (n, 3, 3 p), by the sockets
 
     def push(self, velocity: Array, angular: Any = 0.0) -> Array:
         """How outputs (..., 3, n) move when the tip does."""
-        return np.asarray(self.seen.push(velocity, angular) * self.touches)
+        moved = np.asarray(velocity * self.touches)
+        return moved + self.seen.push(velocity, angular) * self.trust if self.trust.any() else moved
 
     def columns(self) -> Iterator[tuple[str, Callable[[], Array]]]:
-        """The derivative by the sockets."""
+        """The derivative by the sockets, and by the sensor's frame."""
         yield "point", lambda: self.slope.transpose(2, 1, 0)
+        for name, columns in self.seen.columns():
+            yield name, lambda columns=columns: columns() * self.trust  # type: ignore[misc]
 
 
 @dataclass(frozen=True)
 class TouchFit:
-    """A body that touches told, in the arm's base frame."""
+    """A body that touches told, in the arm's base frame or the sensor's."""
 
     fit: BodyFit
     points: Array  # (p, 3), where the sockets are [m]
@@ -121,34 +145,47 @@ def fit_touches(
     *,
     lower: Array,
     upper: Array,
+    x: Array | None = None,
     seed: int = 0,
 ) -> TouchFit:
     """Fit an arm to touches.
 
-    structure : the arm seen in its base frame (view ``"base"``), with its drawing as prior
+    structure : the arm with its drawing as prior: in its base frame (view ``"base"``), or before
+        the sensor that measured some rows (``"rigid"``)
     q : (n, dof), joint values [rad or m]
-    point : (n,), the number of the socket that each row touched, from 0
+    point : (n,), the number of the socket that each row touched, from 0; negative where it was
+        none, and a sensor measured `x`
     known : distances and planes; without a distance the arm's size stays as drawn
     lower, upper : (dof,), the joints' range: bounds are of motions within it
+    x : (n, 3), what the sensor measured [m]
     """
     point = np.asarray(point, dtype=int)
-    count, tip = int(point.max()) + 1, structure.measurement
-    assert isinstance(tip, InSpace)  # noqa: S101 - a base view sees the tip
-    touch = Touch(tip, count, tuple(known))
-    facts = np.zeros((touch.facts(), q.shape[1] + 1))
-    facts[:, -1] = count + np.arange(len(facts))
-    rows = np.concatenate([np.column_stack([q, point]), facts])
+    tip, drawn = structure.measurement, structure.pose(q, structure.neutral())[0]
+    assert isinstance(tip, InSpace)  # noqa: S101 - these views see the tip
+    touch = Touch(tip, int(point.max()) + 1, tuple(known))
+    rows = touch.rows(q, point, np.zeros((len(q), 3)) if x is None else x)
+    view = "touch" if structure.view == "base" else "touch and rigid"
+    extent = float(np.sqrt(((drawn - drawn.mean(axis=0)) ** 2).sum(axis=1).mean()))
 
     def fitted(touch: Touch) -> BodyFit:
-        seen = structure.with_view("touch", reading=touch)
+        seen = structure.with_view(view, reading=touch, extent=extent)
         return fit_structure(seen, rows, np.zeros((len(rows), 3)), seed=seed)
 
     fit = fitted(touch)
-    if len(facts):  # distances weigh as they were stated beside touches of their own noise
-        fit = fitted(replace(touch, noise=float(fit.body.noise[0])))
+    if len(rows) > len(q) or (point < 0).any():
+        # distances weigh as they were stated, and positions as they are, beside touches' own noise
+        off = fit.body.structure.predict(rows, fit.body.beta)[: len(q)][point < 0]
+        sensor = 1.48 * float(np.median(np.abs(off))) if len(off) else STATED
+        noise = float(fit.body.noise[0])
+        fit = fitted(replace(touch, noise=noise, sensor=max(sensor, noise / 10)))
     points = fit.body.beta[fit.body.structure.groups["point"]].reshape(-1, 3)
-    range_of = np.random.default_rng(seed).random((_POSTURES, q.shape[1]))
-    body = anchored(restated(fit.body, structure), lower + range_of * (upper - lower))
+    body = restated(fit.body, structure)
+    if structure.view == "base":
+        range_of = np.random.default_rng(seed).random((_POSTURES, q.shape[1]))
+        body = anchored(body, lower + range_of * (upper - lower))
+    else:
+        sensor_at = structure.sensor(body.beta)
+        points = points @ sensor_at.rotation.T + sensor_at.shift
     held = _scattered(fit.held_out, point, len(rows))[: len(q)]
     return TouchFit(replace(fit, body=body, held_out=held), points)
 
@@ -158,10 +195,10 @@ def _scattered(residual: Array, point: NDArray[np.intp], rows: int) -> Array:
 
     What the other blocks say of the arm does not tell where such a socket is.
     """
-    out, counts = residual.copy(), np.bincount(point)
+    out, counts = residual.copy(), np.bincount(point[point >= 0])
     for first, last in pairwise(np.linspace(0, rows, BLOCKS + 1).round().astype(int)):
         inside = np.arange(first, min(last, len(point)))
-        for k in np.unique(point[inside]):
+        for k in np.unique(point[inside][point[inside] >= 0]):
             own = inside[point[inside] == k]
             if 2 * len(own) > counts[k]:
                 out[own] -= out[own].mean(axis=0)

@@ -47,6 +47,7 @@ class ViewKind:
 
 
 _FRAME = ("view.rotation", "view.shift")
+_SOCKET = ScaleGroup("tool", SOCKET, (1.0,))
 _AFFINE = (*_FRAME, "view.scale", "view.shear")
 
 PLANAR = {
@@ -64,7 +65,8 @@ SPATIAL = {
     "similarity": ViewKind((*_FRAME, "tool", "view.scale"), 3, least=4),
     "pose": ViewKind((*_FRAME, "tool", "tool.rotation"), 6, least=3),
     "pinhole": ViewKind((*_FRAME, "tool"), 2, least=6, tool=ScaleGroup("tool", TAG, SCALES)),
-    "touch": ViewKind(("tool", "point"), 3, least=8, tool=ScaleGroup("tool", SOCKET, (1.0,))),
+    "touch": ViewKind(("tool", "point"), 3, least=8, tool=_SOCKET),
+    "touch and rigid": ViewKind((*_FRAME, "tool", "point"), 3, least=8, tool=_SOCKET),
     "board": ViewKind((*_FRAME, "tool", "tool.rotation"), 2, least=6),
 }
 """Sensors of an arm in space; where there are two outputs, a camera sees it."""

@@ -151,9 +151,7 @@ def _refitted(model: Model, body: Body, u: Array, wanted: Array) -> Predictor:
         return Predictor(motor, smooth, NO_MODELS)
     degree = max(old.models.degree, _DEGREE)
     samples = max(_SAMPLES, 2 * len(exponents(u.shape[1], degree)))
-    models = local_models.fit(
-        motor.units, u, residual, motor.scale, degree, samples, spacings=motor.spacings
-    )
+    models = local_models.fit(motor, np.arange(motor.size), u, residual, (degree, samples))
     return Predictor(motor, smooth, models)
 
 

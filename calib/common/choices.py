@@ -9,8 +9,7 @@ from typing import Literal, get_args
 
 MAPS = (
     "som", "vdsom", "vdsom:residual", "vdsom:border", "vdsom:rho", "vdsom:printed", "vdsom:error",
-    "vdsom:density", "vdsom:lattice", "vdsom:mixed", "vdsom:transformation", "dsom", "gng",
-    "gng:error", "gng:border", "gng:density", "gas", "grid", "random", "rows",
+    "dsom", "gng", "gng:error", "gng:border", "gas", "grid", "random", "rows",
 )  # fmt: skip
 """Networks: :data:`calib.maps.density.GAINS` has the same, with the gain that each trains with."""
 

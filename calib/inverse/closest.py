@@ -23,7 +23,7 @@ def closest(newton: Newton, u: Array, x: Array) -> tuple[Array, Array]:
     point is the same for all targets along one normal of its edge.
     """
     u = u.copy()
-    position, slope = newton.predictor.value_and_slope(u)
+    position, slope = newton.task.value_and_slope(u)
     distance = np.linalg.norm(x - position, axis=1)
     share = np.ones(len(u))
     rows = np.arange(len(u))
@@ -34,7 +34,7 @@ def closest(newton: Newton, u: Array, x: Array) -> tuple[Array, Array]:
         gap *= np.minimum(1.0, newton.extent / np.maximum(distance[rows], 1e-300))[:, None]
         step = _step(newton, u[rows], slope[rows], gap) * share[rows, None]
         trial = newton.clip(u[rows] + step)
-        there, tilt = newton.predictor.value_and_slope(trial)
+        there, tilt = newton.task.value_and_slope(trial)
         # compared with what is pulled close: far targets have no digits left to compare
         now = np.linalg.norm(position[rows] + gap - there, axis=1)
         better = now < np.linalg.norm(gap, axis=1)
@@ -56,8 +56,8 @@ def _step(newton: Newton, u: Array, slope: Array, gap: Array) -> Array:
     for k in range(dof):
         probe = np.zeros(dof)
         probe[k] = _PROBE
-        ahead = newton.predictor.value_and_slope(u + probe)[1]
-        behind = newton.predictor.value_and_slope(u - probe)[1]
+        ahead = newton.task.value_and_slope(u + probe)[1]
+        behind = newton.task.value_and_slope(u - probe)[1]
         curvature[:, k] -= np.einsum("noi,no->ni", ahead - behind, gap) / (2 * _PROBE)
     curvature = 0.5 * (curvature + np.swapaxes(curvature, 1, 2))
     curvature[held[:, :, None] | held[:, None, :]] = 0.0

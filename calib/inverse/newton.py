@@ -1,8 +1,7 @@
-"""Newton: damped steps of the joints towards a target, inside of their limits."""
+"""Newton: damped steps of the joints towards any task, inside of their limits."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -11,7 +10,7 @@ from numpy.typing import NDArray
 
 from ..common.arrays import Array, Index
 from ..common.scale import Scale
-from ..maps.predictor import Predictor
+from .tasks import Task
 
 _ROUNDING = 1e-15
 """Share of the extent below which a target is met as well as numbers allow."""
@@ -25,49 +24,76 @@ _CHUNK = 4096  # rows at once: what is held of them fits into the cache
 _SLIDES = 25  # most slides towards the joints that are wished for
 _SETTLED = 1e-6  # of the joints' range: a slide that is shorter is the last
 _SLACK = 2e-6  # of the joints' range: a slide that has come so close to a limit is there
-_LONGEST = 0.25  # of the joints' range: no slide is longer
+_LONGEST = 0.25  # of the joints' range: no step and no slide is longer
 
 
 @dataclass(frozen=True)
 class Newton:
-    """Solves forward(q) = x from a start, in the unit box."""
+    """Solves a task from a start, in the unit box."""
 
-    predictor: Predictor  # the learned forward map, whose own Jacobian is used
+    task: Task
     scale: Scale  # range of the joints; knows which of them go round
-    extent: float  # diagonal of the workspace [unit]
+    extent: float  # of what can be reached, such as the diagonal of the workspace [unit]
 
-    def refine(self, u: Array, x: Array, tolerance: float = _ROUNDING) -> tuple[Array, Array]:
-        """Joints (n, dof) nearest to targets `x` (n, m) from starts `u`, and distances (n,) left.
+    def refine(
+        self, u: Array, x: Array, tolerance: float = _ROUNDING, steps: int = _STEPS
+    ) -> tuple[Array, Array]:
+        """Joints (n, dof) nearest to targets `x` (n, k) from starts `u`, and what is left (n,).
 
         Damped Newton steps (Levenberg-Marquardt) in the unit box. A joint at a limit that a step
         would push further is left out of that step, so that the others take over. A target counts
         as met within a share `tolerance` of the extent.
         """
         if len(u) <= _CHUNK:
-            return self._refine(u, x, tolerance)
+            return self._refine(u, x, tolerance, steps)
         chunks = (slice(i, i + _CHUNK) for i in range(0, len(u), _CHUNK))
-        parts = [self._refine(u[rows], x[rows], tolerance) for rows in chunks]
+        parts = [self._refine(u[rows], x[rows], tolerance, steps) for rows in chunks]
         return np.concatenate([p[0] for p in parts]), np.concatenate([p[1] for p in parts])
 
-    def _refine(self, start: Array, target: Array, tolerance: float) -> tuple[Array, Array]:
-        x = target.T
-
-        def misfit(u: Array, rows: Index) -> tuple[Array, Array]:
-            value, slope = self._evaluate(u)
-            return x[:, rows] - value, slope
-
-        def advance(u: Array, slope: Array, gap: Array, damping: Array) -> Array:
-            return self._clip(u + self._step(u, slope, gap, damping))
-
+    def _refine(self, start: Array, x: Array, tolerance: float, steps: int) -> tuple[Array, Array]:
+        # coordinates come first here, so that every operation runs along the rows
         met, rounding = tolerance * self.extent, max(tolerance, 1e-12) * self.extent
-        u, distance = damped_steps(misfit, advance, self._clip(start.T.copy()), met, rounding)
-        return u.T, distance
+        u, rows = self._clip(start.T.copy()), np.arange(len(start))
+        gap, slope = self._left(u, x)
+        distance = _length(gap)
+        going = distance > met
+        found, found_distance = u.copy(), distance.copy()
+        # nearly Gauss-Newton at first: a start is within a node's spacing of its answer
+        damping = np.full(len(rows), 1e-9)
+        for _ in range(steps):
+            if not going.all():
+                rows, damping = rows[going], damping[going]
+                u, gap, distance, slope = (part[..., going] for part in (u, gap, distance, slope))
+            if not len(rows):
+                break
+            trial = self._clip(u + self._step(u, slope, gap, damping))
+            new_gap, new_slope = self._left(trial, x[rows])
+            now = _length(new_gap)
+            moved = np.abs(trial - u).max(axis=0)
+            better = now < distance
+            stalled = (distance - now < 1e-9 * distance) & (better | (distance < rounding))
+            if better.all():  # most steps are: nothing has to be chosen row by row
+                u, gap, distance, slope = trial, new_gap, now, new_slope
+                damping = damping / 30
+            else:
+                u = np.where(better, trial, u)
+                gap = np.where(better, new_gap, gap)
+                distance = np.where(better, now, distance)
+                slope = np.where(better, new_slope, slope)
+                damping = np.where(better, damping / 30, np.maximum(damping * 30, 1e-6))
+            damping = np.maximum(damping, 1e-12)
+            found[:, rows], found_distance[rows] = u, distance
+            going = ~(stalled | (distance < met) | (moved < 1e-15) | (damping > 1e3))
+        return found.T, found_distance
 
     def _step(self, u: Array, slope: Array, gap: Array, damping: Array) -> Array:
         """J' (J J' + damping)^-1 gap, with the joints that may move, (dof, n)."""
         stuck = self._outward(u, np.einsum("dmn,mn->dn", slope, gap))
         free = np.where(stuck[:, None], 0.0, slope) if stuck.any() else slope
-        return damped_solution(free, gap, damping)
+        step = damped_solution(free, gap, damping)
+        longest = np.abs(step).max(axis=0)
+        long = longest > _LONGEST
+        return step * np.where(long, _LONGEST / np.where(long, longest, 1.0), 1.0)
 
     def settle(
         self, u: Array, x: Array, near: Array, longest: float = _LONGEST
@@ -79,7 +105,7 @@ class Newton:
         followed by :meth:`refine`, and kept if it is closer. The length of a move follows from the
         last one (Barzilai and Borwein 1988), because the self-motion is curved.
         """
-        if u.shape[1] <= x.shape[1]:
+        if not self.task.spare(x, u.shape[1]):
             return self.refine(u, x)
         u, distance = self.refine(u, x, CLOSE)
         u = u.copy()
@@ -117,12 +143,12 @@ class Newton:
 
         Near a stretched or folded pose the damping keeps them short.
         """
-        slope = self._evaluate(u.T)[1]
+        slope = self._slope(self.task.value_and_slope(u)[1])
         return np.asarray(self._step(u.T, slope, gap.T, np.full(len(u), _CALM)).T)
 
     def tangent(self, u: Array, wish: Array) -> Array:
         """What of a wished move (n, dof) leaves the position as it is, limits kept."""
-        slope = self._evaluate(u.T)[1]
+        slope = self._slope(self.task.value_and_slope(u)[1])
         place, move = u.T, wish.T
         blocked = np.zeros(place.shape, dtype=bool)
         for _ in range(u.shape[1]):
@@ -158,61 +184,24 @@ class Newton:
     def _round(self) -> bool:
         return bool(self.scale.periodic.any())
 
-    def _evaluate(self, u: Array) -> tuple[Array, Array]:
-        """Position (m, n) and Jacobian (dof, m, n) at the points `u` (dof, n)."""
-        value, slope = self.predictor.value_and_slope(u.T)
+    def _left(self, u: Array, x: Array) -> tuple[Array, Array]:
+        """Residuals (m, n) and Jacobian (dof, m, n) at the points `u` (dof, n)."""
+        value, slope = self.task.value_and_slope(u.T)
+        return self.task.gap(x, value).T, self._slope(slope)
+
+    def _slope(self, slope: Array) -> Array:
         # rows next to each other in memory: einsum is ten times slower on a transposed view
-        return value.T, np.ascontiguousarray(slope.transpose(2, 1, 0))
+        return np.ascontiguousarray(slope.transpose(2, 1, 0))
 
+    def best(self, owner: Index, u: Array, distance: Array, near: Array) -> Index:
+        """Of answers (k, dof) to questions `owner` (k,) the best of each, questions ascending.
 
-def damped_steps(
-    misfit: Callable[[Array, Index], tuple[Array, Array]],
-    advance: Callable[[Array, Array, Array, Array], Array],
-    u: Array,
-    met: float,
-    rounding: float,
-) -> tuple[Array, Array]:
-    """Joints (dof, n) that bring a misfit close to zero from starts `u`, and its lengths (n,).
-
-    Steps of Levenberg and Marquardt, each row on its own.
-
-    misfit : what is left (m, k) at joints (dof, k) of some rows (k,), and the Jacobian (dof, m, k)
-    advance : joints after a step, from joints, Jacobian, what is left and damping (k,)
-    met, rounding : lengths that are short enough, and below which no progress is the end
-    """
-    # coordinates come first here, so that every operation runs along the rows
-    rows = np.arange(u.shape[1])
-    gap, slope = misfit(u, rows)
-    distance = _length(gap)
-    going = distance > met
-    found, found_distance = u.copy(), distance.copy()
-    # nearly Gauss-Newton at first: a start is within a node's spacing of its answer
-    damping = np.full(len(rows), 1e-9)
-    for _ in range(_STEPS):
-        if not going.all():
-            rows, damping = rows[going], damping[going]
-            u, gap, distance, slope = (part[..., going] for part in (u, gap, distance, slope))
-        if not len(rows):
-            break
-        trial = advance(u, slope, gap, damping)
-        new_gap, new_slope = misfit(trial, rows)
-        now = _length(new_gap)
-        moved = np.abs(trial - u).max(axis=0)
-        better = now < distance
-        stalled = (distance - now < 1e-9 * distance) & (better | (distance < rounding))
-        if better.all():  # most steps are: nothing has to be chosen row by row
-            u, gap, distance, slope = trial, new_gap, now, new_slope
-            damping = damping / 30
-        else:
-            u = np.where(better, trial, u)
-            gap = np.where(better, new_gap, gap)
-            distance = np.where(better, now, distance)
-            slope = np.where(better, new_slope, slope)
-            damping = np.where(better, damping / 30, np.maximum(damping * 30, 1e-6))
-        damping = np.maximum(damping, 1e-12)
-        found[:, rows], found_distance[rows] = u, distance
-        going = ~(stalled | (distance < met) | (moved < 1e-15) | (damping > 1e3))
-    return found, found_distance
+        A target that is met before one that is missed, then the joints closest to `near` (k, dof).
+        """
+        met = distance <= CLOSE * self.extent
+        away = np.linalg.norm(self.scale.difference(u, near), axis=1)
+        order = np.lexsort((np.where(met, away, distance), ~met, owner))
+        return order[np.append(True, np.diff(owner[order]) > 0)] if len(order) else order
 
 
 def damped_solution(slope: Array, gap: Array, damping: Array) -> Array:

@@ -1,30 +1,28 @@
-"""Poses: joint values for a position and an orientation, with every branch of the arm.
+"""Poses: every branch in which an arm reaches a position and an orientation.
 
-Works on any arm through one function that evaluates it. A general six-joint arm reaches a pose in
-up to 16 ways; from many starts, damped Newton steps find them, and each branch that is found
-suggests where others may be: a joint half a turn on, or bent the other way.
+A general six-joint arm reaches a pose in up to 16 ways; from many starts, damped Newton steps find
+them, and each branch that is found suggests where others may be: a joint half a turn on, or bent
+the other way.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import permutations
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arm.rotations import logarithm
-from ..common.arrays import Array, Index
-from .newton import damped_solution, damped_steps
-
-#: Position (n, 3) [m], orientation (n, 3, 3) and geometric Jacobian (n, 6, dof) at joints (n, dof).
-Evaluate = Callable[[Array], tuple[Array, Array, Array]]
+from ..common.arrays import Array
+from ..common.scale import TURN, Scale
+from .newton import Newton
+from .tasks import Evaluate, Poses
 
 #: Random starts of a round, and rounds in a row that must find nothing new.
 ROUND, QUIET = 96, 2
 _ROUNDS = 12  # at most
 _MOST = 64  # branches; more are those of a redundant arm
+_STEPS = 25  # most of a start: those that lead anywhere take fewer
 _SLACK = 1e-9  # [rad or m] by which a joint may be rounded beyond its range
 _TOGETHER = 50  # poses that are searched side by side
 #: A pose is reached within this share of the arm's length, and solutions this far apart [rad or m]
@@ -48,8 +46,8 @@ class Joints:
     def within(self, q: Array) -> tuple[Array, NDArray[np.bool_]]:
         """Joint values (n, dof) by whole turns into the ranges, and whether all are inside (n,)."""
         turns = np.asarray(self.revolute)
-        away = np.where(turns, np.round((q - self.middle) / (2 * np.pi)), 0.0)
-        out = q - 2 * np.pi * away
+        away = np.where(turns, np.round((q - self.middle) / TURN), 0.0)
+        out = q - TURN * away
         near = (out >= self.lower - _SLACK) & (out <= self.upper + _SLACK)
         return np.clip(out, self.lower, self.upper), np.asarray(near.all(axis=1))
 
@@ -57,56 +55,19 @@ class Joints:
         """Joint values (n, dof) drawn from the ranges."""
         return rng.uniform(self.lower, self.upper, (n, len(self.lower)))
 
+    @property
+    def turning(self) -> Scale:
+        """The unit box of joints that turn without limits: a branch beyond leads to others."""
+        turns = np.asarray(self.revolute)
+        span = self.upper - self.lower
+        lower = np.where(turns, self.middle - np.pi, self.lower - span)
+        return Scale(lower, np.where(turns, TURN, 3 * span), turns)
+
     def apart(self, a: Array, b: Array) -> Array:
         """Largest distance (n,) of any joint between rows (n, dof) and b (dof,); turns wrap."""
         away = a - b
-        whole = 2 * np.pi * np.round(away / (2 * np.pi))
+        whole = TURN * np.round(away / TURN)
         return np.asarray(np.abs(away - np.where(self.revolute, whole, 0.0)).max(axis=1))
-
-
-@dataclass(frozen=True, eq=False)
-class Reached:
-    """Joint values that answer one target."""
-
-    q: Array  # (k, dof) [rad or m], the preferred one first
-    # (k, 3) and (k, 3, 3) arrays [m], where they put the tip, in the base frame
-    position: Array
-    rotation: Array
-    away: Array  # (k,) [m], distance from the position asked for
-    turned: Array  # (k,) [rad], turn from the orientation asked for, 0 where none was
-    reachable: bool
-
-
-def reach_poses(
-    evaluate: Evaluate, q: Array, position: Array, rotation: Array, length: float
-) -> tuple[Array, Array]:
-    """Joints (n, dof) moved from starts `q` towards poses (n, 3), (n, 3, 3) by damped Newton steps.
-
-    Also what is left (n,) [m] of the position and, times `length`, of the orientation: a radian is
-    worth the arm's length. Each row is on its own.
-    """
-    scale = np.r_[np.ones(3), np.full(3, length)][:, None]
-
-    def misfit(q: Array, rows: Index) -> tuple[Array, Array]:
-        p, r, jacobian = evaluate(q.T)
-        turn = logarithm(rotation[rows] @ np.swapaxes(r, 1, 2))
-        gap = np.concatenate([position[rows] - p, length * turn], axis=1)
-        return gap.T, np.ascontiguousarray((jacobian * scale).transpose(2, 1, 0))
-
-    def advance(q: Array, slope: Array, gap: Array, damping: Array) -> Array:
-        step = damped_solution(slope, gap, damping)
-        longest = np.maximum(np.abs(step).max(axis=0), 1e-300)
-        return np.asarray(q + step * np.minimum(1.0, 1.0 / longest))
-
-    met = 1e-3 * TOLERANCE * length
-    found, distance = damped_steps(misfit, advance, q.T.copy(), met, met)
-    return found.T, distance
-
-
-def taken(better: NDArray[np.bool_], new: Sequence[Array], old: Sequence[Array]) -> list[Array]:
-    """Rows of new arrays (n, ...) where they are better (n,), else of the old ones."""
-    pairs = zip(new, old, strict=True)
-    return [np.where(better.reshape(-1, *[1] * (a.ndim - 1)), a, b) for a, b in pairs]
 
 
 def pose_branches(
@@ -127,6 +88,8 @@ def pose_branches(
     `_ROUNDS` rounds; the search ends when two in a row find nothing new. The poses are searched
     side by side: an evaluation of one row costs as much as one of a hundred.
     """
+    scale, target = joints.turning, Poses.target(position, rotation)
+    newton = Newton(Poses(evaluate, scale, length), scale, length)
     searches = [
         _Search(joints, seed, None if starts is None else starts[i]) for i in range(len(position))
     ]
@@ -134,16 +97,12 @@ def pose_branches(
     for _ in range(_ROUNDS):
         for part in (open_[i : i + _TOGETHER] for i in range(0, len(open_), _TOGETHER)):
             counts = [len(searches[i].tried) for i in part]
-            target = np.repeat(part, counts)
-            q, distance = reach_poses(
-                evaluate,
-                np.concatenate([searches[i].tried for i in part]),
-                position[target],
-                rotation[target],
-                length,
-            )
+            owner = np.repeat(part, counts)
+            tried = scale.to_unit(np.concatenate([searches[i].tried for i in part]))
+            u, distance = newton.refine(tried, target[owner], 1e-3 * TOLERANCE, _STEPS)
+            q = scale.from_unit(u)
             for i in part:
-                own = target == i
+                own = owner == i
                 searches[i].learn(q[own][distance[own] < TOLERANCE * length])
         open_ = [i for i in open_ if searches[i].going]
         if not open_:

@@ -16,6 +16,7 @@ from .closest import closest
 from .newton import CLOSE, Newton
 from .self_motions import representatives
 from .starts import Starts, damped_inverse, twins
+from .tasks import Positions
 
 SAME = 1e-5
 """Solutions closer than this share of the joints' range are one."""
@@ -49,7 +50,7 @@ class Solver:
     @cached_property
     def newton(self) -> Newton:
         """Damped steps towards a target."""
-        return Newton(self.predictor, self.scale, self.extent)
+        return Newton(Positions(self.predictor), self.scale, self.extent)
 
     @cached_property
     def starts(self) -> Starts:
@@ -153,22 +154,12 @@ class Solver:
         found_distance: Array,
         near: Array,
     ) -> None:
-        """Replace answers in place: a met target before a missed one, then closer joints.
-
-        `rows` says which target each of those found belongs to, ascending.
-        """
-        every = np.append(np.arange(len(u)), rows)
-        asked = np.zeros(len(u), dtype=bool)
-        asked[rows] = True
-        every_u = np.concatenate([u, found])
-        every_distance = np.concatenate([distance, found_distance])
-        use = np.flatnonzero(asked[every])
-        met = every_distance[use] <= CLOSE * self.extent
-        away = np.linalg.norm(self.scale.difference(every_u[use], near[every[use]]), axis=1)
-        order = use[np.lexsort((np.where(met, away, every_distance[use]), ~met, every[use]))]
-        owner = every[order]
-        best = order[np.append(True, owner[1:] != owner[:-1])] if len(order) else order
-        u[every[best]], distance[every[best]] = every_u[best], every_distance[best]
+        """Replace answers in place by better ones; `rows` says to which target each belongs."""
+        asked = np.unique(rows)
+        owner = np.append(asked, rows)
+        every, left = np.concatenate([u[asked], found]), np.append(distance[asked], found_distance)
+        best = self.newton.best(owner, every, left, near[owner])
+        u[asked], distance[asked] = every[best], left[best]
 
     def _rescued(self, u: Array, distance: Array, x: Array, near: Array) -> tuple[Array, Array]:
         """Answers whose targets were missed, tried again from more places."""

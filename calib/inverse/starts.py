@@ -119,7 +119,7 @@ class Starts:
         fits = place < self._u.shape[1]
         row, column, place = row[fits], column[fits], place[fits]
         u = table[row, column]
-        value, slope = self.newton.predictor.value_and_slope(u)
+        value, slope = self.newton.task.value_and_slope(u)
         self._u[nodes[row], place], self._value[nodes[row], place] = u, value
         self._inverse[nodes[row], place] = damped_inverse(slope, 1e-4)
         if slope.shape[1:] == (2, 2):
@@ -198,7 +198,7 @@ class Starts:
     def _nodes(self) -> tuple[Array, Array]:
         """Position (nodes, m) and damped inverse Jacobian (nodes, dof, m) of each node."""
         units = np.clip(self.association.motor.units, 0.0, 1.0)
-        value, slope = self.newton.predictor.value_and_slope(units)
+        value, slope = self.newton.task.value_and_slope(units)
         return value, damped_inverse(slope, 1e-4)
 
 
@@ -221,15 +221,15 @@ def twins(newton: Newton, u: Array, spacing: float = 0.0) -> tuple[Index, Array]
     as far beyond as this one lies before. A coarse map, its nodes `spacing` apart in the unit box,
     overlooks branches that are further apart, so that twins are looked for further away.
     """
-    slope = newton.predictor.value_and_slope(u)[1]
+    slope = newton.task.value_and_slope(u)[1]
     share = min(max(_FINE, _COARSE * spacing), _SINGULAR)
     rows = np.flatnonzero(singular(slope, share))
     if not len(rows):
         return rows, u[rows]
     # the right singular vector of the smaller singular value
     flat = np.linalg.svd(slope[rows])[2][:, 1]
-    ahead = _determinant(newton.predictor.value_and_slope(u[rows] + _PROBE * flat)[1])
-    behind = _determinant(newton.predictor.value_and_slope(u[rows] - _PROBE * flat)[1])
+    ahead = _determinant(newton.task.value_and_slope(u[rows] + _PROBE * flat)[1])
+    behind = _determinant(newton.task.value_and_slope(u[rows] - _PROBE * flat)[1])
     rate = (ahead - behind) / (2 * _PROBE)
     reach = -2.0 * _determinant(slope[rows]) / np.where(rate == 0.0, np.inf, rate)
     near = (np.abs(reach) < _FAR) & (reach != 0.0)

@@ -19,6 +19,7 @@ _SMOOTH = 0.05  # of the joints' range: joints that move by more are looked at c
 _CLOSELY = 16  # parts of a step that is looked at closely
 # of the workspace, and of its nodes' spacing: targets further away from all nodes are not followed
 _BEYOND, _SPACINGS = 0.1, 1.5
+_FRONT = 8  # solutions of redundant joints that set out together
 _DRIFT = 0.5  # redundant joints drift to the middle by at most this share of their move
 
 
@@ -27,39 +28,40 @@ class Track(NamedTuple):
 
     u: Array  # (k, dof), joints in the unit box, one row per target
     jumps: list[int]  # rows that joints reach only by leaving their branch after the row before
+    # (k,), rows too far from all that the arm reaches to be followed: joints stay where they were
+    held: NDArray[np.bool_]
 
 
 def follow_targets(solver: Solver, x: Array, start: Array | None) -> Track:
-    """Follow the targets `x` (k, 2), in order, with as few jumps as possible.
+    """Follow the targets `x` (k, m), in order, with as few jumps as possible.
 
-    Every solution of the first target sets out, or the one nearest to `start` (dof,); the one that
-    gets furthest without a jump is taken, of several the one that moves least. Where it ends every
-    solution of the next target sets out, and so on: no other choice of branches jumps less often.
-    Where a target is out of reach, joints stay as close to it as they can, which is no jump; where
-    it is further away than `_BEYOND` they stay where they are.
+    Every solution of the first target sets out, of redundant joints the `_FRONT` nearest to their
+    middle, or the one nearest to `start` (dof,); the one that gets furthest without a jump is
+    taken, of several the one that moves least. Where it ends the solutions of the next target set
+    out, and so on: no other choice of branches jumps less often. Where a target is out of reach,
+    joints stay as close to it as they can, which is no jump; where it is further away than
+    `_BEYOND` they stay where they are.
     """
     sensory = solver.association.sensory
     away = sensory.nearest(sensory.scale.to_unit(x))[0][:, 0]
     close = away <= max(_BEYOND, _SPACINGS * sensory.spacing)
-    if close.any() and not close.all():
-        near = np.flatnonzero(close)
-        track = follow_targets(solver, x[near], start)
-        held = np.maximum(np.searchsorted(near, np.arange(len(x)), side="right") - 1, 0)
-        return Track(track.u[held], near[track.jumps].tolist())
     if not close.any():  # the first alone: nothing more is told by the others
         wish = np.full((1, solver.scale.span.size), 0.5) if start is None else start[None]
-        return Track(np.repeat(solver.solve(x[:1], wish)[0], len(x), axis=0), [])
-    middle = np.full((len(x), solver.scale.span.size), 0.5)
-    reachable = solver.solve(x, middle)[1] <= CLOSE * solver.extent
+        held = np.arange(len(x)) > 0
+        return Track(np.repeat(solver.solve(x[:1], wish)[0], len(x), axis=0), [], held)
+    if not close.all():
+        near = np.flatnonzero(close)
+        track = follow_targets(solver, x[near], start)
+        last = np.maximum(np.searchsorted(near, np.arange(len(x)), side="right") - 1, 0)
+        return Track(track.u[last], near[track.jumps].tolist(), ~close)
     front = _everywhere(solver, x[0]) if start is None else solver.solve(x[:1], start[None])[0]
     rows: list[Array] = []
     jumps: list[int] = []
     while True:
-        first = len(rows)
-        best = _furthest(solver, x[first:], reachable[first:], front)
+        best = _furthest(solver, x[len(rows) :], front)
         rows += list(best)
         if len(rows) == len(x):
-            return Track(np.array(rows), jumps)
+            return Track(np.array(rows), jumps, ~close)
         jumps.append(len(rows))
         front = _everywhere(solver, x[len(rows)])
         # of branches that are as good the closest one: the first counts
@@ -68,20 +70,21 @@ def follow_targets(solver: Solver, x: Array, start: Array | None) -> Track:
 
 
 def _everywhere(solver: Solver, x: Array) -> Array:
-    """Solutions of one target, of redundant joints many of each family, (n, dof)."""
-    if solver.scale.span.size <= 2:
+    """Solutions of one target, of redundant joints some of each family, (n, dof)."""
+    if not solver.redundant:
         return solver.solve_all(x[None])[1]
-    return np.concatenate([solver.solve_all(x[None])[1], solver.solutions(x[None])[1]])
+    families, more = solver.solve_all(x[None])[1], solver.solutions(x[None])[1]
+    return np.concatenate([families, more])[:_FRONT]
 
 
-def _furthest(solver: Solver, x: Array, reachable: NDArray[np.bool_], front: Array) -> Array:
+def _furthest(solver: Solver, x: Array, front: Array) -> Array:
     """Rows of the joints that follow the targets furthest, (at most k, dof)."""
     history = [front]
     length = np.zeros(len(front))
     alive = np.arange(len(front))
     for k in range(1, len(x)):
         u = history[-1][alive]
-        moved, going = _advance(solver, u, x[k - 1], x[k], bool(reachable[k]))
+        moved, going = _advance(solver, u, x[k - 1], x[k])
         if not going.any():
             break
         rows = history[-1].copy()
@@ -94,27 +97,26 @@ def _furthest(solver: Solver, x: Array, reachable: NDArray[np.bool_], front: Arr
     return np.array([rows[best] for rows in history])
 
 
-def _advance(
-    solver: Solver, u: Array, x: Array, goal: Array, reachable: bool
-) -> tuple[Array, NDArray[np.bool_]]:
+def _advance(solver: Solver, u: Array, x: Array, goal: Array) -> tuple[Array, NDArray[np.bool_]]:
     """Joints (n, dof) moved along with the target, and whether they kept their branch."""
     shares = _shares(float(np.linalg.norm(goal - x)) / solver.extent)
     going = np.ones(len(u), dtype=bool)
     for begin, end in itertools.pairwise(shares):
         here, there = x + (goal - x) * begin, x + (goal - x) * end
-        final = end == 1.0
-        # only at the end it is known whether the target is within reach
-        trial, smooth = _step(solver, u, there, reachable and final)
+        trial, smooth, met = _step(solver, u, there)
         closely = np.flatnonzero(~smooth)
         if len(closely):
             v, kept = u[closely], np.ones(len(closely), dtype=bool)
             for share in np.arange(1, _CLOSELY + 1) / _CLOSELY:
-                last = reachable and final and share == 1.0
-                v, smooth = _step(solver, v, here + (there - here) * share, last)
+                v, smooth, met[closely] = _step(solver, v, here + (there - here) * share)
                 kept &= smooth
             trial[closely] = v
             going[closely] &= kept
         u = trial
+    if not met.all():  # a target within reach has to be met
+        wish = np.full((1, u.shape[1]), 0.5)
+        if solver.solve(goal[None], wish)[1][0] <= CLOSE * solver.extent:
+            going &= met
     return u, going
 
 
@@ -131,22 +133,20 @@ def _shares(length: float) -> list[float]:
     return ends + [1.0 - share for share in reversed(ends)]
 
 
-def _step(solver: Solver, u: Array, x: Array, must_meet: bool) -> tuple[Array, NDArray[np.bool_]]:
-    """One small step of the target; whether joints moved by little and met it, (n,)."""
+def _step(solver: Solver, u: Array, x: Array) -> tuple[Array, NDArray[np.bool_], NDArray[np.bool_]]:
+    """One small step of the target; whether joints moved by little, and met it, (n,)."""
     newton = solver.newton
     targets = np.broadcast_to(x, (len(u), len(x)))
-    trial, distance = newton.refine(u, targets)
+    trial, distance = newton.refine(u, targets, CLOSE)
     moved = np.linalg.norm(newton.scale.difference(trial, u), axis=1)
-    smooth = moved <= _SMOOTH
     met = distance <= CLOSE * solver.extent
-    if must_meet:
-        smooth &= met
-    if u.shape[1] > 2:
+    if solver.redundant:
         # redundant joints use what is free to keep away from their limits
         drift = newton.tangent(trial, newton.scale.difference(np.full_like(trial, 0.5), trial))
         most = _DRIFT * moved / np.maximum(np.linalg.norm(drift, axis=1), 1e-300)
-        slid, after = newton.refine(trial + np.minimum(0.2, most)[:, None] * drift, targets)
+        drift *= np.minimum(0.2, most)[:, None]
+        slid, after = newton.refine(trial + drift, targets, CLOSE)
         near = np.linalg.norm(newton.scale.difference(slid, trial), axis=1) <= moved + 1e-12
         good = met & (after <= CLOSE * solver.extent) & near
         trial = np.where(good[:, None], slid, trial)
-    return trial, smooth
+    return trial, moved <= _SMOOTH, met

@@ -16,7 +16,7 @@ import subprocess
 import tempfile
 import threading
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -25,7 +25,7 @@ from ..common.arrays import Array
 OFF = "CALIB_NO_CC"
 """Environment variable that leaves the compiler alone where it is set to anything but 0."""
 
-_FLAGS = ("-O2", "-std=c99", "-fPIC", "-shared", "-ffp-contract=off")
+_FLAGS = ("-O1", "-std=c99", "-fPIC", "-shared", "-ffp-contract=off", "-fno-math-errno")
 _MOST = 120.0  # s that a compiler may take
 
 _CALLS = """
@@ -40,13 +40,12 @@ CALLED int called_inverse(double *b) { return calib_inverse(b + 16, b, b + 32); 
 CALLED int called_inverse_pose(double *b) { return calib_inverse_pose(b + 16, b + 19, b, b + 32); }
 #endif
 #if @corrected@
-CALLED int called_wanted(double *b) { calib_wanted(b, b + 16); return 1; }
 CALLED int called_correct(double *b) { return calib_correct(b, b + 32); }
 #endif
 """
-"""One buffer a thread: joints from 0, what is asked from 16, joints that answer from 32."""
-
-_MOST_JOINTS = 16
+_MOST_JOINTS = _ASKED = 16
+_FOUND = 32
+"""Where in a thread's buffer stand what is asked and what answers; given joints are first."""
 
 
 class Compiled:
@@ -61,38 +60,31 @@ class Compiled:
         self._own = threading.local()
         self._calls = {}
         for name in ("forward", "jacobian", "pose", "bound", "model_bound", "inverse",
-                     "inverse_pose", "wanted", "correct"):  # fmt: skip
+                     "inverse_pose", "correct"):  # fmt: skip
             call = getattr(library, f"called_{name}", None)
             if call is not None:
                 call.argtypes, call.restype = (ctypes.c_void_p,), ctypes.c_int
                 self._calls[name] = call
-        self._forward, self._bound = self._calls["forward"], self._calls["bound"]
-        self._inverse = self._calls["inverse"]
+        self._forward, self._inverse = self._calls["forward"], self._calls["inverse"]
+        self.correcting: Any = None  # what `calib.correct` keeps between calls
 
     def has(self, name: str) -> bool:
         """Whether it answers a kind of query."""
         return name in self._calls
 
-    def _buffers(self) -> tuple[Array, Array, int]:
-        """Buffer of the calling thread, its first joints, and its address."""
-        own = self._own
+    def _asked(self, q: Any) -> _Buffers | None:
+        """The thread's buffers after joint values were put in; None if they are no numbers."""
         try:
-            kept: tuple[Array, Array, int] = own.kept
+            kept: _Buffers = self._own.kept
         except AttributeError:
-            buffer = np.zeros(16 + 6 * _MOST_JOINTS)
-            kept = own.kept = (buffer, buffer[: self._dof], int(buffer.ctypes.data))
-        return kept
-
-    def _asked(self, q: Any) -> tuple[Array, int] | None:
-        """Buffer and address after joint values were put into it; None if they are no numbers."""
-        buffer, joints, address = self._buffers()
+            kept = self._own.kept = _Buffers.of(self._dof, self._outputs)
         try:
             if len(q) != self._dof:
                 return None
-            joints[:] = q
+            kept.joints[:] = q
         except (TypeError, ValueError):
             return None
-        return buffer, address
+        return kept
 
     def forward(self, q: Any) -> tuple[Array, bool] | None:
         """Position (m,) and whether there is one."""
@@ -110,62 +102,67 @@ class Compiled:
             return None
         return found[0][: self._outputs], found[0][3:].reshape(3, 3), found[1]
 
-    def wanted(self, q: Any) -> tuple[Array, bool] | None:
-        """Where the nominal arm would be (m,)."""
-        return self._vector(self._calls["wanted"], q, self._outputs)
-
-    def _vector(self, call: Any, q: Any, size: int) -> tuple[Array, bool] | None:
-        asked = self._asked(q)
-        if asked is None:
-            return None
-        buffer, address = asked
-        good = call(address) == 1
-        if not good and not math.isfinite(sum(buffer[: self._dof])):
-            return None
-        return buffer[16 : 16 + size].copy(), good
-
     def bound(self, q: Any, which: str) -> tuple[float, bool] | None:
         """95 % bound, ``"bound"`` or ``"model_bound"``, and whether there is one."""
-        asked = self._asked(q)
-        if asked is None:
+        found = self._vector(self._calls[which], q, 1)
+        return None if found is None else (found[0][0], found[1])
+
+    def _vector(self, call: Any, q: Any, size: int) -> tuple[Array, bool] | None:
+        kept = self._asked(q)
+        if kept is None:
             return None
-        buffer, address = asked
-        good = self._calls[which](address) == 1
-        if not good and not math.isfinite(sum(buffer[: self._dof])):
+        good = call(kept.address) == 1
+        if not good and not math.isfinite(sum(kept.joints)):
             return None
-        return buffer[16], good
+        return kept.all[_ASKED : _ASKED + size].copy(), good
 
     def inverse(self, x: Any, near: Any) -> Array | None:
         """Joints (dof,) that reach a position, on the branch that is surely the nearest."""
-        asked = self._asked(near)
-        if asked is None:
+        kept = self._asked(near)
+        if kept is None:
             return None
-        buffer, address = asked
         try:
             if len(x) != self._outputs:
                 return None
-            buffer[16 : 16 + self._outputs] = x
+            kept.asked[:] = x
         except (TypeError, ValueError):
             return None
-        return buffer[32 : 32 + self._dof].copy() if self._inverse(address) == 1 else None
+        return kept.found[0].copy() if self._inverse(kept.address) == 1 else None
 
     def inverse_pose(self, x: Array, rotation: Array, near: Any) -> Array | None:
         """Joints (dof,) that reach a pose (3,), (3, 3) of the sensor's frame, as `inverse`."""
-        asked = self._asked(near)
-        if asked is None:
+        kept = self._asked(near)
+        if kept is None:
             return None
-        buffer, address = asked
-        buffer[16:19], buffer[19:28] = x, rotation.ravel()
-        sure = self._calls["inverse_pose"](address) == 1
-        return buffer[32 : 32 + self._dof].copy() if sure else None
+        kept.all[16:19], kept.all[19:28] = x, rotation.ravel()
+        sure = self._calls["inverse_pose"](kept.address) == 1
+        return kept.found[0].copy() if sure else None
 
-    def correct(self, q: Any) -> Array | None:
-        """Joints (dof,) that bring the tip to where the nominal arm would be; None if none do."""
-        asked = self._asked(q)
-        if asked is None:
+    def correct(self, q: Any) -> tuple[Array, Array] | None:
+        """Joints (1, dof) as they were given, and those that bring the tip to where it should be.
+
+        None if none do.
+        """
+        kept = self._asked(q)
+        if kept is None or self._calls["correct"](kept.address) != 1:
             return None
-        buffer, address = asked
-        return buffer[32 : 32 + self._dof].copy() if self._calls["correct"](address) == 1 else None
+        return kept.joints[None].copy(), kept.found.copy()
+
+
+class _Buffers(NamedTuple):
+    """What one thread passes and gets: joints, what is asked, joints that answer."""
+
+    all: Array
+    joints: Array  # (dof,)
+    asked: Array  # (m,)
+    found: Array  # (1, dof)
+    address: int
+
+    @staticmethod
+    def of(dof: int, outputs: int) -> _Buffers:
+        whole = np.zeros(_FOUND + 6 * _MOST_JOINTS)
+        asked, found = whole[_ASKED : _ASKED + outputs], whole[None, _FOUND : _FOUND + dof]
+        return _Buffers(whole, whole[:dof], asked, found, int(whole.ctypes.data))
 
 
 def compiler() -> list[str] | None:

@@ -21,6 +21,7 @@ _CHOICE = re.compile(
     r"#endif\n",
     re.MULTILINE,
 )
+_NUMBER = re.compile(r"[-\d.][-+.e\d]*")
 _FUNCTIONS = re.compile(r"\b(cos|sin|sqrt|floor|fabs|atan2)\(")
 
 
@@ -45,11 +46,7 @@ def _word(value: object, single: bool) -> str:
 
 def c_number(value: float, single: bool) -> str:
     """A C constant that reads back as the same number; infinities as what no value exceeds."""
-    value = float(np.clip(np.nan_to_num(value, nan=3e38), -3e38, 3e38))
-    # nine digits tell any two floats apart, and a C literal needs a point or an exponent
-    text = f"{np.float32(value):.9g}" if single else repr(value)
-    text = text if any(c in text for c in ".e") else text + ".0"
-    return text + "f" * single
+    return braces(np.asarray(value, dtype=float), single)
 
 
 def array(name: str, values: Array, single: bool, *, kind: str = "calib_real") -> str:
@@ -62,9 +59,17 @@ def array(name: str, values: Array, single: bool, *, kind: str = "calib_real") -
 
 def braces(values: Array, single: bool) -> str:
     """Numbers in the braces of a C constant, row by row."""
-    if values.ndim > 1:
-        return "{" + ",\n".join(braces(row, single) for row in values) + "}"
-    return "{" + ", ".join(c_number(v, single) for v in values) + "}"
+    numbers = np.clip(np.nan_to_num(values, nan=3e38), -3e38, 3e38)
+    text = str(numbers.tolist())
+    if single:  # nine digits tell any two floats apart
+        text = _NUMBER.sub(lambda found: _nine_digits(found[0]), text)
+    return text.replace("], [", "},\n{").replace("[", "{").replace("]", "}")
+
+
+def _nine_digits(text: str) -> str:
+    text = f"{np.float32(text):.9g}"
+    # a C literal needs a point or an exponent
+    return (text if any(c in text for c in ".e") else text + ".0") + "f"
 
 
 def integers(name: str, values: Iterable[int] | Array) -> str:

@@ -37,14 +37,16 @@ class Visit:
         Weights of the nodes, in the unit box.
     lattice : Lattice or Graph
         How the nodes are joined.
-    partners : (n, k) array, optional
-        The same samples in the other space, in its unit box, where it is known.
     residual : (n,) array, optional
         Held-out error of a smooth model at each sample, where one was fitted [unit].
     sigma : float [nodes]
         Neighbourhood radius now; NaN where a network has none.
     per_node : float
         Training samples per node.
+
+    Examples
+    --------
+    Eq. 7 for the winner of each sample, O the nodes joined to it: `numpy.exp(-sums)[winners]`.
     """
 
     progress: float
@@ -52,7 +54,6 @@ class Visit:
     distances: Array
     weights: Array
     lattice: Lattice | Graph
-    partners: Array | None = None
     residual: Array | None = None
     sigma: float = np.nan
     per_node: float = np.inf
@@ -98,80 +99,17 @@ def as_printed(_visit: Visit) -> Array:
     )
 
 
-def error(visit: Visit, strength: float = 1.0) -> Array:
+def error(visit: Visit) -> Array:
     """Gain of samples that the map represents badly.
 
-    g = (d^2 / mean d^2)^(p t/T), d the distance to the winner: density follows the
+    g = (d^2 / mean d^2)^(t/T), d the distance to the winner: density follows the
     error, which is what the abstract promises.
     """
     square = visit.distances**2
     mean = float(square.mean())
     if mean == 0.0:
         return np.ones(len(square))
-    return np.asarray((square / mean + 1e-6) ** (strength * visit.progress))
-
-
-def mixed(visit: Visit, strength: float = 0.3) -> Array:
-    """Gain of the border times that of the error, the latter to the power of `strength`."""
-    return border(visit) * error(visit, strength)
-
-
-def transformation(visit: Visit, strength: float = 1.0) -> Array:
-    """Gain of nodes "with large transformation errors", which the abstract promises.
-
-    g = (e^2 / mean e^2)^(p t/T), e^2 the variance, in the other space, of the samples
-    that a node and its neighbours win: what no partner of that node can represent.
-
-    Raises OptionError if the samples of the other space are not known.
-    """
-    if visit.partners is None:
-        raise OptionError(
-            "this gain weighs errors of the other space: use it in calib.train with the batch rule"
-        )
-    y, n = visit.partners, visit.lattice.size
-    columns = np.column_stack([np.ones(len(y)), y, np.sum(y**2, axis=1)])
-    own = np.stack([np.bincount(visit.winners, c, n) for c in columns.T], axis=1)
-    a, b = visit.lattice.edges().T
-    sums = own.copy()
-    np.add.at(sums, a, own[b])
-    np.add.at(sums, b, own[a])
-    mean = sums[:, 1:] / np.maximum(sums[:, :1], 1.0)
-    variance = np.maximum(mean[:, -1] - np.sum(mean[:, :-1] ** 2, axis=1), 0.0)[visit.winners]
-    overall = float(variance.mean())
-    if overall == 0.0:
-        return np.ones(len(y))
-    return np.asarray((variance / overall + 1e-6) ** (strength * visit.progress))
-
-
-def density(visit: Visit, strength: float = 1.0) -> Array:
-    """Gain of dense nodes: equation 7 with O the local neighbourhood, ramp of equation 8.
-
-    rho = exp(-sum |w_bmu - w_i|^2 / its mean), g = (rho / mean rho)^(p (t/T)^4).  Dense
-    attracts denser: the feedback is positive and tears the map when it is strong.
-    """
-    total = visit.sums
-    rho = np.exp(-total / max(float(total.mean()), 1e-300))
-    gain: Array = (rho / rho.mean()) ** (strength * visit.progress**4)
-    return gain[visit.winners]
-
-
-def _remoteness(visit: Visit) -> Array:
-    """Rho of equation 7 with O the whole lattice, (nodes,)."""
-    # sum over i of |w_j - w_i|^2, up to the factor n: |w_j - mean|^2 + variance
-    total = np.sum((visit.weights - visit.weights.mean(axis=0)) ** 2, axis=1)
-    total = total + total.mean()
-    return np.asarray(np.exp(-total / max(float(total.mean()), 1e-300)))
-
-
-def lattice(visit: Visit, strength: float = 3.0) -> Array:
-    """Gain of remote nodes: equation 7 summed over "each node in the lattice".
-
-    rho = exp(-sum over all i of |w_bmu - w_i|^2 / its mean) is smallest at the border, so
-    1 / rho of equation 8 favours the border, as the text says.
-    """
-    rho = _remoteness(visit)
-    gain: Array = (rho.mean() / rho) ** (strength * visit.progress**4)
-    return gain[visit.winners]
+    return np.asarray((square / mean + 1e-6) ** visit.progress)
 
 
 def rho(visit: Visit) -> Array:
@@ -182,7 +120,10 @@ def rho(visit: Visit) -> Array:
     with the distance, and the gain starts at 1 instead of 0, as eq. 2 needs to begin at all.
     With the sum over "each node in the lattice" rho is smallest at the border.
     """
-    rho = _remoteness(visit)
+    # sum over i of |w_j - w_i|^2, up to the factor n: |w_j - mean|^2 + variance
+    total = np.sum((visit.weights - visit.weights.mean(axis=0)) ** 2, axis=1)
+    total = total + total.mean()
+    rho = np.exp(-total / max(float(total.mean()), 1e-300))  # eq. 7
     gain: Array = 1.0 + (visit.progress * rho.mean() / rho) ** 4  # eq. 8
     return gain[visit.winners]
 
@@ -233,6 +174,33 @@ def rationed(residual: Array, per_node: float, dim: int) -> Array:
     return share
 
 
+def checked_gain(gain: Gain) -> Gain:
+    """A user's gain whose answers are checked whenever it is asked."""
+
+    def ask(visit: Visit) -> Array:
+        given, shape = gain(visit), visit.winners.shape
+        try:
+            found = np.asarray(given, dtype=float)
+        except (TypeError, ValueError):
+            raise OptionError(f"the gain returned {given!r:.60}, expected an array") from None
+        if found.shape != shape:
+            raise OptionError(
+                f"the gain returned an array of shape {found.shape}, expected {shape}: one factor "
+                "for each sample"
+            )
+        bad = found[~(np.isfinite(found) & (found >= 0.0))]
+        if len(bad):
+            raise OptionError(
+                f"the gain returned {bad[0]:g} for {len(bad)} of {len(found)}: expected finite "
+                "numbers, 0 or more"
+            )
+        if not found.any():
+            raise OptionError("the gain returned zeros alone: no sample would be learned")
+        return found
+
+    return ask
+
+
 def border_strength(lattice: Lattice | Graph, per_node: float = np.inf) -> float:
     """Strength p of the border's gain: 3 log2(side / 4), 1.5 to 9, by the nodes along a side.
 
@@ -250,14 +218,10 @@ READINGS: dict[str, Gain] = {
     "rho": rho,
     "printed": as_printed,
     "error": error,
-    "density": density,
-    "lattice": lattice,
-    "mixed": mixed,
-    "transformation": transformation,
 }
 """What a varying density can mean, by the name that follows the colon in ``--map``."""
 
-_VARYING_GNG = ("error", "border", "density")
+_VARYING_GNG = ("error", "border")
 
 GAINS: dict[str, Gain | None] = {
     "som": None,

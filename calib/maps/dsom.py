@@ -68,11 +68,11 @@ def present_dsom(
         distances.append(distance)
         if distance == 0.0:
             continue  # the source: h is zero where the winner stands on the sample
-        window, h = around(lattice, winner, rate, _widths(lattice, distance, dim, elasticity))
+        window, h = around(lattice, winner, *_widths(lattice, distance, dim, elasticity))
         near = grid[window]
         away = x - near
         own = np.sqrt(np.einsum("...i,...i->...", away, away)) / diagonal
-        near += (h * own)[..., None] * away
+        near += (rate * h * own)[..., None] * away
         squares[window] = np.einsum("...i,...i->...", near, near)
     return distances
 

@@ -109,12 +109,6 @@ class LinearModels(ReadOnly):
     values: Array  # (nodes, o) [unit], position at each node
     slopes: Array  # (nodes, d, o) [unit], its derivatives by the unit coordinates
 
-    @property
-    def terms(self) -> int:
-        """Functions that one evaluation costs."""
-        dof = int(self.slopes.shape[1])
-        return 2 * blend_size(dof) * (1 + dof)
-
     @staticmethod
     def following(motor: Map, value: Callable[[Array], Array]) -> LinearModels:
         """Linear models of a function of the unit box, by its values and central differences."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -12,13 +12,11 @@ import numpy as np
 from ..common.arrays import Array
 from ..common.parallel import side_by_side
 from ..errors import OptionError
-from .fields import Pairs, checked_links
 from .map import Map
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
-    from .fields import LinkRule
 
 BANDWIDTH = 0.7
 """Bandwidth of a node's activity (eq. 6) in units of the node spacing."""
@@ -43,9 +41,6 @@ class Wiring:
     # direction from motor to sensory nodes.
     mutual: bool = True
     bandwidth: float = BANDWIDTH  # of eq. 6, in units of the spacing.
-    # what the links are in place of the fixed point of eq. 5, see
-    # :data:`calib.maps.fields.LinkRule`; a model file keeps the links, not the rule.
-    rule: LinkRule | None = None
 
     def activity(self, network: Map, u: Array) -> csr_array:
         """Activity a_j of the nodes nearest to each row of `u` (n, d), in the unit box (eq. 6).
@@ -76,7 +71,7 @@ class Wiring:
         beta : forgetting factor
         Returns csr_array of shape (motor nodes, sensory nodes), weak links are left out.
         """
-        return replace(self, rule=None).linked([(a_motor, a_sensory)], beta)
+        return self.linked([(a_motor, a_sensory)], beta)
 
     def parts(
         self, motor: Map, u: Array, sensory: Map, v: Array
@@ -94,20 +89,13 @@ class Wiring:
         """Links from the activities of both maps, part after part, see :meth:`link`."""
         together: csr_array | None = None
         square: list[Array | float] = [0.0, 0.0]
-        samples = 0
         for a_motor, a_sensory in parts:
-            samples += a_motor.shape[0]
             product = (a_motor.T @ a_sensory).tocsr()
             together = product if together is None else together + product
             for k, a in enumerate((a_motor, a_sensory)):
                 square[k] = square[k] + np.asarray(a.multiply(a).sum(axis=0), dtype=float).ravel()
         assert together is not None  # noqa: S101
         rows = np.repeat(np.arange(together.shape[0]), np.diff(together.indptr))
-        if self.rule is not None:
-            motor, sensory = np.asarray(square[0])[rows], np.asarray(square[1])[together.indices]
-
-            together.data = checked_links(self.rule, Pairs(together.data, motor, sensory, samples))
-            return without_weak(together)
         scale = _settled(np.asarray(square[1]), beta)[together.indices]
         if self.mutual:
             scale = np.sqrt(scale * _settled(np.asarray(square[0]), beta)[rows])
@@ -124,10 +112,8 @@ WIRINGS = {
 """Wirings by name: eq. 5 and 6 with one bandwidth, each refinement alone, and both."""
 
 
-def wiring_of(links: str | LinkRule) -> Wiring:
-    """The wiring of a name, or the default's activities with a rule of the user's own."""
-    if not isinstance(links, str):
-        return Wiring(rule=links)
+def wiring_of(links: str) -> Wiring:
+    """The wiring of a name."""
     if links not in WIRINGS:
         raise OptionError(f"links {links!r} are unknown, choose one of {', '.join(WIRINGS)}")
     return WIRINGS[links]

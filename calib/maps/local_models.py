@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,105 +47,80 @@ class LocalModels(ReadOnly):
 NO_MODELS = LocalModels(-1, 0, np.zeros(0), np.zeros((0, 0, 2)))
 
 
+@lru_cache(maxsize=32)
 def exponents(dim: int, degree: int) -> NDArray[np.intp]:
     """Exponents of all terms of total degree <= `degree`, (terms, dim), lowest first."""
-    terms: list[tuple[int, ...]] = []
-    for total in range(degree + 1):
-        for bars in itertools.combinations(range(total + dim - 1), dim - 1):
-            edges = (-1, *bars, total + dim - 1)
-            terms.append(tuple(b - a - 1 for a, b in itertools.pairwise(edges)))
+    every = itertools.product(range(degree + 1), repeat=dim)
+    terms = sorted((t for t in every if sum(t) <= degree), key=lambda t: (sum(t), t))
     return np.array(terms, dtype=np.intp).reshape(-1, dim)
 
 
 def monomials(z: Array, degree: int) -> Array:
     """Monomials of total degree <= `degree` of `z` (..., d), (..., terms)."""
-    columns = [np.ones(z.shape[:-1])]
-    found = {tuple([0] * z.shape[-1]): 0}
-    for term in exponents(z.shape[-1], degree)[1:].tolist():
-        axis = next(k for k, e in enumerate(term) if e)
-        lower = tuple(e - (k == axis) for k, e in enumerate(term))
-        found[tuple(term)] = len(columns)
-        columns.append(columns[found[lower]] * z[..., axis])
-    return np.stack(columns, axis=-1)
+    return _products(z, exponents(z.shape[-1], degree))
 
 
 def _monomial_slopes(z: Array, degree: int) -> Array:
     """Derivatives of the monomials by each coordinate, (d, ..., terms)."""
     terms = exponents(z.shape[-1], degree)
-    value = monomials(z, degree)
-    place = {tuple(t): i for i, t in enumerate(terms.tolist())}
-    slopes = np.zeros((z.shape[-1], *value.shape))
-    for i, term in enumerate(terms.tolist()):
-        for k, e in enumerate(term):
-            if e:
-                lower = tuple(f - (j == k) for j, f in enumerate(term))
-                slopes[k, ..., i] = e * value[..., place[lower]]
-    return slopes
+    lower = np.maximum(terms - np.eye(z.shape[-1], dtype=np.intp)[:, None], 0)
+    return np.stack([own * _products(z, part) for own, part in zip(terms.T, lower, strict=True)])
 
 
-def fit(
-    nodes: Array,
-    u: Array,
-    residual: Array,
-    scale: Scale,
-    degree: int,
-    samples: int,
-    around: tuple[Array, Index] | None = None,
-    spacings: Array | None = None,
-) -> LocalModels:
-    """Kernel-weighted least squares around each node.
+def _products(z: Array, terms: NDArray[np.intp]) -> Array:
+    """Products of powers of `z` (..., d) by their exponents (terms, d), (..., terms)."""
+    found = np.ones((*z.shape[:-1], len(terms)))
+    for k, column in enumerate(terms.T):
+        powers = np.cumprod(np.repeat(z[..., k, None], column.max(initial=0) + 1, axis=-1), axis=-1)
+        found *= np.concatenate([np.ones_like(z[..., :1]), powers], axis=-1)[..., column]
+    return found
 
-    nodes : (nodes, d), where the nodes stand, in the unit box
-    u, residual : (n, d), (n, 2), samples in the unit box and what the trend leaves over of their
-        positions
-    scale : knows the periodic coordinates
-    degree, samples : degree of the polynomials and number of samples that each is fitted to
-    around : distances and numbers of the samples around each node, nearest first, one more than
-        `samples`, where they are known already
-    spacings : (nodes,), the nodes' spacings.  A node whose samples do not carry a polynomial of
-        this degree then has one of a lower degree: what is fitted to rows on a line, in clusters or
-        on one side multiplies their noise beside them.  The variance of its answers is asked half a
-        spacing around it.
+
+def fit(motor: Map, nodes: Index, u: Array, residual: Array, shape: tuple[int, int]) -> LocalModels:
+    """Kernel-weighted least squares around some of the nodes (k,); the others are silent.
+
+    u, residual : (n, d), (n, o), samples in the unit box and what the smooth part leaves over of
+        their positions
+    shape : degree of the polynomials and number of samples that each is fitted to
 
     Notes
     -----
     The weight of a sample at the distance d is (1 - (d / radius)^2)^2, which ends smoothly.
+    A node whose samples do not carry a polynomial of this degree has one of a lower degree: what is
+    fitted to rows on a line, in clusters or on one side multiplies their noise beside them.  The
+    variance of its answers is asked half a spacing around it.
     Moments of activity and position are what a Hebbian covariance rule would learn.
     """
-    distance, near = around or nearest_points(u, scale, nodes, samples + 1)
-    samples = min(samples, near.shape[1] - 1)
+    degree, samples = shape
+    places, scale = motor.units[nodes], motor.scale
+    distance, near = nearest_points(u, scale, places, samples + 1)
+    samples, outputs = min(samples, near.shape[1] - 1), residual.shape[1]
     radius = np.maximum(distance[:, samples], 1e-12)
-    outputs = residual.shape[1]
-    coefficients = np.zeros((len(nodes), len(exponents(nodes.shape[1], degree)), outputs))
-    left = np.arange(len(nodes))
+    z = scale.difference(u[near[:, :samples]], places[:, None]) / radius[:, None, None]
+    kernel = (1.0 - (distance[:, :samples] / radius[:, None]) ** 2) ** 2
+    ring = _ring(places, motor.spacings[nodes], scale) / radius[:, None, None]
+    coefficients = np.zeros((motor.size, len(exponents(z.shape[2], degree)), outputs))
+    shaky = np.arange(len(nodes))
     for lower in range(degree, -1, -1):
-        terms = len(exponents(nodes.shape[1], lower))
-        step = max(1, _CHUNK // (samples * terms))
-        shaky = []
-        for first in range(0, len(left), step):
-            part = left[first : first + step]
-            index, r = near[part, :samples], radius[part, None]
-            z = scale.difference(u[index], nodes[part, None]) / r[..., None]
-            kernel = (1.0 - (distance[part, :samples] / r) ** 2) ** 2
-            features = monomials(z, lower)
-            weighted = np.swapaxes(features * kernel[..., None], 1, 2)
+        terms = len(exponents(z.shape[2], lower))
+        parts = np.array_split(shaky, 1 + len(shaky) * samples * terms // _CHUNK)
+        for part in parts:
+            features = monomials(z[part], lower)
+            weighted = np.swapaxes(features * kernel[part, :, None], 1, 2)
             moments = weighted @ features
-            # rows on a line leave moments singular; the ring below then finds the model shaky
+            # rows on a line leave moments singular; the ring then finds the model shaky
             diagonal = np.einsum("nii->ni", moments)
             diagonal += 1e-9 * diagonal.mean(axis=1, keepdims=True) + 1e-300
-            moment = weighted @ residual[index]
-            if spacings is None:
-                coefficients[part, :terms] = np.linalg.solve(moments, moment)
-                continue
-            at = _ring(nodes[part], spacings[part], scale) / r[..., None]
-            asked = np.swapaxes(monomials(at, lower), 1, 2)
-            solved = np.linalg.solve(moments, np.concatenate([moment, asked], axis=2))
+            asked = np.swapaxes(monomials(ring[part], lower), 1, 2)
+            wanted = np.concatenate([weighted @ residual[near[part, :samples]], asked], axis=2)
+            solved = np.linalg.solve(moments, wanted)
             variance = np.einsum("nta,nta->na", asked, solved[..., outputs:])
             firm = (variance < _FIRM).all(axis=1)
-            coefficients[part[firm], :terms] = solved[firm, :, :outputs]
-            shaky.append(part[~firm])
-        left = np.concatenate(shaky) if shaky else left[:0]
-    return LocalModels(degree, samples, radius, coefficients)
+            coefficients[nodes[part[firm]], :terms] = solved[firm, :, :outputs]
+        shaky = shaky[(coefficients[nodes[shaky]] == 0.0).all(axis=(1, 2))]
+    reach = np.full(motor.size, motor.spacing)
+    reach[nodes] = radius
+    return LocalModels(degree, samples, reach, coefficients)
 
 
 def _ring(nodes: Array, spacings: Array, scale: Scale) -> Array:

@@ -1,40 +1,38 @@
 """Which nodes carry local models, and of which shape: by held-out errors, silent within noise.
 
 Folds are contiguous blocks of rows, because neighbouring rows of a real log can be
-near-repeats that would flatter a model split row by row.
+near-repeats that would flatter a model split row by row.  ``docs/maps.md`` has the figures.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from math import comb
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..body.posterior import BodyFit
-from ..common.arrays import Array, Index
+from ..common.arrays import Array, Index, Mask
 from ..common.scale import Scale
 from . import local_models as local
-from .local_models import NO_MODELS, exponents
+from .local_models import NO_MODELS
 from .map import Map, nearest_points
-from .misfit import misfit
 from .predictor import BodyInBox, Predictor, Smooth
 
-FOLDS = 10
-_ROUNDING = 1e-9  # share of the extent that is no improvement
-_HELD_OUT = 1000  # rows on which a shape for all nodes is chosen
-_SHAPES = ((0, 30), (1, 50), (1, 200), (2, 24), (2, 60), (3, 40), (5, 60))
+_FOLDS = 5
+_SHAPES = ((0, 30), (1, 50), (3, 40), (5, 60))
 """Degrees of a local model and numbers of samples that it is fitted to."""
 
-_MOSTLY = 0.2  # share of calm rows that is enough to tell what serves them
-_AROUND = 5  # rows whose median residual tells whether a row is calm
-_CALM = 0.99  # quantile of that median where the smooth part is right
+_ROUNDING = 1e-9  # share of the extent that is no residual
+_AROUND = 9  # rows whose median residual tells whether a row is calm
+_CALM = 2.0  # times the noise's mean square, below which that median is calm
 _HARM = 30.0  # weight of a calm row: what mends a defect must not spoil what is right beside it
-_TURNS = 3  # in which nodes fall silent
-_SPEAKS = 0.5  # of a node's weight on wrong rows, above which it speaks
+_SPEAKS = 0.5  # of a node's weight on wrong rows, above which it may speak
+_PARTS = 20  # parts of a log: a gain has to come from several, near-repeats are no evidence
+_GAINS, _BEYOND = 1.0, 3.0  # standard errors beyond zero, of a node's gain and of the sum
 _ALONG, _SURE = 0.1, 5.0  # see `follows_the_motion`
-_PARTS, _BEYOND = 20, 3.0  # parts of a log, and standard errors of their mean that are no chance
+_MOST = 1_000  # rows whose held-out errors are told
 
 
 @dataclass(frozen=True)
@@ -51,17 +49,16 @@ class Selected:
     """A predictor and what cross-validation found of it."""
 
     predictor: Predictor  # fitted to all samples
-    rows: Index  # (m,), rows that were held out in turn
-    # (m, outputs), their positions less the predictions of predictors that had not seen them
-    residual: Array
+    rows: Index  # (k,), rows that were held out in turn
+    residual: Array  # (k, m), their positions less predictions that had not seen them
 
     @property
     def errors(self) -> Array:
-        """Distances (m,) between positions and predictions."""
+        """Distances (k,) between positions and predictions."""
         return np.asarray(np.linalg.norm(self.residual, axis=1))
 
 
-def blocks(n: int, folds: int = FOLDS) -> list[Index]:
+def blocks(n: int, folds: int = 10) -> list[Index]:
     """Contiguous blocks of the rows 0 ... n - 1."""
     return np.array_split(np.arange(n), min(folds, n))
 
@@ -99,115 +96,78 @@ def follows_the_motion(x: Array, residual: Array) -> bool:
 def select(motor: Map, u: Array, candidate: SmoothCandidate) -> Selected:
     """Give nodes local models of one shape where that mends what a smooth part leaves over.
 
+    Nodes that stand among wrong rows may speak; those that mend held-out rows do, the others
+    are silent.  Cost of a row is log(1 + |residual|^2 / noise): to halve a large error counts the
+    same wherever it is.  The shape with the least cost is taken.
+
     motor : nodes that will carry the local models
     u : (n, dof), joints of the samples in their order, in the unit box
     """
-    n, held = len(u), candidate.held_out
-    folds = blocks(n)
-    use = folds if n <= 5 * _HELD_OUT else folds[::3]
-    every = max(1, _HELD_OUT // len(use))
-    rows = np.concatenate([part[:: max(1, len(part) // every)] for part in use])
-    plain = Selected(Predictor(motor, candidate.smooth, NO_MODELS), rows, held[rows])
+    n, dof, held = *u.shape, candidate.held_out
+    told = np.arange(0, n, max(1, n // _MOST))
+    plain = Selected(Predictor(motor, candidate.smooth, NO_MODELS), told, held[told])
     x = candidate.smooth.value(u) + candidate.residual
-    extent = float(np.linalg.norm(np.ptp(x, axis=0)))
-    least = _ROUNDING * extent
-    shapes = [s for s in _SHAPES if 1.2 * len(exponents(u.shape[1], s[0])) <= s[1] < n // 4]
-    if plain.errors.mean() <= least or not shapes or follows_the_motion(x, held):
+    shapes = [s for s in _SHAPES if 1.2 * comb(dof + s[0], dof) <= s[1] < n // 4]
+    if not shapes or follows_the_motion(x, held):
         return plain
-    around = misfit(motor.scale, u, held, extent, u)
-    wrong = np.zeros(n, dtype=bool) if around is None else around > 0.0
-    calm = ~wrong[rows]
-    if np.count_nonzero(calm) < _MOSTLY * len(rows):
-        calm[:] = True  # no part of the samples is calm
-    found = _everywhere(motor, u, candidate, rows, calm, shapes, least)
-    if found is None and wrong.any():
-        found = _in_defects(motor, u, candidate, plain, shapes, wrong)
-    return found or plain
-
-
-def _everywhere(
-    motor: Map,
-    u: Array,
-    candidate: SmoothCandidate,
-    rows: Index,
-    calm: NDArray[np.bool_],
-    shapes: Sequence[tuple[int, int]],
-    least: float,
-) -> Selected | None:
-    """A shape for all nodes, where one mends calm held-out rows beyond chance."""
-    index, weight, gap = local.speaking(motor, u[rows])
-    best, found = candidate.held_out[rows], None
-    for shape in shapes:
-        said = _held_out(motor, u, candidate, rows, index, gap, shape)
-        tried = candidate.held_out[rows] - np.einsum("nm,nmo->no", weight, said)
-        errors, others = (np.linalg.norm(each[calm], axis=1) for each in (tried, best))
-        if better(errors, others, least):
-            best, found = tried, shape
-    if found is None:
-        return None
-    return Selected(_fitted(motor, u, candidate, found, np.arange(motor.size)), rows, best)
-
-
-def _in_defects(
-    motor: Map,
-    u: Array,
-    candidate: SmoothCandidate,
-    plain: Selected,
-    shapes: Sequence[tuple[int, int]],
-    wrong: NDArray[np.bool_],
-) -> Selected:
-    """Models of one shape on the nodes that stand in a defect; the others are silent and vote.
-
-    Cost of a held-out row is log(1 + |residual|^2 / noise): to halve a large error counts the
-    same wherever it is; a calm row counts 30 times.  Nodes that raise it fall silent in turn, and
-    the shape with the least cost is taken.
-    """
-    held = candidate.held_out
-    square = np.einsum("no,no->n", held, held)
-    # a median of a few rows tells sooner on which side of a sharp edge a row lies
     near = nearest_points(u, motor.scale, u, _AROUND)[1]
-    middle = np.median(square[near], axis=1)
-    calm = np.zeros(len(u), dtype=bool)
-    if not wrong.all():
-        calm = np.asarray(middle <= np.quantile(middle[~wrong], _CALM))
+    # neighbours share what a smooth part misses: their difference is noise
+    extent = float(np.linalg.norm(np.ptp(x, axis=0)))
+    apart = float(np.median(_square(held - held[near[:, 1]])))
+    noise = max(apart / (2.0 * np.log(2.0)), (_ROUNDING * extent) ** 2, 1e-300)
+    calm = np.median(_square(held)[near], axis=1) < _CALM * noise
     index, weight, gap = local.speaking(motor, u)
-    of_node = np.bincount(index.ravel(), weight.ravel(), motor.size)
-    of_wrong = np.bincount(index.ravel(), (weight * ~calm[:, None]).ravel(), motor.size)
-    stands = of_wrong > _SPEAKS * of_node
+    stands = _of_nodes(motor, index, weight * (~calm[:, None] - _SPEAKS)) > 0.0
     rows = np.flatnonzero(stands[index].any(axis=1))
     index, weight, gap = index[rows], weight[rows], gap[rows]
-    noise = max(float(square[calm].mean()) if calm.any() else float(np.median(square)), 1e-300)
     care = np.where(calm[rows], _HARM, 1.0)
+    part = rows * _PARTS // n
 
-    def cost(residual: Array) -> Array:
-        square = np.einsum("no,no->n", residual, residual)
-        return np.asarray(care * np.log1p(square / noise))
+    def gains(residual: Array) -> Array:
+        """By how much the cost of each row is less than without local models."""
+        before, after = (np.log1p(_square(r) / noise) for r in (held[rows], residual))
+        return np.asarray(care * (before - after))
 
-    before = cost(held[rows])
-    least, best = float(before.sum()), None
-    for shape in shapes:
+    def remains(said: Array, speaks: Mask) -> Array:
+        own = np.where(speaks[index], weight, 0.0)
+        own *= local.heard(own.sum(axis=1) / np.maximum(weight.sum(axis=1), 1e-300))[:, None]
+        return np.asarray(held[rows] - np.einsum("nm,nmo->no", own, said))
+
+    most, best = 0.0, None
+    for shape in shapes if len(rows) else ():
         said = _held_out(motor, u, candidate, rows, index, gap, shape)
-        speaks = stands.copy()
-        for _ in range(_TURNS):
-            own = np.where(speaks[index], weight, 0.0)
-            own *= local.heard(own.sum(axis=1) / np.maximum(weight.sum(axis=1), 1e-300))[:, None]
-            left = held[rows] - np.einsum("nm,nmo->no", own, said)
-            after = cost(left)
-            if after.sum() < least:
-                least, best = float(after.sum()), (shape, np.flatnonzero(speaks), left)
-            # a node that spoils more beside a defect than it mends in it falls silent
-            gain = np.bincount(index.ravel(), (own * (before - after)[:, None]).ravel(), motor.size)
-            speaks &= gain > 0.0
+        each = weight * gains(remains(said, stands))[:, None]
+        by_part = np.stack(
+            [_of_nodes(motor, index[part == k], each[part == k]) for k in range(_PARTS)]
+        )
+        speaks = stands & _beyond_chance(by_part, _GAINS)
+        residual = remains(said, speaks)
+        gain = np.asarray(np.bincount(part, gains(residual), _PARTS), dtype=float)
+        if gain.sum() > most and _beyond_chance(gain, _BEYOND):
+            most, best = float(gain.sum()), (shape, np.flatnonzero(speaks), residual)
     if best is None:
         return plain
-    shape, nodes, left = best
-    # neighbouring rows of a log can be near-repeats: a gain has to come from several parts of it
-    gains = [float(part.sum()) for part in np.array_split(before - cost(left), _PARTS)]
-    if not np.mean(gains) > _BEYOND * np.std(gains) / np.sqrt(_PARTS):
-        return plain
-    residual = held.copy()
-    residual[rows] = left
-    return Selected(_fitted(motor, u, candidate, shape, nodes), plain.rows, residual[plain.rows])
+    shape, nodes, residual = best
+    mended = held.copy()
+    mended[rows] = residual
+    models = local.fit(motor, nodes, u, candidate.residual, shape)
+    near_rows = local.near_rows(motor, u)[:, None, None]  # far from all rows they are silent
+    models = replace(models, coefficients=models.coefficients * near_rows)
+    return Selected(Predictor(motor, candidate.smooth, models), told, mended[told])
+
+
+def _square(residual: Array) -> Array:
+    return np.asarray(np.einsum("...o,...o->...", residual, residual))
+
+
+def _of_nodes(motor: Map, index: Index, values: Array) -> Array:
+    """Sum of values (n, m) over the rows, by the nodes `index` (n, m) that they belong to."""
+    return np.asarray(np.bincount(index.ravel(), values.ravel(), motor.size), dtype=float)
+
+
+def _beyond_chance(parts: Array, errors: float) -> Any:
+    """Whether sums of parts (k, ...) of a log exceed zero by so many standard errors."""
+    return parts.mean(axis=0) > errors * parts.std(axis=0) / np.sqrt(len(parts))
 
 
 def _held_out(
@@ -220,34 +180,12 @@ def _held_out(
     shape: tuple[int, int],
 ) -> Array:
     """What each node that has not seen a row's fold says of the row, (rows, nodes, o)."""
-    degree, samples = shape
     said = np.zeros((*index.shape, candidate.residual.shape[1]))
-    for fold in blocks(len(u)):
+    for fold in blocks(len(u), _FOLDS):
         mine = np.flatnonzero((rows >= fold[0]) & (rows <= fold[-1]))
-        if not len(mine):
-            continue
-        nodes, place = np.unique(index[mine], return_inverse=True)
-        others = np.setdiff1d(np.arange(len(u)), fold, assume_unique=True)
-        models = local.fit(
-            motor.units[nodes], u[others], candidate.residual[others], motor.scale,
-            degree, samples, spacings=motor.spacings[nodes],
-        )  # fmt: skip
-        said[mine] = local.contributions(models, place.reshape(index[mine].shape), gap[mine])
+        if len(mine):
+            others = np.setdiff1d(np.arange(len(u)), fold, assume_unique=True)
+            seen = u[others], candidate.residual[others]
+            models = local.fit(motor, np.unique(index[mine]), *seen, shape)
+            said[mine] = local.contributions(models, index[mine], gap[mine])
     return said
-
-
-def _fitted(
-    motor: Map, u: Array, candidate: SmoothCandidate, shape: tuple[int, int], nodes: Index
-) -> Predictor:
-    """The predictor with models of one shape on some nodes; far from all rows they are silent."""
-    found = local.fit(
-        motor.units[nodes], u, candidate.residual, motor.scale, *shape,
-        spacings=motor.spacings[nodes],
-    )  # fmt: skip
-    coefficients = np.zeros((motor.size, *found.coefficients.shape[1:]))
-    coefficients[nodes] = found.coefficients
-    coefficients *= local.near_rows(motor, u)[:, None, None]
-    radius = np.full(motor.size, motor.spacing)
-    radius[nodes] = found.radius
-    models = replace(found, radius=radius, coefficients=coefficients)
-    return Predictor(motor, candidate.smooth, models)

@@ -11,15 +11,14 @@ REACH = 4.0
 """The neighbourhood is cut beyond so many sigma, where it is below exp(-8)."""
 
 
-def around(
-    lattice: Lattice, winner: int, rate: float, widths: tuple[float, ...]
-) -> tuple[tuple[slice, ...], Array]:
-    """The nodes around a winner, and a rate times h at each of them (eq. 3).
+def around(lattice: Lattice, winner: int, *widths: float) -> tuple[tuple[slice, ...], Array]:
+    """The nodes around a winner, and h at each of them (eq. 3).
 
-    widths : (dim,) [nodes], sigma along each axis
+    widths : sigma [nodes], or one for each axis
     """
+    widths = widths * lattice.dim if len(widths) == 1 else widths
     reach = int(REACH * max(widths)) + 1
-    window, h = [], np.array(rate)
+    window, h = [], np.ones(())
     places = np.unravel_index(winner, lattice.shape)
     for n, place, width in zip(lattice.shape, map(int, places), widths, strict=True):
         part = slice(max(0, place - reach), min(n, place + reach + 1))
@@ -48,29 +47,8 @@ def spread(sums: Array, lattice: Lattice, sigma: float) -> Array:
     return np.asarray(grid.reshape(sums.shape))
 
 
-def spread_by(sums: Array, lattice: Lattice, h: Array) -> Array:
-    """Sum over all nodes i of h_ji times the rows of `sums`, for any neighbourhood.
-
-    sums : (size, ...), a row per node, 0 or more
-    lattice : where the nodes stand
-    h : (2 n - 1, ...), the neighbourhood at all steps along each axis, see
-        :func:`calib.maps.fields.neighbourhood_values`
-    """
-    from scipy.signal import fftconvolve
-
-    grid, axes = sums.reshape(*lattice.shape, -1), tuple(range(lattice.dim))
-    return np.asarray(fftconvolve(grid, h[..., None], "same", axes).reshape(sums.shape))
-
-
-def moved(
-    weights: Array,
-    sums: Array,
-    lattice: Lattice,
-    sigma: float,
-    step: float | None,
-    h: Array | None = None,
-) -> Array:
-    """Where the nodes go after an epoch, (size, ..., d).
+def moved(weights: Array, sums: Array, lattice: Lattice, sigma: float, step: float | None) -> Array:
+    """Where the nodes go after an epoch, (size, d).
 
     Kohonen's batch rule puts each node at the mean of all samples, weighted by the
     neighbourhood h of their winners: what eq. 2 comes to rest at.  With a `step` the
@@ -81,17 +59,16 @@ def moved(
     which does not draw the border inwards.  It rests where each node is the mean of the
     samples that it wins; a step of 2 or more would overshoot.
 
-    weights : (size, ..., d), the nodes, of one map or several
-    sums : (size, ..., d + 1), sum of the samples that each node won, and their number or weight
+    weights : (size, d), the nodes
+    sums : (size, d + 1), sum of the samples that each node won, and their number or weight
     sigma : [nodes], neighbourhood radius
     step : none for the batch rule
-    h : (2 n - 1, ...), another neighbourhood than the Gaussian of eq. 3, see :func:`spread_by`.
     """
     if step is not None:
-        own = sums[..., -1:]
-        sums = np.concatenate([step * (sums[..., :-1] - own * weights), own], axis=-1)
-    met = spread(sums, lattice, sigma) if h is None else spread_by(sums, lattice, h)
-    count = met[..., -1:]
-    reached = count > 1e-12 * count.max(axis=0)
-    mean = met[..., :-1] / np.where(reached, count, 1.0)
+        own = sums[:, -1:]
+        sums = np.concatenate([step * (sums[:, :-1] - own * weights), own], axis=1)
+    met = spread(sums, lattice, sigma)
+    count = met[:, -1:]
+    reached = count > 1e-12 * count.max()
+    mean = met[:, :-1] / np.where(reached, count, 1.0)
     return np.where(reached, mean if step is None else weights + mean, weights)

@@ -14,16 +14,11 @@ from . import local_models as local
 from .local_models import LocalModels
 from .map import Map
 
-_CHUNK = 250_000  # products at once: fewer than a BLAS splits over threads that wait for each other
+_ROWS = 1024  # at once: fewer products than a BLAS splits over threads that wait for each other
 
 
 class Smooth(Protocol):
     """A smooth function of the joints: a body, or the linear models of maps and links."""
-
-    @property
-    def terms(self) -> int:
-        """Number of functions: what one evaluation costs."""
-        ...
 
     def value(self, u: Array) -> Array:
         """Positions (n, m) at the points `u` (n, dof) of the unit box."""
@@ -40,11 +35,6 @@ class BodyInBox:
 
     body: Body
     scale: Scale  # range of the joints
-
-    @property
-    def terms(self) -> int:
-        """Number of fitted parameters."""
-        return len(self.body.active)
 
     def value(self, u: Array) -> Array:
         """Positions (n, m) at the points `u` (n, dof) of the unit box."""
@@ -80,14 +70,10 @@ class Predictor:
         return value, slope
 
     def _evaluate(self, u: Array, *, slope: bool) -> tuple[Array, Array | None]:
-        step = max(64, _CHUNK // (2 * (1 + u.shape[1]) * max(1, self.smooth.terms)))
-        if len(u) <= step:
-            return self._evaluate_chunk(u, slope)
-        parts = [self._evaluate_chunk(u[i : i + step], slope) for i in range(0, len(u), step)]
-        value = np.concatenate([v for v, _ in parts])
-        return value, np.concatenate([s for _, s in parts if s is not None]) if slope else None
-
-    def _evaluate_chunk(self, u: Array, slope: bool) -> tuple[Array, Array | None]:
+        if len(u) > _ROWS:
+            some = [u[i : i + _ROWS] for i in range(0, len(u), _ROWS)]
+            values, slopes = zip(*(self._evaluate(part, slope=slope) for part in some), strict=True)
+            return np.concatenate(values), np.concatenate(slopes) if slope else None
         value, tilt = self.smooth.value_and_slope(u) if slope else (self.smooth.value(u), None)
         if self.models.degree >= 0:
             correction, correction_slope = local.predict(self.models, self.motor, u, slope=slope)

@@ -27,14 +27,12 @@ class Stage:
     # the nodes follow the winners' steps, times this (below 2, which would overshoot); without it
     # Kohonen's batch rule, see :func:`~calib.maps.neighbourhood.moved`
     step: float | None = None
-    starts: int = 1  # random starts of a coarsest lattice, of which the best is kept
     # t / T of a varying density before and after this stage; without it the density does not vary
     # here
     progress: tuple[float, float] | None = None
 
 
 _LAST, _LAST_VARYING = 0.4, 1.5  # last radii of the full lattice [nodes]
-_STARTS, _STARTS_VARYING = 8, 24  # random starts; a wide last radius undoes less of a bad one
 _COARSEST = 64  # nodes of the lattice that is ordered first
 _GROWTH = 10.0  # the next one has at most so many times the nodes
 _PER_NODE = 10  # samples that a coarse lattice is shown per epoch and node
@@ -54,7 +52,7 @@ def coarse_to_fine(
 ) -> list[Stage]:
     """Stages that order a coarse lattice and refine it up to `lattice`.
 
-    A coarse lattice orders itself with far less work and fewer folds than a fine one;
+    A coarse lattice settles with far less work and fewer folds than a fine one;
     the finer one then starts from its interpolation with a small radius.  On the way the
     nodes follow the winners' steps, which leaves the border where it belongs; the last
     stage is eq. 2 in any case.  Where the user gives `epochs` or `sigma` it is the only
@@ -73,9 +71,7 @@ def coarse_to_fine(
     for small in _coarser(lattice)[: 1 if varying else None]:
         samples = _PER_NODE * small.size
         if not stages:
-            radii = decay(max(max(small.shape) / 2, 1.0), 0.7, 8)
-            starts = _STARTS_VARYING if varying else _STARTS
-            stages.append(Stage(small, radii, samples, final=False, starts=starts))
+            stages.append(Stage(small, decay(2.0, 0.7, 8), samples, final=False))
         stages.append(Stage(small, decay(2.0, 1.5, 6), samples, False, _STEP))
     if not stages:
         start = max(max(lattice.shape) / 2, 1.0)

@@ -15,10 +15,9 @@ from ..errors import LogError, OptionError
 from . import untrained
 from .association import Association
 from .batch import learn_batch
-from .density import Gain, gain_of, kind_of
+from .density import Gain, checked_gain, gain_of, kind_of
 from .dsom import learn_dsom
 from .epoch import Epoch
-from .fields import LinkRule, Neighbourhood, checked_gain
 from .gas import learn_gas
 from .gng import learn_gng, samples_shown
 from .lattice import Lattice, Size, shape_of
@@ -57,13 +56,8 @@ class SOM:
         Neighbourhood radius at the start and at the end [nodes].
     seed : int
         Seed of the start and of the order of the samples.
-    neighbourhood : callable, optional
-        In place of the Gaussian of eq. 3: a function of a
-        :class:`~calib.maps.fields.Surroundings` that returns h of each node.  It trains the
-        full lattice alone, without the coarse ones that come first by default.
-    links : str or link rule
-        For :meth:`fit_pair`: a name of :data:`calib.maps.links.WIRINGS`, or a function of
-        :class:`~calib.maps.fields.Pairs` that returns a strength for each.
+    links : str
+        For :meth:`fit_pair`: a name of :data:`calib.maps.links.WIRINGS`.
     error : float, optional
         A growing neural gas stops growing at this quantization error, in the unit box, and
         `size` is the most nodes that it may have: "the optimal number of nodes".
@@ -92,18 +86,13 @@ class SOM:
     epochs: int | None = None
     sigma: tuple[float, float] | None = None
     seed: int | np.random.SeedSequence = field(default=0)
-    neighbourhood: Neighbourhood | None = None
-    links: str | LinkRule = "reciprocal"
+    links: str = "reciprocal"
     error: float | None = None
 
     def __post_init__(self) -> None:
         wiring_of(self.links)
         kind = kind_of(self.map)
         object.__setattr__(self, "size", shape_of(self.size))
-        if self.neighbourhood is not None and kind != "som":
-            raise OptionError(
-                f"map {self.map!r} has a neighbourhood of its own: give one with 'som' or 'vdsom'"
-            )
         if self.error is not None and kind != "gng":
             raise OptionError(f"error {self.error:g}: only a growing neural gas stops by its error")
         if self.error is not None and not 0.0 < self.error < 1.0:
@@ -126,7 +115,6 @@ class SOM:
         *,
         scale: Scale | None = None,
         progress: _Progress | None = None,
-        partners: Array | None = None,
         residual: Array | None = None,
     ) -> Map:
         """Train on the rows of `x` (n, d) and return the map.
@@ -140,9 +128,6 @@ class SOM:
         progress : callable, optional
             Called now and then with the share of the work done and the current
             quantization error in the unit box.
-        partners : (n, k) array, optional
-            The same samples in the other space, in its unit box, for gains that weigh the
-            errors there.
         residual : (n,) array, optional
             How wrong a smooth model is at each sample, see
             :func:`calib.maps.misfit.misfit`, for the default varying density.
@@ -165,7 +150,7 @@ class SOM:
         gain = self._gain()
         scale = scale or Scale.of_data(x)
         u = scale.to_unit(x)
-        epochs, work = self._training(u, scale, gain, partners, residual)
+        epochs, work = self._training(u, scale, gain, residual)
         history, done = [], 0
         # small products of matrices: threads would only wait for each other
         with one_blas_thread():
@@ -209,8 +194,8 @@ class SOM:
         own = self.seed.entropy if isinstance(self.seed, np.random.SeedSequence) else self.seed
         seeds = np.random.SeedSequence(own).spawn(2)
         motor, sensory = (
-            replace(self, seed=seed).fit(rows, scale=scale, partners=partners)
-            for seed, rows, scale, partners in zip(seeds, (q, x), scales, (v, u), strict=True)
+            replace(self, seed=seed).fit(rows, scale=scale)
+            for seed, rows, scale in zip(seeds, (q, x), scales, strict=True)
         )
         association = Association.learn(motor, u, sensory, v, wiring)
         return Pair(association, np.zeros((0, len(CURVE))))
@@ -228,8 +213,6 @@ class SOM:
         shapes : of the two lattices, where they differ
         """
         wiring = wiring_of(self.links)
-        if wiring.rule is not None:
-            raise OptionError("a link rule of your own needs rule='batch'")
         rng, lattices = np.random.default_rng(self.seed), shapes or (self.size, self.size)
         layers = [
             self._layer(Lattice(shape_of(shape)), scale, p, rng)
@@ -242,7 +225,7 @@ class SOM:
         """A map at its random start."""
         weights = rng.random((lattice.size, u.shape[1]))
         per_node = len(u) / lattice.size
-        return Layer(weights, lattice, scale, self._gain(), self.neighbourhood, per_node)
+        return Layer(weights, lattice, scale, self._gain(), per_node)
 
     def _gain(self) -> Gain | None:
         return gain_of(self.map) if isinstance(self.map, str) else checked_gain(self.map)
@@ -260,18 +243,16 @@ class SOM:
         return shape_of(self.size)
 
     def _stages(self) -> list[Stage]:
-        # a neighbourhood of the user's own trains the full lattice alone
-        epochs = self.epochs or (None if self.neighbourhood is None else 20)
+        lattice, how = Lattice(self.shape), (self.epochs, self.sigma)
         if self.map == "vdsom:residual":
-            return growing(Lattice(self.shape), epochs, self.sigma)
-        return coarse_to_fine(Lattice(self.shape), epochs, self.sigma, varying=self.map != "som")
+            return growing(lattice, *how)
+        return coarse_to_fine(lattice, *how, varying=self.map != "som")
 
     def _training(
         self,
         u: Array,
         scale: Scale,
         gain: Gain | None,
-        partners: Array | None,
         residual: Array | None,
     ) -> tuple[Iterator[Epoch], int]:
         """The epochs that train, and how many samples they show in all."""
@@ -291,5 +272,4 @@ class SOM:
             every = passes(net, [u], epochs, self._online_sigma(lattice), rng)
             return (epoch for (epoch,) in every), n * epochs
         stages = self._stages()
-        told = learn_batch(u, stages, gain, rng, partners, residual, self.neighbourhood)
-        return told, total_work(stages, n)
+        return learn_batch(u, stages, gain, rng, residual), total_work(stages, n)

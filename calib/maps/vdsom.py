@@ -24,7 +24,6 @@ from ..common.scale import Scale
 from ..errors import OptionError
 from .density import Gain, Visit, as_printed
 from .epoch import Epoch
-from .fields import Neighbourhood, Surroundings, checked_h, lattice_steps
 from .lattice import Lattice
 from .links import Wiring
 from .map import Map, nearest_nodes, search_tree
@@ -89,7 +88,6 @@ class Layer:
     lattice: Lattice
     scale: Scale
     gain: Gain | None = None  # eq. 7 and 8, see `density.py`
-    neighbourhood: Neighbourhood | None = None  # in place of the Gaussian of eq. 3
     per_node: float = np.inf  # samples of the training per node
 
     @property
@@ -107,20 +105,6 @@ class Layer:
             sigma=sigma, per_node=self.per_node,
         )  # fmt: skip
         return self.gain(visit)
-
-    def around(self, i: int, sigma: float, progress: float) -> tuple[tuple[slice, ...], Array]:
-        """The nodes near the winner `i`, and h_ji of each (eq. 3), cut below exp(-8)."""
-        if self.neighbourhood is None:
-            return around(self.lattice, i, 1.0, (sigma,) * self.lattice.dim)
-        place = np.unravel_index(i, self.lattice.shape)
-        here = tuple(  # the part of all steps that begins at this winner
-            slice(n - 1 - int(p), 2 * n - 1 - int(p))
-            for n, p in zip(self.lattice.shape, place, strict=True)
-        )
-        distance, steps = lattice_steps(self.lattice)
-        around_it = Surroundings(distance[here], steps[here], sigma, progress)
-        h = checked_h(self.neighbourhood, around_it)
-        return (slice(None),) * self.lattice.dim, h
 
     def active(self, w: Array, x: Array, widths: Array) -> _Active:
         """The nodes that are active at a sample, and how much beside the most active (eq. 6)."""
@@ -193,7 +177,7 @@ class VDSOM:
                         h = np.asarray((t / rho) ** 4 * np.exp(-t / wide**2))  # eq. 8, printed
                         step = np.minimum(alpha * h, 1.0)
                     else:
-                        near, h = layer.around(i, wide, t)  # eq. 3
+                        near, h = around(layer.lattice, i, wide)  # eq. 3
                         grid = grid[(slice(None), *near)]
                         # stable: eq. 8 weighs the sample (g), and eq. 3 says how far it reaches;
                         # beyond 1 the nodes around a winner would all jump to the sample

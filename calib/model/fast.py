@@ -12,7 +12,6 @@ from ..body.planar import PlanarStructure
 from ..body.spatial import SpatialStructure, structure_of
 from ..body.views import cubic
 from ..common.arrays import Array
-from ..common.parallel import one_blas_thread
 from ..errors import CalibError, OptionError
 from ..kernel.arm import KernelArm
 from ..kernel.compiled import Compiled, compile_source
@@ -47,24 +46,23 @@ def kernel_of(model: Model, limit: Array | None = None) -> Kernel:
     own = isinstance(model.predictor.smooth, BodyInBox)
     nominal, correcting = _nominal(model, arm)
     reach = float(np.linalg.norm(np.vstack([arm.links.strides[1:], arm.links.tip]), axis=1).sum())
-    with one_blas_thread():  # the same bytes on any number of cores
-        return Kernel(
-            arm,
-            model.motor,
-            model.predictor.models if own else NO_MODELS,
-            model.solver.extent,
-            max(reach, 1e-9),
-            float(np.cbrt(abs(np.linalg.det(arm.view)))) if arm.outputs == 3 else 1.0,
-            model.trust.most,
-            model.bounds,
-            model.model_bounds,
-            ROUNDED,
-            _starts(model),
-            model.posterior,
-            nominal,
-            correcting,
-            np.full(dof, _NO_LIMIT) if limit is None else limit,
-        )
+    return Kernel(
+        arm,
+        model.motor,
+        model.predictor.models if own else NO_MODELS,
+        model.solver.extent,
+        max(reach, 1e-9),
+        float(np.cbrt(abs(np.linalg.det(arm.view)))) if arm.outputs == 3 else 1.0,
+        model.trust.most,
+        model.bounds,
+        model.model_bounds,
+        ROUNDED,
+        _starts(model),
+        model.posterior,
+        nominal,
+        correcting,
+        np.full(dof, _NO_LIMIT) if limit is None else limit,
+    )
 
 
 def compiled_of(model: Model) -> tuple[Compiled | None, str]:

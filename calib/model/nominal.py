@@ -20,7 +20,9 @@ from ..body.planar import PlanarStructure
 from ..body.spatial import SpatialStructure
 from ..common.arrays import Array
 from ..errors import OptionError
-from ..inverse.pose import reach_poses
+from ..inverse.newton import Newton
+from ..inverse.pose import Joints
+from ..inverse.tasks import Poses
 
 if TYPE_CHECKING:
     from .model import Model
@@ -117,8 +119,12 @@ class NominalPose:
         position, rotation = self.structure.pose(q, self.nominal)
         # of many steps: two or three suffice but beside singular poses
         length = max(self.structure.chain.reach, 1e-9)
-        found, left = reach_poses(self._real, q, position, rotation, length)
-        return found, left / length
+        joints = Joints(q.min(axis=0) - 1.0, q.max(axis=0) + 1.0, self.structure.revolute)
+        scale, target = joints.turning, Poses.target(position, rotation)
+        newton = Newton(Poses(self._real, scale, length), scale, length)
+        u, left = newton.refine(scale.to_unit(q), target, 1e-12)
+        way = scale.difference(u, scale.to_unit(q)) * scale.span  # on q's own turn
+        return q + way, left / length
 
     def angle(self, q: Array, corrected: Array) -> Array:
         """Angle (n,) [rad] between the nominal tool at `q` and the real one at other joints."""

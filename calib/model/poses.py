@@ -5,27 +5,20 @@ Use it for tables of poses; `calib.Model.solve` answers positions alone, in the 
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..arm.rotations import matrix_of, quaternion_of
+from ..arm.rotations import logarithm, matrix_of, quaternion_of
 from ..common.arrays import Array
 from ..common.rows import checked_rows
 from ..errors import QueryError
-from ..inverse.near import position_near
-from ..inverse.pose import TOLERANCE, Reached, pose_branches, reach_poses
 from ..samples.roles import QUATERNION, ROUNDING
 from .space import REACHED, Space
 
 if TYPE_CHECKING:
     from .model import Model
-
-_BESIDE = 0.1  # rad: joints no further from `near` than this are on its branch
-_PARTS = ("q", "position", "rotation", "away", "turned")  # of `Reached`, a row for each answer
-_CLEAR = 0.3  # share of the least singular value that joints may move by beside `near`
 
 
 class PoseAnswers(NamedTuple):
@@ -128,72 +121,24 @@ def solve_poses(
         same = np.tile(np.eye(3), (n, 1, 1)) if r is None else r
         p, turned = space.to_base(p, same)
         r = None if r is None else turned
-    found = _found(space, p, r, anchor, every, keep)
-    return _described(space, found, frame)
-
-
-def _described(space: Space, found: list[Reached], frame: str) -> PoseAnswers:
-    """Answers of the arm, one list for each target, in a frame and with their bounds."""
-    target = np.repeat(np.arange(len(found)), [len(each.q) for each in found])
-    q = np.empty((0, len(space.model.about.joint_names)))
-    none = Reached(q, *space.evaluate(q)[:2], np.empty(0), np.empty(0), False)
-    q, position, rotation, away, turned = (
-        np.concatenate([getattr(each, name) for each in (none, *found)]) for name in _PARTS
-    )
-    reachable = np.array([each.reachable for each in found], dtype=bool)[target]
+    if r is None:
+        q, target = space.at_positions(p, anchor, keep=keep), np.arange(n)
+    else:
+        found = space.at_poses(p, r, anchor, every=every)
+        target = np.repeat(np.arange(n), [len(rows) for rows in found])
+        q = np.concatenate([anchor[:0], *found])
+    position, rotation, _ = space.evaluate(q)
+    away, turned = np.linalg.norm(position - p[target], axis=1), np.zeros(len(q))
+    if r is not None:
+        turned = np.linalg.norm(logarithm(r[target] @ np.swapaxes(rotation, 1, 2)), axis=1)
+    met = (away <= REACHED * space.length) & (turned <= 10 * REACHED)
+    reachable = np.isin(target, target[met])
     scale = 1.0
     if frame == "base":
         bound = error = space.bound(q)
     else:
         position, rotation = space.to_sensor(position, rotation)
         scale = space.sensor[2]
-        bound, error = space.model.expected_error(q), space.model.model_error(q)
+        bound, error = model.expected_error(q), model.model_error(q)
     turns = quaternion_of(rotation)
     return PoseAnswers(target, q, position, turns, scale * away, turned, bound, error, reachable)
-
-
-def _found(
-    space: Space, p: Array, r: Array | None, anchor: Array, every: bool, keep: bool
-) -> list[Reached]:
-    """Answers (targets) in the base frame; the rows that are met beside `anchor` all at once."""
-    n, length = len(p), space.length
-    if (every and r is not None) or keep or not n:
-        q, beside = anchor, np.zeros(n, dtype=bool)
-    elif r is None:
-        q, distance = position_near(space.evaluate, p, anchor, space.joints, length)
-        beside = distance <= REACHED * length
-    else:
-        q, distance = reach_poses(space.evaluate, anchor, p, r, length)
-        q, inside = space.joints.within(q)
-        # another branch is as near only beside a fold, where the Jacobian loses a direction
-        slope = space.evaluate(q)[2].copy()
-        slope[:, :3] /= length
-        least = np.linalg.svd(slope, compute_uv=False)[:, -1]
-        moved = np.abs(q - anchor).max(axis=1)
-        beside = inside & (distance <= TOLERANCE * length)
-        beside &= (moved <= _BESIDE) & (moved <= _CLEAR * least) & (q.shape[1] <= 6)
-    alone = np.flatnonzero(~beside)
-    branches: dict[int, Array] = {}
-    if r is not None and len(alone):
-        every_way = pose_branches(
-            space.evaluate, p[alone], r[alone], space.joints, length, starts=anchor[alone]
-        )
-        branches = dict(zip(alone.tolist(), every_way, strict=True))
-    position, rotation, _ = space.evaluate(q)
-    away = np.linalg.norm(position - p, axis=1)
-    out = []
-    for i in range(n):
-        if beside[i]:
-            own = slice(i, i + 1)
-            out.append(Reached(q[own], position[own], rotation[own], away[own], np.zeros(1), True))
-        elif r is None:
-            out.append(space.reach_position(p[i], anchor[i].tolist(), keep=keep))
-        else:
-            each = space.reach_pose(p[i], r[i], anchor[i].tolist(), branches[i])
-            out.append(each if every and each.reachable else _first_of(each))
-    return out
-
-
-def _first_of(found: Reached) -> Reached:
-    """The preferred answer alone."""
-    return replace(found, **{name: getattr(found, name)[:1] for name in _PARTS})

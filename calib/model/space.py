@@ -6,34 +6,41 @@ for what needs the chain: poses, positions near joints, and the base frame of a 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..arm.rotations import exponential, logarithm, quaternion_of
+from ..arm.rotations import exponential, quaternion_of
 from ..body.belief import Body
 from ..body.spatial_view import look
 from ..body.views import is_camera
 from ..common.arrays import Array
 from ..common.rows import checked_rows
+from ..common.scale import Scale
 from ..errors import QueryError
-from ..inverse.near import position_near
+from ..inverse.newton import Newton
 from ..inverse.pixel import on_plane
-from ..inverse.pose import Joints, Reached, pose_branches, reach_poses
+from ..inverse.pose import TOLERANCE, Joints, pose_branches
 from ..inverse.self_motions import free_directions
+from ..inverse.tasks import Places, Poses, Positions
 from .base import drawn, in_base
 
 if TYPE_CHECKING:
     from .model import Model
 
-_KEEP = 10.0  # a turn of the tool beside a motion of the joints
+_BESIDE = 0.5  # rad: of joints no further from `near` the other branches are looked for there
+_ACROSS = (-4.0, -2.0, -1.0, 1.0, 2.0, 4.0)  # least singular values to the other side of a fold
+_AROUND = 12  # more starts, within twice the distance from `near`
+_FEW = 12  # of a start that is near
+_CLEAR = 0.3  # share of the least singular value that joints may move by beside `near`
+_STEPS = 40  # of a search whose residual stays
+_TOGETHER = 50  # targets that are tried again side by side
 #: A pose or a position counts as reached within this share of the arm's length.
 REACHED = 1e-6
-_STARTS = 64
+_STARTS = 64  # joints from which what was missed is tried again
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,60 +146,122 @@ class Space:
         placed = own.structure.sensor(own.beta)
         return placed.rotation, placed.shift, placed.scale
 
-    def reach_pose(
-        self,
-        position: ArrayLike,
-        rotation: Array,
-        near: Sequence[float] | None = None,
-        branches: Array | None = None,
-    ) -> Reached:
-        """Joint values for a pose in the base frame: every branch, that nearest to `near` first.
+    def at_positions(self, p: Array, near: Array, *, keep: bool = False) -> Array:
+        """Joints (n, dof) nearest to `near` (n, dof) for positions (n, 3) of the base frame [m].
 
-        position, rotation : (3,) [m], (3, 3)
-
-        Where none reaches it, the one that comes nearest; an arm of more than six joints has
-        infinitely many, of which the nearest to `near` stands first.  `branches` (b, dof) are
-        those of the pose where they are known.
+        Out of reach those whose tip comes nearest.  `keep` holds the orientation that the tip has
+        at `near` as far as the joints allow.
         """
-        p, r = np.asarray(position, dtype=float), rotation
-        anchor = self.joints.middle if near is None else np.asarray(near, dtype=float)
-        found = branches
-        if found is None:
-            (found,) = pose_branches(
-                self.evaluate, p[None], r[None], self.joints, self.length, starts=anchor[None]
-            )
-        if len(found) and len(anchor) > 6:
-            found = np.vstack([self._slid(found[self._order(found, anchor)[:4]], p, r, anchor)])
-        if not len(found):
-            starts = np.vstack([anchor, self.joints.draw(_STARTS, np.random.default_rng(0))])
-            n = len(starts)
-            q, _ = reach_poses(
-                self.evaluate, starts, np.tile(p, (n, 1)), np.tile(r, (n, 1, 1)), self.length
-            )
-            q, _ = self.joints.within(q)
-            # a radian of turn is worth the arm's length, as in the steps themselves
-            misfit = self._answer(q, p, r)
-            best = int(np.argmin(misfit.away + self.length * misfit.turned))
-            return self._answer(q[[best]], p, r)
-        return self._answer(found[self._order(found, anchor)], p, r)
+        newton, wish = self._placing, self._unit(near)
+        if keep:  # positions weigh a thousand times as much as the turn
+            held = Poses(self.evaluate, self._scale, 1e-3 * self.length)
+            turns = self.evaluate(self._scale.from_unit(wish))[1]
+            first = replace(newton, task=held)
+            u, _ = first.refine(wish, held.target(p, turns), steps=4 * _STEPS)
+            u, distance = newton.refine(u, p)
+        else:
+            u, distance = newton.settle(wish, p, wish)
+        self._again(newton, u, distance, p, wish)
+        return self._scale.from_unit(u)
 
-    def reach_position(
-        self, position: ArrayLike, near: Sequence[float] | None = None, *, keep: bool = False
-    ) -> Reached:
-        """Joint values nearest to `near` for a position in the base frame.
+    def at_poses(self, p: Array, r: Array, near: Array, *, every: bool = False) -> list[Array]:
+        """Joints (k, dof) for each pose (n, 3), (n, 3, 3) of the base frame, the nearest first.
 
-        Without `near`, nearest to the middle of the ranges. `keep` holds the orientation that
-        the tip has at `near` as far as the joints allow.
+        One of each, or `every` branch.  Where none reaches it, the one that comes nearest; of the
+        infinitely many of an arm of more than six joints the nearest to `near` (n, dof).
         """
-        p = np.asarray(position, dtype=float)
-        anchor = self.joints.middle if near is None else np.asarray(near, dtype=float)
-        q, distance = self._near(p, anchor[None], keep)
-        if distance[0] > REACHED * self.length:  # the way from there may end at a limit
-            q, distance = self._near(p, self.joints.draw(_STARTS, np.random.default_rng(0)), False)
-            good = distance <= max(REACHED * self.length, 1.001 * distance.min())
-            again, kept = self._slide_home(q[good], p, anchor, keep)
-            q = again[[int(np.argmin(kept))]]
-        return self._answer(q, p, None)
+        wish, target = self._unit(near), Poses.target(p, r)
+        beside, q = self._beside(wish, target)
+        alone = np.flatnonzero(~beside | every)
+        found = [q[i : i + 1] for i in range(len(p))]
+        branches = pose_branches(
+            self.evaluate, p[alone], r[alone], self.joints, self.length, starts=near[alone]
+        )
+        lost = []
+        for i, rows in zip(alone.tolist(), branches, strict=True):
+            u = self._scale.to_unit(rows)
+            if len(u) and u.shape[1] > 6:
+                nearest = u[self._order(u, wish[i])[:4]]
+                n = len(nearest)
+                slid, left = self._posing.settle(
+                    nearest, np.tile(target[i], (n, 1)), np.tile(wish[i], (n, 1))
+                )
+                u = np.where((left <= REACHED * self.length)[:, None], slid, nearest)
+            if len(u):
+                rows = self._scale.from_unit(u[self._order(u, wish[i])])
+                found[i] = rows if every else rows[:1]
+            else:
+                lost.append(i)
+        if lost:
+            u, left = self._posing.refine(wish[lost], target[lost])
+            self._again(self._posing, u, left, target[lost], wish[lost])
+            for i, row in zip(lost, self._scale.from_unit(u), strict=True):
+                found[i] = row[None]
+        return found
+
+    def _beside(self, wish: Array, target: Array) -> tuple[NDArray[np.bool_], Array]:
+        """Which poses are reached so close to a wish that no other branch is nearer; joints."""
+        newton, span = self._posing, self._scale.span
+        u, left = newton.refine(wish, target)
+        if u.shape[1] > 6 or not len(u):
+            return np.zeros(len(u), dtype=bool), self._scale.from_unit(u)
+        moved = np.abs(self._scale.difference(u, wish) * span).max(axis=1)
+        beside = (left <= TOLERANCE * self.length) & (moved <= _BESIDE)
+        # another branch is as near only beside a fold, where the Jacobian loses a direction
+        slope = self.evaluate(self._scale.from_unit(u))[2].copy()
+        slope[:, :3] /= self.length
+        least, lost = (part[:, -1] for part in np.linalg.svd(slope)[1:])
+        rows = np.flatnonzero(beside & (moved > _CLEAR * least))
+        if len(rows):  # across the fold, and as near all around
+            across = least[rows, None, None] * np.array(_ACROSS)[:, None] * lost[rows, None]
+            around = np.random.default_rng(0).uniform(-2, 2, (_AROUND, u.shape[1]))
+            starts = np.concatenate(
+                [
+                    u[rows, None] + across / span,
+                    wish[rows, None] + moved[rows, None, None] * around / span,
+                ],
+                axis=1,
+            )
+            owner = np.repeat(rows, starts.shape[1])
+            tried = newton.clip(starts.reshape(-1, u.shape[1]))
+            found, now = newton.refine(tried, target[owner], steps=_FEW)
+            owner = np.append(rows, owner)
+            every, now = np.concatenate([u[rows], found]), np.append(left[rows], now)
+            u[rows] = every[newton.best(owner, every, now, wish[owner])]
+        return beside, self._scale.from_unit(u)
+
+    def _again(self, newton: Newton, u: Array, left: Array, target: Array, wish: Array) -> None:
+        """Answers that missed their target, tried from all over the ranges; in place."""
+        missed = np.flatnonzero(left > REACHED * self.length)
+        start = np.random.default_rng(0).random((_STARTS, u.shape[1]))
+        for part in np.array_split(missed, max(1, len(missed) // _TOGETHER)):
+            owner = np.append(part, np.repeat(part, _STARTS))
+            tried = np.tile(start, (len(part), 1))
+            rows = owner[len(part) :]
+            found, now = newton.settle(tried, target[rows], wish[rows])
+            every, distance = np.concatenate([u[part], found]), np.append(left[part], now)
+            best = newton.best(owner, every, distance, wish[owner])
+            u[part], left[part] = every[best], distance[best]
+
+    def _unit(self, q: Array) -> Array:
+        return self._placing.clip(self._scale.to_unit(q))
+
+    @property
+    def _scale(self) -> Scale:
+        return self.model.motor.scale
+
+    @cached_property
+    def _placing(self) -> Newton:
+        task = Positions(Places(self.evaluate, self._scale))
+        return Newton(task, self._scale, self.length)
+
+    @cached_property
+    def _posing(self) -> Newton:
+        return Newton(Poses(self.evaluate, self._scale, self.length), self._scale, self.length)
+
+    def _order(self, u: Array, wish: Array) -> NDArray[np.intp]:
+        away = np.linalg.norm(self._scale.difference(u, wish), axis=1)
+        return np.argsort(away, kind="stable")
 
     def free(self, q: Array, rows: int) -> Array:
         """Directions (k, dof) that leave the answer at q (dof,); `rows` is 3, or 6 for a pose."""
@@ -214,56 +283,3 @@ class Space:
         # where the lens folds over, the picture shrinks as the point moves outwards
         out = view.point * np.array([[1.0], [1.0], [0.0]])
         return np.asarray(ahead & inside & ((view.seen(out) * out[:2]).sum(axis=0) >= 0))
-
-    def _near(self, p: Array, starts: Array, keep: bool) -> tuple[Array, Array]:
-        n = len(starts)
-        return position_near(
-            self.evaluate, np.tile(p, (n, 1)), starts, self.joints, self.length,
-            keep=_KEEP if keep else 0.0,
-        )  # fmt: skip
-
-    def _slide_home(self, q: Array, p: Array, anchor: Array, keep: bool) -> tuple[Array, Array]:
-        """Move solutions (n, dof) towards the anchor in halves; their distances from it (n,)."""
-        for _ in range(6):
-            tried, distance = self._near(p, 0.5 * (q + anchor), keep)
-            nearer = self.joints.apart(tried, anchor) < self.joints.apart(q, anchor)
-            nearer &= distance <= REACHED * self.length
-            q = np.where(nearer[:, None], tried, q)
-        return q, np.asarray(np.linalg.norm(q - anchor, axis=1))
-
-    def _slid(self, q: Array, p: Array, r: Array, anchor: Array) -> Array:
-        """Solutions (n, dof) of a redundant arm moved along their self-motion to the anchor."""
-        n = len(q)
-        targets = np.tile(p, (n, 1)), np.tile(r, (n, 1, 1))
-        for _ in range(30):
-            jacobian = self.evaluate(q)[2]
-            jacobian[:, :3] /= self.length
-            wish = anchor - q
-            # (1 - J+ J) wish: what of it leaves the tip where it is
-            inverse = np.linalg.pinv(jacobian, rcond=1e-6)
-            step = wish - np.einsum("nij,nj->ni", inverse @ jacobian, wish)
-            step *= np.minimum(1, 0.3 / np.maximum(np.abs(step).max(axis=1), 1e-12))[:, None]
-            moved, distance = reach_poses(self.evaluate, q + step, *targets, self.length)
-            moved, inside = self.joints.within(moved)
-            better = inside & (distance < 1e-8 * self.length)
-            better &= np.linalg.norm(moved - anchor, axis=1) < np.linalg.norm(q - anchor, axis=1)
-            q = np.where(better[:, None], moved, q)
-            if not better.any():
-                break
-        return q
-
-    def _order(self, q: Array, anchor: Array) -> NDArray[np.intp]:
-        span = self.joints.upper - self.joints.lower
-        away = q - anchor
-        # a joint of full turns is as near from the other side
-        whole = 2 * np.pi * np.round(away / (2 * np.pi))
-        away = away - np.where(self.model.motor.scale.periodic, whole, 0.0)
-        return np.argsort(np.linalg.norm(away / span, axis=1), kind="stable")
-
-    def _answer(self, q: Array, p: Array, r: Array | None) -> Reached:
-        position, rotation, _ = self.evaluate(q)
-        away, turned = np.linalg.norm(position - p, axis=1), np.zeros(len(q))
-        if r is not None:
-            turned = np.linalg.norm(logarithm(r @ np.swapaxes(rotation, 1, 2)), axis=1)
-        good = (away <= REACHED * self.length) & (turned <= 10 * REACHED)
-        return Reached(q, position, rotation, away, turned, bool(good.any()))

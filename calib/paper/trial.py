@@ -15,7 +15,8 @@ from ..maps.association import Association
 from ..maps.density import Gain
 from ..samples.samples import Samples
 from ..training.evaluate import Residuals, fresh_points, summarise
-from ..training.learn import Options, associate
+from ..training.learn import associate
+from ..training.options import TrainingOptions
 from .setting import Setting
 
 Row = dict[str, dict[str, dict[str, float]]]
@@ -127,15 +128,13 @@ def association(
 ) -> Association:
     """Both maps and their links alone, as ``calib train`` would learn them."""
     scale = Scale.of_range(samples.lower, samples.upper, samples.revolute)
-    options = Options(
-        (side,) * 2,
-        (side,) * 2,
-        network,
-        schedule.rule,
-        schedule.epochs,
-        schedule.radii(side),
-        seed,
-        taught=False,
+    options = TrainingOptions(
+        side,
+        map=network,
+        rule=schedule.rule,
+        epochs=schedule.epochs,
+        sigma=schedule.radii(side),
+        seed=seed,
         links=schedule.links,
     )
     with one_blas_thread():

@@ -70,6 +70,17 @@ class Board:
         square, marker = (parse_length(part, "board's length") for part in parts[1:3])
         return cls(int(size[1]), int(size[2]), square, marker, *parts[3:])
 
+    @classmethod
+    def of(cls, board: Board | str) -> Board:
+        """A board, or what `parse` reads."""
+        return cls.parse(board) if isinstance(board, str) else board
+
+    @property
+    def text(self) -> str:
+        """As `parse` reads it."""
+        square, marker = 1e3 * self.square, 1e3 * self.marker
+        return f"{self.columns}x{self.rows}:{square:.12g}mm:{marker:.12g}mm:{self.dictionary}"
+
     @property
     def size(self) -> tuple[float, float]:
         """Width and height of the print [m]."""

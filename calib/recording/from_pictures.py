@@ -25,7 +25,7 @@ from .watch import motion, watch
 
 
 def log_pictures(
-    source: str | os.PathLike[str],
+    source: str | os.PathLike[str] | Sequence[str],
     joints: JointTable,
     setting: Setup,
     *,
@@ -33,9 +33,9 @@ def log_pictures(
 ) -> Recorded:
     """Make a log from pictures of an arm with a printed tag on its tip.
 
-    The source is a folder, or a pattern such as `shots/*.jpg`; `joints` have one row for each
-    picture, by their column of names or in natural order. `since` is what an earlier log tells of
-    its source (`read_about`): how far the camera moved since is told.
+    The source is a folder, a pattern such as `shots/*.jpg`, or several names; `joints` have one row
+    for each picture, by their column of names or in natural order. `since` is what an earlier log
+    tells of its source (`read_about`): how far the camera moved since is told.
 
     Raises LogError in one line, if no log can be made: no such tag, twice in a picture, at one
         place while joints move, rows shifted against the pictures, and the like.

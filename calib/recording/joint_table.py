@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..common.arrays import Array
 from ..common.wording import listed
@@ -15,7 +16,8 @@ from ..samples.columns import Source, open_source, read_columns, read_texts
 
 _TIME_COLUMNS = ("time", "timestamp", "stamp", "t", "seconds", "time_s")
 _PICTURE_COLUMNS = ("picture", "image", "file", "filename", "photo")
-_OTHERS = ("x", "y", "z", "qx", "qy", "qz", "qw", "frame", "index", "episode_index")
+_EPISODE_COLUMNS = ("episode", "episode_index")
+_OTHERS = ("x", "y", "z", "qx", "qy", "qz", "qw", "frame", "index", *_EPISODE_COLUMNS)
 
 _TURNS = 4.0 * np.pi  # [rad]; joints that go beyond two turns are taken for degrees
 
@@ -32,6 +34,7 @@ class JointTable:
     time: Array | None  # times of the rows, by the joints' clock (n,) [s]
     pictures: tuple[str, ...] | None  # names of the rows' pictures
     dropped: int = 0
+    episodes: NDArray[np.intp] | None = None  # (n,), the series that each row is of
 
 
 def read_joints(
@@ -64,6 +67,8 @@ def read_joints(
         )
     time = read_columns(source, [time_column])[:, 0] if time_column else None
     pictures = _texts(source, picture_column) if picture_column else None
+    episode_column = _named(source, _EPISODE_COLUMNS)
+    episodes = read_columns(source, [episode_column])[:, 0] if episode_column else None
     good = np.isfinite(values).all(axis=1)
     if time is not None:
         good &= np.isfinite(time)
@@ -87,6 +92,7 @@ def read_joints(
         time=time[good] if time is not None else None,
         pictures=tuple(pictures[k] for k in keep) if pictures is not None else None,
         dropped=int((~good).sum()),
+        episodes=episodes[good].astype(np.intp) if episodes is not None else None,
     )
 
 

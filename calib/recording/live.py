@@ -13,7 +13,6 @@ from typing import Any
 
 from ..common.atomic import atomic_write
 from ..errors import LogError
-from ..samples.places import parse_cell
 from .opencv import opencv
 from .setting import Setup
 
@@ -58,7 +57,10 @@ def record_live(
             where = f"line {number + 1} of the joints' stream"
             if len(row) != len(names):
                 raise LogError(f"{where} has {len(row)} values, expected {len(names)}")
-            q = [parse_cell(cell.strip(), where) for cell in row]
+            try:
+                q = [float(cell) for cell in row]
+            except ValueError as error:
+                raise LogError(f"{where}: {error}; expected the joints' values") from None
             grey = _newest(capture, device)
             seen = [tag for tag in setting.finder.find(grey) if tag.number == setting.tag]
             place = f"at {seen[0].centre.round(1).tolist()} px" if seen else "not seen"

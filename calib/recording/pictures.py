@@ -31,11 +31,14 @@ def _natural(name: str) -> list[tuple[int, int | str]]:
     return [(0, int(p)) if p.isdigit() else (1, p.lower()) for p in parts if p]
 
 
-def list_pictures(source: str | os.PathLike[str]) -> list[Path]:
-    """Return the pictures of a folder or a pattern such as `shots/*.jpg`, in natural order.
+def list_pictures(source: str | os.PathLike[str] | Sequence[str]) -> list[Path]:
+    """Return the pictures of a folder, a pattern such as `shots/*.jpg` or names, in natural order.
 
     Raises LogError if there is no such folder, or no picture in it.
     """
+    if not isinstance(source, (str, os.PathLike)):
+        every = {path for each in source for path in list_pictures(each)}
+        return sorted(every, key=lambda path: _natural(path.name))
     text = os.fspath(source)
     folder = Path(text)
     if folder.is_dir():

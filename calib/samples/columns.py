@@ -1,26 +1,28 @@
-"""Columns of numbers, read from CSV and Parquet files."""
+"""Columns of numbers in CSV and Parquet files, which Polars reads lazily, streaming."""
 
 from __future__ import annotations
 
+import csv
 import os
+import re
 import shutil
 import stat
 import sys
 import tempfile
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
 from difflib import get_close_matches
+from itertools import chain
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..common.arrays import Array
 from ..common.wording import clipped, listed, printable, quoted
-from ..errors import LogError
-from .csv_rows import CsvFile, open_csv
-from .parquet import ParquetFile, open_parquet
-from .places import NumberColumns, Place, find_place
+from ..errors import LogError, OptionError
 
 if TYPE_CHECKING:
     import polars as pl
@@ -28,14 +30,39 @@ if TYPE_CHECKING:
 PARQUET = (".parquet", ".pq")
 RECORDINGS = (".bag", ".db3", ".mcap")
 
-_ENDLESS = tuple(map(Path, ("/dev/zero", "/dev/random", "/dev/urandom", "/dev/full")))
+COMMENT = "# calib "
+"""Begins a line above the header of a CSV file that says what holds for all rows, as JSON."""
+
+KEY = "calib"
+"""Names the entry of a Parquet file's metadata that says the same."""
+
+_LONGEST_LINE = 1 << 20  # characters; a file without line ends must not fill the memory
+_ELEMENT = re.compile(r"(.+)\[(.*)\]", re.DOTALL)
+_MISSING = ("", "na", "n/a", "nan", "null", "none", "-", "?")
 
 
-Source = CsvFile | ParquetFile
-"""A table that is ready to be read, as often as wanted: a file of one format, with its header."""
+@dataclass(frozen=True, eq=False)
+class Source:
+    """A table that is ready to be read, as often as wanted; nothing but its header is in memory."""
 
-_FORMATS: dict[bytes, Callable[[str, Path], Source]] = {b"PAR1": open_parquet}
-"""Formats by the first four bytes of their files; all others are taken for CSV."""
+    label: str  # what errors call it
+    header: tuple[str, ...]
+    rows: pl.LazyFrame  # its columns are named by their place in the header: "0", "1", ...
+    about: str = "{}"  # what the file says of all its rows, as JSON
+    keep: object = None  # whatever has to live as long as the rows are needed
+    text: bool = False  # whether it is a CSV file
+
+    def __contains__(self, name: str) -> bool:
+        """Whether there is a column, or an element of a column's lists, of this name."""
+        return _find(self.header, name) is not None
+
+
+class Rows(NamedTuple):
+    """Rows of a table."""
+
+    values: Array  # (n, names), NaN where a value is missing
+    numbers: NDArray[np.intp]  # (n,), counted below the header from 1
+    total: int  # rows of the table
 
 
 def open_source(path: str | os.PathLike[str] | Source) -> Source:
@@ -52,11 +79,12 @@ def open_source(path: str | os.PathLike[str] | Source) -> Source:
     label = "standard input" if name == "-" else printable(name)
     try:
         file = Path(name)
-        # what is no regular file (a pipe, a socket, /dev/stdin) can be read only once
-        if name == "-" or stat.S_IFMT(file.stat().st_mode) not in (stat.S_IFREG, stat.S_IFDIR):
+        # what is no regular file (a pipe, /dev/stdin) can be read only once
+        regular = file.is_file() or file.is_dir()
+        if name == "-" or (file.exists() and not regular):
             file, keep = _spooled(file)
         with file.open("rb") as opened:
-            opener = _FORMATS.get(opened.read(4))
+            parquet = opened.read(4) == b"PAR1"
     except IsADirectoryError:
         inside = (each.suffix.lower() in RECORDINGS for each in file.iterdir())
         raise LogError(
@@ -69,50 +97,123 @@ def open_source(path: str | os.PathLike[str] | Source) -> Source:
         raise LogError(f"there is no file {label!r}") from None
     except (OSError, ValueError) as error:
         raise LogError(f"cannot read {label!r}: {error}") from None
-    if opener is None and file.suffix.lower() in RECORDINGS:
+    if not parquet and file.suffix.lower() in RECORDINGS:
         raise LogError(
             f"{label} is a recording of messages, expected a CSV or Parquet file",
             hint=f"make a log of it: calib log {label} -o log.csv",
         )
-    if opener is None and file.suffix.lower() in PARQUET:
+    if not parquet and file.suffix.lower() in PARQUET:
         raise LogError(f"{label} is not a Parquet file; rename it to .csv if it is CSV")
-    return replace((opener or open_csv)(label, file), keep=keep)
+    return (_open_parquet if parquet else _open_csv)(label, file, keep)
 
 
-def read_batches(source: Source, names: Sequence[str], *, lenient: bool = False) -> Iterator[Array]:
-    """Yield some columns as numbers (n, names), some rows at a time: a file of any length fits.
+def read_rows(
+    source: Source,
+    names: Sequence[str],
+    *,
+    lenient: bool = False,
+    most: int | None = None,
+    seed: int = 0,
+) -> Rows:
+    """Read some columns as numbers; of more than `most` rows so many, drawn at random.
 
     Of a Parquet file's lists a name is one element, as in `state[0]`. NaN is a missing value, where
-    `lenient` also text in a number's place. Blank lines are no rows.
+    `lenient` also text in a number's place. Blank lines at the end are no rows.
 
     Raises LogError if a column is missing or there twice, or a value is no number.
     """
-    places = [_place(source, name) for name in names]
-    columns = NumberColumns(source.label, places, lenient)
-    lengths: dict[str, int] = {}
-    first = 1
-    for frame in source.frames(list(dict.fromkeys(p.column for p in places)), lenient):
-        yield columns.read(frame, first, lengths)
-        first += frame.height
+    import polars as pl
+
+    with _errors(source.label):
+        schema = source.rows.collect_schema()
+    cells = [_cells(source, name, schema) for name in names]
+    with _errors(source.label):
+        count = source.rows.select(pl.len())
+        total = int(count.collect(engine="streaming").item()) if most else 0
+    rows = source.rows.with_row_index("row")
+    drawn = most is not None and total > most
+    if drawn:
+        some = np.sort(np.random.default_rng(seed).choice(total, most, replace=False))
+        rows = rows.join(pl.LazyFrame({"row": some.astype(np.uint32)}), on="row", how="semi")
+    numbers = [cell.values.cast(pl.Float64, strict=False) for cell in cells]
+    asked = [column.alias(f"value {k}") for k, column in enumerate(numbers)]
+    asked += [
+        (column.is_null() & ~_lacks(cell.values)).alias(f"bad {k}")
+        for k, (cell, column) in enumerate(zip(cells, numbers, strict=True))
+        if isinstance(cell.dtype, pl.String) and not lenient
+    ]
+    frame = _collected(source, rows, ["row", *asked]).sort("row")
+    for name in frame.columns:
+        if name.startswith("bad ") and frame[name].any():
+            k, row = int(name[4:]), int(frame["row"][int(frame[name].arg_true()[0])])
+            _refuse_cell(source, names[k], cells[k].values, row)
+    values = np.empty((frame.height, len(names)))
+    for k in range(len(names)):
+        values[:, k] = frame[f"value {k}"].fill_null(float("nan")).to_numpy()
+    return Rows(
+        values, frame["row"].to_numpy().astype(np.intp) + 1, total if drawn else frame.height
+    )
 
 
 def read_columns(source: Source, names: Sequence[str], *, lenient: bool = False) -> Array:
-    """Read some columns as numbers, all rows at once; see `read_batches`."""
-    batches = list(read_batches(source, names, lenient=lenient))
-    return np.concatenate(batches) if batches else np.empty((0, len(names)))
+    """Read some columns as numbers (n, names), all rows; see `read_rows`."""
+    return read_rows(source, names, lenient=lenient).values
 
 
 def read_texts(source: Source, names: Sequence[str]) -> pl.DataFrame:
     """Read some columns as they are: text from CSV, whatever type from Parquet."""
     import polars as pl
 
-    frames = list(source.frames(names)) if names else []
-    return pl.concat(frames) if frames else pl.DataFrame(schema=dict.fromkeys(names, pl.String))
+    columns = [pl.col(str(source.header.index(name))).alias(name) for name in names]
+    frame = _collected(source, source.rows, columns)
+    return frame.with_columns(pl.col(pl.String).fill_null(""))
 
 
-def _place(source: Source, name: str) -> Place:
-    place = find_place(source.header, name)
-    if place is None:
+def _collected(
+    source: Source, rows: pl.LazyFrame, columns: Sequence[str | pl.Expr]
+) -> pl.DataFrame:
+    """Columns of some rows of a table, without blank lines at the end of a CSV file."""
+    import polars as pl
+
+    blank = pl.all_horizontal(pl.exclude("row").is_null()) if source.text else pl.lit(value=False)
+    nothing = blank.alias("nothing")
+    with _errors(source.label):
+        frame = rows.select(*columns, nothing).collect(engine="streaming")
+    something = (~frame["nothing"]).arg_true()
+    return frame.drop("nothing").head(something[-1] + 1 if len(something) else 0)
+
+
+class _Cells(NamedTuple):
+    """The values of one name, as Polars finds them."""
+
+    values: pl.Expr
+    dtype: pl.DataType
+
+
+def _find(header: Sequence[str], name: str) -> tuple[str, int | None] | None:
+    """The column of a name, and which element of its lists; a column goes first.
+
+    Raises OptionError if what stands in the brackets is no place in a list.
+    """
+    if name in header:
+        return name, None
+    match = _ELEMENT.fullmatch(name)
+    if match is None or match[1] not in header:
+        return None
+    if not re.fullmatch("0|[1-9][0-9]{0,8}", match[2]):
+        raise OptionError(
+            f"{quoted(name)}: {quoted(match[2])} is no place in a list, expected a whole number "
+            "counted from 0"
+        )
+    return match[1], int(match[2])
+
+
+def _cells(source: Source, name: str, schema: pl.Schema) -> _Cells:
+    """Find the values of a name; numbers, or text that is to become numbers."""
+    import polars as pl
+
+    found = _find(source.header, name)
+    if found is None:
         near = get_close_matches(name, source.header, n=1)
         meant = f"did you mean {quoted(near[0])}? " if near else ""
         raise LogError(
@@ -122,12 +223,120 @@ def _place(source: Source, name: str) -> Place:
             parameter="columns",
             value=name,
         )
-    count = source.header.count(place.column)
-    if count > 1:
+    column, element = found
+    if (count := source.header.count(column)) > 1:
+        raise LogError(f"{source.label} has {count} columns {quoted(column)}: rename all but one")
+    key = str(source.header.index(column))
+    values, dtype = pl.col(key), schema[key]
+    if element is not None and dtype != pl.Null:
+        values, dtype = _element(source, column, element, values, dtype)
+    if not (dtype.is_numeric() or isinstance(dtype, (pl.String, pl.Null))):
+        lists = element is None and isinstance(dtype, (pl.List, pl.Array))
+        remedy = f"; name one element, such as {name}[0]" if lists else ""
+        raise LogError(f"{source.label}, column {name!r} holds {dtype}, expected numbers{remedy}")
+    return _Cells(values.str.strip_chars() if isinstance(dtype, pl.String) else values, dtype)
+
+
+def _element(
+    source: Source, column: str, element: int, lists: pl.Expr, dtype: pl.DataType
+) -> tuple[pl.Expr, pl.DataType]:
+    """One element of a column of lists, which are all of one length."""
+    import polars as pl
+
+    where = f"{source.label}, column {column!r} holds"
+    if isinstance(dtype, pl.Array):
+        lists = lists.arr.to_list()
+    elif not isinstance(dtype, pl.List):
+        raise LogError(f"{where} {dtype}, expected lists, as in Parquet files")
+    count = lists.list.len()
+    with _errors(source.label):
+        low, high = source.rows.select(low=count.min(), high=count.max()).collect().row(0)
+    if low != high:
+        raise LogError(f"{where} lists of {low} to {high}; which element is which cannot be told")
+    if high is not None and element >= high:
         raise LogError(
-            f"{source.label} has {count} columns {quoted(place.column)}: rename all but one"
+            f"{where} lists of {high}, counted from 0: there is no '{column}[{element}]'"
         )
-    return place
+    inner: pl.DataType = dtype.inner  # type: ignore[assignment]
+    return lists.list.get(element, null_on_oob=True), inner
+
+
+def _lacks(text: pl.Expr) -> pl.Expr:
+    """Whether cells are empty, or hold one of the usual words for a missing value."""
+    return text.is_null() | text.str.to_lowercase().is_in(_MISSING)
+
+
+def _refuse_cell(source: Source, name: str, values: pl.Expr, row: int) -> None:
+    """Refuse a cell with text in a number's place."""
+    text = str(source.rows.select(values).slice(row, 1).collect().item())
+    remedy = "write decimals with a point" if "," in text else "empty the cell if it is missing"
+    shown = repr(text if len(text) <= 40 else text[:37] + "...")
+    raise LogError(
+        f"{source.label}, row {row + 1}, column {name!r}: {shown} is not a number; {remedy}"
+    )
+
+
+def _open_csv(label: str, path: Path, keep: object) -> Source:
+    """Find the header of a CSV file, below its comments, and what stands between the fields."""
+    import polars as pl
+
+    skip, about = 0, "{}"
+    with path.open(encoding="utf-8-sig", newline="\n") as file, _errors(label):
+        while (line := file.readline(_LONGEST_LINE)).startswith(COMMENT) or line.isspace():
+            about = line.removeprefix(COMMENT) if line.startswith(COMMENT) else about
+            skip += 1
+        if len(line) == _LONGEST_LINE:
+            raise LogError(
+                f"{label} has no line end in its first megabyte: expected CSV or Parquet"
+            )
+        separator = max(",;\t", key=line.count)
+        header = next(csv.reader(chain([line], file), delimiter=separator), [])
+    if not header:
+        raise LogError(f"{label} is empty: expected a header with the names of the columns")
+    rows = pl.scan_csv(
+        path,
+        separator=separator,
+        skip_lines=skip,
+        infer_schema=False,
+        glob=False,
+        with_column_names=lambda names: [str(k) for k in range(len(names))],
+    )
+    return Source(label, tuple(name.strip() for name in header), rows, about, keep, text=True)
+
+
+def _open_parquet(label: str, path: Path, keep: object) -> Source:
+    """Find the columns of a Parquet file, and what its metadata say of all rows."""
+    import polars as pl
+
+    with _errors(label):
+        rows = pl.scan_parquet(path, glob=False)
+        header = tuple(rows.collect_schema())
+        about = str(pl.read_parquet_metadata(path).get(KEY, "{}"))
+    named = rows.rename({name: str(k) for k, name in enumerate(header)})
+    return Source(label, header, named, about, keep)
+
+
+@contextmanager
+def _errors(label: str) -> Iterator[None]:
+    """Tell in one line that a file cannot be read."""
+    import polars as pl
+
+    try:
+        yield
+    except UnicodeDecodeError:
+        reason = "it is not UTF-8 text: save it as UTF-8 CSV"
+    except (pl.exceptions.PolarsError, pl.exceptions.PanicException, csv.Error, OSError) as error:
+        reason = (str(error).strip().splitlines() or ["unreadable"])[0][:100]
+        if "utf-8" in reason:
+            reason = "it is not UTF-8 text: save it as UTF-8 CSV"
+        if "more fields" in reason:
+            reason = (
+                "a row has more fields than the header: write decimals with a point, and quote "
+                "text that holds a comma"
+            )
+    else:
+        return
+    raise LogError(f"{label} cannot be read: {reason}")
 
 
 def _spooled(path: Path) -> tuple[Path, object]:
@@ -135,13 +344,13 @@ def _spooled(path: Path) -> tuple[Path, object]:
 
     The file is gone with the last reference to the second value.
     """
-    typed = str(path) == "-"
-    if not typed and (stat.S_ISBLK(path.stat().st_mode) or path.resolve() in _ENDLESS):
-        raise LogError(f"{path} is a device that never ends, expected a CSV or Parquet file")
+    mode = None if str(path) == "-" else path.stat().st_mode
+    if mode is not None and (stat.S_ISBLK(mode) or stat.S_ISCHR(mode)):
+        raise LogError(f"{path} is a device, expected a CSV or Parquet file")
     folder = tempfile.TemporaryDirectory(prefix="calib-")
     copy = Path(folder.name) / f"stream{path.suffix}"
     with copy.open("wb") as file:
-        if not typed:
+        if mode is not None:
             with path.open("rb") as stream:
                 shutil.copyfileobj(stream, file)
         elif (binary := getattr(sys.stdin, "buffer", None)) is not None:

@@ -9,9 +9,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from ..errors import LogError
-from .columns import Source, open_source, read_batches
-from .measured_rows import HELD_ROWS, Reservoir
-from .places import find_place
+from .columns import Source, open_source, read_rows
+from .measured_rows import HELD_ROWS
 
 _STANDS = {True: math.radians(5.0), False: 2e-2}  # further it takes part [rad, m]
 _SOME = 0.02  # share of rows in which it may do so: wrong readings
@@ -35,23 +34,18 @@ def locked_from_log(
     """
     source = open_source(path)
     used = {name: (columns or {}).get(name, name) for name in names}
-    found = [name for name in names if used[name] != name or find_place(source.header, name)]
+    found = [name for name in names if used[name] != name or name in source]
     if not found:
         return {}, ()
-    reservoirs = {name: Reservoir(HELD_ROWS, extremes=1) for name in found}
-    first = 1
-    for batch in read_batches(source, [used[name] for name in found]):
-        for reservoir, column in zip(reservoirs.values(), batch.T, strict=True):
-            rows = np.flatnonzero(np.isfinite(column))
-            reservoir.add(column[rows, None], first + rows)
-        first += len(batch)
+    read = read_rows(source, [used[name] for name in found], most=HELD_ROWS)
     values, notes = {}, []
-    for name, reservoir in reservoirs.items():
-        recorded, numbers = reservoir.rows()
+    for name, column in zip(found, read.values.T, strict=True):
+        there = np.isfinite(column)
+        recorded, numbers = column[there], read.numbers[there]
         if not len(numbers):
             continue
         turns = name not in prismatic
-        stood = np.deg2rad(recorded.ravel()) if turns and degrees else recorded.ravel()
+        stood = np.deg2rad(recorded) if turns and degrees else recorded
         values[name] = float(np.median(stood))
         off = np.abs(stood - values[name])
         moved = float(off.max())

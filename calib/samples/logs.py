@@ -22,13 +22,10 @@ from .camera import camera_of
 from .columns import Source, open_source, read_columns
 from .diagnosis import diagnose, refuse_mistakes
 from .log_ranges import UNKNOWN_RANGE, LoggedJoint
-from .measured_rows import HELD_ROWS, Reservoir, measured_rows
-from .places import find_place
+from .measured_rows import HELD_ROWS, check_values, measured_rows, seen_rows
 from .roles import (
     PIXELS,
     QUATERNION,
-    ROUNDING,
-    Roles,
     check_names,
     find_roles,
     from_angles,
@@ -37,10 +34,9 @@ from .roles import (
     unit_quaternions,
 )
 from .samples import Samples
-from .settings import LARGEST_ARM, MOST_WRONG, OUT_OF_PLANE
+from .settings import LARGEST_ARM, OUT_OF_PLANE
 from .tables import read_about, stated_unit, write_table
 from .touches import is_touches, read_touches
-from .wrong_rows import placeholders, rows_in_words
 
 if TYPE_CHECKING:
     from ..arm.arm import Arm
@@ -69,9 +65,9 @@ def read_log(
 
     Further columns are ignored. Rows with a value that is missing, not finite or beyond 1e15
     are left out, counted in `Samples.dropped` and described in `Samples.notes`. Positions may be
-    in the sensor's own unit and axes; of x, y, z the plane is fitted. A log is read in batches and
-    may be of any length; of one with more than `most` rows so many are drawn at random, and
-    those with each joint's least and largest value. Rows stay in the order of the file.
+    in the sensor's own unit and axes; of x, y, z the plane is fitted. A log may be of any length:
+    of one with more than `most` rows so many are drawn at random. Rows stay in the order of the
+    file.
 
     Parameters
     ----------
@@ -119,7 +115,7 @@ def read_log(
     if isinstance(most, bool) or not isinstance(most, (int, np.integer)) or most < 2:
         raise OptionError(f"most is {most!r}, expected a whole number of rows, 2 or more")
     source = open_source(path)
-    there = {k: name for k, name in (usual or {}).items() if find_place(source.header, name)}
+    there = {k: name for k, name in (usual or {}).items() if name in source}
     columns = {**there, **(columns or {})}
     about = read_about(source)
     if sees_pixels(source.header, columns, arm.joint_names if arm else joints or ()):
@@ -136,7 +132,7 @@ def read_log(
     if is_touches(source.header, columns):
         names = arm.joint_names if arm is not None else tuple(joints or ())
         kinds = arm.revolute if arm is not None else (True,) * len(names)
-        return read_touches(source, names, arm, columns, revolute=kinds, degrees=degrees)
+        return read_touches(source, names, arm, columns, revolute=kinds, degrees=degrees, unit=unit)
     roles = find_roles(source, arm, joints, columns)
     names, axes = roles.joints, roles.axes
     wanted = arm.outputs if arm is not None and outputs is None else outputs
@@ -147,11 +143,10 @@ def read_log(
             parameter="planar",
         )
     known = _joints(source.label, arm, names, prismatic, degrees, ranges or {})
-    reservoir = Reservoir(most, extremes=len(names), seed=seed)
-    values, rows, dropped, notes = measured_rows(source, roles.columns, known, reservoir)
-    values, rows, left_out, more = _seen(source.label, values, rows, len(names), len(axes), roles)
+    values, rows, dropped, notes = measured_rows(source, roles.columns, known, most, seed)
+    values, rows, left_out, more = seen_rows(source.label, values, rows, roles)
     notes += more
-    _check_values(source, values, names, axes)
+    check_values(source, values, names, axes)
     revolute = tuple(joint.revolute for joint in known)
     in_degrees = degrees and any(revolute)
     # values of a few degrees at most are doubted
@@ -234,34 +229,6 @@ def write_log(samples: Samples, path: str | os.PathLike[str]) -> None:
     write_table(path, columns)
 
 
-def _seen(
-    label: str, values: Array, rows: NDArray[np.intp], dof: int, axes: int, roles: Roles
-) -> tuple[Array, NDArray[np.intp], int, list[str]]:
-    """Leave out the rows in which the sensor saw nothing: zeros, or a quaternion of no length."""
-    lost = placeholders(values[:, :dof], values[:, dof : dof + axes])
-    kinds = [(lost, "hold zeros for a position, as where a sensor saw nothing")]
-    if roles.turns == QUATERNION:
-        length = np.linalg.norm(values[:, dof + axes :], axis=1)
-        unturned = ~lost & (np.abs(length - 1) > ROUNDING)
-        if unturned.mean() > MOST_WRONG:
-            row = int(np.argmax(unturned))
-            shown = ", ".join(f"{value:.4g}" for value in values[row, dof + axes :])
-            raise LogError(
-                f"{label}: {int(unturned.sum()):,} of {len(values):,} rows hold no orientation, "
-                f"the first (row {rows[row]}) has qx, qy, qz, qw = {shown} of length "
-                f"{length[row]:.4g}, expected 1; check which columns are named"
-            )
-        kinds.append((unturned, "hold no orientation: a quaternion whose length is not 1"))
-    notes = [
-        f"{int(wrong.sum()):,} of {len(values):,} rows {why}; left out: "
-        f"{rows_in_words(rows[wrong])}"
-        for wrong, why in kinds
-        if wrong.any()
-    ]
-    kept = ~np.any([wrong for wrong, _ in kinds], axis=0)
-    return values[kept], rows[kept], int((~kept).sum()), notes
-
-
 def _time(source: Source, rows: NDArray[np.intp], names: Sequence[str]) -> Array | None:
     """Times (n,) [s] of some rows of a log, None where it has none."""
     if "time" not in source.header or "time" in names:
@@ -327,30 +294,3 @@ def _joints(
         joint = LoggedJoint(label, name, turns, limits, degrees)
         joints.append(joint.with_range(ranges[name]) if name in ranges else joint)
     return joints
-
-
-def _check_values(source: Source, values: Array, names: Sequence[str], axes: Sequence[str]) -> None:
-    if len(values) < 2:
-        raise LogError(f"{source.label} has one usable row; learning needs two or more")
-    spread = np.ptp(values, axis=0)
-    for k, name in enumerate(names):
-        if spread[k] == 0.0:
-            raise LogError(
-                f"{source.label}: joint {name!r} is {values[0, k]:g} in every row; a joint "
-                "that does not move cannot be learned",
-                hint="leave it out of `joints`",
-                parameter="joints",
-                value=name,
-            )
-        for other in range(k):
-            if np.array_equal(values[:, k], values[:, other]):
-                raise LogError(
-                    f"{source.label}: joints {names[other]!r} and {name!r} have the same "
-                    "values in every row; one of the columns is a copy"
-                )
-    for k, name in enumerate(axes, start=len(names)):
-        if spread[k] == 0.0 and len(axes) == 2:
-            raise LogError(
-                f"{source.label}: {name} is {values[0, k]:g} in every row; the sensor saw no "
-                "motion along it"
-            )

@@ -33,6 +33,7 @@ class Recorded:
     # times since the first row; of pictures their names in `pictures` instead (n,) [s]
     time: Array | None = None
     pictures: tuple[str, ...] | None = None
+    episodes: Array | None = None  # (n,), the series that each row is of
     dropped: Mapping[str, int] = field(default_factory=dict)  # why rows are missing, and how many
     notes: tuple[str, ...] = ()
 
@@ -54,7 +55,8 @@ class Recorded:
     def columns(self) -> dict[str, Array]:
         """Return the columns by name."""
         time = {} if self.time is None else {"time": self.time}
-        return log_columns(self.joint_names, self.q, self.x, self.quaternion) | time
+        series = {} if self.episodes is None else {"episode": self.episodes}
+        return log_columns(self.joint_names, self.q, self.x, self.quaternion) | time | series
 
     def write(self, path: str | os.PathLike[str]) -> None:
         """Write it as a log: CSV with one line of comment, or Parquet with metadata."""

@@ -17,10 +17,15 @@ from numpy.typing import ArrayLike, NDArray
 from ..common.arrays import Array
 from ..common.atomic import atomic_write
 from ..common.wording import listed, printable
-from .columns import PARQUET, Source, open_source, read_columns, read_texts
-from .csv_rows import COMMENT
-from .parquet import KEY
-from .places import find_place
+from .columns import (
+    COMMENT,
+    KEY,
+    PARQUET,
+    Source,
+    open_source,
+    read_columns,
+    read_texts,
+)
 
 if TYPE_CHECKING:
     import polars as pl
@@ -93,8 +98,7 @@ def read_batch(
     values = read_columns(source, list(held), lenient=True)
     invalid = ~np.isfinite(values).all(axis=1)
     values[invalid] = np.nan
-    taken = {place.column for name in held if (place := find_place(source.header, name))}
-    rest = [name for name in dict.fromkeys(source.header) if name not in taken]
+    rest = [name for name in dict.fromkeys(source.header) if name not in held]
     others = [name for name in rest if name and source.header.count(name) == 1]
     return Batch(
         values,
@@ -132,10 +136,7 @@ def write_table(
         # by way of memory: what Polars says of a full disk is no OSError
         content = io.BytesIO()
         metadata = {KEY: json.dumps(about, sort_keys=True)} if about else None
-        try:
-            frame.write_parquet(content, metadata=metadata)
-        except TypeError:  # an older Polars keeps none
-            frame.write_parquet(content)
+        frame.write_parquet(content, metadata=metadata)
         atomic_write(path, content.getvalue())
     else:
         atomic_write(path, (_comment(about) + _csv(frame)).encode())
@@ -145,7 +146,7 @@ def read_about(table: str | os.PathLike[str] | Source) -> dict[str, Any]:
     """Return what `write_table` wrote about all rows of a table; empty if nothing."""
     source = open_source(table)
     try:
-        about = json.loads(source.about())
+        about = json.loads(source.about)
     except ValueError:
         return {}
     return about if isinstance(about, dict) else {}

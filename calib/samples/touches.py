@@ -9,10 +9,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from ..common.arrays import Mask
+from ..common.arrays import Array
+from ..common.scale import METRES
 from ..common.wording import listed
 from ..errors import LogError
 from .columns import Source, read_columns, read_texts
+from .joint_values import check_joint_values
 from .samples import Samples
 from .sockets import Known, Touches
 
@@ -20,6 +22,7 @@ if TYPE_CHECKING:
     from ..arm.arm import Arm
 
 _LEAST = 8  # rows that tell a socket well
+_ALIKE = 0.05  # joints that moved less [rad or m] show one posture
 
 
 def is_touches(header: Sequence[str], columns: Mapping[str, str]) -> bool:
@@ -35,13 +38,15 @@ def read_touches(
     *,
     revolute: Sequence[bool],
     degrees: bool = False,
+    unit: str | None = None,
 ) -> Samples:
     """Read a log of touches: the joints' columns, `point`, and optionally `setup` and x, y, z.
 
-    x, y, z [m] are known coordinates of the point in its fixture's frame: all its distances.
+    x, y, z [unit, m by default] are known coordinates of the point in its fixture's frame, which
+    tell all its distances; in a row without a point they are what a sensor measured of the tip.
     The samples' positions are where the drawing says that each socket is, zeros without a robot; a
     fit replaces them.
-    Raises LogError if there are no rows, or the robot moves in a plane.
+    Raises LogError if there are no rows, the robot moves in a plane, or the joints are in degrees.
     """
     if arm is not None and arm.outputs != 3:
         raise LogError(f"{source.label} holds touches: expected a robot that moves in space")
@@ -50,38 +55,47 @@ def read_touches(
     texts = read_texts(source, [name for name in place if name in source.header])
     given = [texts[name].to_list() if name in texts.columns else [""] * len(q) for name in place]
     pairs = [(str(a or ""), str(b or "")) for a, b in zip(*given, strict=True)]
+    stated = _stated(source, columns, unit, len(q))
     q = np.where(revolute, np.deg2rad(q), q) if degrees else q
-    good = np.isfinite(q).all(axis=1) & np.array([bool(point) for _, point in pairs])
-    if not good.any():
+    touched = np.array([bool(point) for _, point in pairs])
+    good = np.isfinite(q).all(axis=1) & (touched | np.isfinite(stated).all(axis=1))
+    if not (good & touched).any():
         raise LogError(f"{source.label} has no row with all joints and a point")
-    pairs, q = [pair for pair, stays in zip(pairs, good, strict=True) if stays], q[good]
-    sockets = tuple(sorted(dict.fromkeys(pairs)))
-    number = np.array([sockets.index(pair) for pair in pairs], dtype=np.intp)
-    touches = Touches(number, sockets, _coordinates(source, columns, good, number, sockets))
+    if arm is not None:
+        limits = (arm.joint_names, arm.lower, arm.upper, arm.revolute)
+        check_joint_values(q, *limits, degrees=degrees, label=source.label)
+    q, stated, touched = q[good], stated[good], touched[good]
+    pairs = [pair for pair, stays in zip(pairs, good, strict=True) if stays]
+    sockets = tuple(sorted({pair for pair in pairs if pair[1]}))
+    number = np.array([sockets.index(p) if p[1] else -1 for p in pairs], dtype=np.intp)
+    touches = Touches(number, sockets, _coordinates(stated, number, sockets))
     lower, upper, x = q.min(axis=0) - 1e-9, q.max(axis=0) + 1e-9, np.zeros((len(q), 3))
     if arm is not None:
         lower, upper = np.minimum(arm.lower, lower), np.maximum(arm.upper, upper)
         x = touches.means(arm.forward(q))[number]
-    rows = np.flatnonzero(good) + 1
+    x[~touched] = stated[~touched]
     return Samples(
         q, x, tuple(names), lower, upper,
         tuple(revolute), "m", dropped=int((~good).sum()), arm=arm, touch=touches,
-        notes=tuple(_doubts(touches)), columns=dict(columns), degrees=degrees, rows=rows,
+        notes=tuple(_doubts(touches, q)), columns=dict(columns), degrees=degrees,
+        rows=np.flatnonzero(good) + 1,
     )  # fmt: skip
 
 
-def _coordinates(
-    source: Source,
-    columns: Mapping[str, str],
-    good: Mask,
-    number: NDArray[np.intp],
-    sockets: Sequence[tuple[str, str]],
-) -> tuple[Known, ...]:
-    """Distances of the points whose coordinates a log states, within each setup."""
+def _stated(source: Source, columns: Mapping[str, str], unit: str | None, n: int) -> Array:
+    """Columns x, y, z (n, 3) [m], NaN where there are none."""
     axes = [columns.get(axis, axis) for axis in "xyz"]
     if not all(axis in source.header for axis in axes):
-        return ()
-    stated = read_columns(source, axes, lenient=True)[good]
+        return np.full((n, 3), np.nan)
+    if (unit or "m") not in METRES:
+        raise LogError(f"{source.label}: x, y, z of touches in {unit}, expected {listed(METRES)}")
+    return read_columns(source, axes, lenient=True) / METRES[unit or "m"]
+
+
+def _coordinates(
+    stated: Array, number: NDArray[np.intp], sockets: Sequence[tuple[str, str]]
+) -> tuple[Known, ...]:
+    """Distances of the points whose coordinates a log states, within each setup."""
     place = {k: stated[number == k][0] for k in range(len(sockets))}
     return tuple(
         Known((i, j), float(np.linalg.norm(place[i] - place[j])))
@@ -90,16 +104,19 @@ def _coordinates(
     )
 
 
-def _doubts(touches: Touches) -> list[str]:
+def _doubts(touches: Touches, q: Array) -> list[str]:
     """What some sockets hardly tell."""
-    counts = np.bincount(touches.number, minlength=len(touches.sockets))
-    few = [" ".join(s).strip() for s, n in zip(touches.sockets, counts, strict=True) if n < _LEAST]
+    number, names = touches.number, [" ".join(s).strip() for s in touches.sockets]
+    few = [name for k, name in enumerate(names) if (number == k).sum() < _LEAST]
+    alike = [name for k, name in enumerate(names) if np.ptp(q[number == k], axis=0).max() < _ALIKE]
     notes = []
     if few:
         notes.append(
             f"fewer than {_LEAST} postures touch {listed(few)}: 20 and more, with the wrist turned "
             "each way, tell much more"
         )
+    if alike:
+        notes.append(f"the postures at {listed(alike)} are all alike, which tells nothing there")
     if len(touches.sockets) == 1:
         notes.append(
             "one socket tells little of the arm elsewhere: touch another, at a known distance"

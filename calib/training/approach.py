@@ -16,6 +16,9 @@ from ..samples.samples import Samples
 from ..samples.simulation import Simulation
 from .smooth import SmoothPart
 
+BOUND_SAMPLES = 12_000
+"""Exact samples that bounds are learned from."""
+
 _ROWS = 5_000  # rows that play is learned from
 _TREND = 7  # degree of what a joint's value tells of its direction
 
@@ -25,8 +28,6 @@ def play_of(samples: Samples, scale: Scale, part: SmoothPart) -> Array | None:
 
     `samples` are in the order of motion; `part` predicts without the direction.
     """
-    if part.candidate is None:
-        return None  # nothing predicts before the maps have learned
     if samples.simulation is not None and not samples.simulation.hidden:
         return None  # nothing that rows could show
     few = max(1, -(-len(part.rows) // _ROWS))
@@ -49,23 +50,22 @@ def play_of(samples: Samples, scale: Scale, part: SmoothPart) -> Array | None:
     return learn_play(residual[sound], (slope / scale.span)[sound], surprise[sound])
 
 
-def simulated_approach(
-    model: Model, simulation: Simulation, play: Array, rng: np.random.Generator, n: int
-) -> Approach:
-    """What is bounded where the direction is known, from true positions of a simulation."""
-    q = simulation.draw(n, rng)
-    x, side = simulation.true(q, rng), directions(q)
-    approach = Approach(play, model.bounds)
-    rows = approach.known(side)
-    u = model.motor.scale.to_unit(approach.effective(q, side)[rows])
-    errors = np.linalg.norm(model.predictor.value(u) - x[rows], axis=1)
-    inside = model.trust.in_range(u).all(axis=1)
-    return Approach(play, learn_bounds(model.motor, u[inside], errors[inside]))
-
-
-def widened(model: Model, play: Array) -> Model:
-    """The model of a log with bounds for an unknown direction of approach."""
+def approached(
+    model: Model, simulation: Simulation | None, play: Array, seed: np.random.SeedSequence
+) -> Model:
+    """The model with bounds for a known direction of approach, and for an unknown one."""
     scale = model.motor.scale
+    if simulation is not None:  # true positions tell what is bounded where the direction is known
+        rng = np.random.default_rng(seed)
+        q = simulation.draw(BOUND_SAMPLES, rng)
+        x, side = simulation.true(q, rng), directions(q)
+        approach = Approach(play, model.bounds)
+        rows = approach.known(side)
+        u = scale.to_unit(approach.effective(q, side)[rows])
+        errors = np.linalg.norm(model.predictor.value(u) - x[rows], axis=1)
+        inside = model.trust.in_range(u).all(axis=1)
+        learned = learn_bounds(model.motor, u[inside], errors[inside])
+        return replace(model, approach=Approach(play, learned))
     nodes = np.clip(model.motor.units, 0.0, 1.0)
     slope = model.predictor.value_and_slope(nodes)[1] / scale.span
     most = np.linalg.norm(slope * play, axis=1).sum(axis=1)  # all joints to their worst side

@@ -142,7 +142,8 @@ class Evaluation:
     notes : tuple of str
         What the user should be told of the samples.
     touch : dict
-        Of touches: "scatter" of the tips about their sockets' means, by "points", and stated and
+        Of touches: "scatter" of the tips about their sockets' means, and the share of it that the
+        expected error covers, by "points", and stated and
         predicted "distances" [m]. Empty for other samples.
     """
 
@@ -244,14 +245,18 @@ def _in_frame(model: Model, samples: Samples, *, free: bool) -> tuple[Samples, l
 def in_sockets(model: Model, samples: Samples, touch: Touches) -> tuple[Samples, dict[str, Any]]:
     """Touches with the means of the predicted tips as positions, and how these scatter.
 
-    The scatter is that of each socket's predicted tips about their own mean [m].
+    The scatter is that of each socket's predicted tips about their own mean [m].  Rows that are in
+    no socket of theirs are left out.
     """
     tip = model.forward(samples.q)
     known = np.flatnonzero(np.isfinite(tip).all(axis=1))
-    if not len(known):
-        raise LogError("no row of the log lies within what the model has learned: measure others")
+    known = known[~touch.take(known).strays(_about_middle(tip[known], touch.take(known)))]
     samples, touch, tip = samples.take(known), touch.take(known), tip[known]
+    touched = touch.number >= 0
+    if not touched.any():
+        raise LogError("no row of the log lies within what the model has learned: measure others")
     means = touch.means(tip)
+    x = np.where(touched[:, None], means[touch.number], samples.x)
     off = np.linalg.norm(tip - means[touch.number], axis=1)
     points = [
         {"setup": setup, "point": point, "rows": int(own.sum()), "scatter": float(off[own].mean())}
@@ -267,10 +272,20 @@ def in_sockets(model: Model, samples: Samples, touch: Touches) -> tuple[Samples,
         for each in touch.known
         if each.value is not None and np.isfinite(means[list(each.points)]).all()
     ]
-    size = {"mean": off.mean(), "rms": np.sqrt((off**2).mean()), "max": off.max()}
+    off, bound = off[touched], model.expected_error(samples.q[touched])
+    size = {"mean": off.mean(), "rms": np.sqrt((off**2).mean()), "p95": np.quantile(off, 0.95)}
+    size |= {"max": off.max(), "covered": np.mean(off <= bound)}
     scatter = {name: float(value) for name, value in size.items()}
-    told = {"scatter": scatter, "points": points, "distances": distances}
-    return replace(samples, x=means[touch.number]), told
+    return replace(samples, x=x), {"scatter": scatter, "points": points, "distances": distances}
+
+
+def _about_middle(tip: Array, touch: Touches) -> Array:
+    """Distances (n,) of tips (n, 3) from the median of their socket's."""
+    out = np.zeros(len(tip))
+    for k in np.unique(touch.number[touch.number >= 0]):
+        own = touch.number == k
+        out[own] = np.linalg.norm(tip[own] - np.median(tip[own], axis=0), axis=1)
+    return out
 
 
 def _turned(model: Model, samples: Samples) -> Array | None:

@@ -13,7 +13,8 @@ from ..maps.node_bounds import learn_bounds
 from ..model.model import Model
 from ..samples.samples import Samples
 from .evaluate import Residuals
-from .learn import Options, associate
+from .learn import associate
+from .options import TrainingOptions
 from .smooth import SmoothPart, to_learn
 
 _TESTED = 5_000  # rows that errors are measured on; more would tell no more
@@ -21,7 +22,11 @@ _HALVES = 2  # the maps' readouts are tested on blocks that the other half did n
 
 
 def held_out_residuals(
-    model: Model, samples: Samples, part: SmoothPart, selected: Selected | None, options: Options
+    model: Model,
+    samples: Samples,
+    part: SmoothPart | None,
+    selected: Selected | None,
+    options: TrainingOptions,
 ) -> Residuals:
     """Residuals of all readouts on rows that were held out in contiguous blocks.
 
@@ -30,19 +35,18 @@ def held_out_residuals(
 
     model : learned from all rows
     samples : the log
-    part : smooth parts with their held-out residuals
-    selected : the predictor's held-out residuals; None where maps and links stand alone
+    part, selected : the body's and the predictor's held-out residuals; None where maps and links
+        stand alone
     options : how the maps learn
     """
     forward: dict[str, Array] = {}
-    rows = tested_rows(part)
-    if selected is not None:
-        every = max(1, len(selected.rows) // _TESTED)
-        rows = selected.rows[::every]
-        forward["local"] = -selected.residual[::every]
-    if part.fit is not None and "body" in model.readouts:
-        forward["body"] = -part.fit.held_out[rows]
-    q, x = samples.q[part.rows][rows], samples.x[part.rows][rows]
+    rows = tested_rows(samples, part)
+    if part is not None and selected is not None:
+        rows = part.rows[selected.rows]
+        forward["local"] = -selected.residual
+        if "body" in model.readouts:
+            forward["body"] = -part.fit.held_out[selected.rows]
+    q, x = samples.q[rows], samples.x[rows]
     scale, predict, clip = model.motor.scale, model.predictor.value, model.solver.clip
     u = scale.to_unit(q)
     here, near = predict(u), clip(u)
@@ -62,7 +66,7 @@ def held_out_residuals(
     folds = np.array_split(np.arange(len(samples)), 2 * _HALVES * 5)
     for half in range(_HALVES):
         unseen = np.concatenate(folds[half::_HALVES])
-        chosen = np.flatnonzero(np.isin(part.rows[rows], unseen))
+        chosen = np.flatnonzero(np.isin(rows, unseen))
         if not len(chosen):
             continue
         seen = np.setdiff1d(np.arange(len(samples)), unseen, assume_unique=True)
@@ -77,16 +81,17 @@ def held_out_residuals(
     return Residuals(q, x, forward, inverse, distance, samples.joint_names, 0)
 
 
-def tested_rows(part: SmoothPart) -> NDArray[np.intp]:
-    """Rows of the smooth part that errors are measured on, evenly spread over the log."""
-    return np.arange(0, len(part.rows), max(1, len(part.rows) // _TESTED))
+def tested_rows(samples: Samples, part: SmoothPart | None) -> NDArray[np.intp]:
+    """Rows of the samples that errors are measured on, evenly spread over the log."""
+    rows = np.arange(len(samples)) if part is None else part.rows
+    return rows[:: max(1, len(rows) // _TESTED)]
 
 
-def turned_of(part: SmoothPart) -> Array | None:
+def turned_of(part: SmoothPart | None) -> Array | None:
     """Held-out errors of orientation (k,) [rad] of those rows, None where it was not measured."""
-    if part.fit is None or part.fit.turned is None:
+    if part is None or part.fit.turned is None:
         return None
-    return part.fit.turned[tested_rows(part)]
+    return part.fit.turned[:: max(1, len(part.rows) // _TESTED)]
 
 
 def node_bounds(

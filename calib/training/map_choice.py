@@ -14,11 +14,12 @@ import numpy as np
 
 from ..common.scale import Scale
 from ..errors import OptionError
-from ..maps.lattice import Size, shape_of
+from ..maps.lattice import shape_of
 from ..samples.samples import Samples
-from .learn import Options, associate
+from .learn import LATTICE, associate
+from .options import TrainingOptions
 
-LATTICE, GAS = "vdsom:residual", "gas"
+_GAS = "gas"
 
 _SIDE = 70  # nodes along each axis of a plane lattice, as in the paper's best table
 _ROWS_PER_NODE = 5
@@ -27,19 +28,27 @@ _BLOCKS, _PARTS = 10, 3  # contiguous blocks, of which every third is held out i
 _BETTER = 0.9  # of the lattice's error: what a gas has to reach
 
 
-def with_chosen_map(samples: Samples, options: Options) -> tuple[Options, list[str]]:
-    """The options with the map that answers held-out blocks better, and what the user is told.
+def resolved(samples: Samples, options: TrainingOptions) -> tuple[TrainingOptions, list[str]]:
+    """The options with the lattices and the map of these samples, and what the user is told."""
+    motor, sensory, notes = lattice_sizes(samples, options)
+    options = replace(options, motor_size=motor, sensory_size=sensory)
+    network, told = (options.map, []) if options.map else _chosen_map(samples, options)
+    return replace(options, map=network), notes + told
+
+
+def _chosen_map(samples: Samples, options: TrainingOptions) -> tuple[str, list[str]]:
+    """The map that answers held-out blocks better, and what the user is told.
 
     Both learn from the same other blocks of a log; the readout is ``linear``.  A simulation, a
     body, and a schedule that the user gives leave the lattice.
     """
     plain = options.rule == "batch" and options.epochs is None and options.sigma is None
     if options.body != "none" or samples.simulation is not None or not plain:
-        return options, []
+        return LATTICE, []
     folds = np.array_split(np.arange(len(samples)), _BLOCKS)
     scale = Scale.of_range(samples.lower, samples.upper, samples.revolute)
     u = scale.to_unit(samples.q)
-    error = dict.fromkeys((LATTICE, GAS), 0.0)
+    error = dict.fromkeys((LATTICE, _GAS), 0.0)
     # each row is held out once: of an uneven log a third of the blocks alone, most of them from
     # where it dwells, had the gas at 0.86, all of them at 0.95 of the lattice's error
     for first in range(_PARTS):
@@ -49,42 +58,32 @@ def with_chosen_map(samples: Samples, options: Options) -> tuple[Options, list[s
             pair = associate(scale, u[seen], samples.x[seen], replace(options, map=name))
             missed = pair.linear.value(u[held]) - samples.x[held]
             error[name] += float(np.linalg.norm(missed, axis=1).sum())
-    share = error[GAS] / max(error[LATTICE], 1e-300)
+    share = error[_GAS] / max(error[LATTICE], 1e-300)
     if share >= _BETTER:
-        return options, []
+        return LATTICE, []
     told = (
         f"maps without a lattice (gas), which have {share:.2f} of a VDSOM's error on held-out "
         "blocks of the log; `map` chooses another"
     )
-    return replace(options, map=GAS), [told]
+    return _GAS, [told]
 
 
 def lattice_sizes(
-    samples: Samples,
-    size: Size | None,
-    motor_size: Size | None,
-    sensory_size: Size | None,
-    *,
-    imagined: bool = True,
+    samples: Samples, options: TrainingOptions
 ) -> tuple[tuple[int, ...], tuple[int, ...], list[str]]:
-    """Choose the lattices.
+    """Nodes along each axis of the motor and the sensory lattice, and what the user is told.
 
-    samples : what they are to be trained on
-    size, motor_size, sensory_size : what the user gives; see :func:`calib.train`
-    imagined : whether a body imagines samples where a log has no rows; without them few rows fill
-        few nodes
-    Returns motor, sensory : nodes along each axis
-    Returns notes : what the user should be told
+    Without a body, which imagines samples where a log has no rows, few rows fill few nodes.
     Raises OptionError if a size is no lattice.
     """
     notes: list[str] = []
     given, motor, sensory = (
         None if value is None else shape_of(value, name)
-        for value, name in ((size, "size"), (motor_size, "motor_size"),
-                            (sensory_size, "sensory_size"))
-    )  # fmt: skip
+        for name, value in vars(options).items()
+        if name in ("size", "motor_size", "sensory_size")
+    )
     if given is None and motor is None and sensory is None and samples.simulation is None:
-        rows, least = len(samples), _LEAST_SIDE[imagined]
+        rows, least = len(samples), _LEAST_SIDE[options.body != "none"]
         side = min(_SIDE, max(least, round(math.sqrt(rows / _ROWS_PER_NODE))))
         notes.append(f"lattices of {side}x{side} nodes for {rows:,} rows, `size` chooses others")
         given = (side, side)
@@ -95,9 +94,10 @@ def lattice_sizes(
     if sensory is None:  # as many nodes in a lattice of the space
         plane = given if len(given) == 2 else (_SIDE, _SIDE)
         sensory = _of_dimension(3, plane) if samples.x.shape[1] == 3 else plane
-    axes = {"motor": (motor, samples.dof, "joint"),
-            "sensory": (sensory, samples.x.shape[1], "coordinate")}  # fmt: skip
-    for name, (shape, most, each) in axes.items():
+    for name, shape, most, each in (
+        ("motor", motor, samples.dof, "joint"),
+        ("sensory", sensory, samples.x.shape[1], "coordinate"),
+    ):
         if len(shape) > most:
             given_size = "x".join(map(str, shape))
             raise OptionError(

@@ -31,7 +31,7 @@ from ..errors import OptionError
 from ..maps.misfit import misfit
 from ..maps.model_selection import SmoothCandidate, of_body
 from ..samples.samples import Samples
-from .learn import Options
+from .options import TrainingOptions
 
 _Rows = slice | NDArray[np.intp]
 
@@ -47,53 +47,41 @@ _IMAGINED = 5  # samples for each motor node
 class SmoothPart:
     """What stands under the local models."""
 
-    # the body and what it leaves over; None where maps and links stand alone
-    candidate: SmoothCandidate | None
-    fit: BodyFit | None  # the body's fit, where there is a body
+    candidate: SmoothCandidate  # the body, and what it leaves over
+    fit: BodyFit
     rows: NDArray[np.intp]  # (k,), rows of the samples that it rests on
     notes: tuple[str, ...] = ()  # what the user should be told besides the notes of the fit
 
 
-def find_smooth_part(
-    samples: Samples, scale: Scale, *, body: str = "auto", view: str = "auto", seed: int
-) -> SmoothPart:
+def find_smooth_part(samples: Samples, *, view: str = "auto", seed: int) -> SmoothPart:
     """Fit the body of the samples.
 
     samples : joint values and positions
-    scale : range of the joints
-    body : {"auto", "none"}, ``none`` leaves the kinematic model out
     view : what the sensor measures, see :func:`calib.body.fitting.fit_body`
     seed : chooses rows where there are many
     """
-    every = -(-len(samples) // _LEARNED_ROWS)
-    rows = np.arange(0, len(samples), every)
+    rows = np.arange(0, len(samples), -(-len(samples) // _LEARNED_ROWS))
     q, x = samples.q[rows], samples.x[rows]
-    u = scale.to_unit(q)
-    if body == "none":
-        return SmoothPart(None, None, rows)  # the maps and their links stand alone
-    fit = (
-        _fit_in_space(samples, rows, view, seed)
-        if _in_space(samples, view)
-        else _planar(samples, q, x, view, seed)
-    )
-    under = of_body(fit, scale, u, x)
+    kind = _fit_in_space if _in_space(samples, view) else _planar
+    fit = kind(samples, rows, view, seed)
+    scale = Scale.of_range(samples.lower, samples.upper, samples.revolute)
     error = float(np.linalg.norm(fit.held_out, axis=1).mean())
     extent = float(np.linalg.norm(np.ptp(x, axis=0)))
-    if error <= NO_ARM * extent or samples.simulation is not None:
-        return SmoothPart(under, fit, rows)
-    kind = "planar arm" if x.shape[1] == 2 and samples.arm is None else "arm"
-    space = ", and whether the arm moves in space (then give its URDF)" if kind != "arm" else ""
-    unlike = (
-        f"no {kind} explains the positions: held-out rows are missed by {100 * error / extent:.2g}"
-        " % of their extent; check that `joints` names all that moved, base to tip, and that each "
-        f"row's joints and position are of one moment{space}; maps and links alone learn what is "
-        "no arm: `body='none'`"
-    )
-    return SmoothPart(under, fit, rows, (unlike,))
+    doubts: tuple[str, ...] = ()
+    if error > NO_ARM * extent and samples.simulation is None:
+        arm = "planar arm" if x.shape[1] == 2 and samples.arm is None else "arm"
+        space = ", and whether the arm moves in space (then give its URDF)" if arm != "arm" else ""
+        doubts = (
+            f"no {arm} explains the positions: held-out rows are missed by "
+            f"{100 * error / extent:.2g} % of their extent; check that `joints` names all that "
+            f"moved, base to tip, and that each row's joints and position are of one moment{space};"
+            " maps and links alone learn what is no arm: `body='none'`",
+        )
+    return SmoothPart(of_body(fit, scale, scale.to_unit(q), x), fit, rows, doubts)
 
 
-def _planar(samples: Samples, q: Array, x: Array, view: str, seed: int) -> BodyFit:
-    """Fit the body of a planar arm to rows (n, dof) and (n, 2), a log's with its URDF as prior."""
+def _planar(samples: Samples, rows: NDArray[np.intp], view: str, seed: int) -> BodyFit:
+    """Fit the body of a planar arm to some rows of samples, a log's with its URDF as prior."""
     simulated = samples.simulation is not None
     arm, known = samples.arm, (samples.lower, samples.upper, samples.revolute)
     nominal = None
@@ -107,35 +95,49 @@ def _planar(samples: Samples, q: Array, x: Array, view: str, seed: int) -> BodyF
             "another view"
         )
     return fit_body(
-        q, x, joint_names=samples.joint_names, revolute=samples.revolute, nominal=nominal,
+        samples.q[rows], samples.x[rows], joint_names=samples.joint_names,
+        revolute=samples.revolute, nominal=nominal,
         view=view, unit=samples.unit, simulated=simulated, lower=samples.lower,
         upper=samples.upper, seed=seed,
     )  # fmt: skip
 
 
 def wrong_around(part: SmoothPart, scale: Scale, samples: Samples, u: Array) -> Array | None:
-    """How wrong (k,) the preferred smooth part is around points `u` (k, dof), None within noise."""
-    if part.candidate is None:
-        return None
+    """How wrong (k,) the body is around points `u` (k, dof), None within noise."""
     rows, held_out = part.rows, part.candidate.held_out
     extent = float(np.linalg.norm(np.ptp(samples.x[rows], axis=0)))
     return misfit(scale, scale.to_unit(samples.q[rows]), held_out, extent, u)
 
 
+def taught(samples: Samples, part: SmoothPart | None, options: TrainingOptions) -> bool:
+    """Whether the maps learn from positions that the body imagines, besides the samples.
+
+    A log may leave parts of the joints' range out; a simulation only has too few samples.
+    """
+    few = len(samples) < math.prod(options.shapes[0])
+    return part is not None and (samples.simulation is None or few)
+
+
 def to_learn(
-    samples: Samples, scale: Scale, part: SmoothPart, options: Options, rows: _Rows = slice(None)
+    samples: Samples,
+    scale: Scale,
+    part: SmoothPart | None,
+    options: TrainingOptions,
+    rows: _Rows = slice(None),
 ) -> tuple[Array, Array, Array | None]:
     """What the maps learn from: some rows of the samples, and what the body of `part` imagines.
 
     Returns u, x : (k, dof), (k, m), joints in the unit box and positions; five imagined ones for
         each motor node
-    Returns wrong : (k,), how wrong the smooth part is there, None within noise
+    Returns wrong : (k,), how wrong the body is there, None within noise
     """
     u, x = scale.to_unit(samples.q[rows]), samples.x[rows]
-    if options.taught and part.candidate is not None:
+    if part is None:
+        return u, x, None
+    if taught(samples, part, options):
         every = -(-len(u) // _LEARNED_ROWS)
         rng = np.random.default_rng(options.stream("imagined"))
-        drawn = rng.random((_IMAGINED * math.prod(options.motor_size), u.shape[1]))
+        drawn = rng.random((_IMAGINED * math.prod(options.shapes[0]), u.shape[1]))
         seen = part.candidate.smooth.value(drawn)
         u, x = np.concatenate([u[::every], drawn]), np.concatenate([x[::every], seen])
     return u, x, wrong_around(part, scale, samples, u)

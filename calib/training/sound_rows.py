@@ -13,7 +13,6 @@ from ..common.arrays import Array
 from ..common.rows import thinned
 from ..common.scale import Scale
 from ..errors import LogError
-from ..maps.predictor import Smooth
 from ..model.model import Model
 from ..samples.delays import Delay, Trajectory, estimate_delay
 from ..samples.diagnosis import aligned, rows_behind
@@ -42,17 +41,15 @@ def fit_sound_rows(
         return samples, fit(samples), []
     samples, notes = _rows_aligned(samples)
     part = fit(samples)
-    if part.candidate is None:
-        return samples, part, notes
     samples, part, told = _without_delay(samples, part, fit)
     notes += told + _other_order(samples, part, fit)
-    residual = samples.x - _smooth_of(part).value(scale.to_unit(samples.q))
+    residual = samples.x - part.candidate.smooth.value(scale.to_unit(samples.q))
     kept, told = contradictions(samples, residual)
     notes += told
     if not kept.all():
         samples = samples.take(kept)
         part = fit(samples)
-        residual = samples.x - _smooth_of(part).value(scale.to_unit(samples.q))
+        residual = samples.x - part.candidate.smooth.value(scale.to_unit(samples.q))
     corner = contradicting_corner(samples, residual)
     return samples, part, [*notes, corner] if corner else notes
 
@@ -88,9 +85,8 @@ def _other_order(samples: Samples, part: SmoothPart, fit: _Fit) -> list[str]:
 
 
 def _body_error(part: SmoothPart) -> float:
-    """Mean distance of held-out rows from the body; infinite where it explains nothing."""
-    fit = part.fit
-    return float("inf") if fit is None else float(np.linalg.norm(fit.held_out, axis=1).mean())
+    """Mean distance of held-out rows from the body."""
+    return float(np.linalg.norm(part.fit.held_out, axis=1).mean())
 
 
 def sound_log(model: Model, samples: Samples) -> tuple[Samples, list[str]]:
@@ -174,8 +170,6 @@ def _without_delay(
         return samples, part, []
     delay, moved, now = None, samples, part
     for _ in range(_ROUNDS):
-        if now.fit is None:
-            break
         start = 0.0 if delay is None else delay.value
         found = _delay(samples, motion, now.fit.body, start, fresh=delay is None)
         if found is None:
@@ -235,8 +229,3 @@ def _delay(
         if abs(step.value) < 0.05 * step.sd:
             break
     return Delay(total, step.sd, step.unit, share)
-
-
-def _smooth_of(part: SmoothPart) -> Smooth:
-    assert part.candidate is not None  # noqa: S101 - without a body nothing is fitted
-    return part.candidate.smooth

@@ -9,40 +9,40 @@ import numpy as np
 from ..arm.arm import SpatialArm
 from ..body.spatial import structure_of
 from ..body.touch import TouchFit, fit_touches
-from ..common.arrays import Mask
+from ..common.arrays import Array, Mask
 from ..common.scale import Scale
 from ..common.wording import listed
 from ..errors import LogError
 from ..maps.model_selection import of_body
 from ..samples.samples import Samples
+from ..samples.sockets import Touches
 from .smooth import SmoothPart
 
-_WRONG = 8.0  # times the rows' median error: the tip was not in this socket
 _MOST = 0.25  # share of rows that may be wrong
-_FEW = 12  # rows that tell an arm in space at least
+_FEW = 12  # touches that tell an arm in space at least
+_ALIKE = 0.05  # joints that moved less in each socket [rad or m] tell nothing of the arm
+_NO_ARM = 0.02  # share of the reach: tips that scatter further are explained by no arm
 
 
 def fit_sockets(samples: Samples, scale: Scale, seed: int) -> tuple[Samples, SmoothPart, list[str]]:
     """Fit arm and sockets; rows that are not in theirs are left out.
 
-    Returns the samples with their sockets' places as positions, in the arm's base frame.
-    Raises LogError if the touches tell nothing of the arm.
+    Returns the samples with their sockets' places as positions: in the arm's base frame, or in the
+        sensor's where one measured some rows.
+    Raises LogError if the touches tell nothing of the arm, or no arm explains them.
     """
     arm, touch = samples.arm, samples.touch
     assert touch is not None  # noqa: S101 - samples of touches
     if not isinstance(arm, SpatialArm):
         raise LogError("touches need the robot in space that made them: give its URDF")
-    counts = np.bincount(touch.number, minlength=len(touch.sockets))
-    if len(samples) < _FEW or counts.max() < 4:
-        raise LogError(
-            f"{len(samples)} touches of {len(counts)} sockets tell nothing of the arm: expected "
-            "20 postures and more in each socket, with the wrist turned each way"
-        )
-    structure = structure_of(arm, "base")
+    _check(samples.q, touch)
+    seen = bool((touch.number < 0).any())
+    structure = structure_of(arm, "rigid" if seen else "base")
 
     def fitted(rows: Mask) -> TouchFit:
         # sockets that lost all their rows are known no more
-        own, number = np.unique(touch.number[rows], return_inverse=True)
+        some = touch.take(rows).number
+        own = np.unique(some[some >= 0])
         place = {int(old): new for new, old in enumerate(own)}
         known = [
             replace(each, points=tuple(place[k] for k in each.points))
@@ -50,38 +50,67 @@ def fit_sockets(samples: Samples, scale: Scale, seed: int) -> tuple[Samples, Smo
             if all(k in place for k in each.points)
         ]
         found = fit_touches(
-            structure, samples.q[rows], number, known,
-            lower=samples.lower, upper=samples.upper, seed=seed,
+            structure, samples.q[rows], np.where(some < 0, -1, np.searchsorted(own, some)), known,
+            lower=samples.lower, upper=samples.upper, x=samples.x[rows], seed=seed,
         )  # fmt: skip
         points = np.full((len(touch.sockets), 3), np.nan)
         points[own] = found.points
         return replace(found, points=points)
 
-    kept = np.ones(len(samples), bool)
+    kept, touched = np.ones(len(samples), bool), touch.number >= 0
     for _ in range(3):
         found = fitted(kept)
-        off = np.linalg.norm(found.fit.body.predict(samples.q) - found.points[touch.number], axis=1)
-        now = off <= _WRONG * np.median(off[kept])
+        tip = found.fit.body.predict(samples.q)
+        off = np.linalg.norm(tip - found.points[touch.number], axis=1)
+        now = ~touch.strays(off)
         if (now == kept).all() or now.mean() < 1 - _MOST:
             break
         kept = now
+    scatter = float(np.median(off[kept & touched]))
+    if scatter > _NO_ARM * arm.chain.reach:
+        raise LogError(
+            f"no arm explains the touches: the tips scatter by {1e3 * scatter:.3g} mm about their "
+            "sockets (median); check the joints' order and unit, the tip, and the points' names"
+        )
     notes: list[str] = []
-    if gone := int((~kept).sum()):
+    if gone := np.flatnonzero(~kept).tolist():
+        near = np.linalg.norm(tip[gone, None] - found.points, axis=2)
+        away = np.nanmin(near, axis=1) > max(5.0 * scatter, 1e-9)
         lines = samples.rows if samples.rows is not None else np.arange(1, len(samples) + 1)
-        first = listed([str(row) for row in lines[~kept][:5]])
-        notes.append(f"{gone} rows were in no socket of theirs and are left out, rows {first}")
-    if not any(each.value is not None for each in touch.known):
+        first = listed([str(row) for row in lines[gone[:5]]])
+        notes.append(f"{len(gone)} rows were in no socket of theirs and are left out, rows {first}")
+        if not away.all():
+            k = int(np.flatnonzero(~away)[0])
+            name = " ".join(touch.sockets[int(np.nanargmin(near[k]))]).strip()
+            notes.append(f"row {lines[gone[k]]} was in the socket {name!r}: a wrong name?")
+    if not seen and not any(each.value is not None for each in touch.known):
         notes.append(
             "touches alone do not tell how large the arm is: its size stays as drawn; state the "
             "distance of two points, as in `distance='A,B=50mm'`"
         )
-    notes.append(
-        "no touch tells where the base stands and how it is turned about the first axis: both stay "
-        "as drawn and are left out of intervals"
-    )
-    samples = samples.take(kept)
-    assert samples.touch is not None  # noqa: S101
-    samples = replace(samples, x=found.points[samples.touch.number])
+    if not seen:
+        notes.append(
+            "no touch tells where the base stands and how it is turned about the first axis: both "
+            "stay as drawn and are left out of intervals"
+        )
+    x = np.where(touched[:, None], found.points[touch.number], samples.x)
+    samples = replace(samples, x=x).take(kept)
     u = scale.to_unit(samples.q)
     part = SmoothPart(of_body(found.fit, scale, u, samples.x), found.fit, np.arange(len(u)))
     return samples, part, notes
+
+
+def _check(q: Array, touch: Touches) -> None:
+    """Raise LogError if touches tell nothing of an arm."""
+    rows = [touch.number == k for k in range(len(touch.sockets))]
+    counts = [int(row.sum()) for row in rows]
+    if sum(counts) < _FEW or max(counts) < 4:
+        raise LogError(
+            f"{sum(counts)} touches of {len(counts)} sockets tell nothing of the arm: expected "
+            "20 postures and more in each socket, with the wrist turned each way"
+        )
+    if max(float(np.ptp(q[row], axis=0).max()) for row in rows) < _ALIKE:
+        raise LogError(
+            "the postures in each socket are all alike, which tells nothing of the arm: touch it "
+            "from other sides, with the elbow up and down and the wrist turned each way"
+        )

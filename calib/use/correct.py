@@ -5,10 +5,9 @@ Use it on what a controller that trusts its URDF is about to command.
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -19,7 +18,7 @@ from ..common.arrays import Array
 from ..common.rows import checked_rows, each_joint
 from ..common.scale import TURN
 from ..errors import QueryError
-from ..model.answers import Answer
+from ..kernel.compiled import Compiled
 from ..model.model import Model
 from ..model.nominal import moves_in_space, visited_joints
 from ..model.space import REACHED
@@ -71,58 +70,95 @@ _POSITIONS = (
 
 @dataclass(frozen=True, eq=False)
 class Corrected:
-    """Corrected joint values, one row each.
+    """Corrected joint values, one row each; what is not asked for is not found.
 
     Attributes
     ----------
-    q : (n, dof) array [rad or m]
-        What to command; NaN where the real arm cannot get there.
+    given : (n, dof) array [rad or m]
+        Joint values that are right for the nominal arm.
     nearest : (n, dof) array [rad or m]
-        The same, and where the real arm cannot get there the joints that come nearest.
-    target : (n, 2) array [unit]
-        Where the nominal arm would be, in the sensor's frame.
-    distance : (n,) array [unit]
-        From the target to where the corrected joints lead, by the learned map.
-    expected_error : (n,) array [unit]
-        95 % bound on the error of that map: of where the tip is in the sensor's frame.
+        What to command; where the real arm cannot get there the joints that come nearest.
     reachable : (n,) bool array
-        Whether the target was reached.
-    change : (n, dof) array [rad or m]
-        Corrected minus given; NaN where there is no answer.
+        Whether the real arm gets there.
     limit : (dof,) array [rad or m]
         Largest change of each joint that is trusted.
-    exceeded : (n,) bool array
-        Rows that change by more.
     notes : tuple of str
         What was assumed.
     single : bool
         Whether one vector was given rather than rows.
-    angle : (n,) array [rad] or None
-        Between the tool's orientation, by the model's body, and that of the nominal arm; of a row
-        that is not reached that of the nearest.  None where positions alone are corrected.
-    placement_error : (n,) array [unit] or None
-        95 % bound on the distance of the corrected tip from where the nominal arm would be, with
-        what is unsure of the sensor's frame and of the probe.  None where the frame is known.
     """
 
-    q: Array
+    given: Array
     nearest: Array
-    target: Array
-    distance: Array
-    expected_error: Array
     reachable: NDArray[np.bool_]
-    change: Array
     limit: Array
-    exceeded: NDArray[np.bool_]
-    notes: tuple[str, ...] = ()
-    single: bool = False
-    angle: Array | None = None
-    _placed: Callable[[], Array] | None = field(default=None, repr=False)
+    notes: tuple[str, ...]
+    single: bool
+    _model: Model = field(repr=False)
+    _wanted: Wanted = field(repr=False)
+
+    @cached_property
+    def q(self) -> Array:
+        """What to command (n, dof) [rad or m]; NaN where the real arm cannot get there."""
+        return np.where(self.reachable[:, None], self.nearest, np.nan)
+
+    @cached_property
+    def change(self) -> Array:
+        """Corrected minus given (n, dof) [rad or m]; NaN where there is no answer."""
+        return self.q - self.given
+
+    @cached_property
+    def exceeded(self) -> NDArray[np.bool_]:
+        """Rows (n,) that change by more than the limit."""
+        return np.asarray(self.reachable & (np.abs(self.change) > self.limit).any(axis=1))
+
+    @cached_property
+    def target(self) -> Array:
+        """Where the nominal arm would be (n, m) [unit], in the sensor's frame."""
+        return self._wanted.target(_in_range(self._model, self.given))
+
+    @cached_property
+    def distance(self) -> Array:
+        """From the target to where the corrected joints lead, by the learned map, (n,) [unit]."""
+        seen = self._model.predicted(self._unit, self._model.default_readout)
+        return np.asarray(np.linalg.norm(seen - self.target, axis=1))
+
+    @cached_property
+    def expected_error(self) -> Array:
+        """95 % bound (n,) [unit] on the error of that map, see :meth:`calib.Model`."""
+        return self._model.bound_at(self._unit)
+
+    @cached_property
+    def angle(self) -> Array | None:
+        """Angle (n,) [rad] between the tool, by the model's body, and that of the nominal arm.
+
+        Of a row that is not reached that of the nearest.  None where positions alone are corrected.
+        """
+        pose = self._wanted.pose
+        return None if pose is None else pose.angle(self.given, self.nearest)
 
     @cached_property
     def placement_error(self) -> Array | None:
-        """See above; found when it is asked for."""
-        return None if self._placed is None else self._placed()
+        """95 % bound on the distance of the corrected tip from where the nominal arm would be.
+
+        (n,) [unit], with what is unsure of the sensor's frame and of the probe.  None where the
+        frame is known.
+        """
+        body, drawn = self._model.body, self._wanted.drawn
+        if body is None or drawn is None:
+            return None
+        structure, part = body.structure, slice(body.structure.blocks[0])
+        still = [own for name, own in structure.groups.items() if not name.startswith(_FITTED)]
+        _, real = structure.linearise(self.nearest, body.beta)
+        _, drawing = structure.linearise(self.given, drawn)
+        drawing[:, :, np.concatenate(still)] = 0.0
+        apart = (real - drawing)[:, part][:, :, body.active]
+        spread = SHARED**2 * spread_of(apart, body.root)
+        return np.asarray(body.kappa * radius_95(spread + np.diag(body.residual[part] ** 2)))
+
+    @property
+    def _unit(self) -> Array:
+        return self._model.motor.scale.to_unit(self.nearest)
 
 
 def correct(
@@ -161,12 +197,12 @@ def correct(
     fitted together with joint offsets and link placements, so that only what is the arm's own
     is compensated.
     """
-    if limit is None and (view, cause) == ("auto", "sensor"):
-        quick = _quick(model, q)
+    if model.kernel is not None and limit is None and view == "auto" and cause == "sensor":
+        quick = _quick(model, model.kernel, q)
         if quick is not None:
             return quick
-    rows, single = checked_rows(q, model.about.joint_names, "joint values")
     about = model.about
+    rows, single = checked_rows(q, about.joint_names, "joint values")
     check_joint_values(
         rows, about.joint_names, about.lower, about.upper, about.revolute, error=QueryError
     )
@@ -175,24 +211,9 @@ def correct(
         limits = usual_limit(model, view, cause)
     else:
         limits = each_joint("limit", limit, about.joint_names, zero=False)
-    target, answer, nearest = _solved(model, nominal, rows)
-    found = np.where(answer.reachable[:, None], nearest, np.nan)
-    change = found - rows
-    return Corrected(
-        found,
-        nearest,
-        target,
-        answer.distance,
-        answer.expected_error,
-        answer.reachable,
-        change,
-        limits,
-        answer.reachable & (np.abs(change) > limits).any(axis=1),
-        _notes(model, nominal, cause),
-        single,
-        None if nominal.pose is None else nominal.pose.angle(rows, nearest),
-        _placement(model, nominal, rows, nearest),
-    )
+    nearest, reachable = _solved(model, nominal, rows)
+    notes = _notes(model, nominal, cause)
+    return Corrected(rows, nearest, reachable, limits, notes, single, model, nominal)
 
 
 def _notes(model: Model, nominal: Wanted, cause: str) -> tuple[str, ...]:
@@ -205,70 +226,40 @@ def _notes(model: Model, nominal: Wanted, cause: str) -> tuple[str, ...]:
     return notes
 
 
-def _placement(
-    model: Model, nominal: Wanted, q: Array, nearest: Array
-) -> Callable[[], Array] | None:
-    """What tells the bound (n,) on the tip's distance from where the nominal arm would be."""
-    body, drawn = model.body, nominal.drawn
-    if body is None or drawn is None:
-        return None
-
-    def bound() -> Array:
-        structure, part = body.structure, slice(body.structure.blocks[0])
-        still = [own for name, own in structure.groups.items() if not name.startswith(_FITTED)]
-        _, real = structure.linearise(nearest, body.beta)
-        _, drawing = structure.linearise(q, drawn)
-        drawing[:, :, np.concatenate(still)] = 0.0
-        apart = (real - drawing)[:, part][:, :, body.active]
-        spread = SHARED**2 * spread_of(apart, body.root)
-        return np.asarray(body.kappa * radius_95(spread + np.diag(body.residual[part] ** 2)))
-
-    return bound
-
-
-def _quick(model: Model, q: ArrayLike) -> Corrected | None:
+def _quick(model: Model, kernel: Compiled, q: ArrayLike) -> Corrected | None:
     """The correction of one row by the compiled kernel; None where the batch has to answer."""
-    kernel = model.kernel
-    if kernel is None or not kernel.has("correct"):
+    if kernel.correcting is None:
+        kernel.correcting = _same_for_all(model, kernel)
+    found = kernel.correct(q) if kernel.correcting else None
+    if found is None:
         return None
-    nominal = wanted(model, "auto", "sensor")
-    if nominal.agrees is None:
-        nominal.agrees = _agrees(model, nominal)
-    if not nominal.agrees or (found := kernel.correct(q)) is None:
+    given, nearest = found
+    if not model.sure and not kernel.forward(nearest[0])[1]:  # type: ignore[index]
         return None
-    seen, aim, bound = kernel.forward(found), kernel.wanted(q), kernel.bound(found, "bound")
-    if not (seen and aim and bound and seen[1] and bound[1]):
-        return None
-    asked = np.array(q, dtype=float)
-    change, limits = found - asked, nominal.limits_array
-    return Corrected(
-        found[None],
-        found[None],
-        aim[0][None],
-        np.array([math.dist(seen[0], aim[0])]),
-        np.array([bound[0]]),
-        _YES,
-        change[None],
-        limits,
-        (np.abs(change) > limits).any(keepdims=True),
-        nominal.said,
-        True,
-        None if nominal.pose is None else np.zeros(1),
-        _placement(model, nominal, asked[None], found[None]),
-    )
+    answer = Corrected.__new__(Corrected)  # whose own way of setting fields takes as long as C
+    answer.__dict__.update(kernel.correcting, given=given, nearest=nearest)
+    return answer
 
 
-def _agrees(model: Model, nominal: Wanted) -> bool:
-    """Whether the compiled kernel corrects towards the same place as this does."""
-    kernel, q = model.kernel, visited_joints(model, _TRIED)
-    assert kernel is not None  # noqa: S101
-    usual_limit(model)
-    nominal.said = _notes(model, nominal, "sensor")
-    nominal.limits_array = np.array(nominal.limits)
-    _, answer, nearest = _solved(model, nominal, q)
+def _same_for_all(model: Model, kernel: Compiled) -> dict[str, Any]:
+    """What is the same of all corrections; nothing if the kernel corrects towards other places."""
+    if not kernel.has("correct"):
+        return {}
+    nominal, q = wanted(model, "auto", "sensor"), visited_joints(model, _TRIED)
+    nearest, reachable = _solved(model, nominal, q)
     found = [kernel.correct(row) for row in q]
-    both = [k for k, row in enumerate(found) if row is not None and answer.reachable[k]]
-    return bool(both) and all(float(np.abs(found[k] - nearest[k]).max()) < _SAME for k in both)
+    both = [k for k, row in enumerate(found) if row is not None and reachable[k]]
+    apart = [np.abs(found[k][1] - nearest[k]).max() for k in both]  # type: ignore[index]
+    if not both or max(apart) >= _SAME:
+        return {}
+    return {
+        "reachable": _YES,
+        "limit": usual_limit(model),
+        "notes": _notes(model, nominal, "sensor"),
+        "single": True,
+        "_model": model,
+        "_wanted": nominal,
+    }
 
 
 def free_frame(model: Model, cause: str) -> tuple[str, ...]:
@@ -290,8 +281,8 @@ def usual_limit(model: Model, view: str = "auto", cause: str = "sensor") -> Arra
     if nominal.limits:
         return np.array(nominal.limits)
     q = visited_joints(model, _NODES)
-    _, answer, nearest = _solved(model, nominal, q)
-    change = np.abs(nearest - q)[answer.reachable]
+    nearest, reachable = _solved(model, nominal, q)
+    change = np.abs(nearest - q)[reachable]
     turns = np.array(model.about.revolute)
     limits = np.full(len(turns), _LEAST)
     for kind in (turns, ~turns):
@@ -302,16 +293,21 @@ def usual_limit(model: Model, view: str = "auto", cause: str = "sensor") -> Arra
     return limits
 
 
-def _solved(model: Model, nominal: Wanted, q: Array) -> tuple[Array, Answer, Array]:
-    """Return targets (n, m), answers, and the joints (n, dof), on the turn that `q` is on.
-
-    Of six joints or more a row is reached where its orientation is, too.
-    """
-    about = model.about
-    near = q.copy()
+def _in_range(model: Model, q: Array) -> Array:
+    """Joint values (n, dof) with those that turn moved by whole turns into their range."""
+    about, near = model.about, q.copy()
     for k, turns in enumerate(about.revolute):
         if turns:
             near[:, k] = wrap(q[:, k], float(about.lower[k]), float(about.upper[k]))
+    return near
+
+
+def _solved(model: Model, nominal: Wanted, q: Array) -> tuple[Array, NDArray[np.bool_]]:
+    """Joints (n, dof), on the turn that `q` is on, and whether they reach, (n,).
+
+    Of six joints or more a row is reached where its orientation is, too.
+    """
+    about, near = model.about, _in_range(model, q)
     target = nominal.target(near)
     there = np.ones(len(near), dtype=bool)
     if nominal.pose is not None:
@@ -323,8 +319,7 @@ def _solved(model: Model, nominal: Wanted, q: Array) -> tuple[Array, Answer, Arr
     elif nominal.near is not None:
         near, there = nominal.near(near)
     answer = model.solve(target, np.clip(near, about.lower, about.upper))
-    answer.reachable[~there] = False
     found = answer.q.copy()
     turning = np.array(about.revolute)
     found[:, turning] += TURN * np.round((q - found)[:, turning] / TURN)
-    return target, answer, found
+    return found, answer.reachable & there

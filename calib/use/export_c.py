@@ -43,9 +43,10 @@ def c_header(model: Model, *, prefix: str = "calib_", single: bool = False) -> C
     """
     if not _NAME.fullmatch(prefix):
         raise OptionError(f"prefix {prefix!r}: expected a C name such as 'calib_'")
-    kernel = kernel_of(model)
-    if kernel.nominal is not None:
-        kernel = kernel_of(model, usual_limit(model))
+    with one_blas_thread():  # the same bytes on any number of cores
+        kernel = kernel_of(model)
+        if kernel.nominal is not None:
+            kernel = kernel_of(model, usual_limit(model))
     about = model.about
     joints = zip(about.joint_names, about.lower, about.upper, strict=True)
     lines = [f" *   {_comment(name)}: {low:.6g} to {high:.6g}" for name, low, high in joints]

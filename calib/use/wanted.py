@@ -13,7 +13,6 @@ from ..body.planar import PlanarStructure
 from ..body.spatial import SpatialStructure, structure_of
 from ..body.views import is_camera
 from ..common.arrays import Array
-from ..inverse.near import position_near
 from ..model.alignment import Alignment
 from ..model.model import Model
 from ..model.nominal import (
@@ -44,10 +43,6 @@ class Wanted:
     limits: list[float] = field(default_factory=list)
     # parameters of the nominal arm behind a sensor whose frame was fitted, of a body in space
     drawn: Array | None = None
-    # whether the compiled kernel corrects alike, once it was asked; and what it says then
-    agrees: bool | None = None
-    said: tuple[str, ...] = ()
-    limits_array: Array = field(default_factory=lambda: np.zeros(0))
 
     def target(self, q: Array) -> Array:
         """Where the nominal arm would be, in the sensor's frame, (n, m)."""
@@ -124,7 +119,8 @@ def _near(
     # a pixel is met by a whole line of sight: the place in space decides where on it
     def near(q: Array) -> tuple[Array, NDArray[np.bool_]]:
         place = structure.pose(q, beta)[0]
-        found, distance = position_near(space.evaluate, place, q, space.joints, space.length)
+        found = space.at_positions(place, q)
+        distance = np.linalg.norm(space.evaluate(found)[0] - place, axis=1)
         return found, distance <= REACHED * space.length
 
     return near

@@ -11,10 +11,10 @@ from calib.common.choices import MethodWord
 from calib.common.wording import for_people
 
 from .. import options as opt
-from ..files import check_file
 from ..measurements import Reading, log_for
 from ..options import option
 from ..output import NO, Outcome, TextTable, fields, number, progress_bar, say
+from ..parsing import check_file
 from ..photo import photo_of_log
 from ..translation import as_typed
 from ..units import units_of
@@ -31,9 +31,7 @@ def adapt(
         MethodWord, Option(help="few-shot: the body, from a few rows; online: the paper's rule.")
     ] = "few-shot",
     cause: opt.WhatChanged = None,
-    columns: opt.Columns = None,
-    unit: opt.Unit = None,
-    degrees: opt.LogDegrees = None,
+    reading: Reading,
 ) -> Outcome:
     """Re-calibrate a model from a few new samples. Exit code 3 if it does not improve."""
     import calib
@@ -42,7 +40,7 @@ def adapt(
     loaded = calib.load(model)
     path = output or adapted_name(model)
     check_file(path, ())  # before the work whose result would be lost
-    log = log_for(loaded, data, Reading(columns, unit, degrees))
+    log = log_for(loaded, data, reading)
     with progress_bar(loaded.about.unit) as progress:
         found = calib.adapt(loaded, log, method=method, cause=cause, progress=progress)
     say(found.notes)
@@ -70,11 +68,11 @@ def adapt(
     else:
         lines = [f"no improvement: {model} stays as it is, nothing was written"]
         lines.append(f"{before} {name} as it is, {after} {name} adapted, {rests}")
-    if found.coverage < 1.0:
-        lines.append(
-            f"limited by coverage: the log measured {100 * found.coverage:.0f} % of the learned "
-            "range; rows from the rest help most"
-        )
+    share = f"the log measured {100 * found.coverage:.0f} % of the learned range"
+    limit = (
+        f"coverage: {share}; rows from the rest" if found.coverage < 0.99 else "noise; more rows"
+    )
+    lines.append(f"limited by {limit} help most")
     rows = [
         [when, *(number(factor * error[key]) for key in ("mean", "p99", "max"))]
         for when, error in (("before", found.before), ("after", found.after))

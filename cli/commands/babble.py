@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import Annotated
 
 from .. import options as opt
-from ..files import TABLES, check_file
 from ..options import option
 from ..output import Outcome
+from ..parsing import TABLES, check_file
 from ..samples import Babbling, Selection, babbled_samples
 
 
@@ -17,24 +17,15 @@ def babble(
     output: Annotated[
         str, option("--output -o LOG", "CSV, or Parquet by its name (- standard output).")
     ],
-    samples: opt.Number = None,
-    noise: opt.Noise = None,
-    motion: opt.Moves = None,
-    change: opt.Changes = None,
-    joints: opt.JointNames = None,
-    tip: opt.Tip = None,
-    planar: opt.Planar = False,
-    lock: opt.Lock = None,
-    ranges: opt.Ranges = None,
-    degrees: opt.Degrees = False,
+    babbling: Babbling,
+    selection: Selection,
     seed: opt.Seed = 0,
 ) -> Outcome:
     """Write a log of simulated babbling [rad, m]."""
     import calib
 
     check_file(output, TABLES, stream=True)
-    selection = Selection(joints, tip, planar, lock, ranges, degrees)
-    log = babbled_samples(robot, selection, Babbling(samples, noise, motion, change), seed)
+    log = babbled_samples(robot, selection, babbling, seed)
     calib.write_log(log, output)
     turning = zip(log.joint_names, log.revolute, strict=True)
     document = {
@@ -43,8 +34,8 @@ def babble(
         "joints": log.joint_names,
         "samples": len(log),
         "seed": seed,
-        "noise": noise or 0.0,
-        "changes": change or [],
+        "noise": babbling.noise or 0.0,
+        "changes": babbling.change or [],
         "unit": log.unit,
         "units": {
             "joints": {name: "rad" if turns else "m" for name, turns in turning},

@@ -34,15 +34,13 @@ def check(
     tolerance: Annotated[
         float | None, option("--tolerance S", "Exit 3 too if such a change [m] were not shown.")
     ] = None,
-    columns: opt.Columns = None,
-    unit: opt.Unit = None,
-    degrees: opt.LogDegrees = None,
+    reading: Reading,
 ) -> Outcome:
     """Compare a model with new samples: is it still calibrated? Exit code 3 if not."""
     import calib
 
     loaded = calib.load(model)
-    log = log_for(loaded, data, Reading(columns, unit, degrees))
+    log = log_for(loaded, data, reading)
     drift = calib.check(loaded, log, cause=cause, tolerance=tolerance)
     say(drift.notes)
     rescaled = any(cause.cause == "scale" and cause.interval is None for cause in drift.causes)
@@ -62,18 +60,18 @@ def check(
         remedy = "check the log and the arm before calib adapt"
     factor, name = for_people(unit_seen)
     smallest = f"{number(factor * drift.smallest)} {name}"
-    rests = (
-        f"rests on {drift.samples} samples of {data}: they show changes from {smallest} on; score "
-        f"{number(drift.score)} of 1"
+    limit = (
+        f"limited by noise: these {drift.samples} rows show changes from {smallest} on; more rows "
+        "show smaller ones"
     )
     if drift.drifted:
         first, *others = drift.explanations or ("its cause is unknown",)
-        lines = [f"DRIFTED: {first}", *others, f"what to do: {remedy}", rests]
+        lines = [f"DRIFTED: {first}", *others, f"what to do: {remedy}", limit]
     elif drift.drifted is None:
         lines = ["TOO COARSE: these rows could not have shown a change of the tolerated size"]
-        lines += ["what to do: give more rows, or rows of less noise", rests]
+        lines += ["what to do: give more rows, or rows of less noise", limit]
     else:
-        lines = ["still calibrated", rests]
+        lines = ["still calibrated", limit]
     code = 0 if drift.drifted is False else NO
     return Outcome(document, lines, _details(drift, factor, name), code=code)
 

@@ -7,14 +7,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 from calib.common.wording import for_people
 
 from .. import options as opt
-from ..files import TABLES, check_file
 from ..options import option
 from ..output import NO, Outcome, fields, note, number, say
-from ..parsing import above_zero
-from ..units import JointFormat, units_of
+from ..parsing import TABLES, above_zero, check_file
+from ..units import units_of
 
 if TYPE_CHECKING:
     from calib.use.correct import Corrected
+
+    from ..units import JointFormat
 
 
 def correct(
@@ -43,14 +44,13 @@ def correct(
     check_file(output, TABLES, stream=True)
     import numpy as np
 
-    import calib
     from calib.use.correct import correct as correction
 
-    from ..answers import numbered, over_all_rows, read_table, say_rows, table_outcome
+    from ..answers import Query, numbered, over_all_rows, say_rows
 
-    loaded = calib.load(model)
-    joints = JointFormat(loaded.about, degrees)
-    batch = read_table(input_, joints.names, columns)
+    query = Query(model, degrees)
+    loaded, joints = query.model, query.joints
+    batch = query.read(input_, joints.names, columns)
     n, factors = len(batch.values), np.array(joints.typed)
     valid: Any = np.isfinite(batch.values).all(axis=1)
     rows = np.flatnonzero(valid) + 1
@@ -90,10 +90,9 @@ def correct(
         mean, most = (number(factor * change[key]) for key in ("mean", "max"))
         told.append(f"{name} {mean} (largest {most}) {unit}")
     answered = bool((found.reachable & ~found.exceeded).any())
-    return table_outcome(
+    return query.write(
         batch.answered(over_all_rows(valid, table)) if answered or not beyond else None,
         output,
-        joints,
         code=1 if batch.invalid and not beyond else NO if missed or beyond else 0,
         lines=[f"mean change: {', '.join(told)}"] if told else [],
         rows=n,

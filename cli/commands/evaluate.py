@@ -6,11 +6,10 @@ import time
 from typing import TYPE_CHECKING, Annotated, Literal
 
 from .. import options as opt
-from ..advice import advice
 from ..measurements import Reading, log_of
 from ..output import Outcome, TextTable, fields, say
-from ..samples import with_sockets
-from ..summary import accuracy, answers_back, error_table, summary
+from ..samples import Sockets
+from ..summary import accuracy, advice, answers_back, error_table, summary
 
 if TYPE_CHECKING:
     from calib import Evaluation
@@ -20,11 +19,8 @@ def evaluate(
     model: opt.ModelFile,
     *,
     data: opt.Data = None,
-    columns: opt.Columns = None,
-    unit: opt.Unit = None,
-    degrees: opt.LogDegrees = None,
-    distance: opt.Distances = None,
-    plane: opt.Planes = None,
+    reading: Reading,
+    sockets: Sockets,
     frame: Annotated[
         Literal["kept", "free"],
         opt.flag("--frame", "free: of the log, the sensor's frame is found anew."),
@@ -34,9 +30,9 @@ def evaluate(
     import calib
 
     loaded = calib.load(model)
-    log = log_of(loaded, data, Reading(columns, unit, degrees))
+    log = log_of(loaded, data, reading)
     if log is not None:
-        log = with_sockets(log, distance, plane)
+        log = sockets.of(log)
     started = time.perf_counter()
     result = calib.evaluate(loaded, log, frame=frame)
     say(result.notes)
@@ -60,9 +56,11 @@ def _scatter(model: str, result: Evaluation) -> str:
     """The scatter of touches in a line, and the distances of sockets."""
     size = {name: 1e3 * value for name, value in result.touch["scatter"].items()}
     line = (
-        f"{model}: tips scatter about their sockets by {size['mean']:.3g} mm (rms "
-        f"{size['rms']:.3g}, largest {size['max']:.3g}) in {result.rows} touches"
+        f"{model}: tips scatter about their sockets by {size['mean']:.3g} mm (95 % within "
+        f"{size['p95']:.3g}, largest {size['max']:.3g}) in {result.rows} touches"
     )
+    if result.left_out:
+        line += f", {result.left_out} left out (in no socket of theirs, or out of range)"
     off = [abs(each["predicted"] - each["stated"]) for each in result.touch["distances"]]
     return line + (f"; distances are off by {1e3 * sum(off) / len(off):.2g} mm" if off else "")
 

@@ -7,10 +7,9 @@ from typing import Annotated, Any
 from typer import Option
 
 from .. import options as opt
-from ..files import check_file
 from ..options import option
 from ..output import Outcome, say
-from ..parsing import BadOption
+from ..parsing import BadOption, check_file
 
 _ENDINGS = {
     "output": (".h", ".hpp"),

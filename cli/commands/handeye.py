@@ -11,9 +11,9 @@ from typer import Argument
 from calib.common.choices import Eye
 
 from .. import options as opt
-from ..files import check_file
 from ..options import flag, option
 from ..output import Outcome, note, say
+from ..parsing import check_file
 from ..samples import Selection
 
 
@@ -52,7 +52,7 @@ def handeye(
     from calib.recording.board import Board
     from calib.recording.setting import load_lens
 
-    arm = Selection(joints, tip, False, lock, None, degrees).load(robot)
+    arm = Selection(joints=joints, tip=tip, lock=lock, degrees=degrees).load(robot)
     printed = Board.parse(board)
     known = None
     if lens is not None:

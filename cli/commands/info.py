@@ -9,9 +9,8 @@ from calib.common.wording import printable, unit_of_joint
 from calib.model.facts import facts
 
 from .. import options as opt
-from ..advice import advice
 from ..output import Outcome, fact_lines, fields
-from ..summary import accuracy, compact_table, summary
+from ..summary import accuracy, advice, error_table, summary
 from ..translation import as_typed
 
 if TYPE_CHECKING:
@@ -33,7 +32,7 @@ def info(model: opt.ModelFile, *, degrees: opt.Degrees = False) -> Outcome:
         return Outcome(document, lines)
     held = accuracy(loaded, about.errors, about.within, f"{about.tested} rows", about.left_out)
     lines += ["", f"accuracy: {held}", *advice(loaded, about.errors)]
-    table = compact_table(loaded, about.errors, "errors when it was made")
+    table = error_table(loaded, about.errors, "errors when it was made")
     return Outcome(document, lines, [table])
 
 

@@ -4,21 +4,30 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Annotated, Any
 
 from typer import Argument, Option
 
 from .. import options as opt
-from ..files import TABLES, check_file
 from ..options import option
 from ..output import NO, Outcome, note
-from ..parsing import BadOption, any_number, check_count, check_streams, height, reals
-from ..units import JointFormat, PositionFormat, meaning
+from ..parsing import (
+    TABLES,
+    BadOption,
+    any_number,
+    check_count,
+    check_file,
+    check_streams,
+    height,
+    reals,
+)
 
 if TYPE_CHECKING:
-    from calib import Answer, Model
+    from calib import Answer
     from calib.common.arrays import Array
+
+    from ..answers import Query
 
 
 def inverse(
@@ -56,7 +65,7 @@ def inverse(
     degrees: opt.Degrees = False,
 ) -> Outcome:
     """Joint values that bring the tip to a position; exit code 3 if it is out of reach."""
-    import calib
+    from ..answers import Query
 
     typed = target or []
     check_streams(typed, input_, output, columns)
@@ -68,60 +77,55 @@ def inverse(
         raise BadOption("--input has a column for each number: expected no other target")
     if keep and (turned or near is None):
         raise BadOption("--keep-orientation keeps that of --near: expected --near alone beside it")
-    loaded = calib.load(model)
-    joints = JointFormat(loaded.about, degrees)
-    anchor = joints.one_each("--near", near)
-    if anchor is not None and (beyond := joints.beyond(loaded, anchor)):
-        raise BadOption(f"--near {beyond}")
     in_base = frame == "base" or on is not None
-    positions = PositionFormat(loaded.about, "base" if in_base else frame, unit)
+    query = Query(model, degrees, "base" if in_base else "sensor", unit)
+    asked, joints = query.model, query.joints
+    anchor = joints.one_each("--near", near)
+    if anchor is not None and (beyond := joints.beyond(asked, anchor)):
+        raise BadOption(f"--near {beyond}")
+    question = _Question(query, anchor, readout, in_base or turned or keep, keep)
     if input_ is not None:
-        question = _Question(loaded, None, None, anchor, frame, readout, frame == "base")
-        return _batch(question, joints, positions, input_, columns, output, every)
-    x: Any = typed if on is not None else [value / positions.typed for value in typed]
+        return _batch(question, input_, columns, output, every)
+    x: Any = [value / query.positions.typed for value in typed] if on is None else typed
     told: dict[str, Any] = {"target": x}
     turn: Array | None = None
-    in_space = in_base or turned or keep
-    if in_space:
+    if question.in_space:
+        from calib.errors import QueryError
         from calib.model.space import Space
 
         from ..space import orientation, pixel_on_plane
 
-        if Space.of(loaded).camera and not in_base:
-            raise calib.QueryError(
-                "a pixel alone is no position in space; give --on z=H or --in base"
-            )
+        if Space.of(asked).camera and not in_base:
+            raise QueryError("a pixel alone is no position in space; give --on z=H or --in base")
         turn = orientation(quaternion, rpy, degrees)
-        told["frame"] = "base" if in_base else "sensor"
+        told["frame"] = query.frame
     if on is None:
-        check_count(typed, "xyz" if frame == "base" else loaded.axes, "coordinate")
+        check_count(typed, "xyz" if frame == "base" else asked.axes, "coordinate")
     else:
-        x = pixel_on_plane(loaded, typed, on)
+        x = pixel_on_plane(asked, typed, on)
         told["on_plane"] = {"z": on, "position": x, "unit": "m"}
     if turn is not None:
         told["quaternion"] = turn
-    asked = told.get("frame", "sensor")
-    question = _Question(loaded, x, turn, anchor, asked, readout, in_space, keep)
-    return _answer(question, joints, positions, told, every)
+    return _answer(replace(question, x=x, turn=turn), told, every)
 
 
 @dataclass(frozen=True)
 class _Question:
     """One target, or many."""
 
-    model: Model
-    x: Any  # (2,), (3,) or (n, 2), (n, 3), positions in the frame
-    turn: Array | None  # (4,) or (n, 4), orientations wanted as quaternions
+    query: Query
     near: Any  # (dof,) or (n, dof) [rad or m], or None
-    frame: str  # "sensor" or "base"
     readout: str | None
     in_space: bool  # whether the chain of an arm in space answers rather than the model itself
     keep: bool = False  # whether the orientation at `near` is kept
+    x: Any = None  # (2,), (3,) or (n, 2), (n, 3), positions in the frame
+    turn: Array | None = None  # (4,) or (n, 4), orientations wanted as quaternions
 
     def answer(self, every: bool) -> dict[str, Any]:
         """Return what an `Answer` or `PoseAnswers` holds, by name, for each answer."""
+        model, frame = self.query.model, self.query.frame
         if not self.in_space:
-            solve, given = self.model.solve, (self.x, self.near, self.readout)
+            solve, given = model.solve, (self.x, self.near, self.readout)
             return {**(self._branches() if every else solve(*given))._asdict()}
         if self.readout is not None:
             raise BadOption("--readout is for positions in the sensor's frame alone")
@@ -130,104 +134,87 @@ class _Question:
         from ..space import up_to_scale
 
         ways = {"every": every, "keep": self.keep}
-        found = solve_poses(self.model, self.x, self.turn, self.near, frame=self.frame, **ways)
-        scaled = up_to_scale(self.model, found.q) if self.frame == "base" else {}
+        found = solve_poses(model, self.x, self.turn, self.near, frame=frame, **ways)
+        scaled = up_to_scale(model, found.q) if frame == "base" else {}
         return {**found._asdict(), **scaled}
 
     def _branches(self) -> Answer:
         """Every branch that reaches a target, those near the anchor first."""
         import numpy as np
 
-        (answer,) = self.model.solve_all([self.x])
+        (answer,) = self.query.model.solve_all([self.x])
         if self.near is None:
             return answer
-        scale = self.model.motor.scale
+        scale = self.query.model.motor.scale
         gaps = scale.difference(scale.to_unit(answer.q), scale.to_unit(np.array([self.near])))
         return answer.take(np.argsort(np.linalg.norm(gaps, axis=1), kind="stable"))
 
 
-def _answer(
-    asked: _Question,
-    joints: JointFormat,
-    positions: PositionFormat,
-    told: dict[str, Any],
-    every: bool,
-) -> Outcome:
+def _answer(asked: _Question, told: dict[str, Any], every: bool) -> Outcome:
     """Answer one question; `told` begins its document."""
-    from ..answers import UP_TO_SCALE, answer_table, bounds_shown, documents
-
-    model, posed = asked.model, asked.turn is not None
+    query, posed = asked.query, asked.turn is not None
+    model, joints = query.model, query.joints
     # of a pose all branches are looked for, so that the nearest is found
     found = asked.answer(every or asked.in_space)
     found.pop("target", None)
     q, reachable = found.pop("q"), bool(found.pop("reachable").any())
-    solutions = documents(joints, q, **found)[: None if every else 1]
+    solutions = query.documents(q, **found)[: None if every else 1]
     document = told | {"reachable": reachable, "solutions": solutions}
-    free = _free(asked, q[0]) if reachable else q[:0]
+    free = q[:0]
+    if reachable and (asked.in_space or (model.body is not None and len(model.axes) == 3)):
+        from ..space import free as free_directions
+        from ..space import say_free
+
+        rows = (6 if posed else 3) if asked.in_space else None
+        free = free_directions(model, q[0], rows)
+        say_free(joints, free, asked.near is not None)
     if asked.in_space:
         document["free"] = [dict(zip(joints.names, row, strict=True)) for row in free]
-    document |= meaning(model.about, asked.frame)
+    document |= query.meaning
     other = asked.readout is not None and asked.readout != model.default_readout
     missed = "nearest attainable pose" if posed else "nearest attainable point"
     missed = f"the answer of readout '{asked.readout}'" if other else missed
-    axes = "xyz" if asked.in_space else model.axes
-    shown = ["distance", *(["turned"] if posed else []), *bounds_shown(model, asked.frame)]
+    shown = ["distance", *(["turned"] if posed else []), *query.bounds]
     title = "" if reachable or posed else missed
-    table = answer_table(joints, solutions, positions, axes, shown, title)
-    alone = [" ".join(joints.cells(list(each["joints"].values()))) for each in solutions]
-    if asked.frame == "base":
+    table = query.table(solutions, "xyz" if asked.in_space else model.axes, shown, title)
+    if query.frame == "base":
         from calib.model.space import Space
 
+        from ..answers import UP_TO_SCALE
         from ..space import say_size
 
         if UP_TO_SCALE in found:
             say_size(float(found[UP_TO_SCALE][0]))
         if not Space.of(model).sees(asked.x).all():
             note("the camera's picture does not show the target")
-    if not reachable:
-        away = positions.said(float(found["distance"].min()))
-        hint = _slip(asked, positions)
-        if posed:
-            away += f" and {math.degrees(float(found['turned'][0])):.3g} deg"
-            few = "; so few joints reach few poses, ask for a position alone"
-            hint = few if len(joints.names) < 6 else hint
-        # a coarser readout can miss a target that the arm reaches
-        note(f"{'missed:' if other else 'out of reach: the'} {missed} is {away} away{hint}")
-        return Outcome(document, [table], result=(), code=NO)
-    if len(free):
-        from ..space import say_free
-
-        say_free(joints, free, asked.near is not None)
-    return Outcome(document, [table], result=alone)
+    if reachable:
+        alone = [" ".join(joints.cells(list(each["joints"].values()))) for each in solutions]
+        return Outcome(document, [table], result=alone)
+    away, hint = query.positions.said(float(found["distance"].min())), _slip(asked)
+    if posed:
+        away += f" and {math.degrees(float(found['turned'][0])):.3g} deg"
+        few = "; so few joints reach few poses, ask for a position alone"
+        hint = few if len(joints.names) < 6 else hint
+    # a coarser readout can miss a target that the arm reaches
+    note(f"{'missed:' if other else 'out of reach: the'} {missed} is {away} away{hint}")
+    return Outcome(document, [table], result=(), code=NO)
 
 
-def _slip(asked: _Question, positions: PositionFormat) -> str:
+def _slip(asked: _Question) -> str:
     """Return a hint where a target in m is far off and would be near in mm."""
     import numpy as np
 
+    positions = asked.query.positions
     if positions.unit != "m" or positions.typed != 1.0 or asked.in_space:
         return ""
-    scale = asked.model.sensory.scale
+    scale = asked.query.model.sensory.scale
     far = np.abs(asked.x - scale.lower - scale.span / 2).max() > 10 * scale.span.max()
     inside = np.abs(np.array(asked.x) / 1e3 - scale.lower - scale.span / 2) <= scale.span
     return "; in mm it is near: give --unit mm" if far and inside.all() else ""
 
 
-def _free(asked: _Question, q: Array) -> Array:
-    """Directions of the joints (k, dof) that leave the answer of an arm in space where it is."""
-    model = asked.model
-    spatial = model.body is not None and len(model.axes) == 3
-    if not (asked.in_space or spatial):
-        return q[:0]
-    from ..space import free
-
-    return free(model, q, (3 if asked.turn is None else 6) if asked.in_space else None)
-
-
 def _batch(
     asked: _Question,
-    joints: JointFormat,
-    positions: PositionFormat,
     source: str,
     called: Mapping[str, str] | None,
     output: str | None,
@@ -240,19 +227,18 @@ def _batch(
     joints, qx, qy, qz, qw ask for an orientation too. With `every` all branches of each pose are
     written, a row each.
     """
-    from dataclasses import replace
-
     import numpy as np
 
     from calib.samples.roles import QUATERNION
 
-    from ..answers import batch_outcome, over_all_rows, read_table
+    from ..answers import over_all_rows
 
-    model, beside = asked.model, [f"near_{name}" for name in joints.names]
-    axes = "xyz" if asked.in_space else model.axes
+    query, joints = asked.query, asked.query.joints
+    axes = "xyz" if asked.in_space else query.model.axes
+    beside = [f"near_{name}" for name in joints.names]
     # fewer than six joints reach almost no pose that is given: its columns go along unread
     turns = QUATERNION if len(joints.names) >= 6 and len(axes) == 3 else ()
-    batch = read_table(source, axes, called, positions, (beside, turns))
+    batch = query.read(source, axes, called, (beside, turns))
     posed = bool(turns) and "qw" in batch.names
     if every and not posed:
         raise BadOption("--all of many targets is for poses: expected columns qx, qy, qz, qw")
@@ -277,6 +263,4 @@ def _batch(
     answers = over_all_rows(valid[index], {**dict(zip(joints.names, q.T, strict=True)), **found})
     if every:
         answers, batch = {"row": index + 1, **answers}, batch.take(index)
-    missed = (rows[~reachable] + 1).tolist()
-    why, told = "out of reach", meaning(model.about, asked.frame)
-    return batch_outcome(joints, positions, batch, answers, missed, why, output, n, **told)
+    return query.answer(batch, answers, (rows[~reachable] + 1).tolist(), "out of reach", output, n)

@@ -6,16 +6,15 @@ import math
 from typing import Annotated, Any
 
 from .. import options as opt
-from ..files import TABLES, check_file
 from ..options import option
 from ..output import NO, Outcome, fields, note
-from ..parsing import above_zero, expects, reals
-from ..units import JointFormat, PositionFormat, meaning
+from ..parsing import TABLES, check_file, finite_number, reader, reals
 
-
-@expects("a length greater than zero, or inf")
-def _step(text: str) -> float:
-    return math.inf if text.strip().lower() == "inf" else above_zero(text)
+_step = reader(
+    "a length greater than zero, or inf",
+    lambda text: math.inf if text.strip().lower() == "inf" else finite_number(text),
+    lambda length: length > 0.0,
+)
 
 
 def path(
@@ -41,21 +40,19 @@ def path(
     check_file(output, TABLES, stream=True)
     import numpy as np
 
-    import calib
+    from ..answers import Query, say_rows
 
-    from ..answers import read_table, say_rows, table_outcome
-
-    loaded = calib.load(model)
-    joints, positions = JointFormat(loaded.about, degrees), PositionFormat(loaded.about, unit=unit)
+    query = Query(model, degrees, unit=unit)
+    asked, joints, positions = query.model, query.joints, query.positions
     first = joints.one_each("--from", start)
-    batch = read_table(input_, loaded.axes, columns, positions)
+    batch = query.read(input_, asked.axes, columns)
     valid = np.flatnonzero(np.isfinite(batch.values).all(axis=1))
     longest = None if step is None else step / positions.typed
-    found = loaded.path(batch.values[valid], first, longest)
+    found = asked.path(batch.values[valid], first, longest)
     out = ~found.reachable
     table: dict[str, Any] = {
         "waypoint": valid[found.waypoint] + 1,
-        **dict(zip(loaded.axes, found.target.T, strict=True)),
+        **dict(zip(asked.axes, found.target.T, strict=True)),
         **dict(zip(joints.names, (found.q * joints.typed).T, strict=True)),
         **fields(found, "distance expected_error model_error"),
         "reachable": found.reachable.astype(np.int64),
@@ -63,7 +60,7 @@ def path(
     }
     say_rows(batch.invalid, len(batch.values), "not all numbers, left out of the path")
     for row in found.jumps.tolist():
-        named = zip(loaded.axes, (found.target[row] * positions.typed).tolist(), strict=True)
+        named = zip(asked.axes, (found.target[row] * positions.typed).tolist(), strict=True)
         where = ", ".join(f"{axis} = {value:.6g}" for axis, value in named)
         note(f"row {row + 1}: a jump cannot be avoided, the branch ends before {where}")
     if out.any():
@@ -72,16 +69,14 @@ def path(
             f"{positions.said(float(found.distance[out].max()))}: they hold attainable points "
             "close by"
         )
-    return table_outcome(
+    return query.write(
         table,
         output,
-        joints,
-        positions,
         key="path",
         code=1 if batch.invalid else NO if len(found.jumps) or out.any() else 0,
         rows=len(found.q),
         invalid=batch.invalid,
         jumps=(found.jumps + 1).tolist(),
         out_of_reach=(np.flatnonzero(out) + 1).tolist(),
-        **meaning(loaded.about),
+        **query.meaning,
     )

@@ -8,11 +8,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 from typer import Argument, Option
 
 from .. import options as opt
-from ..files import TABLES, check_file
 from ..measurements import Reading, log_for, refuse
 from ..options import option
 from ..output import Outcome, fields, say
-from ..parsing import not_negative, reals
+from ..parsing import TABLES, check_file, not_negative, reals
 from ..samples import Selection
 from ..units import JointFormat, in_si
 
@@ -32,12 +31,7 @@ def plan(
     poses: Annotated[
         int, Option("--poses", "-n", metavar="N", min=1, max=1000, help="How many poses.")
     ] = 60,
-    joints: opt.JointNames = None,
-    tip: opt.Tip = None,
-    planar: opt.Planar = False,
-    lock: opt.Lock = None,
-    ranges: opt.Ranges = None,
-    degrees: opt.Degrees = False,
+    selection: Selection,
     margin: Annotated[
         float | None,
         option("--margin M", "Distance from the limits [rad or m] (default 1 deg).", not_negative),
@@ -63,12 +57,15 @@ def plan(
     is_model = _is_model(robot)
     known: Arm | Model
     if is_model:
-        of_robots = {"joints": joints, "tip": tip, "lock": lock}
-        refuse(of_robots, "is for ROBOT: a model has its joints and its tip already")
+        refuse(
+            {name: getattr(selection, name) for name in ("joints", "tip", "lock")},
+            "is for ROBOT: a model has its joints and its tip already",
+        )
         known = calib.load(robot)
     else:
-        known = Selection(joints, tip, planar, lock, ranges, degrees).load(robot)
+        known = selection.load(robot)
     say(getattr(known, "notes", ()))  # an arm's
+    degrees = selection.degrees
     facts: Any = getattr(known, "about", known)  # what tells the joints and their ranges
     joints_typed = JointFormat(facts, degrees)
     names, typed = joints_typed.names, joints_typed.typed
@@ -79,7 +76,7 @@ def plan(
         seed=seed,
         margin=None if margin is None else [margin / factor for factor in typed],
         # an arm was loaded with them, which it may need where it states no limits
-        ranges=in_si("--range", ranges, turning, degrees) if is_model else None,
+        ranges=in_si("--range", selection.ranges, turning, degrees) if is_model else None,
         start=joints_typed.one_each("--from", start),
         measured=None if data is None else _measured(known, data, columns, degrees),
     )
@@ -133,7 +130,7 @@ def _measured(
     import calib
 
     if isinstance(known, calib.Model):  # which remembers columns, unit and degrees of its log
-        return log_for(known, data, Reading(columns, None, degrees or None))
+        return log_for(known, data, Reading(columns=columns, degrees=degrees or None))
     names = list(known.joint_names)
     sliding = [n for n, turns in zip(names, known.revolute, strict=True) if not turns]
     log = calib.read_log(data, joints=names, columns=columns, degrees=degrees, prismatic=sliding)

@@ -9,12 +9,10 @@ from typing import Annotated, Any
 from typer import Option
 
 from .. import options as opt
-from ..files import check_file
-from ..measurements import Reading
 from ..options import option
 from ..output import Outcome, note, say
-from ..parsing import BadOption
-from ..photo import load_drawn
+from ..parsing import BadOption, check_file
+from ..photo import Drawn
 
 
 def preview(
@@ -23,12 +21,7 @@ def preview(
     html: Annotated[
         str | None, option("--html FILE", "Write the page, which needs no network, and end.")
     ] = None,
-    data: opt.Data = None,
-    columns: opt.Columns = None,
-    unit: opt.Unit = None,
-    degrees: opt.LogDegrees = None,
-    photo: opt.PhotoFile = None,
-    no_photo: opt.NoPhoto = False,
+    drawn: Drawn,
     meshes: Annotated[
         str | None, option("--meshes FOLDER", "Mesh files of the URDF; none from elsewhere.")
     ] = None,
@@ -48,7 +41,7 @@ def preview(
     if live and html is not None:
         raise BadOption("--live needs a running preview: expected it without --html")
     check_file(html, (".html", ".htm"), option="--html")
-    loaded, log = load_drawn(model, data, photo, no_photo, Reading(columns, unit, degrees))
+    loaded, log = drawn.load(model)
     how: dict[str, Any] = {"live": live, "meshes": meshes, "port": port, "browse": not no_open}
     with show(loaded, html, log, **how) as shown:
         say(shown.notes)

@@ -19,15 +19,13 @@ def recognise(
     ],
     *,
     data: opt.NewLog,
-    columns: opt.Columns = None,
-    unit: opt.Unit = None,
-    degrees: opt.LogDegrees = None,
+    reading: Reading,
 ) -> Outcome:
     """Tell which of some models the arm is in. Exit code 3 if it is in none."""
     import calib
 
     loaded = [calib.load(path) for path in models]
-    log = log_for(loaded[0], data, Reading(columns, unit, degrees))
+    log = log_for(loaded[0], data, reading)
     found = calib.recognise(loaded, log)
     name = None if found.index is None else models[found.index]
     fits = [{"model": models[fit.index], **fit.to_json()} for fit in found.fits]

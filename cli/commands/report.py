@@ -6,12 +6,10 @@ from pathlib import Path
 from typing import Annotated
 
 from .. import options as opt
-from ..files import check_file
-from ..measurements import Reading
 from ..options import option
 from ..output import Outcome
-from ..parsing import BadOption
-from ..photo import load_drawn
+from ..parsing import BadOption, check_file
+from ..photo import Drawn
 
 
 def report(
@@ -19,19 +17,13 @@ def report(
     *,
     output: Annotated[str | None, option("--output -o FILE.html", "One file.")] = None,
     png: Annotated[str | None, option("--png DIR", "Its figures as PNG.")] = None,
-    data: opt.Data = None,
-    columns: opt.Columns = None,
-    unit: opt.Unit = None,
-    degrees: opt.LogDegrees = None,
-    photo: opt.PhotoFile = None,
-    no_photo: opt.NoPhoto = False,
+    drawn: Drawn,
 ) -> Outcome:
     """Write figures and tables that explain a calibration."""
     if output is None and png is None:
         raise BadOption("nothing to write: expected -o FILE.html, or --png DIR, or both")
     check_file(output, (".html", ".htm"))
-    reading = Reading(columns, unit, degrees)
-    loaded, log = load_drawn(model, data, photo, no_photo, reading)
+    loaded, log = drawn.load(model)
     from calib.common.atomic import atomic_write
     from calib.show.report.drawing import to_png
     from calib.show.report.page import figures

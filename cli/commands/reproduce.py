@@ -1,9 +1,9 @@
-"""The command `calib reproduce`: repeat the paper's tables, figures and experiments."""
+"""The command `calib reproduce`: repeat the paper's tables, figures and adaptation."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args
 
@@ -13,7 +13,6 @@ from .. import options as opt
 from .. import parsing
 from ..options import option
 from ..output import Outcome, TextTable, number, progress_bar
-from ..parsing import JointValue
 from ..units import in_si, kinds_of_joints
 
 if TYPE_CHECKING:
@@ -21,17 +20,14 @@ if TYPE_CHECKING:
     from calib.paper.tables import Result
 
 _LONGEST = 1e3  # of a link [m]
-Subject = Literal["table1", "table2", "figures", "adaptation", "networks", "experiments", "all"]
+Subject = Literal["table1", "table2", "figures", "adaptation", "all"]
 
 
-@parsing.expects("JOINT=METRES such as elbow=0.3")
-def _length(text: str) -> JointValue:
-    joint, _, value = text.partition("=")
-    length = parsing.finite_number(value)
-    parsing.require(bool(joint) and 0.0 < length < _LONGEST)
-    return JointValue(joint, length)
-
-
+_length = parsing.reader(
+    "JOINT=METRES such as elbow=0.3",
+    parsing.joint_value,
+    lambda typed: 0.0 < typed[1] < _LONGEST,
+)
 _format = parsing.one_of(("png", "svg", "pdf"))
 
 
@@ -50,7 +46,7 @@ def reproduce(
     joints: opt.JointNames = None,
     ranges: opt.Ranges = None,
     lengths: Annotated[
-        list[JointValue] | None,
+        list[Any] | None,
         option("--length JOINT=M", "Length of the link that a joint moves; repeatable.", _length),
     ] = None,
     formats: Annotated[
@@ -60,7 +56,7 @@ def reproduce(
     degrees: opt.Degrees = False,
     seed: opt.Seed = 0,
 ) -> Outcome:
-    """Repeat the paper's tables, figures and experiments, with its numbers beside ours."""
+    """Repeat the paper's tables, figures and adaptation, with its numbers beside ours."""
     from calib.paper.setting import ROBOT, Setting
 
     folder = Path(output)
@@ -103,19 +99,9 @@ def _run(
     name: str, setting: Setting, folder: Path, formats: Sequence[str]
 ) -> Iterator[tuple[str, Result]]:
     """Redo one subject: draw its figures, and yield its results by name."""
-    from calib.paper import experiments, figures, tables
+    from calib.paper import figures, tables
     from calib.paper.adaptation import adaptation
 
-    runs: dict[str, tuple[Callable[[Setting], Result], ...]] = {
-        "table1": (tables.table1,),
-        "table2": (tables.table2,),
-        "networks": (experiments.networks,),
-        "experiments": (
-            experiments.resampling,
-            experiments.perturbation,
-            experiments.both_directions,
-        ),
-    }
     if name == "figures":
         figures.lattice_figure(setting, folder / "lattices.png", formats)
     if name in ("figures", "adaptation"):
@@ -123,8 +109,8 @@ def _run(
         figures.changed_figure(episodes, folder / "changed.png", formats)
         figures.curves_figure(episodes, folder / "adaptation.png", formats)
         yield "adaptation", result
-    for run in runs.get(name, ()):
-        yield run.__name__, run(setting)
+    if name.startswith("table"):
+        yield name, {"table1": tables.table1, "table2": tables.table2}[name](setting)
 
 
 _LONG = ("schedules", "adaptation_curves")  # for the CSV files only

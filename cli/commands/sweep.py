@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import glob
-from collections.abc import Callable
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -15,15 +13,13 @@ from calib.common.wording import for_people
 
 from .. import options as opt
 from .. import parsing
-from ..files import TABLES, check_file
 from ..options import option
 from ..output import Outcome, TextTable, fields, note, number, progress_bar, say
-from ..parsing import BadOption, several
+from ..parsing import TABLES, BadOption, check_file, several
 from ..samples import Logged, Selection, check_sources, measured_samples
 
 if TYPE_CHECKING:
-    from calib import Samples, Sweep
-    from calib.arm.arm import Arm
+    from calib import Sweep
 
 
 def _grid(usage: str, text: str, read: parsing.Reader[Any]) -> Any:
@@ -59,15 +55,8 @@ def sweep(
     readout: Annotated[
         ReadoutWord, Option(help="Readout of the table; files and JSON hold them all.")
     ] = "local",
-    joints: opt.JointNames = None,
-    tip: opt.Tip = None,
-    planar: opt.Planar = False,
-    lock: opt.Lock = None,
-    ranges: opt.Ranges = None,
-    degrees: opt.Degrees = False,
-    columns: opt.Columns = None,
-    unit: opt.Unit = None,
-    prismatic: opt.Prismatic = None,
+    selection: Selection,
+    logged: Logged,
 ) -> Outcome:
     """Train with every combination of options on all cores, and compare the errors.
 
@@ -79,24 +68,17 @@ def sweep(
     typed = {"size": size, "map": map, "rule": rule, "epochs": epochs, "sigma": sigma}
     typed |= {"samples": samples, "noise": noise}
     tried = {name: list(values) for name, values in typed.items() if values is not None}
-    selection = Selection(joints, tip, planar, lock, ranges, degrees)
-    logged = Logged(columns, unit, prismatic)
     simulated = {name: tried.get(name) for name in ("samples", "noise")}
     check_sources(robots or (), bool(data), simulated, vars(logged))
     if data and len(robots or ()) > 1:
         raise BadOption(f"--data with {len(robots or ())} robots: expected one ROBOT or none")
     check_file(output, TABLES, stream=True)
-    sources: dict[str, Callable[[], Arm | Samples]] = {
-        name: partial(selection.load, name) for name in robots or ()
-    }
-    if data is not None:
-        read = partial(measured_samples, robots[0] if robots else None, selection, logged=logged)
-        sources = {path: partial(read, path) for path in _logs(data)}
-    with progress_bar(unit or "m") as progress:
-        # logs are read here: a worker cannot say what was assumed of one
-        ready: dict[str, Any] = {name: source() for name, source in sources.items()}
-        found = run(ready, tried, seeds=seeds, jobs=jobs, progress=progress)
-    say(found.notes)
+    robot = robots[0] if robots else None
+    sources: dict[str, Any] = {  # logs are read here: a worker cannot say what was assumed of one
+        path: measured_samples(robot, selection, path, logged) for path in _logs(data or [])
+    } or {name: selection.load(name) for name in robots or ()}
+    with progress_bar(logged.unit or "m") as progress:
+        found = run(sources, tried, seeds=seeds, jobs=jobs, progress=progress)
     for row in found.rows:
         say(row.notes)
     for row in found.failed:
@@ -104,21 +86,20 @@ def sweep(
     if output is not None:
         write_table(output, found.columns())
     failed = len(found.failed)
-    told = f"{f'{output}: ' if output else ''}{len(found)} trainings, {failed} failed"
+    names = "source options seed unit errors seconds error"
     document = {
         "output": output,
-        "trainings": len(found),
+        "trainings": len(found.rows),
         "failed": failed,
         "units": {"errors": "unit of the row", "seconds": "s"},
-        "rows": [
-            fields(row, "source options seed unit errors seconds error") for row in found.rows
-        ],
+        "rows": [fields(row, names) for row in found.rows],
     }
+    told = f"{f'{output}: ' if output else ''}{len(found.rows)} trainings, {failed} failed"
     lines: list[str | TextTable] = [_table(found, readout), told]
     return Outcome(document, lines, to_stderr=output == "-", code=1 if failed else 0)
 
 
-def _logs(typed: list[str]) -> list[str]:
+def _logs(typed: list[str]) -> dict[str, None]:
     """The logs that are meant, each once; a name with wildcards stands for several."""
     found: dict[str, None] = {}
     for text in typed:
@@ -128,23 +109,22 @@ def _logs(typed: list[str]) -> list[str]:
         if not matches or text == "-":
             raise BadOption(f"--data {text!r}: expected files, but none matches")
         found.update(dict.fromkeys(matches))
-    return list(found)
+    return found
 
 
 def _table(found: Sweep, readout: str) -> TextTable:
     """A row for each training, errors of the tip in the unit of its positions."""
-    from calib.sweeps import written
-
-    names = list(dict.fromkeys(name for row in found.rows for name in row.options))
+    columns = found.columns()
+    names = list(found.rows[0].options)
     rows = []
-    for row in found.rows:
+    for k, row in enumerate(found.rows):
         factor, unit = for_people(row.unit or "m")
         errors = [
             number(factor * row.distance(readout, way, key))
             for way in ("forward", "inverse")
             for key in ("mean", "max")
         ]
-        options = [str(written(row.options.get(name))) for name in names]
+        options = [str(columns[name][k]) for name in names]
         rows.append([row.source, *options, str(row.seed), *errors, unit, number(row.seconds)])
     header = ["source", *names, "seed", "forward", "max", "inverse", "max", "unit", "seconds"]
     title = f"{readout} readout: mean and largest error of the tip"

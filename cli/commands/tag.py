@@ -9,10 +9,9 @@ from typer import Argument
 from calib.common.choices import DICTIONARY
 
 from .. import options as opt
-from ..files import check_file
 from ..options import option
 from ..output import Outcome
-from ..parsing import BadOption
+from ..parsing import BadOption, check_file
 
 
 def tag(

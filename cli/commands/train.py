@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 from typer import Argument, Option
 
@@ -13,21 +13,20 @@ from calib.common.wording import for_people
 from calib.model.facts import size_in_words
 
 from .. import options as opt
-from ..advice import advice, found_by_body
-from ..files import check_file
 from ..options import option
 from ..output import Outcome, progress_bar, say
-from ..parsing import BadOption
+from ..parsing import BadOption, check_file
 from ..photo import photo_of_log, with_photo
 from ..samples import (
     Babbling,
     Logged,
     Selection,
+    Sockets,
     babbled_samples,
     check_sources,
     measured_samples,
 )
-from ..summary import accuracy, compact_table, summary
+from ..summary import accuracy, advice, error_table, found_by_body, summary
 
 if TYPE_CHECKING:
     from calib import Model, Samples
@@ -45,12 +44,7 @@ def train(
     force: Annotated[
         bool, Option("--force", help="Replace a model of another robot or log by that name.")
     ] = False,
-    joints: opt.JointNames = None,
-    tip: opt.Tip = None,
-    planar: opt.Planar = False,
-    lock: opt.Lock = None,
-    ranges: opt.Ranges = None,
-    degrees: opt.Degrees = False,
+    selection: Selection,
     map: opt.MapName = None,  # noqa: A002
     size: opt.MapSize = None,
     motor_size: opt.MotorSize = None,
@@ -60,16 +54,10 @@ def train(
     rule: opt.TrainingRule = "batch",
     epochs: opt.Epochs = None,
     sigma: opt.Sigma = None,
-    samples: opt.Number = None,
-    noise: opt.Noise = None,
-    motion: opt.Moves = None,
-    change: opt.Changes = None,
+    babbling: Babbling,
     seed: opt.Seed = 0,
-    columns: opt.Columns = None,
-    unit: opt.Unit = None,
-    prismatic: opt.Prismatic = None,
-    distance: opt.Distances = None,
-    plane: opt.Planes = None,
+    logged: Logged,
+    sockets: Sockets,
     lens: Annotated[
         str | None, option("--lens lens.json", "Lens of a camera in space (default: fitted).")
     ] = None,
@@ -82,12 +70,7 @@ def train(
     """Learn a model from simulated babbling or from a measured log."""
     import calib
 
-    selection = Selection(joints, tip, planar, lock, ranges, degrees)
-    babbling, logged = (
-        Babbling(samples, noise, motion, change),
-        Logged(columns, unit, prismatic, distance, plane),
-    )
-    of_logs = {**vars(logged), "lens": lens, "photo": photo}
+    of_logs = {**vars(logged), **vars(sockets), "lens": lens, "photo": photo}
     check_sources([robot] if robot else [], data is not None, vars(babbling), of_logs)
     if photo is not None and no_photo:
         raise BadOption("--photo and --no-photo are given: expected one of them")
@@ -95,15 +78,15 @@ def train(
     if data is None:
         log = babbled_samples(robot, selection, babbling, seed)
     else:
-        log = measured_samples(robot, selection, data, logged, seed, lens)
+        log = sockets.of(measured_samples(robot, selection, data, logged, seed, lens))
     path = output or _file_name(str(robot or data))
     check_file(path, ())
     if output is None and not force:
         _check_same_origin(path, log)
-    how: dict[str, Any] = {"motor_size": motor_size, "sensory_size": sensory_size, "view": view}
-    how |= {"map": map, "size": size, "body": body, "rule": rule, "epochs": epochs, "sigma": sigma}
+    sizes = (size, motor_size, sensory_size)
+    how = calib.TrainingOptions(*sizes, map, rule, epochs, sigma, body=body, view=view, seed=seed)
     with progress_bar(log.unit) as progress:
-        model = calib.train(log, **how, seed=seed, progress=progress)
+        model = calib.train(log, how, progress=progress)
     say([*model.about.notes, *_unexplained(model, log)])
     if no_rows:
         model = replace(model, rows=None)
@@ -123,7 +106,7 @@ def train(
         f"{'samples' if simulated else 'rows'}, "
         f"{model.seconds['total']:.2f} s, {Path(path).stat().st_size / 1e6:.2f} MB",
     ]
-    table = compact_table(model, about.errors, f"errors on {what}")
+    table = error_table(model, about.errors, f"errors on {what}")
     return Outcome(summary(model, path, about.errors, model.seconds), lines, [table])
 
 

@@ -9,9 +9,9 @@ from typer import Option
 from calib.common.wording import for_people
 
 from .. import options as opt
-from ..files import check_file
 from ..options import option
 from ..output import NO, Outcome, TextTable, fixed, note, number, say
+from ..parsing import check_file
 from ..units import units_of
 
 if TYPE_CHECKING:
@@ -81,25 +81,22 @@ def _table(geometry: SpatialGeometry) -> TextTable:
         found.append((name, "offset", "rad" if turns else "m", told["offsets"][name]))
         if "moved" in told:
             found.append((name, "far end of its link, along {}", "m", told["moved"][name]))
-    places = [(name, "origin ", each) for name, each in told.get("places", {}).items()]
+    places = dict(told.get("places", {}))
     if "tip" in told:
-        written = "" if told["tip"]["written"] else ", not written"
-        places.append((f"sensed point{written}", "", told["tip"]))
-    for name, what, each in places:
-        found.append((name, f"{what}along {{}}", "m", each["shift"]))
-        found.append((name, f"{what}about {{}}", "rad", each["turn"]))
-    if "base" in told:
-        found.append(("base", "along {}", "m", told["base"]))
-    rows, last = [], ""
+        places["sensed point" if told["tip"]["written"] else "sensed point, not written"] = told[
+            "tip"
+        ]
+    for name, each in places.items():
+        found.append((name, "origin along {}", "m", each["shift"]))
+        found.append((name, "origin about {}", "rad", each["turn"]))
+    found += [("base", "along {}", "m", told["base"])] if "base" in told else []
+    rows = []
     for name, what, kind, each in found:
         values, widths = np.ravel(each["value"]), np.ravel(each["interval"])
         if not widths.any() and (name == "base" or "places" in told):
             continue  # what was not fitted
         factor, unit = for_people(kind)
         for axis, value, width in zip("xyz", values.tolist(), widths.tolist(), strict=False):
-            shown = ["" if name == last else name, what.format(axis), unit]
-            rows.append([*shown, fixed(factor * value, 4), number(factor * width)])
-            last = name
-    return TextTable(
-        ["joint", "change of", "unit", "value", "+-"], rows, "against the URDF", left=3
-    )
+            shown = fixed(factor * value, 4), number(factor * width)
+            rows.append([name, what.format(axis), unit, *shown])
+    return TextTable(["joint", "change of", "unit", "value", "+-"], rows, "against the URDF", 3)

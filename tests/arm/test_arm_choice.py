@@ -216,8 +216,9 @@ def test_like_arms_are_listed_and_every_suggestion_works():
             f'<child link="{side}_l0"/></joint>'
         )
     text += "</robot>"
-    with pytest.raises(RobotError) as caught:
-        arm_from_urdf(text)
+    assert "as the first of 2 arms of one reach" in arm_from_urdf(text).notes[0]
+    with pytest.raises(RobotError) as caught:  # a log was measured on one of them
+        arm_from_urdf(text, columns=["l_j1", "l_j2", "r_j1", "r_j2"])
     assert "--joints l_j1,l_j2 --tip l_tip; --joints r_j1,r_j2 --tip r_tip" in as_typed(
         str(caught.value)
     )

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import pytest
-from calib_cli.translation import as_typed
-from chains import NO_TIP, branching, chain_urdf, turning
+from chains import NO_TIP, branching, turning
 
-from calib.arm.candidates import RIVAL, Candidate, alternatives, choose, find_tip
+from calib.arm.finding import find_tip
 from calib.arm.loading import arm_from_urdf, load_arm
 from calib.arm.urdf import parse_urdf
 from calib.errors import RobotError
@@ -51,24 +50,6 @@ def test_a_name_that_only_holds_a_usual_one_is_none(name):
     assert find_tip(parse_urdf(text.replace("camera_link", name)), "l0") == "l2"
 
 
-@pytest.mark.parametrize("others", [1, 2, 3, 4, 9])
-def test_the_next_three_arms_are_named_beside_the_one_that_is_chosen(others):
-    joints = parse_urdf(chain_urdf(*[turning()] * (others + 1))).joints
-    small = [Candidate((joints[k],), "tip", 0.4 - 0.01 * k) for k in range(1, others + 1)]
-    best = Candidate((joints[0],), "tip", 1.0)
-    assert choose([best, *small], RIVAL, "planar arms") == (best, None)
-    assert as_typed(str(best)) == "--joints j1 --tip tip"
-    named = "; ".join(f"--joints j{k + 2} --tip tip" for k in range(min(others, 3)))
-    more = "; ..." if others > 3 else ""
-    assert as_typed(alternatives(small, 3)) == named + more
-
-
-def test_the_only_arm_is_chosen_without_a_word():
-    joints = parse_urdf(chain_urdf(turning())).joints
-    only = Candidate(joints[:1], "tip", 1.0)
-    assert choose([only], RIVAL, "planar arms") == (only, None)
-
-
 def test_a_tip_on_the_axis_is_told_with_those_that_are_off_it():
     with pytest.raises(RobotError) as caught:
         load_arm("two_link", ["shoulder", "elbow"], "forearm")
@@ -82,20 +63,3 @@ def test_the_same_is_told_where_no_joints_were_named():
     for tip in (None, "tip"):
         with pytest.raises(RobotError, match=r"^joint 'j2' does not move the tip 'tip'"):
             arm_from_urdf(NO_TIP, tip=tip)
-
-
-def test_only_the_first_six_of_like_arms_are_listed():
-    text = '<robot name="many"><link name="base"/>'
-    for side in "abcdefg":
-        one = chain_urdf(turning(), turning()).removeprefix('<robot name="chain">')
-        one = one.removesuffix("</robot>").replace('name="', f'name="{side}_')
-        text += one.replace('link="', f'link="{side}_') + (
-            f'<joint name="{side}_base" type="fixed"><parent link="base"/>'
-            f'<child link="{side}_l0"/></joint>'
-        )
-    with pytest.raises(RobotError) as caught:
-        arm_from_urdf(text + "</robot>")
-    message = str(caught.value)
-    assert "the robot has 7 planar arms" in message
-    assert message.count("`joints=") == 6
-    assert message.endswith("; ...")

@@ -61,7 +61,7 @@ def test_train_says_how_accurate_what_limits_it_and_the_file(run):
     assert lines[-2].startswith("limited by ")
     assert lines[-1].startswith("other.calib: vdsom:residual, 10x10 nodes, 500 samples, ")
     told = run("train", "two_link", *SMALL, "-o", "other.calib", "-v").out
-    for word in ("forward distance [mm]", "inverse shoulder [deg]", "linear", "winner"):
+    for word in ("readout", "shoulder  deg", "linear", "winner"):
         assert word in told
     assert run("train", "two_link", *SMALL, "-o", "other.calib", "-q").out.count("\n") == 1
 

@@ -34,6 +34,7 @@ def test_check_begins_with_the_verdict_and_says_what_to_do(run, folder):
     assert " 1.1" in lines[0].replace("+", " ")  # 0.02 rad
     assert "deg" in lines[0]
     assert any("calib adapt" in line for line in lines[1:])
+    assert lines[-1].startswith("limited by ")
     assert "zeta" not in done.out
     told = run("check", folder / "m.calib", "--data", folder / "moved.csv", "-v").out
     assert "zeta" in told
@@ -45,6 +46,7 @@ def test_adapt_tells_before_and_after(run, folder, tmp_path):
     assert done.code == 0, done.err
     assert " before, " in done.out.splitlines()[0]
     assert " after, " in done.out.splitlines()[0]
+    assert done.out.splitlines()[-1].startswith("limited by ")
 
 
 @pytest.mark.parametrize(

@@ -248,25 +248,3 @@ def test_no_name_reaches_the_terminal_raw(home, run, name):
         judge_output(args, done.code, done.out, done.err)
     table.write_bytes(before)
     (home / "o.csv").unlink()
-
-
-@pytest.mark.parametrize(
-    ("args", "code", "out", "err"),
-    [
-        ((), 4, "", ""),
-        ((), 1, "", "Traceback (most recent call last):\n"),
-        ((), 1, "", "error: internal error, KeyError: 'x'\n"),
-        ((), 1, "", ""),
-        ((), 2, "", "error: a\nerror: b\n"),
-        ((), 2, "results", "error: a\n"),
-        ((), 0, "", "error: a\n"),
-        ((), 3, "", ""),
-        ((), 0, "a\x1b[31mb", ""),
-        (("--json",), 0, "{", ""),
-        (("--json",), 0, '{"a": NaN}', ""),
-        (("--json",), 3, "", "no answer"),
-    ],
-)
-def test_the_judge_notices(args, code, out, err):
-    with pytest.raises(Violation):
-        judge_output(args, code, out, err)

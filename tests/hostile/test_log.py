@@ -114,14 +114,17 @@ def number(cell):
 
 def plain_rows(data, names):
     """Numbers of some columns of a CSV file, as the standard library reads it."""
-    text, line = data.decode("utf-8-sig"), data.split(b"\n", 1)[0]
+    text, line = data.decode("utf-8-sig"), data.lstrip().split(b"\n", 1)[0]
     separator = max(",;\t", key=lambda mark: line.count(mark.encode()))
     usual = csv.field_size_limit(len(text) + 1)  # a cell may be as long as a line
     try:
         rows = list(csv.reader(io.StringIO(text, newline=""), delimiter=separator))
     finally:
         csv.field_size_limit(usual)
-    rows = [row for row in rows if row and (len(row) > 1 or row[0].strip())]
+    while rows and not any(cell.strip() for cell in rows[0]):
+        rows.pop(0)
+    while rows and not any(rows[-1]):
+        rows.pop()
     header = [name.strip() for name in rows[0]]
     index = [header.index(name) for name in (*names, *(["z"] if "z" in header else []))]
     found = np.full((len(rows) - 1, len(index)), math.nan)

@@ -23,7 +23,7 @@ def test_a_twin_lies_across_the_stretched_arm():
     u = newton.scale.to_unit(q)
     rows, start = twins(newton, u)
     assert rows.tolist() == [0, 1, 3]
-    x = newton.predictor.value(u)
+    x = newton.task.forward.value(u)
     other, left = newton.refine(start, x[rows])
     assert left.max() < 1e-12
     found = newton.scale.from_unit(other)
@@ -62,7 +62,7 @@ def test_a_damped_inverse_is_the_textbooks():
 
 def grid_of(newton, n=101):
     axes = np.meshgrid(*(np.linspace(0, 1, n),) * 2, indexing="ij")
-    return newton.predictor.value(np.stack([a.ravel() for a in axes], axis=1))
+    return newton.task.forward.value(np.stack([a.ravel() for a in axes], axis=1))
 
 
 @pytest.mark.parametrize("far", [1.0, 1e3, 1e9])
@@ -72,9 +72,9 @@ def test_the_closest_point_of_a_free_arm_lies_on_its_circle(far):
     ray = np.stack([np.cos(angle), np.sin(angle)], axis=1)
     start = newton.scale.to_unit(np.stack([angle + 0.3, np.full(15, -0.5)], axis=1))
     u, left = closest(newton, start, far * ray)
-    np.testing.assert_allclose(newton.predictor.value(u), sum(TWO) * ray, atol=1e-7)
+    np.testing.assert_allclose(newton.task.forward.value(u), sum(TWO) * ray, atol=1e-7)
     np.testing.assert_allclose(left, far - sum(TWO), rtol=1e-12)
-    assert newton.predictor.asked <= 1 + 1 + 5 * 20  # Newton: two looks per joint and step
+    assert newton.task.forward.asked <= 1 + 1 + 5 * 20  # Newton: two looks per joint and step
 
 
 def test_beside_the_limits_no_point_of_a_grid_is_closer(two):
@@ -87,11 +87,13 @@ def test_beside_the_limits_no_point_of_a_grid_is_closer(two):
     start = np.stack(np.meshgrid(axis, axis, indexing="ij"), axis=-1).reshape(-1, 2)
     u, left = closest(two, start[best.argmin(axis=1)], x)
     assert (left[out] <= best.min(axis=1)[out] + 1e-12).all()
-    np.testing.assert_allclose(left, np.linalg.norm(two.predictor.value(u) - x, axis=1), atol=1e-14)
+    np.testing.assert_allclose(
+        left, np.linalg.norm(two.task.forward.value(u) - x, axis=1), atol=1e-14
+    )
     assert u.min() >= 0.0
     assert u.max() <= 1.0
     # at rest: what the distance still asks of the joints points out of the box
-    value, slope = two.predictor.value_and_slope(u)
+    value, slope = two.task.forward.value_and_slope(u)
     push = np.einsum("noi,no->ni", slope, x - value)[out]
     outward = ((u[out] == 0.0) & (push <= 0.0)) | ((u[out] == 1.0) & (push >= 0.0))
     assert np.abs(push[~outward]).max() < 1e-7
@@ -102,7 +104,7 @@ def test_a_joint_that_turns_round_follows_a_far_target_through_its_seam():
     x = np.array([[-2.0, -0.01]])
     start = newton.scale.to_unit(np.array([[3.0, 0.3]]))
     u, left = closest(newton, start, x)
-    reach = np.linalg.norm(newton.predictor.value(np.array([[0.3, 0.0]])))
+    reach = np.linalg.norm(newton.task.forward.value(np.array([[0.3, 0.0]])))
     assert left[0] == pytest.approx(np.linalg.norm(x) - reach, abs=1e-12)
     assert u[0, 1] == 0.0
     assert newton.scale.span[0] == TURN

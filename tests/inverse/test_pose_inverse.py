@@ -5,14 +5,18 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from closed_form import closed_form
+from models import six
 
 from calib.arm.loading import load_arm
 from calib.arm.rotations import exponential, logarithm
 from calib.body.spatial import structure_of
+from calib.common.scale import Scale
 from calib.errors import QueryError
-from calib.inverse.near import position_near
+from calib.inverse.newton import Newton
 from calib.inverse.pixel import on_plane, undistorted
 from calib.inverse.pose import Joints, pose_branches
+from calib.inverse.tasks import Places, Positions
+from calib.model.space import Space
 
 
 def evaluate_of(arm):
@@ -68,31 +72,28 @@ def test_a_position_is_reached_near_given_joints_and_no_nearer_one_exists():
     near = rows(arm, 30, 2) * 0.8
     rng = np.random.default_rng(3)
     target = arm.forward(near + rng.normal(0, 0.1, near.shape))
-    q, left = position_near(evaluate_of(arm), target, near, joints_of(arm), arm.chain.reach)
+    scale = Scale.of_range(arm.lower, arm.upper, arm.revolute)
+    newton = Newton(Positions(Places(evaluate_of(arm), scale)), scale, arm.chain.reach)
+    wish = scale.to_unit(near)
+    u, left = newton.settle(wish, target, wish)
     assert left.max() < 1e-8
-    np.testing.assert_allclose(arm.forward(q), target, atol=1e-8)
+    np.testing.assert_allclose(arm.forward(scale.from_unit(u)), target, atol=1e-8)
     # the motion is across the null space: no direction that keeps the position brings it nearer
-    slopes = arm.jacobian(q)[:, :3]
-    for row, way, home in zip(q, slopes, near, strict=True):
-        if (row <= arm.lower).any() or (row >= arm.upper).any():
-            continue
-        _, _, vt = np.linalg.svd(way)
-        assert np.abs(vt[3:] @ (home - row)).max() < 1e-5
+    assert np.abs(newton.tangent(u, wish - u)).max() < 1e-5
 
 
-def test_orientation_is_kept_softly():
-    arm = load_arm("six_axis")
+def test_orientation_is_kept_as_far_as_joints_allow():
+    space = Space.of(six())
+    arm, rng = load_arm("six_axis"), np.random.default_rng(5)
     near = rows(arm, 20, 4) * 0.7
-    target = arm.forward(near) + np.random.default_rng(5).normal(0, 0.02, (20, 3))
-    before = arm.chain.poses(near)[1]
+    place, before, _ = space.evaluate(near)
+    target = place + rng.normal(0, 0.02, (20, 3))
     turns = []
-    for keep in (0.0, 20.0):
-        q, left = position_near(
-            evaluate_of(arm), target, near, joints_of(arm), arm.chain.reach, keep=keep
-        )
-        assert np.median(left) < 1e-8
-        after = arm.chain.poses(q)[1]
-        turns.append(np.median(np.linalg.norm(logarithm(after @ before.swapaxes(1, 2)), axis=1)))
+    for keep in (False, True):
+        after = space.evaluate(space.at_positions(target, near, keep=keep))
+        assert np.median(np.linalg.norm(after[0] - target, axis=1)) < 1e-8
+        turn = logarithm(after[1] @ before.swapaxes(1, 2))
+        turns.append(np.median(np.linalg.norm(turn, axis=1)))
     assert turns[1] < 0.2 * turns[0]
 
 

@@ -1,4 +1,4 @@
-"""Functions of one's own in a map, and what becomes of wrong answers."""
+"""A gain of one's own in a map, maps and links that develop together, a gas that stops."""
 
 from __future__ import annotations
 
@@ -7,48 +7,9 @@ import pytest
 
 import calib
 from calib.errors import LogError, OptionError
-from calib.maps.lattice import Lattice
-from calib.maps.neighbourhood import spread, spread_by
 
 X = np.random.default_rng(0).uniform(size=(600, 2))
 Q = np.random.default_rng(1).uniform(size=(600, 2))
-
-
-def gauss(around: calib.Surroundings):
-    return np.exp(-(around.distance**2) / (2.0 * around.sigma**2))
-
-
-def test_the_gaussian_as_a_function_is_equation_3():
-    lattice, sums = Lattice((7, 5)), np.random.default_rng(2).uniform(size=(35, 3))
-    from calib.maps.fields import neighbourhood_values
-
-    h = neighbourhood_values(gauss, lattice, 0.8, 0.5)
-    assert h.shape == (13, 9)
-    np.testing.assert_allclose(
-        spread_by(sums, lattice, h), spread(sums, lattice, 0.8), rtol=2e-3, atol=1e-12
-    )
-    # without the cut at four sigma: by hand
-    r = lattice.positions()
-    full = np.exp(-((r[:, None] - r[None]) ** 2).sum(axis=2) / (2 * 0.8**2))
-    np.testing.assert_allclose(spread_by(sums, lattice, h), full @ sums, rtol=1e-10)
-
-
-def test_online_the_gaussian_moves_the_nodes_as_the_built_in_one_does():
-    ours, theirs = (
-        calib.SOM(6, "som", rule="online", epochs=1, sigma=(0.7, 0.5), neighbourhood=h).fit(X)
-        for h in (gauss, None)
-    )
-    np.testing.assert_allclose(ours.units, theirs.units, atol=2e-2)
-
-
-@pytest.mark.parametrize("rule", ["batch", "online"])
-def test_a_neighbourhood_of_ones_own_trains(rule):
-    bubble = calib.SOM(
-        (6, 6), "som", rule, epochs=6, neighbourhood=lambda a: 1.0 * (a.distance <= a.sigma)
-    ).fit(X)
-    plain = calib.SOM((6, 6), "som", rule, epochs=6).fit(X)
-    assert bubble.quantization_error(X) < 1.6 * plain.quantization_error(X)
-    assert not np.array_equal(bubble.units, plain.units)
 
 
 def test_a_gain_draws_nodes():
@@ -78,52 +39,6 @@ def test_a_gain_that_makes_no_sense_is_an_error(wrong, rule):
     som = calib.SOM((4, 4), map=lambda visit: wrong(len(visit.winners)), rule=rule, epochs=2)
     with pytest.raises(OptionError, match="gain returned"):
         som.fit(X)
-
-
-@pytest.mark.parametrize("wrong", [WRONG[n] for n in ("shape", "negative", "nan", "text")])
-@pytest.mark.parametrize("rule", ["batch", "online"])
-def test_a_neighbourhood_that_makes_no_sense_is_an_error(wrong, rule):
-    def h(around):
-        found = wrong(around.distance.size)
-        fits = isinstance(found, np.ndarray) and found.size == around.distance.size
-        return found.reshape(around.distance.shape) if fits else found
-
-    som = calib.SOM((4, 4), "som", rule, epochs=2, neighbourhood=h)
-    with pytest.raises(OptionError, match="neighbourhood returned"):
-        som.fit(X)
-    with pytest.raises(OptionError, match="0 at the winner"):
-        calib.SOM(
-            (4, 4), "som", rule, epochs=1, neighbourhood=lambda a: 1.0 * (a.distance > 0)
-        ).fit(X)
-
-
-def test_a_rule_of_the_links_by_hand():
-    """Eq. 5 at rest, for nodes that were active often, is one division."""
-    by_name = calib.SOM((5, 5), "som", links="local").fit_pair(Q, Q**2)
-    by_hand = calib.SOM((5, 5), "som", links=lambda p: p.together / p.sensory).fit_pair(Q, Q**2)
-    np.testing.assert_allclose(
-        by_hand.association.links.toarray(), by_name.association.links.toarray(), rtol=1e-3
-    )
-    model = calib.train(
-        calib.babble(calib.load_arm("two_link"), 800), size=8, links=lambda p: p.together / p.motor
-    )
-    assert model.links.nnz > 0
-    assert np.isfinite(model.forward([0.5, 1.0], "activity")).all()
-    with pytest.raises(OptionError, match="link rule returned"):
-        calib.SOM((4, 4), "som", links=lambda p: -p.together).fit_pair(Q, Q)
-    with pytest.raises(OptionError, match="batch"):
-        calib.SOM((4, 4), "som", "online", links=lambda p: p.together).fit_pair(Q, Q)
-
-
-def test_a_model_with_a_rule_of_ones_own_is_stored(tmp_path):
-    def product(pairs):
-        return pairs.together
-
-    model = calib.train(calib.babble(calib.load_arm("two_link"), 800), size=8, links=product)
-    model.save(tmp_path / "m.calib")
-    loaded = calib.load(tmp_path / "m.calib")
-    assert loaded.about.options["links"] == "product"
-    assert np.allclose(loaded.links.toarray(), model.links.toarray())
 
 
 def test_maps_and_links_develop_together():
@@ -157,8 +72,6 @@ def test_what_cannot_be():
         calib.SOM((4, 4), error=0.1)
     with pytest.raises(OptionError, match="0 to 1"):
         calib.SOM((4, 4), map="gng", error=2.0)
-    with pytest.raises(OptionError, match="neighbourhood of its own"):
-        calib.SOM((4, 4), map="gng", neighbourhood=gauss)
     with pytest.raises(OptionError, match="links 'hebb'"):
         calib.SOM((4, 4), links="hebb")
     with pytest.raises(LogError, match="shapes"):

@@ -106,7 +106,7 @@ def test_a_graph_answers_what_a_lattice_does():
 
 
 def test_the_same_seed_gives_the_same_gas():
-    a, b = (calib.SOM((6, 6), "gng:density", seed=4).fit(uniform(500)) for _ in range(2))
+    a, b = (calib.SOM((6, 6), "gng:error", seed=4).fit(uniform(500)) for _ in range(2))
     assert a.units.tobytes() == b.units.tobytes()
     assert (a.edges == b.edges).all()
 

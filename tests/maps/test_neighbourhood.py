@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 from calib.maps.batch import learn_batch
 from calib.maps.lattice import Lattice
 from calib.maps.neighbourhood import REACH, moved, spread
-from calib.maps.schedule import Stage, coarse_to_fine
-from calib.maps.start import unfold
+from calib.maps.schedule import Stage
+from calib.maps.start import spread_out
 
 shapes = st.lists(st.integers(2, 30), min_size=1, max_size=4).map(tuple)
 
@@ -78,16 +78,6 @@ def test_only_how_the_weights_of_samples_compare_matters(factor, step):
     np.testing.assert_array_equal(again, once)
 
 
-def test_each_of_the_maps_side_by_side_moves_as_it_would_alone():
-    lattice, weights = Lattice((12, 5)), random(60, 3, 2)
-    sums = random(60, 3, 3, seed=1) * np.array([1.0, 1e-6, 1e6])[:, None]
-    sums[:40] = 0.0
-    together = moved(weights, sums, lattice, 0.5, None)
-    for k in range(3):
-        alone = moved(weights[:, k], sums[:, k], lattice, 0.5, None)
-        np.testing.assert_allclose(together[:, k], alone, rtol=1e-12)
-
-
 def test_the_order_of_the_samples_does_not_matter():
     u = random(500, 2)
     stages = [Stage(Lattice((6, 6)), np.geomspace(3, 0.5, 10), len(u), final=True)]
@@ -99,16 +89,18 @@ def test_the_order_of_the_samples_does_not_matter():
 
 
 @pytest.mark.parametrize("shape", [(70, 70), (17, 17, 17), (300,), (6, 6, 6, 6)])
-def test_every_start_that_is_kept_fills_the_box_in_order(shape):
-    """The coarsest lattice of a uniform box: along each axis it runs one way, by one coordinate."""
-    dim = len(shape)
-    stages = coarse_to_fine(Lattice(shape), varying=True)[:2]
-    for seed in range(5):
-        u = random(stages[0].samples, dim, seed=seed)
-        last = list(unfold(u, u, stages, np.random.default_rng(seed)))[-1]
-        grid = last.weights.reshape(*last.lattice.shape, dim)
-        along = [np.diff(grid, axis=k).reshape(-1, dim) for k in range(dim)]
-        main = [int(np.abs(a.mean(axis=0)).argmax()) for a in along]
-        assert sorted(main) == list(range(dim))
-        for steps, k in zip(along, main, strict=True):
-            assert (np.sign(steps[:, k]) == np.sign(steps[:, k].mean())).mean() > 0.97
+def test_a_start_fills_the_box_in_order(shape):
+    """Of samples of a uniform box each lattice axis runs one way, by one coordinate."""
+    dim, lattice = len(shape), Lattice(shape)
+    grid = spread_out(random(500, dim), lattice).reshape(*shape, dim)
+    for k in range(dim):
+        steps = np.diff(grid, axis=k)
+        assert (steps[..., k] > 0.0).all()
+        assert np.abs(np.delete(steps, k, axis=-1)).max(initial=0.0) < 1e-12
+
+
+def test_a_sheet_starts_in_the_plane_in_which_samples_vary_most():
+    u = random(500, 4) * [0.01, 1.0, 0.02, 0.5]
+    nodes = spread_out(u, Lattice((20, 20)))
+    assert (np.ptp(nodes, axis=0) / np.ptp(u, axis=0))[[1, 3]] == pytest.approx(1.0, abs=0.15)
+    assert np.ptp(nodes, axis=0)[[0, 2]].max() < 0.02

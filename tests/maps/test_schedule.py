@@ -76,12 +76,6 @@ def test_a_varying_density_has_one_coarse_lattice_and_sets_out_from_a_fifth_of_t
     assert final.sigma[0] > even[0]
 
 
-def test_the_first_radius_reaches_over_nearly_half_of_the_first_lattice():
-    for shape in ((70, 70), (17, 17, 17), (5, 5), (300,)):
-        first = coarse_to_fine(Lattice(shape))[0]
-        assert first.sigma[0] >= 0.45 * min(first.lattice.shape)
-
-
 @pytest.mark.parametrize(
     ("epochs", "sigma", "radii"),
     [(7, None, (35.0, 0.4, 7)), (None, (3.0, 2.0), (3.0, 2.0, 20)), (4, (9.0, 1.0), (9.0, 1.0, 4))],

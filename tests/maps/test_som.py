@@ -274,17 +274,6 @@ def test_an_unknown_map_is_refused():
         SOM((3, 3), "vsdom").fit(uniform(9))
 
 
-def test_partners_in_the_other_space_draw_nodes_to_where_they_vary():
-    x = uniform(3000)
-    y = np.stack([np.tanh(40 * (x[:, 0] - 0.5)), x[:, 1]], axis=1)  # a step at x = 0.5
-    drawn = SOM((8, 8), "vdsom:transformation").fit(x, partners=y)
-    plain = SOM((8, 8), "som").fit(x)
-    near = [np.mean(np.abs(m.units[:, 0] - 0.5) < 0.1) for m in (drawn, plain)]
-    assert near[0] > 1.3 * near[1]
-    with pytest.raises(OptionError, match="errors of the other space"):
-        SOM((8, 8), "vdsom:transformation").fit(x)
-
-
 def test_training_runs_with_one_thread_of_the_blas():
     counts = []
 

@@ -67,7 +67,7 @@ def test_eq_7_and_8_weigh_a_sample_and_never_beyond_its_place():
     w, x = np.random.default_rng(1).random((36, 2)), np.array([[0.3, 0.9]])
     winner = np.linalg.norm(w - x, axis=1).argmin()
     visit = Visit(1.0, np.array([winner]), np.zeros(1), w, lattice)
-    for name in ("rho", "border", "density"):
+    for name in ("rho", "border", "error"):
         g = READINGS[name](visit)[0]
         net = VDSOM([Layer(w, lattice, BOX, READINGS[name])])
         net.show([x], Rates((np.array([1.0]),), *(np.array([v]) for v in (0.3, 1.0, 0.1, 1.0))))

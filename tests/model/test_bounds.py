@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from models import measured, trained
 
 from calib.common.scale import TURN, Scale
 from calib.maps.lattice import Lattice
@@ -127,3 +128,9 @@ def test_so_many_errors_are_within_their_bounds_as_conformal_prediction_asks():
     share = np.sort(errors / blend_nodes(motor, learn_bounds(motor, u, errors), u))
     rank = int(np.ceil(0.95 * (len(errors) + 1))) - 1  # a fresh error exceeds it in 5 %
     assert share[rank] == pytest.approx(1.0)
+
+
+def test_info_says_in_which_session_the_bounds_of_a_log_hold(tmp_path, run):
+    for model, told in ((measured(), True), (trained("two_link", 600, 6), False)):
+        model.save(tmp_path / "m.calib")
+        assert ("in the session of the log" in run("info", tmp_path / "m.calib").out) is told

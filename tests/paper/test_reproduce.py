@@ -12,12 +12,11 @@ from calib.change.watch import Step
 from calib.errors import OptionError
 from calib.paper import search
 from calib.paper.adaptation import Episode
-from calib.paper.experiments import crowded
 from calib.paper.figures import curves_figure
 from calib.paper.published import COLUMNS, TABLE1, TABLE2
-from calib.paper.search import best_schedule, schedules
+from calib.paper.search import best_schedule
 from calib.paper.setting import Setting
-from calib.paper.tables import Table, printed
+from calib.paper.tables import printed
 from calib.paper.trial import Schedule, joined
 
 
@@ -48,11 +47,6 @@ def test_rows_of_several_seeds_are_their_mean_and_spread():
     assert row["forward_distance"]["mean"] == 2.0
 
 
-def test_csv_keeps_numbers_in_full_and_empty_cells_empty():
-    table = Table("t", "title", ("a", "b"), [("x, y", 1 / 3), ("z", None)])
-    assert table.csv() == f'a,b\n"x, y",{1 / 3!r}\nz,\n'
-
-
 def test_schedules_are_chosen_on_points_that_no_table_sees():
     setting = Setting.of(quick=True)
     samples = setting.babble(0)
@@ -65,13 +59,6 @@ def test_schedules_are_chosen_on_points_that_no_table_sees():
     assert not np.isin(q[:, 0], tested[:, 0]).any()
     assert not np.isin(q[:, 0], samples.q[:, 0]).any()
     assert model.about.errors
-
-
-def test_every_network_is_offered_the_same_schedules():
-    setting = Setting.of()
-    offered = schedules(setting)
-    assert Schedule() in offered
-    assert len(set(offered)) == len(offered) > 10
 
 
 def test_the_best_schedule_comes_first_and_is_the_same_each_time():
@@ -103,19 +90,6 @@ def test_a_schedule_that_one_seed_dislikes_can_still_win(monkeypatch):
     assert found[0].score == pytest.approx((8 - 100 + 8) / 3)
     assert [sum(seed == s for _, seed in judged) for s in setting.seeds] == [16, 8, 4]
     assert {f.schedule for f in found} == set(tried)
-
-
-def test_crowding_keeps_the_number_of_rows_and_draws_the_border_more_often():
-    samples = calib.babble(calib.load_arm("two_link"), 5000, seed=0)
-
-    def near(log):
-        u = (log.q - log.lower) / (log.upper - log.lower)
-        return float(np.mean(np.minimum(u, 1 - u).min(axis=1) < 0.05))
-
-    few, many = near(samples), near(crowded(samples, 10, 0))
-    assert len(crowded(samples, 10, 0)) == 5000
-    assert many == pytest.approx(10 * few / (1 + 9 * few), rel=0.05)
-    assert crowded(samples, 1, 0) is samples
 
 
 def test_the_same_schedule_gives_the_paper_its_ratio():

@@ -69,24 +69,6 @@ def test_missing_folder_and_folder_as_file(tmp_path):
         atomic_write("a\0b", b"")
 
 
-def test_killed_while_writing_the_old_file_is_whole(tmp_path):
-    path = tmp_path / "a"
-    program = (
-        "import sys; from calib.common.atomic import atomic_write\n"
-        "def forever(file):\n"
-        "    while True:\n"
-        "        file.write(b'new' * 1000); file.flush(); print(flush=True)\n"
-        "atomic_write(sys.argv[1], b'old'); atomic_write(sys.argv[1], forever)\n"
-    )
-    command = [sys.executable, "-c", program, str(path)]
-    root = Path(__file__).parents[2]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, cwd=root) as process:
-        for _ in range(20):
-            process.stdout.readline()
-        process.kill()
-    assert path.read_bytes() == b"old"
-
-
 def test_permissions_are_kept_and_new_files_follow_the_umask(tmp_path):
     path = tmp_path / "a"
     old = os.umask(0o027)
@@ -109,67 +91,6 @@ def test_a_symbolic_link_stays_and_its_target_is_replaced(tmp_path):
     assert link.is_symlink()
     assert target.read_bytes() == b"made through a dangling link"
     assert beside(target) == []
-
-
-def test_a_device_is_written_to_and_stays_a_device():
-    atomic_write(os.devnull, b"gone")
-    assert stat.S_ISCHR(Path(os.devnull).stat().st_mode)
-
-
-WRITER = """
-import sys
-from calib.common.atomic import atomic_write
-target, own, other = sys.argv[1:]
-contents = [200_000 * name.encode() for name in (own, other)]
-for _ in range(20):
-    atomic_write(target, contents[0])
-    assert open(target, "rb").read() in contents
-"""
-
-
-def test_two_processes_that_write_one_file_do_not_mix(tmp_path):
-    target = tmp_path / "a"
-    writers = [
-        subprocess.Popen([sys.executable, "-c", WRITER, str(target), *order])
-        for order in ("ab", "ba")
-    ]
-    assert [writer.wait(120) for writer in writers] == [0, 0]
-    assert target.read_bytes() in (200_000 * b"a", 200_000 * b"b")
-    assert beside(target) == []
-
-
-def limited():
-    import resource
-
-    resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000))
-
-
-COMMANDS = [
-    "train two_link --size 5 -n 100 -o {}",
-    "babble two_link -n 1000 -o {}.parquet",
-]
-
-
-@pytest.mark.parametrize("command", COMMANDS)
-def test_a_file_that_may_not_grow_is_one_line_and_exit_code_1(command, tmp_path):
-    target = tmp_path / ("out.parquet" if command.endswith(".parquet") else "out")
-    target.write_bytes(b"old")
-    words = [w.format(str(tmp_path / "out")) for w in command.split()]
-    done = subprocess.run(
-        [sys.executable, "-m", "calib_cli", *words],
-        preexec_fn=limited,
-        capture_output=True,
-        text=True,
-        timeout=120,
-        check=False,
-    )
-    assert (done.returncode, done.stdout) == (1, "")
-    assert done.stderr.splitlines()[-1] == (
-        f"error: cannot write {str(target)!r}: it is larger than files may be here (ulimit -f); "
-        "raise the limit"
-    )
-    assert [p.name for p in tmp_path.iterdir()] == [target.name]
-    assert target.read_bytes() == b"old"
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full here")
@@ -195,48 +116,6 @@ def test_a_reader_of_a_pipe_who_leaves_is_no_error(tmp_path):
         process.stdout.close()
         assert process.stderr.read() == b""
         assert process.wait(120) == 0
-
-
-UNPRIVILEGED = """
-import os, sys
-from calib.common.atomic import atomic_write, check_writable
-from calib.errors import CalibError
-os.setgid(65534)
-os.setuid(65534)
-for write in (lambda path: atomic_write(path, b"new"), check_writable):
-    for path in sys.argv[1:]:
-        try:
-            write(path)
-        except CalibError as error:
-            print(error)
-"""
-
-
-@pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() != 0, reason="only root can be less")
-def test_without_permission_it_is_told_and_nothing_changes(tmp_path):
-    for folder in (tmp_path, *tmp_path.parents[:2]):
-        folder.chmod(0o755)
-    mine, locked = tmp_path / "open" / "mine", tmp_path / "closed" / "new"
-    for path in (mine, locked):
-        path.parent.mkdir()
-    mine.write_bytes(b"old")
-    mine.parent.chmod(0o777)
-    mine.chmod(0o644)  # the folder would allow it, the file does not
-    done = subprocess.run(
-        [sys.executable, "-c", UNPRIVILEGED, str(mine), str(locked)],
-        capture_output=True,
-        text=True,
-        timeout=120,
-        check=True,
-    )
-    wanted = [
-        f"cannot write {str(path)!r}: permission denied; choose another place with -o or change "
-        "its permissions"
-        for path in (mine, locked)
-    ]
-    assert done.stdout.splitlines() == wanted * 2
-    assert mine.read_bytes() == b"old"
-    assert sorted(p.name for p in tmp_path.rglob("*")) == ["closed", "mine", "open"]
 
 
 @pytest.mark.parametrize(

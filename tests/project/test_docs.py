@@ -48,9 +48,6 @@ def folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     arm = calib.load_arm("two_link")
     calib.write_log(calib.babble(arm, 300, seed=0, noise=1e-3), "log.csv")
-    Path("q.csv").write_text("shoulder,elbow\n0.5,1.0\n0.7,1.2\n")
-    Path("targets.csv").write_text("x,y\n0.1,0.4\n0.3,0.3\n")
-    Path("waypoints.csv").write_text("x,y\n0.2,0.4\n0.3,0.3\n")
     seen = calib.babble(arm, 300, seed=11, noise=5e-4)
     degrees = np.degrees(seen.q)
     camera = {"time": np.arange(300) / 2, "shoulder": degrees[:, 0], "elbow": degrees[:, 1]}

@@ -9,20 +9,6 @@ import calib
 from calib.common.parallel import one_blas_thread, side_by_side
 
 
-def test_both_results_come_back_in_order():
-    assert side_by_side(lambda: 1, lambda: 2) == (1, 2)
-
-
-def test_both_run_at_the_same_time():
-    barrier = threading.Barrier(2, timeout=20)  # one after the other it would break
-    side_by_side(barrier.wait, barrier.wait)
-
-
-def test_the_second_task_runs_in_the_calling_thread():
-    _, here = side_by_side(lambda: None, threading.current_thread)
-    assert here is threading.current_thread()
-
-
 @pytest.mark.parametrize("order", [(True, False), (False, True)])
 def test_an_error_of_either_task_is_raised(order):
     def fail():
@@ -43,19 +29,6 @@ def test_ctrl_c_does_not_wait_for_the_other_task():
         side_by_side(lambda: stop.wait(60), fail)
     assert not stop.is_set()
     stop.set()
-
-
-def test_an_error_here_ends_once_the_other_task_has():
-    """What goes on behind an error would compute under limits that others have lifted."""
-    done = []
-
-    def slow():
-        threading.Event().wait(0.05)
-        done.append(True)
-
-    with pytest.raises(ZeroDivisionError):
-        side_by_side(slow, lambda: 1 / 0)
-    assert done == [True]
 
 
 def test_libraries_are_looked_up_by_the_main_thread_before_others_start(monkeypatch):

@@ -15,8 +15,11 @@ from rendering import Camera, Desk, board
 import calib
 from calib.arm.rotations import exponential, logarithm, matrix_of
 from calib.errors import LogError, OptionError
+from calib.recording.board import Board
+from calib.recording.board_pictures import BoardPictures
 from calib.recording.handeye import handeye
 from calib.recording.joint_table import JointTable
+from calib.recording.lens import Lens
 
 SPEC = "7x5:24mm:18mm:5x5_100"
 FLIP = np.diag([1.0, -1.0, -1.0])  # OpenCV's frame of a board has y down
@@ -75,21 +78,76 @@ def test_camera_and_board_are_found_from_pictures(in_hand):
     assert abs(found.lens["focal"] - rig.lens[0]) < 2.0 + found.lens["focal_95"]
 
 
-def test_the_other_way_round_is_found_by_trying_it():
-    rig, pictures, joints = shots(True)
-    with pytest.raises(OptionError, match="hand"):
-        handeye(rig.arm, pictures, joints, SPEC, "base")
+def corners(rig, seen=None, q=None, board=SPEC):
+    """The corners of a rig as if they were found in pictures."""
+    seen = rig.seen if seen is None else seen
+    found = tuple(dict(enumerate(seen[rig.rows == k])) for k in range(len(rig.q)))
+    names = tuple(f"{k:02d}.png" for k in range(len(rig.q)))
+    return BoardPictures(
+        Board.parse(board), rig.arm.joint_names, names, rig.q if q is None else q, found,
+        (1280, 720), len(names), (),
+    )  # fmt: skip
 
 
-def test_a_board_that_was_moved_is_left_out_and_told():
-    rig, pictures, _ = shots(True)
-    other = shots(True, pictures=3, seed=5)
-    mixed = [*pictures, *other[1]]
-    q = np.concatenate([rig.q, rig.q[:3]])
-    table = JointTable("joints", rig.arm.joint_names, q, None, None)
-    found = handeye(rig.arm, mixed, table, SPEC, "hand")
-    assert found.used == 10
-    assert any("moved" in note for note in found.notes)
+def lens_of(rig):
+    f, u, v, k1 = rig.lens
+    return Lens((1280, 720), np.array([f, f]), np.array([u, v]), np.array([k1, 0, 0, 0, 0]))
+
+
+def solve(rig, eye=None, **changes):
+    eye = eye or ("hand" if rig.in_hand else "base")
+    return handeye(rig.arm, corners(rig, **changes), None, None, eye, lens=lens_of(rig))
+
+
+@pytest.mark.parametrize("in_hand", [True, False])
+def test_a_wrong_reading_is_named(in_hand):
+    rig = Rig(in_hand, seed=1, pictures=12)
+    ways = {
+        "columns are exchanged": rig.q[:, [0, 2, 1, 3, 4, 5]],
+        "wrist_2 counts the other way": rig.q * (1, 1, 1, 1, -1, 1),
+        "degrees": np.degrees(rig.q),
+        "1 row late": np.roll(rig.q, 1, axis=0),
+    }
+    for words, q in ways.items():
+        with pytest.raises(LogError, match=words):
+            solve(rig, q=q)
+    with pytest.raises(LogError, match="squares measure"):
+        solve(rig, board="7x5:25mm:18mm:5x5_100")
+    with pytest.raises(OptionError, match="eye=") as told:
+        solve(rig, eye="base" if in_hand else "hand")
+    assert told.value.value == ("hand" if in_hand else "base")
+
+
+@pytest.mark.parametrize(
+    ("group", "step", "words"),
+    [
+        ("view.shift", 0.05, "was moved from 13.png on"),
+        ("tool", 0.05, "in the hand from 13.png on"),
+        ("lens", 60.0, "refocused or zoomed from 13.png on"),
+    ],
+)
+def test_what_changed_on_the_way_is_told(group, step, words):
+    rig = Rig(True, seed=2, pictures=20)
+    moved = rig.beta.copy()
+    moved[rig.structure.groups[group][0]] += step
+    late = rig.rows >= 13
+    seen = rig.seen.copy()
+    rows = np.column_stack([rig.q[rig.rows], rig.corners])
+    there, here = (rig.truth.predict(rows, beta) for beta in (moved, rig.beta))
+    seen[late] += (there - here)[late]
+    found = solve(rig, seen=seen)
+    assert found.used == 13
+    assert any(words in note for note in found.notes), found.notes
+
+
+def test_a_shift_that_no_picture_tells_is_left_out_of_the_interval_up_to_it():
+    rig = Rig(True, seed=3, pictures=16)
+    found = solve(rig)
+    whole, told = (found.hand[f"rotation_95{end}"] for end in ("", "_up_to_gauge"))
+    assert max(told) < 0.2 * max(whole)
+    assert max(found.hand["position_95"]) < 1e-3  # the arm is good, and the corners tell so
+    # turned with the last joint, the other way than that, nothing is seen
+    assert "no picture tells" in found.notes[-1]
 
 
 def test_refusals_name_what_was_given():

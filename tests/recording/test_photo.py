@@ -9,7 +9,7 @@ import pytest
 
 pytest.importorskip("cv2")
 from calib_cli.app import app
-from calib_cli.photo import photo_of_log, shown
+from calib_cli.photo import Drawn, photo_of_log
 from matplotlib.quiver import Quiver
 from PIL import Image
 from rendering import Camera, Desk
@@ -169,13 +169,13 @@ def test_the_commands_remember_it_unless_told_not_to(made, tmp_path):
         odd = replace(log, source=SOURCE | spoilt)
         assert photo_of_log(metres, odd, str(data)).photo is None
     model.save(path)
-    assert shown(model, path, seen, True, log).photo is not None
+    assert Drawn(photo=seen, no_photo=True).load(path)[0].photo is not None
     assert calib.load(path).photo is None
-    assert shown(model, path, seen, False, None).photo is not None
+    assert Drawn(photo=seen).load(path)[0].photo is not None
     kept = calib.load(path)
     assert kept.photo is not None
-    assert shown(kept, path, None, True, None).photo is None
-    assert shown(kept, path, None, False, None).photo == kept.photo
+    assert Drawn(no_photo=True).load(path)[0].photo is None
+    assert Drawn().load(path)[0].photo == kept.photo
     photo = ("--photo", seen, "--no-photo")
     line = ("train", "--data", data, "--joints", "a,b", "-o", path, *photo)
     assert CliRunner().invoke(app, list(map(str, line))).exit_code == 2

@@ -194,6 +194,17 @@ def test_where_there_are_no_pictures(shot, tmp_path):
     refused("no pictures in", log_pictures, tmp_path, joints, Setup(7))
     found = list_pictures(str(shot.pictures / "img_1*.png"))
     assert [p.name for p in found] == ["img_1.png", *(f"img_1{k}.png" for k in range(6))]
+    named = [str(path) for path in reversed(found)]  # what a shell makes of an unquoted pattern
+    assert list_pictures(named) == found
+
+
+def test_pictures_may_be_named_one_by_one(run, shot, tmp_path):
+    names = [str(path) for path in list_pictures(shot.pictures)]
+    line = ("--joints-file", shot.folder / "joints.csv", "--tag", "7", "-o", tmp_path / "log.csv")
+    done = run("log", *names, *line)
+    assert done.code == 0, done.err
+    assert "16 rows" in done.out
+    assert run("log", "a.mcap", "b.mcap", "-o", tmp_path / "no.csv").code == 2
 
 
 def test_settings_that_cannot_be(shot):

@@ -89,19 +89,6 @@ def test_the_links_of_a_page_are_the_strongest_first():
         assert (np.diff(strength[node].astype(int)) <= 0).all()
 
 
-def test_the_border_of_two_link_lies_on_its_limits():
-    model = trained("two_link", n=3000, size=20)
-    lines = objects(data_of(page_of(model)))["Workspace border/line"]["points"][:, :2]
-    ends = lines.reshape(-1, 2, 2)
-    length = np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1).sum()
-    inner, outer = (
-        np.sqrt(0.3**2 + 0.25**2 + 2 * 0.3 * 0.25 * np.cos(np.radians(elbow)))
-        for elbow in (150, 15)
-    )
-    turn = np.radians(90) * (inner + outer) + 2 * np.radians(135) * 0.25
-    assert abs(length / turn - 1) < 0.05
-
-
 def test_everything_is_in_the_window_x_right_and_y_up():
     data = data_of(page_of(small()))
     points = np.concatenate([o["points"] for o in objects(data).values() if "points" in o])
@@ -303,12 +290,6 @@ def raw(url: str, length: str, body: bytes, *, drop: bool = False) -> bytes:
     return answer
 
 
-@pytest.mark.parametrize("length", ["²", "-1", "9" * 5000, "1e3", ""])
-def test_a_length_that_is_none_is_answered(live, length, capfd):
-    assert raw(live.url, length, b"").startswith(b"HTTP/1.0 404")
-    assert "Traceback" not in capfd.readouterr().err
-
-
 def test_connections_that_say_less_than_they_promise_hold_no_thread(live, capfd):
     before = threading.active_count()
     assert raw(live.url, "500", b"{") == b""
@@ -327,22 +308,6 @@ def test_command_writes_a_page_with_a_log(run, model: Path, log: Path, tmp_path:
     assert run("preview", model, "--data", log, "--html", page).code == 0
     told = {e["name"]: e["text"] for e in data_of(page.read_text(encoding="utf-8"))["layers"]}
     assert told["Training samples"] == "rows of the log"
-
-
-@pytest.mark.parametrize(
-    ("arguments", "code"),
-    [
-        (["--html", "no/such/folder.html"], 1),
-        (["--port", "70000"], 2),
-        (["--columns", "x=u,y=v"], 2),
-        (["--live", "--html", "x.html"], 2),
-    ],
-)
-def test_wrong_usage_is_told_in_one_line(run, model: Path, arguments: list[str], code: int):
-    done = run("preview", model, "--no-open", *arguments)
-    assert done.code == code
-    assert done.err.startswith("error: ")
-    assert done.err.count("\n") == 1
 
 
 def test_command_serves_and_ends_with_ctrl_c(model: Path):

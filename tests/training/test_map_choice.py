@@ -1,15 +1,13 @@
 """Without a body a log's held-out blocks choose between a lattice and a gas."""
 
 import itertools
-from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import calib
 from calib.maps.graph import Graph
-from calib.training.learn import Options
-from calib.training.map_choice import with_chosen_map
+from calib.training.map_choice import resolved
 
 
 @pytest.fixture(scope="module")
@@ -42,7 +40,6 @@ def test_a_log_of_repeated_paths_has_a_gas_and_the_user_is_told(paths):
     "given", [{"body": "auto"}, {"sigma": (2.0, 0.5)}, {"epochs": 3}, {"rule": "online"}]
 )
 def test_a_body_or_a_schedule_of_the_user_leaves_the_lattice(paths, given):
-    size = (8, 8)
-    options = Options(size, size, "vdsom:residual", "batch", None, None, 0, False, body="none")
-    options = replace(options, **given)
-    assert with_chosen_map(paths, options) == (options, [])
+    options = calib.TrainingOptions(8, **{"body": "none", **given})
+    found, notes = resolved(paths, options)
+    assert (found.map, found.shapes, notes) == ("vdsom:residual", ((8, 8), (8, 8)), [])

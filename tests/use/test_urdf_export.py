@@ -50,14 +50,6 @@ def test_offsets_and_lengths_come_out_apart():
     assert geometry.residual < 1e-5
 
 
-def test_nothing_to_change(tmp_path):
-    geometry = fit_geometry(model())
-    assert all(abs(each["value"]) < 1e-6 for each in geometry.offsets().values())
-    corrected = exported(tmp_path, model())
-    assert corrected.joint_names == arm().joint_names
-    assert np.allclose(corrected.lower, arm().lower)
-
-
 def test_a_sensor_that_moved_is_not_put_into_the_urdf():
     geometry = fit_geometry(
         calib.adapt(model(), log("sensor.rotate=0.1", "sensor.shift=0.1,0", n=100, noise=0.0)).model
@@ -84,28 +76,6 @@ def test_intervals_hold_where_joints_have_waves():
         moved, half = fit.ends
         covered += list(np.abs(moved[1:, 0]) < half[1:, 0])
     assert np.mean(covered) >= 0.9  # as noise alone the waves left 0.3
-
-
-def test_what_no_geometry_explains():
-    geometry = fit_geometry(calib.adapt(model(), log("elbow.gear=1.05", n=100, noise=0.0)).model)
-    assert geometry.residual > 1e-4
-
-
-def test_positions_must_be_metres():
-    about = replace(model().about, unit="px")
-    with pytest.raises(OptionError, match=r"'px'.*in m"):
-        fit_geometry(replace(model(), about=about))
-
-
-@pytest.mark.parametrize("robot", ["polar", "scara", "three_link"])
-def test_other_robots(tmp_path, robot):
-    chosen = calib.load_arm(robot)
-    truth = calib.babble(chosen, 400, seed=1, changes=[f"{chosen.joint_names[0]}.offset=0.02"])
-    trained = calib.train(calib.babble(chosen, 3000, seed=0), size=15)
-    corrected = exported(tmp_path, calib.adapt(trained, truth).model)
-    q = np.random.default_rng(0).uniform(chosen.lower, chosen.upper, (100, chosen.dof))
-    before = np.abs(chosen.forward(q) - truth.simulation.exact(q)).max()
-    assert np.abs(corrected.forward(q) - truth.simulation.exact(q)).max() < 0.02 * before
 
 
 def test_command(tmp_path, run):

@@ -138,9 +138,11 @@ static inline int calib_move(int n, const calib_real *J, const calib_real *r,
 }
 
 /* Joints from a start (in q) to a task by damped Newton steps; with more joints than residuals
- * those nearest to `near`.  Returns whether they are there; `left` is what is left. */
+ * those nearest to `near`.  Returns whether they are there; `left` is what is left.  A start that
+ * leads to what is `known` (or 0) is given up where a step ends beside it. */
 static inline int calib_reach(const calib_task *task, const calib_real near[CALIB_DOF],
-                              calib_real q[CALIB_DOF], calib_real *left) {
+                              const calib_real *known, calib_real q[CALIB_DOF],
+                              calib_real *left) {
   const int n = calib_rows(task);
   const calib_real size = task->kind == 0 ? @extent@ : @lever@, close = @close@ * size;
   calib_real r[2][6], J[2][6 * CALIB_DOF], wish[CALIB_DOF], move[CALIB_DOF], trial[CALIB_DOF];
@@ -156,6 +158,7 @@ static inline int calib_reach(const calib_task *task, const calib_real near[CALI
     for (k = 0; k < CALIB_DOF; ++k)
       trial[k] = q[k] + calib_span[k] * move[k] * (longest > @longest@ ? @longest@ / longest : 1);
     calib_clipped(trial);
+    if (known && !pulled && calib_apart(trial, known, 0) < @margin@ / 4) return 0;
     now = calib_left(task, trial, r[1 - here], J[1 - here]);
     if (pulled && longest < @pulled@ && now <= *left) pulled = 0;
     if (now < *left || (pulled && now <= close)) {
@@ -254,11 +257,11 @@ static inline int calib_search(const calib_task *task, const calib_real x[CALIB_
   if (k < CALIB_DOF) return 0;
   for (k = 0; k < CALIB_DOF; ++k) q[k] = from[k];
   calib_clipped(from);
-  if (calib_reach(task, from, q, &left)) {
+  if (calib_reach(task, from, 0, q, &left)) {
     found = 1;
     best = calib_apart(q, from, 0);
     if (!spare && best > @beside@ && calib_twin(task, q, trial) &&
-        calib_reach(task, from, trial, &left) && (away = calib_apart(trial, from, 0)) < best) {
+        calib_reach(task, from, 0, trial, &left) && (away = calib_apart(trial, from, 0)) < best) {
       best = away;
       for (k = 0; k < CALIB_DOF; ++k) q[k] = trial[k];
     }
@@ -270,7 +273,7 @@ static inline int calib_search(const calib_task *task, const calib_real x[CALIB_
     away = calib_apart(start, from, 0);
     if (found && (away > best + @margin@ || calib_apart(start, q, 0) < @margin@ / 2)) continue;
     for (k = 0; k < CALIB_DOF; ++k) trial[k] = start[k];
-    if (!calib_reach(task, from, trial, &left)) continue;
+    if (!calib_reach(task, from, found ? q : 0, trial, &left)) continue;
     away = calib_apart(trial, from, 0);
     if (found && !(away < best)) continue;
     found = 1;
@@ -304,10 +307,10 @@ static inline int calib_inverse_all(const calib_real x[CALIB_OUT], int most,
   count = calib_starting(x, row);
   for (i = 0; i < 2 * count && found < most; ++i) {
     for (k = 0; k < CALIB_DOF; ++k) trial[k] = calib_start_q[row[i % count]][k];
-    if (i >= count && (CALIB_DOF > CALIB_OUT || !calib_reach(&task, trial, trial, &left) ||
+    if (i >= count && (CALIB_DOF > CALIB_OUT || !calib_reach(&task, trial, 0, trial, &left) ||
                        !calib_twin(&task, trial, trial)))
       continue;
-    if (!calib_reach(&task, calib_start_q[row[i % count]], trial, &left)) continue;
+    if (!calib_reach(&task, calib_start_q[row[i % count]], 0, trial, &left)) continue;
     for (j = 0; j < found; ++j)
       if (calib_apart(trial, q[j], 0) < (calib_real)1e-5) break;
     if (j < found) continue;
@@ -368,12 +371,12 @@ static inline int calib_correct(const calib_real q[CALIB_DOF], calib_real out[CA
     task.kind = @correcting@;
     if (task.kind == 0) calib_wanted(start, task.x);
     else calib_chain(&calib_nominal, start, task.x, task.R, 0, 0);
-    good = calib_reach(&task, start, out, &left);
+    good = calib_reach(&task, start, 0, out, &left);
 #if @local@
     if (good && task.kind > 0) { /* what local models move is met as a position */
       task.kind = 0;
       calib_wanted(start, task.x);
-      good = calib_reach(&task, out, out, &left);
+      good = calib_reach(&task, out, 0, out, &left);
     }
 #endif
     for (k = 0; k < CALIB_DOF; ++k) {

@@ -1,27 +1,32 @@
-"""Experiments beside the tables: other networks, resampling, perturbed commands, directions."""
+"""Experiments beside the paper's tables: networks, resampling, perturbed commands, directions.
+
+python benchmarks/paper_experiments.py [networks resampling perturbation directions] [--quick]
+"""
 
 from __future__ import annotations
 
+import argparse
+import sys
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from ..maps.association import Association
-from ..maps.density import READINGS
-from ..maps.links import WIRINGS
-from ..samples.samples import Samples
-from .search import SAME_SCHEDULE
-from .setting import NETWORKS, Setting
-from .tables import Cells, Result, Table, columns_of, error_cells, error_header
-from .trial import NetworkTrial, Row, Schedule, activity_errors, association, joined
+from calib.maps.association import Association
+from calib.maps.density import READINGS
+from calib.maps.links import WIRINGS
+from calib.paper.search import SAME_SCHEDULE
+from calib.paper.setting import NETWORKS, Setting
+from calib.paper.tables import Cells, Table, columns_of, error_cells, error_header
+from calib.paper.trial import NetworkTrial, Row, Schedule, activity_errors, association, joined
+from calib.samples.samples import Samples
 
 _ROWS = 20_000  # of each seed: enough to tell these apart
 _BORDER = 0.05  # share of a joint's range that counts as its border
 _TREMBLE = (0.0, 0.5, 1.0, 2.0, 5.0)  # deg
 
 
-def networks(setting: Setting) -> Result:
+def networks(setting: Setting) -> Table:
     """Every network and reading of the varying density, at its own default schedule."""
     n = min(setting.samples, _ROWS)
     few = replace(setting, seeds=setting.seeds[: 1 if setting.quick else 2])
@@ -39,10 +44,10 @@ def networks(setting: Setting) -> Result:
         same = replace(SAME_SCHEDULE, links="oja")
         rows[f"{name}, {same}"] = NetworkTrial(NETWORKS[name], same, setting.side).row(few, n)
     title = f"networks, {n:,} samples, {len(few.seeds)} seeds, readout activity"
-    return Result(dict(rows), (_table("networks", title, rows),))
+    return _table("networks", title, rows)
 
 
-def resampling(setting: Setting) -> Result:
+def resampling(setting: Setting) -> Table:
     """Test the paper's first hypothesis: that data are too few at the border.
 
     The rows near a joint limit are drawn more often, as many rows in all; maps and links
@@ -67,7 +72,7 @@ def resampling(setting: Setting) -> Result:
         NETWORKS["vdsom"], SAME_SCHEDULE, setting.side
     ).row(few, n)
     title = f"data at the border against a gain, {SAME_SCHEDULE}, {n:,} samples, {len(seeds)} seeds"
-    return Result(dict(rows), (_table("resampling", title, rows),))
+    return _table("resampling", title, rows)
 
 
 def crowded(samples: Samples, times: float, seed: int) -> Samples:
@@ -82,7 +87,7 @@ def crowded(samples: Samples, times: float, seed: int) -> Samples:
     return replace(samples, q=samples.q[rows], x=samples.x[rows])
 
 
-def perturbation(setting: Setting) -> Result:
+def perturbation(setting: Setting) -> Table:
     """Motor commands that are perturbed while learning, where Schillaci et al. degraded.
 
     The joints go where they were sent plus a random error; tested without it.
@@ -103,11 +108,10 @@ def perturbation(setting: Setting) -> Result:
         rows[f"{degrees:g} deg"] = joined(found)
     title = f"commands perturbed while learning (standard deviation), {n:,} samples, "
     title += f"{len(seeds)} seeds, tested on the arm at rest"
-    table = _table("perturbation", title, rows, readouts=("winner", "activity", "linear"))
-    return Result(dict(rows), (table,))
+    return _table("perturbation", title, rows, readouts=("winner", "activity", "linear"))
 
 
-def both_directions(setting: Setting) -> Result:
+def directions(setting: Setting) -> Table:
     """One set of links for both directions, against one set learned for each.
 
     Buessler et al. needed a module for each direction.  Links that are normalised by the
@@ -136,7 +140,7 @@ def both_directions(setting: Setting) -> Result:
     rows: list[Cells] = [[name, *error_cells(data[name], columns)] for name in found]
     header = ["links", *error_header(columns)]
     title = "both directions from one set of links, readout activity, one seed"
-    return Result(data, (Table("directions", title, header, rows),))
+    return Table("directions", title, header, rows)
 
 
 def _one_sided(pair: Association, samples: Samples) -> tuple[Association, Association]:
@@ -164,3 +168,19 @@ def _table(
         for readout in readouts
     ]
     return Table(name, title, ["", "readout", *error_header(names)], lines)
+
+
+def main() -> None:
+    """Print the tables as CSV."""
+    runs = {run.__name__: run for run in (networks, resampling, perturbation, directions)}
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("what", nargs="*", choices=[*runs, []], default=[])
+    parser.add_argument("--quick", action="store_true")
+    told = parser.parse_args()
+    for name in told.what or runs:
+        table = runs[name](Setting.of(quick=told.quick))
+        sys.stdout.write(f"# {table.title}\n{table.csv()}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,178 @@
+"""Pictures of a board that an arm took, or held: corners, poses, and the log that they make."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..arm.rotations import exponential, logarithm, quaternion_of
+from ..common.arrays import Array, Mask
+from ..common.wording import listed
+from ..errors import LogError
+from ..samples.recorded import Recorded
+from .board import LEAST_CORNERS, Board, BoardFinder
+from .joint_table import JointTable
+from .lens import Lens
+from .opencv import Picture
+from .pictures import list_pictures, match_rows, read_series
+from .reference import find_pose
+
+LEAST = 6
+"""Pictures of the board that tell where it is."""
+
+_LOOKED = 4  # pictures in which another board, or a mirrored one, is looked for
+_AHEAD = 2.0  # diagonals of the board; a picture tells where the camera looks ten times better than
+# where it is: of 24 rendered pictures .2 mm instead of .5, of which tilt and place are one
+
+
+@dataclass(frozen=True, eq=False)
+class BoardPictures:
+    """Corners that pictures show, and the joints at which they were taken."""
+
+    board: Board
+    joint_names: tuple[str, ...]
+    names: tuple[str, ...]  # of the pictures
+    q: Array  # (p, dof) [rad or m]
+    corners: tuple[Mapping[int, Array], ...]  # place (2,) [px] by number
+    size: tuple[int, int]  # width and height [px]
+    count: int  # pictures, with those that do not show the board
+    notes: tuple[str, ...]
+    episodes: NDArray[np.intp] | None = None  # (p,), the series that each is of
+
+    def seen(self, lens: Lens, in_hand: bool) -> BoardViews:
+        """Where the board is in each picture, seen through a lens."""
+        # OpenCV's frame of the board: x to the right, y down, z into it
+        world = np.asarray(self.board.opencv().getChessboardCorners(), float)
+        numbers = [sorted(found) for found in self.corners]
+        places = [
+            np.array([c[n] for n in own]) for c, own in zip(self.corners, numbers, strict=True)
+        ]
+        poses = [find_pose(lens, world[n], at) for n, at in zip(numbers, places, strict=True)]
+        views = BoardViews(
+            self.names,
+            self.q,
+            np.array([np.concatenate([p.shift, logarithm(p.rotation)]) for p in poses]),
+            np.repeat(np.arange(len(numbers)), [len(own) for own in numbers]),
+            world[np.concatenate(numbers)],
+            float(lens.focal.mean()) * lens.undistort(np.concatenate(places)) + lens.centre,
+            False,
+        )
+        return views.other_way() if in_hand else views
+
+    def looked_at(self, in_hand: bool) -> Array:
+        """The point (3,) [m] that a log tells: ahead of the camera, or the middle of the board."""
+        width, height = self.board.size
+        if in_hand:
+            return np.array([0.0, 0.0, _AHEAD * float(np.hypot(width, height))])
+        return np.array([width / 2, height / 2, 0.0])
+
+    def log(self, lens: Lens, in_hand: bool) -> Recorded:
+        """The pictures as a log of poses of what is in the hand, in the frame of the other."""
+        views, at = self.seen(lens, in_hand), self.looked_at(in_hand)
+        turn = exponential(views.poses[:, 3:])
+        source = {
+            "source": "board", "eye": "hand" if in_hand else "base", "board": self.board.text,
+            "point": at.tolist(), "size": list(self.size), "lens": lens.to_json(),
+        }  # fmt: skip
+        return Recorded(
+            self.joint_names, self.q, views.poses[:, :3] + turn @ at, source=source,
+            quaternion=quaternion_of(turn), pictures=self.names, notes=self.notes,
+            episodes=None if self.episodes is None else self.episodes.astype(float),
+        )  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class BoardViews:
+    """What is in the hand seen from what stands still, and the corners that tell it."""
+
+    names: tuple[str, ...]  # of the pictures
+    q: Array  # (p, dof) [rad or m]
+    poses: Array  # (p, 6), shift [m] and rotation vector
+    rows: NDArray[np.intp]  # (n,), the picture of each corner
+    corners: Array  # (n, 3), in the board's frame [m]
+    pixels: Array  # (n, 2), where a lens without distortion shows them
+    in_hand: bool  # whether the camera is
+
+    def other_way(self) -> BoardViews:
+        """The same with camera and board exchanged."""
+        back = np.swapaxes(exponential(self.poses[:, 3:]), 1, 2)
+        shift = -np.einsum("pij,pj->pi", back, self.poses[:, :3])
+        poses = np.concatenate([shift, -self.poses[:, 3:]], axis=1)
+        return replace(self, poses=poses, in_hand=not self.in_hand)
+
+    def take(self, kept: Mask) -> BoardViews:
+        """The pictures of a mask (p,)."""
+        own = kept[self.rows]
+        return replace(
+            self,
+            names=tuple(name for name, stays in zip(self.names, kept, strict=True) if stays),
+            q=self.q[kept], poses=self.poses[kept], rows=(np.cumsum(kept) - 1)[self.rows[own]],
+            corners=self.corners[own], pixels=self.pixels[own],
+        )  # fmt: skip
+
+
+def find_board(
+    pictures: str | os.PathLike[str] | Sequence[Picture], table: JointTable, board: Board
+) -> BoardPictures:
+    """Find a board in pictures.
+
+    pictures : folder or pattern; or grey pictures (height, width) themselves
+    table : joints, one row for each picture
+    Raises LogError if too few show it; what they show instead is told.
+    """
+    notes: list[str] = []
+    if isinstance(pictures, (str, os.PathLike)):
+        pairs, notes = match_rows(table, list_pictures(pictures))
+        damaged: list[str] = []
+        series = read_series([path for _, path in pairs], damaged)
+        shots = ((pairs[k][1].name, pairs[k][0], grey) for k, grey in series)
+    else:
+        if len(pictures) != len(table.q):
+            raise LogError(f"{len(pictures)} pictures and {len(table.q)} rows of joints")
+        damaged = []
+        named = table.pictures or [f"picture {k + 1}" for k in range(len(pictures))]
+        shots = ((named[k], k, grey) for k, grey in enumerate(pictures))
+    finder, looked = BoardFinder(board), list[Picture]()
+    seen: list[tuple[str, int, dict[int, Array]]] = []
+    size = (0, 0)
+    for name, row, grey in shots:
+        seen.append((name, row, finder.find(grey)))
+        size = (grey.shape[1], grey.shape[0])
+        if len(seen[-1][2]) < LEAST_CORNERS and len(looked) < _LOOKED:
+            looked.append(grey)
+    notes += [f"{text}; left out" for text in damaged[:5]]
+    found = [each for each in seen if len(each[2]) >= LEAST_CORNERS]
+    if len(found) < LEAST:
+        most = max((len(each[2]) for each in seen), default=0)
+        raise LogError(
+            f"the board is in {len(found)} of {len(seen)} pictures (at most {most} corners found, "
+            f"{LEAST_CORNERS} expected in each): {LEAST} are needed, 20 are better; "
+            + _instead(looked, board)
+        )
+    if missing := [name for name, _, corners in seen if len(corners) < LEAST_CORNERS]:
+        notes.append(f"no board in {len(missing)} pictures, left out: {listed(missing)}")
+    rows = [row for _, row, _ in found]
+    return BoardPictures(
+        board, table.names, tuple(name for name, _, _ in found), table.q[rows],
+        tuple(corners for *_, corners in found), size, len(seen), tuple(notes),
+        None if table.episodes is None else table.episodes[rows],
+    )  # fmt: skip
+
+
+def _instead(looked: Sequence[Picture], board: Board) -> str:
+    """What pictures without the board show."""
+    turned = replace(board, columns=board.rows, rows=board.columns)
+    tried: list[tuple[str, Board, Callable[[Any], Any]]] = [
+        ("the pictures are mirrored: turn that off in the camera's settings", board, np.fliplr),
+        (f"they show a board of {turned.columns}x{turned.rows} squares", turned, np.asarray),
+    ]
+    for words, other, change in tried:
+        finder = BoardFinder(other)
+        if any(len(finder.find(np.ascontiguousarray(change(p)))) >= LEAST_CORNERS for p in looked):
+            return words
+    return "check the board's columns, rows and dictionary"
