@@ -117,6 +117,8 @@ def _of_frame(found: Comparison) -> list[Cause]:
 def _of_tests(found: Comparison) -> list[Cause]:
     """The most telling group that fired, where no member is clearly better than no change."""
     structure, above = found.body.structure, fired(found.tested.groups)
+    if found.cause == "sensor":
+        above = tuple(g for g in above if g.name.startswith("sensor") or g.name == "lens")
     if not above:
         return []
     best = above[0]

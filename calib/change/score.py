@@ -44,7 +44,7 @@ class GroupTest:
     """One group of parameters, freed alone."""
 
     name: str  # ``"sensor"``, ``"sensor scale"``, ``"length:elbow"``, ``"geometry"``, ``"drift"``
-    # twice the gain in log likelihood, and what chance stays below in 999 of 1,000 logs
+    # twice the gain in log likelihood, and what chance stays below but in `FALSE_ALARM` of the logs
     statistic: float
     threshold: float
     p_value: float  # chance of such a statistic where nothing changed, after Bonferroni
