@@ -44,7 +44,7 @@ _SIZES = {
     "offset": _Sizes(np.radians(5.0), np.radians(0.02), np.radians(0.1)),
     "length": _Sizes(0.15, 1e-4, 1e-3),  # of the mean length; as built [m]
     "gain": _Sizes(0.03, 1e-4, 1e-3),
-    "elastic": _Sizes(0.004, 2e-5, 1e-4),
+    "elastic": _Sizes(0.02, 2e-5, 1e-4),
     "tool": _Sizes(0.1, 1e-4, 1e-3),  # [m]; its prior in space is that of an unknown tool
     "tool.rotation": _Sizes(0.3, np.radians(0.02), np.radians(0.1)),
 }
