@@ -11,6 +11,7 @@ import os
 import statistics
 import sys
 import tempfile
+import warnings
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -111,8 +112,6 @@ def _peers(
     runs: dict[str, Any], arm: Any, log: Any, q: Any, x: Any, near: Any, few: int, slow: int
 ) -> list[str]:
     """Add what is installed to `runs`; returns what is not."""
-    from inverse import ikpy_loop, pink_loop, pinocchio_dls
-
     missing = []
     try:
         from sklearn.neighbors import KNeighborsRegressor
@@ -126,8 +125,7 @@ def _peers(
             lambda: there.predict(q), len(q), lambda a: a - x)  # fmt: skip
         runs["inverse, batch, nearest neighbours"] = (
             lambda: back.predict(x), len(x), lambda a: arm.forward(a) - x)  # fmt: skip
-    loops = {"Pinocchio, damped least squares": (pinocchio_dls, few),
-             "ikpy": (ikpy_loop, slow), "pink": (pink_loop, slow)}  # fmt: skip
+    loops = {"Pinocchio, damped least squares": (pinocchio_dls, few), "ikpy": (ikpy_loop, slow)}
     for name, (solve, count) in loops.items():
         try:
             solve(arm, x[:2], near[:2])
@@ -137,6 +135,51 @@ def _peers(
             run = partial(solve, arm, x[:count], near[:count])
             runs[f"inverse, one, {name}"] = (run, count, None)
     return missing
+
+
+def pinocchio_dls(arm: Any, x: Any, start: Any) -> Any:
+    """Damped least squares with Pinocchio's Jacobian, one target after the other."""
+    import pinocchio as pin
+
+    model = pin.buildModelFromXML(arm.urdf)
+    data, frame = model.createData(), model.getFrameId(arm.tip)
+    basis, origin = arm.plane.basis[:2], arm.plane.origin
+    index = [model.joints[model.getJointId(n)].idx_q for n in arm.joint_names]
+    full = pin.neutral(model)
+    answers = start.copy()
+    for i in range(len(x)):
+        q = start[i].copy()
+        for _ in range(50):
+            full[index] = q
+            pin.computeJointJacobians(model, data, full)
+            pin.updateFramePlacements(model, data)
+            gap = x[i] - basis @ (data.oMf[frame].translation - origin)
+            if gap @ gap < 1e-18:
+                break
+            whole = pin.getFrameJacobian(model, data, frame, pin.LOCAL_WORLD_ALIGNED)
+            jacobian = basis @ whole[:3][:, index]
+            damped = jacobian @ jacobian.T + 1e-9 * np.eye(2)
+            q = np.clip(q + jacobian.T @ np.linalg.solve(damped, gap), arm.lower, arm.upper)
+        answers[i] = q
+    return answers
+
+
+def ikpy_loop(arm: Any, x: Any, start: Any) -> None:
+    """Inverse kinematics of ikpy, one target after the other."""
+    from ikpy.chain import Chain
+
+    with tempfile.NamedTemporaryFile("w", suffix=".urdf") as file, warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        file.write(arm.urdf)
+        file.flush()
+        chain = Chain.from_urdf_file(file.name, base_elements=["base"])
+        names = [link.name for link in chain.links]
+        chain.active_links_mask = [name in arm.joint_names for name in names]
+        for target, near in zip(x, start, strict=True):
+            q = np.zeros(len(names))
+            q[[names.index(n) for n in arm.joint_names]] = near
+            goal = arm.plane.origin + target @ arm.plane.basis[:2]
+            chain.inverse_kinematics(goal, initial_position=q)
 
 
 if __name__ == "__main__":

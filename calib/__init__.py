@@ -43,7 +43,7 @@ if TYPE_CHECKING:
     from .model.answers import Answer as Answer
     from .model.model import Model as Model
     from .model.paths import Path as Path
-    from .model_file.storage import load as load
+    from .model_file.loading import load as load
     from .recording.handeye import HandEye as HandEye
     from .recording.handeye import handeye as handeye
     from .samples.babbling import babble as babble
@@ -109,7 +109,7 @@ _HOME = {
     "follow": "change.follow",
     "handeye": "recording.handeye",
     "list_robots": "arm.robots",
-    "load": "model_file.storage",
+    "load": "model_file.loading",
     "load_arm": "arm.loading",
     "monitor": "change.monitor",
     "plan": "use.plan",

@@ -48,11 +48,15 @@ class Trial:
         return math.nan if value is None else float(value)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Sweep:
     """What came out of a grid of options: a row for each training, in the order given."""
 
-    rows: tuple[Trial, ...] = field(repr=False)
+    rows: tuple[Trial, ...]
+
+    def __repr__(self) -> str:
+        """Say in a line how many trainings there are."""
+        return f"Sweep of {len(self.rows)} trainings, {len(self.failed)} failed"
 
     @property
     def failed(self) -> tuple[Trial, ...]:

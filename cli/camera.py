@@ -10,10 +10,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from typer import Option
 
-from calib.common.choices import DICTIONARY, PICTURES, VIDEOS
+from calib.common.choices import DICTIONARY, PICTURES, VIDEOS, Eye
 
 from . import options as opt
-from .options import option
+from .boards import record_board
+from .options import flag, option
 from .output import note, say
 from .parsing import BadOption
 
@@ -58,12 +59,15 @@ class Shooting:
     ] = None
     camera: Annotated[
         str | None,
-        option("--camera DEVICE", "Take pictures now, one for each line of joints on stdin."),
+        option("--camera DEVICE", "Take pictures now, with joints on stdin; or a dataset's."),
+    ] = None
+    eye: Annotated[
+        Eye | None, flag("--eye", "Of a board alone; hand: the camera is on the arm; base: stands.")
     ] = None
 
     def given(self) -> bool:
         """Whether any of what only pictures have was typed."""
-        typed = (self.joints_file, self.tag, self.board, self.tags_at, self.lens)
+        typed = (self.joints_file, self.tag, self.board, self.tags_at, self.lens, self.eye)
         return any(value is not None for value in (*typed, self.picture, self.camera))
 
     def setting(self, output: str) -> Setup:
@@ -106,6 +110,11 @@ class Shooting:
         **of_videos: float | None,
     ) -> Recorded:
         """Make a log of pictures or a video, and draw what was seen if that is wanted."""
+        if self.eye is not None:
+            if len(sources) > 1:
+                raise BadOption(f"{len(sources)} names: expected a folder, a pattern or a dataset")
+            given = (self.board, self.eye, self.lens, self.joints_file, self.camera)
+            return record_board(sources[0], *given, joints, degrees, prismatic)
         from calib.recording.from_pictures import log_pictures
         from calib.recording.from_video import log_video
         from calib.recording.joint_table import read_joints

@@ -26,6 +26,7 @@ class Reading:
 
     columns: opt.Columns = None
     unit: opt.Unit = None
+    time_offset: opt.TimeOffset = None
     degrees: opt.LogDegrees = None
 
 
@@ -60,6 +61,7 @@ def log_for(model: Model, path: str, reading: Reading) -> Samples:
         source,
         joints=list(about.joint_names),
         columns=reading.columns,
+        time_offset=reading.time_offset,
         usual=about.columns,
         outputs=len(model.axes),
         degrees=degrees,

@@ -42,6 +42,11 @@ _LOG = "CSV or Parquet with the joints' columns and x, y"
 ModelFile = Annotated[str, Argument(metavar="MODEL", help="The file of a learned model.")]
 RobotFile = Annotated[str, Argument(metavar="ROBOT", help="A URDF file or a bundled robot.")]
 Data = Annotated[str | None, option("--data LOG", f"A measured log: {_LOG}.")]
+JointsFile = Annotated[
+    str | None,
+    option("--joints-file FILE", "Joints of the pictures (column picture, or in order)."),
+]
+DatasetCamera = Annotated[str | None, option("--camera NAME", "Of a dataset with several.")]
 NewLog = Annotated[str, option("--data LOG", f"New samples: {_LOG}.")]
 
 # what is babbled or sensed
@@ -106,6 +111,14 @@ SensorView = Annotated[
 ]
 
 # logs
+TimeOffset = Annotated[
+    Any,
+    option(
+        "--time-offset auto|S",
+        "Added to times of positions [s]; auto: as the motion shows.",
+        parsing.offset_or_auto,
+    ),
+]
 Columns = Annotated[
     Any,
     option(

@@ -225,6 +225,12 @@ joint_range = reader(
 height = reader("a height of the base frame in m such as z=0.02", _height)
 
 
+offset_or_auto = reader(
+    "a number of seconds, or auto",
+    lambda text: None if text.strip() == "auto" else finite_number(text),
+)
+
+
 def check_count(typed: Sequence[float], names: Sequence[str], what: str) -> None:
     """Refuse more or fewer numbers than there are names."""
     if len(typed) != len(names):

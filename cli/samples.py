@@ -71,6 +71,7 @@ class Logged:
 
     columns: opt.Columns = None
     unit: opt.Unit = None
+    time_offset: opt.TimeOffset = None
     prismatic: opt.Prismatic = None
 
 
@@ -171,6 +172,7 @@ def measured_samples(
         prismatic=logged.prismatic or (),
         seed=seed,
         lens=glass,
+        time_offset=logged.time_offset,
     )
     say(log.notes)
     return log

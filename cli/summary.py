@@ -40,6 +40,7 @@ def summary(
             "sensory": list(model.sensory.lattice.shape),
         },
         "samples": about.samples,
+        "left_out": about.left_out,
         "seed": about.seed,
         "seconds": dict(seconds),
         "unit": about.unit,

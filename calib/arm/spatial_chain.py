@@ -13,10 +13,11 @@ follows another's: v = coupling q + bias.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Annotated
 
 import numpy as np
 
-from ..common.arrays import Array
+from ..common.arrays import Array, Shape
 from ..common.frozen import own_floats
 from .motion import Motion, cross, move, turned
 
@@ -28,18 +29,19 @@ GRAVITY = (0.0, 0.0, -9.80665)
 class SpatialChain:
     """A serial chain of m joints that are moved by dof values, at its zero posture."""
 
-    axes: Array  # (m, 3), unit axes in the root frame, base to tip
-    points: Array  # (m, 3) [m], origins of the joint frames; the axes pass through them
-    tip: Array  # (3,) [m], position of the tip
-    rotation: Array  # (3, 3), orientation of the tip's frame
+    axes: Annotated[Array, Shape("m", 3)]  # unit axes in the root frame, base to tip
+    # [m], origins of the joint frames; the axes pass through them
+    points: Annotated[Array, Shape("m", 3)]
+    tip: Annotated[Array, Shape(3)]  # [m], position of the tip
+    rotation: Annotated[Array, Shape(3, 3)]  # orientation of the tip's frame
     revolute: tuple[bool, ...]  # whether each joint turns about its axis or slides along it
     # (m, dof), how much each joint follows each active value: the unit matrix without mimic joints
-    coupling: Array
-    bias: Array  # (m,) [rad or m], offset of each mimic joint, else 0
+    coupling: Annotated[Array, Shape("m", "dof")]
+    bias: Annotated[Array, Shape("m")]  # [rad or m], offset of each mimic joint, else 0
     # (m,) [kg], mass that each joint carries up to the next joint; empty where the URDF states none
-    masses: Array = field(default_factory=lambda: np.zeros(0))
+    masses: Annotated[Array, Shape("w")] = field(default_factory=lambda: np.zeros(0))
     # (m, 3) [m], centres of those masses at the zero posture
-    centres: Array = field(default_factory=lambda: np.zeros((0, 3)))
+    centres: Annotated[Array, Shape("w", 3)] = field(default_factory=lambda: np.zeros((0, 3)))
 
     def __post_init__(self) -> None:
         """Freeze the arrays."""
@@ -127,30 +129,6 @@ class SpatialChain:
             pull = cross(moments[i], g[:, None]) if self.revolute[i] else weights[i] * g[:, None]
             out[:, i] = (motion.axes[i] * pull).sum(axis=0)
         return out
-
-    def torque_slopes(self, q: Array, gravity: Array | None = None) -> Array:
-        """Derivative (n, m, dof) of `torques` by the joint values.
-
-        Torques are minus the gradient of the potential energy, so the derivative by the
-        joints' values is symmetric: joint j moves all that joint i >= j carries as one body.
-        """
-        g = np.asarray(GRAVITY if gravity is None else gravity, dtype=float)[:, None]
-        motion, moments, weights = self._moments(q)
-        out = np.zeros((len(q), self.joints, self.joints))
-        for i in range(self.joints):
-            axis = motion.axes[i]
-            for j in range(i + 1):
-                if not self.revolute[j]:  # a slide shifts what lies beyond, turns nothing
-                    continue
-                turn = cross(motion.axes[j], axis)
-                if self.revolute[i]:
-                    swept = cross(motion.axes[j], moments[i])
-                    slope = (turn * cross(moments[i], g)).sum(axis=0)
-                    slope = slope + (axis * cross(swept, g)).sum(axis=0)
-                else:
-                    slope = (turn * g).sum(axis=0) * weights[i]
-                out[:, i, j] = out[:, j, i] = slope
-        return np.asarray(out @ self.coupling)
 
     def _moments(self, q: Array) -> tuple[Motion, Array, Array]:
         """Motion, first moments of mass beyond each joint about it (m, 3, n), and masses (m,)."""

@@ -8,11 +8,12 @@ training where the order of a log shows that it pays.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..common.arrays import Array
+from ..common.arrays import Array, Shape
 
 _FOLDS = 10
 _SURE = 4.0  # standard errors by which a play is no chance
@@ -23,8 +24,10 @@ _PAYS = 0.03  # share of the held-out error that it must mend
 class Approach:
     """What the direction of approach tells."""
 
-    play: Array  # (dof,) [rad or m], half the play of each joint, 0 where the log shows none
-    bounds: Array  # (motor nodes,) [unit], 95 % bound on the error where the direction is known
+    # [rad or m], half the play of each joint, 0 where the log shows none
+    play: Annotated[Array, Shape("dof")]
+    # [unit], 95 % bound on the error where the direction is known
+    bounds: Annotated[Array, Shape("nodes")]
 
     def effective(self, q: Array, direction: ArrayLike) -> Array:
         """Where joints (n, dof) stand that came from a direction, 1, -1 or 0 (unknown)."""

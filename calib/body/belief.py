@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
-from ..common.arrays import Array
+from ..common.arrays import TRIANGLE, Array, Own, Shape
 from .covariance import radius_95, spread_of
 from .gaussian import Gaussian, OfStructure
 from .parameters import Indices
@@ -39,10 +39,11 @@ class Parameter:
 class Second(Gaussian):
     """A second fit with a wider hyperprior of the curves; the bound takes the worse of both."""
 
-    beta: Array  # (d,)
-    active: Indices  # (l,), its parameters: those of the first fit and the curves
-    root: Array  # (l, r), of their covariance
-    noise: Array  # (m,)
+    beta: Annotated[Array, Shape("parameters")]
+    # its parameters: those of the first fit and the curves
+    active: Annotated[Indices, Shape("k")]
+    root: Annotated[Array, Shape("k", "k", kept=TRIANGLE)]  # of their covariance
+    noise: Annotated[Array, Shape("outputs")]
 
 
 @dataclass(frozen=True)
@@ -50,16 +51,16 @@ class Body(OfStructure):
     """A Gaussian belief over the parameters of an arm and its sensor."""
 
     structure: Structure
-    beta: Array  # (d,), parameters at the maximum of the posterior
-    active: Indices  # (k,), the parameters that were fitted
+    beta: Annotated[Array, Shape("parameters")]  # parameters at the maximum of the posterior
+    active: Annotated[Indices, Shape("k")]  # the parameters that were fitted
     # (k, r), root of their posterior covariance, which is root root'; a triangle after a fit
-    root: Array
-    noise: Array  # (m,), noise sd of each output [unit; rad for rotations]
+    root: Annotated[Array, Shape("k", "k", kept=TRIANGLE)]
+    noise: Annotated[Array, Shape("outputs")]  # noise sd of each output [unit; rad for rotations]
     kappa: float  # inflation of the bound by leave-block-out errors, at least 1
     # (m,), residual sd of the body itself, from leave-block-out errors beyond the noise [unit]
-    tau: Array
+    tau: Annotated[Array, Shape("outputs")]
     # (m,), sd of a residual that an adaptation could not settle; added to the bound [unit]
-    residual: Array
+    residual: Annotated[Array, Shape("outputs")]
     nu: float  # degrees of freedom of the Student noise; infinite for Gaussian
     autocorrelation: float  # integrated autocorrelation time of the residuals [rows]
     # prior scales that the evidence chose, by the name of their `Hyper`
@@ -67,7 +68,7 @@ class Body(OfStructure):
     rows: int = 0  # rows of the fit
     simulated: bool = False  # whether the rows were exact samples of a simulation
     member: str = ""  # name of the gate's member
-    second: Second | None = None
+    second: Annotated[Second, Own(parameters="parameters", outputs="outputs")] | None = None
     # sd of readings that repeated poses show [unit]; 0 where no pose was repeated
     repeat: float = 0.0
 

@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import Any
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..common.arrays import Array
 from ..errors import OptionError
+
+Complex = NDArray[np.complex128]
+
+_ALIKE = 3e-5
+"""Share of the largest spread below which columns are one."""
 
 
 @dataclass(frozen=True)
@@ -33,36 +38,60 @@ class Nominal:
             object.__setattr__(self, "signs", (1,) * len(self.lengths))
 
 
-def chain_of(
-    t: NDArray[np.complexfloating[Any, Any]], mirror: int, revolute: tuple[bool, ...]
-) -> tuple[Array, Array, float]:
-    """Magnitudes (dof,), offsets (dof,) and rotation of a chain from its coefficients (dof,).
+@dataclass(frozen=True)
+class LinearChain:
+    """The planar chain of given signs that fits tips best: linear in its links."""
 
-    The coefficients are those of `regressors`, of their conjugates where `mirror` is -1.
+    error: float  # largest distance of a tip
+    rms: float
+    sizes: Array  # (dof,)
+    offsets: Array  # (dof,)
+    rotation: float
+    shift: complex
+
+
+def linear_chain(
+    q: Array,
+    tip: NDArray[np.complex128],
+    signs: tuple[int, ...],
+    mirror: int,
+    revolute: tuple[bool, ...],
+) -> LinearChain:
+    """Fit tips (n,), complex, at joint values (n, dof).
+
+    A turning joint gives ``exp(j psi_i)``, a slide ``q_i exp(j psi_i)``; psi sums the signed angles
+    up to the joint.  Both are conjugated where `mirror` is -1.
     """
-    angles, size = np.angle(t), np.abs(t)
-    rotation = float(angles[0])
-    offsets, before = np.zeros(len(t)), 0.0
-    tiny = 1e-9 * float(size.max(initial=0.0))
+    turning, signed = np.asarray(revolute), q * np.asarray(signs, dtype=float)
+    waves = np.exp(1j * mirror * np.cumsum(np.where(turning, signed, 0.0), axis=1))
+    columns = np.c_[np.where(turning, waves, signed * waves), np.ones(len(q))]
+    scale = np.sqrt(np.mean(np.abs(columns) ** 2, axis=0)) + 1e-300
+    # a joint that hardly moves makes columns alike: they share what they cannot tell apart
+    t = np.linalg.lstsq(columns / scale, tip, rcond=_ALIKE)[0] / scale
+    miss = np.abs(columns @ t - tip)
+    angles, sizes = np.angle(t[:-1]), np.abs(t[:-1])
+    offsets, before = np.zeros(len(sizes)), 0.0
     for i, turns in enumerate(revolute):
-        along = mirror * (angles[i] - rotation) if size[i] > tiny else before
+        known = sizes[i] > 1e-9 * sizes.max()
+        along = mirror * (angles[i] - angles[0]) if known else before
         offsets[i] = (along - before + np.pi) % (2 * np.pi) - np.pi
         if turns:
             before = along
-    offsets[0] = 0.0
-    return size, offsets, rotation
+    rms = float(np.sqrt(np.mean(miss**2)))
+    return LinearChain(float(miss.max()), rms, sizes, offsets, float(angles[0]), complex(t[-1]))
 
 
-def regressors(q: Array, signs: Array, revolute: tuple[bool, ...]) -> Array:
-    """Columns (n, dof) complex of which a chain's tip is a linear combination.
+def sides(revolute: tuple[bool, ...]) -> Iterator[tuple[tuple[int, ...], int]]:
+    """Signs of the joints and mirrors that differ; the first that turns does not: it is a mirror.
 
-    A turning joint gives ``exp(j psi_i)``, a slide ``q_i exp(j psi_i)``; psi sums the signed
-    angles up to the joint.
+    A joint whose axis points into the plane turns the other way; a slide that is reversed is
+    another offset.
     """
-    turning = np.asarray(revolute)
-    signed = q * signs
-    waves = np.exp(1j * np.cumsum(np.where(turning, signed, 0.0), axis=1))
-    return np.where(turning, waves, signed * waves)
+    first = next((i for i, turns in enumerate(revolute) if turns), None)
+    ways = [(1, -1) if turns and i != first else (1,) for i, turns in enumerate(revolute)]
+    for signs in product(*ways):
+        yield signs, 1
+        yield signs, -1
 
 
 def nominal_of(
@@ -77,35 +106,20 @@ def nominal_of(
     Raises OptionError if the function is not that of a planar chain whose joints all turn or slide
     in its plane.
     """
-    generator = np.random.default_rng(0)
     lower, upper = np.asarray(lower, dtype=float), np.asarray(upper, dtype=float)
-    span = np.where(np.asarray(revolute), np.maximum(upper - lower, 2.0), upper - lower)
-    middle = (lower + upper) / 2
-    q = middle + (generator.random((400, len(revolute))) - 0.5) * np.maximum(span, 1e-3)
-    z = np.asarray(forward(q), dtype=float)
-    tip = z[:, 0] + 1j * z[:, 1]
-    best: Nominal | None = None
-    least = np.inf
-    turning = np.flatnonzero(np.asarray(revolute))
-    # A joint whose axis points into the plane turns the other way: every sign is tried.
-    for code in range(2 ** len(revolute)):
-        signs = np.array([1.0 if not code >> i & 1 else -1.0 for i in range(len(revolute))])
-        if (signs[~np.asarray(revolute)] < 0).any():  # a slide that is reversed is another offset
-            continue
-        columns = np.c_[regressors(q, signs, revolute), np.ones(len(q))]
-        t = np.linalg.lstsq(columns, tip, rcond=None)[0]
-        error = float(np.abs(columns @ t - tip).max())
-        if error < least:
-            mirror = int(signs[turning[0]]) if len(turning) else 1
-            size, offsets, rotation = chain_of(t[:-1], mirror, revolute)
-            least, best = error, Nominal(
-                tuple(np.where(revolute, size, 0.0).tolist()), tuple(offsets.tolist()), rotation,
-                (float(t[-1].real), float(t[-1].imag)), mirror,
-                tuple(np.where(revolute, signs * mirror, 1).astype(int).tolist()),
-            )  # fmt: skip
-    if best is None or not least <= 1e-6 * (1e-9 + float(np.abs(tip).max())):
+    span = np.maximum(upper - lower, np.where(revolute, 2.0, 1e-3))
+    drawn = np.random.default_rng(0).random((400, len(revolute))) - 0.5
+    q = (lower + upper) / 2 + drawn * span
+    tip = np.asarray(forward(q), dtype=float) @ (1, 1j)
+    found = [(linear_chain(q, tip, *side, revolute), side) for side in sides(revolute)]
+    best, (signs, mirror) = min(found, key=lambda each: each[0].error)
+    if not best.error <= 1e-6 * (1e-9 + float(np.abs(tip).max())):
         raise OptionError(
-            f"nominal: the forward function is no planar chain (off by {least:.3g} m), expected "
-            "joints that turn about or slide along one plane; give nominal=None"
+            f"nominal: the forward function is no planar chain (off by {best.error:.3g} m), "
+            "expected joints that turn about or slide along one plane; give nominal=None"
         )
-    return best
+    lengths = np.where(revolute, best.sizes, 0.0)
+    return Nominal(
+        tuple(lengths.tolist()), tuple(best.offsets.tolist()), best.rotation,
+        (best.shift.real, best.shift.imag), mirror, signs,
+    )  # fmt: skip

@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
-import itertools
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 
 from ..common.arrays import Array
-from .nominal import chain_of, regressors
+from .nominal import Complex, linear_chain, sides
 from .planar import PlanarStructure
 from .structure import Structure
 
 _MOST = 16
 """Combinations of signs and mirrors that are refined."""
-
-_ELBOWS = np.linspace(-np.pi, np.pi, 9)[:-1]
 
 
 def planar_starts(structure: PlanarStructure, q: Array, z: Array) -> list[tuple[Structure, Array]]:
@@ -32,74 +30,47 @@ def planar_starts(structure: PlanarStructure, q: Array, z: Array) -> list[tuple[
         if best > 0.02 * structure.extent:
             found += [_linear(each, q, tip) for each in _sided(structure, every=True)]
     found.sort(key=lambda item: item[0])
-    out: list[tuple[Structure, Array]] = []
-    for _, each, beta in found[:_MOST]:
-        out.append((each, beta))
-        if structure.nominal is None and structure.seen_as.tilted:
-            out += [(each, b) for b in _affine(each, q, z)]
-        if structure.nominal is None and structure.scaled and structure.dof == 2:
-            for offset in _ELBOWS:  # equal links
-                beta = each.neutral()
-                beta[each.groups["offset"][1]] = offset
-                out.append((each, _placed(each, beta, q, tip)))
-    return out
+    return [(each, beta) for _, each, beta in found[:_MOST]]
 
 
 def _sided(structure: PlanarStructure, every: bool) -> Iterator[PlanarStructure]:
     """The structure with each combination of signs and mirrors that may differ."""
-    base = structure.nominal.signs if structure.nominal is not None else (1,) * structure.dof
-    mirrors: tuple[int, ...] = (1, -1)
-    if structure.view == "base" and structure.nominal is not None:
-        mirrors = (structure.nominal.mirror,)
-    free = [i for i, turns in enumerate(structure.revolute) if turns or structure.nominal]
-    if not every and structure.nominal is not None:
-        free = []
-    elif structure.nominal is None:
-        free = free[1:]  # turning every joint the other way is a mirror
-    for flips in itertools.product((1, -1), repeat=len(free)):
-        signs = list(base)
-        for i, s in zip(free, flips, strict=True):
-            signs[i] *= s
-        for mirror in mirrors:
-            yield replace(structure, signs=tuple(signs), mirror=mirror)
+    nominal = structure.nominal
+    pairs: Iterable[tuple[tuple[int, ...], int]] = sides(structure.revolute)
+    if nominal is not None:
+        mirrors = (nominal.mirror,) if structure.view == "base" else (1, -1)
+        flips = product((1, -1) if every else (1,), repeat=structure.dof)
+        signs = [tuple(a * b for a, b in zip(nominal.signs, flip, strict=True)) for flip in flips]
+        pairs = product(signs, mirrors)
+    for signed, mirror in pairs:
+        yield replace(structure, signs=signed, mirror=mirror)
 
 
 def _linear(
-    structure: PlanarStructure, q: Array, tip: Array
+    structure: PlanarStructure, q: Array, tip: Complex
 ) -> tuple[float, PlanarStructure, Array]:
     """Error, structure and parameters of the best similarity of the chain."""
-    beta = structure.neutral()
-    groups, one = structure.groups, np.ones(len(q))
+    beta, groups = structure.neutral(), structure.groups
     if structure.nominal is not None:
         if structure.view != "base":
             beta = _placed(structure, beta, q, tip)
-        seen = structure.predict(q, beta)
-        miss = tip - (seen[:, 0] + 1j * seen[:, 1])
+        miss = tip - structure.predict(q, beta) @ (1, 1j)
         return float(np.sqrt(np.mean(np.abs(miss) ** 2))), structure, beta
-    waves = regressors(q, np.asarray(structure.signs, dtype=float), structure.revolute)
-    columns = np.c_[waves if structure.mirror > 0 else waves.conj(), one]
-    scale = np.sqrt(np.mean(np.abs(columns) ** 2, axis=0)) + 1e-300
-    columns = columns / scale
-    # a joint that hardly moves makes columns alike: a ridge splits what they share
-    normal = columns.conj().T @ columns + 1e-9 * len(q) * np.eye(columns.shape[1])
-    t = np.linalg.solve(normal, columns.conj().T @ tip)
-    miss = tip - columns @ t
-    t = t / scale
-    size, offsets, turn = chain_of(t[:-1], structure.mirror, structure.revolute)
-    beta[groups["offset"]], beta[groups["view.rotation"]] = offsets, turn
-    beta[groups["view.shift"]] = t[-1].real, t[-1].imag
-    turning = np.asarray(structure.revolute)
+    found = linear_chain(q, tip, structure.signs, structure.mirror, structure.revolute)
+    beta[groups["offset"]], beta[groups["view.rotation"]] = found.offsets, found.rotation
+    beta[groups["view.shift"]] = found.shift.real, found.shift.imag
+    turning, sizes = np.asarray(structure.revolute), found.sizes
     if structure.scaled:
-        slides = size[~turning]
-        unit = float(size[0] if structure.anchored else np.exp(np.mean(np.log(slides + 1e-300))))
+        slides = sizes[~turning]
+        unit = float(sizes[0] if structure.anchored else np.exp(np.mean(np.log(slides + 1e-300))))
         unit = max(unit, 1e-9 * structure.extent)
         beta[groups["view.scale"]] = np.log(unit)
-        size = size / unit
-    beta[groups["length"]] = np.where(turning, size, 0.0)
-    return float(np.sqrt(np.mean(np.abs(miss) ** 2))), structure, beta
+        sizes = sizes / unit
+    beta[groups["length"]] = np.where(turning, sizes, 0.0)
+    return found.rms, structure, beta
 
 
-def _placed(structure: PlanarStructure, beta: Array, q: Array, tip: Array) -> Array:
+def _placed(structure: PlanarStructure, beta: Array, q: Array, tip: Complex) -> Array:
     """`beta` with the rotation, scale and shift that fit its chain best."""
     groups, p = structure.groups, structure.move(structure.joint_values(q, beta), beta).tip
     p = p if structure.mirror > 0 else p.conj()
@@ -111,40 +82,3 @@ def _placed(structure: PlanarStructure, beta: Array, q: Array, tip: Array) -> Ar
     out[groups["view.rotation"]], out[groups["view.scale"]] = np.angle(t), scale
     out[groups["view.shift"]] = shift.real, shift.imag
     return out
-
-
-def _affine(structure: PlanarStructure, q: Array, z: Array) -> list[Array]:
-    """The start of an affine view: a real 2x2 block for each turning joint."""
-    n, groups = structure.dof, structure.groups
-    if structure.slides:
-        return []
-    sums = np.cumsum(q * np.asarray(structure.signs, dtype=float), axis=1)
-    columns = np.concatenate([np.cos(sums), np.sin(sums), np.ones((len(q), 1))], axis=1)
-    normal = columns.T @ columns + 1e-6 * len(q) * np.eye(2 * n + 1)
-    t = np.linalg.solve(normal, columns.T @ z)
-    blocks = [np.stack([t[k], t[n + k]], axis=1) for k in range(n)]
-    first = blocks[0]
-    turn = np.linalg.det(first) * structure.mirror
-    if not turn > 1e-6 * structure.extent**2:
-        return []
-    # polar decomposition of the first block: the view's rotation, and its scale and shear
-    rotated = first @ np.diag([1.0, float(structure.mirror)])
-    u, _, vt = np.linalg.svd(rotated)
-    rotation = u @ vt
-    stretch = rotation.T @ rotated
-    scale = np.trace(stretch) / 2
-    beta = structure.neutral()
-    beta[groups["view.rotation"]] = np.arctan2(rotation[1, 0], rotation[0, 0])
-    beta[groups["view.scale"]] = np.log(scale)
-    sheared = (stretch[0, 0] - stretch[1, 1]) / 2, stretch[0, 1]
-    beta[groups["view.shear"]] = np.array(sheared) / scale
-    beta[groups["view.shift"]] = t[2 * n]
-    before = 0.0
-    for k in range(1, n):
-        x = np.linalg.solve(first, blocks[k])
-        # nearest to a rotation times a length, as a complex number
-        c = (x[0, 0] + x[1, 1]) / 2 + 1j * (x[1, 0] - x[0, 1]) / 2
-        beta[groups["length"][k]] = max(abs(c), 0.05)
-        beta[groups["offset"][k]] = np.angle(c) - before
-        before = np.angle(c)
-    return [beta]

@@ -3,10 +3,9 @@
 Equation 6 of :mod:`calib.body.planar`::
 
     y = A p / (1 + h.p),  A = exp(s) R(alpha) [[1+a, b], [b, 1-a]] mirror
-    u = (y + t - middle) / size - c,  z = y + t + size b(k, |u|^2) u
+    u = (y + t - middle) / size - c,  z = y + t + size k |u|^2 u
 
 The lens is radial with a free centre `c`; with ``k = 0`` it does nothing and its centre is unknown.
-Its law `b` is that of the view (:mod:`calib.body.views`), as a rule k |u|^2.
 """
 
 from __future__ import annotations
@@ -21,7 +20,6 @@ from ..common.arrays import Array
 from .measurement import Measurement
 from .parameters import Block
 from .settings import FREE
-from .views import PLANAR
 
 _LENS = 1.5  # extents at which the lens bends by its radial parameter
 _QUARTER_TURN = np.array([[0.0, -1.0], [1.0, 0.0]])
@@ -31,7 +29,6 @@ _QUARTER_TURN = np.array([[0.0, -1.0], [1.0, 0.0]])
 class PlanarReading(Measurement):
     """Two coordinates in the plane of an arm."""
 
-    kind: str  # one of :data:`calib.body.views.PLANAR`
     unit: str  # unit of positions
     length: str  # unit of the chain's lengths
     mirror: int  # -1 where the sensor sees the plane from behind
@@ -83,20 +80,18 @@ class PlanarReading(Measurement):
             depth = 1 + h @ x
             y = y / depth
             slope = (slope - y[:, None] * h[:, None]) / depth
-        seen, lens = y + own["view.shift"][:, None], None
-        if own["lens"][0]:
-            u, rise, ratio, _ = self.bend(seen, own["lens"])
-            grown = rise * (ratio * np.eye(2)[:, :, None] + 2 * u[:, None] * u)
-            lens = np.eye(2)[:, :, None] + grown
+        seen, lens, k = y + own["view.shift"][:, None], None, own["lens"][0]
+        if k:
+            u, r2 = self.from_centre(seen, own["lens"])
+            lens = (1 + k * r2) * np.eye(2)[:, :, None] + 2 * k * u[:, None] * u
             slope = np.swapaxes(_times(lens, np.swapaxes(slope, 0, 1)), 0, 1)
-            bent = seen + self.size_of_lens * rise * ratio * u
-            return Seen(np.ascontiguousarray(bent.T), self, own, x, y, depth, slope, lens)
+            seen = seen + self.size_of_lens * k * r2 * u
         return Seen(np.ascontiguousarray(seen.T), self, own, x, y, depth, slope, lens)
 
-    def bend(self, seen: Array, lens: Array) -> tuple[Array, Any, Any, Any]:
-        """Places (2, n) from the lens's centre, in its own size, and how it bends there."""
+    def from_centre(self, seen: Array, lens: Array) -> tuple[Array, Array]:
+        """Places (2, n) from the lens's centre, in its own size, and their squares (n,)."""
         u = (seen - np.reshape(self.centre, (2, 1))) / self.size_of_lens - lens[1:, None]
-        return u, *PLANAR[self.kind].bend(float(lens[0]), (u**2).sum(axis=0))
+        return u, (u**2).sum(axis=0)
 
     def turned(self, own: Mapping[str, Array]) -> Array:
         """Rotation and scale (2, 2) of the view."""
@@ -149,10 +144,10 @@ class Seen:
 
     def _refocused(self) -> Array:
         seen = self.y + self.own["view.shift"][:, None]
-        u, _, _, by_k = self.sensor.bend(seen, self.own["lens"])
+        u, r2 = self.sensor.from_centre(seen, self.own["lens"])
         # without a bend its centre is nowhere
         grown = 0.0 * u[:, None] * u if self.lens is None else self.lens - np.eye(2)[:, :, None]
-        return self.sensor.size_of_lens * np.concatenate([(u * by_k)[None], -grown])
+        return self.sensor.size_of_lens * np.concatenate([(u * r2)[None], -grown])
 
 
 def _times(matrix: Array, vector: Array) -> Array:

@@ -20,7 +20,8 @@ def positions_of(fit: BodyFit) -> BodyFit:
     body = fit.body
     three = {name: getattr(body, name)[:3] for name in ("noise", "tau", "residual")}
     second = body.second and replace(body.second, noise=body.second.noise[:3])
-    structure = replace(body.structure, view="rigid")  # type: ignore[type-var]
+    view = "base" if body.structure.view.startswith("base") else "rigid"
+    structure = replace(body.structure, view=view)  # type: ignore[type-var]
     turned = np.linalg.norm(fit.held_out[:, 3:], axis=1)
     positions = replace(body, structure=structure, second=second, **three)
     return replace(fit, body=positions, held_out=fit.held_out[:, :3], turned=turned)

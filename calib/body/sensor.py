@@ -28,7 +28,6 @@ _SENSOR = ("view.rotation", "view.shift", "view.scale", "lens")
 _UNSURE = 0.1
 """A camera whose distance is less sure than this share of it was shown too little."""
 
-_DRAWN = 400  # poses that tell how far the tip can move along the view
 _ALIKE = 0.05  # a gauge is one where parameters move the tip as it does, but for this share
 _POSES = 60
 
@@ -132,23 +131,17 @@ class SensorPose:
         return lines
 
 
-def doubtful_depth(body: OfStructure, q: Array, lower: Array, upper: Array) -> list[str]:
-    """Say where pictures hardly tell a camera's distance, and which poses would.
+def doubtful_depth(body: OfStructure, q: Array) -> list[str]:
+    """Say where pictures of joint values (n, dof) hardly tell a camera's distance.
 
-    q : (n, dof), joint values of the pictures
-    lower, upper : (dof,), joint ranges
     Raises LogError if the arm is behind the camera.
     """
     structure: Any = body.structure
     camera = SensorPose.of(body)
     if camera is None:
         return []
-
-    def depths(q: Array) -> Array:
-        ahead: Array = (structure.pose(q, body.beta)[0] - camera.position) @ camera.rotation[:, 2]
-        return ahead
-
-    seen = depths(q)
+    places = structure.pose(q, body.beta)[0]
+    seen = (places - camera.position) @ camera.rotation[:, 2]
     if seen.mean() <= 0:
         raise LogError(
             "the fit places the arm behind the camera: check that each row's joints and pixels "
@@ -156,15 +149,10 @@ def doubtful_depth(body: OfStructure, q: Array, lower: Array, upper: Array) -> l
         )
     if 1.96 * camera.depth_sd <= _UNSURE * seen.mean():
         return []
-    drawn = np.random.default_rng(0).uniform(lower, upper, (_DRAWN, len(lower)))
-    can = depths(drawn)
-    moving = np.abs([np.polyfit(column, can, 1)[0] for column in drawn.T]) * (upper - lower)
-    names = [structure.joint_names[k] for k in np.argsort(-moving)[:2]]
     return [
         f"the pixels hardly determine the distance of the camera: {seen.mean():.2f} m, 95 % within "
-        f"{1.96 * camera.depth_sd:.2g} m. The tip moved {np.ptp(seen):.2g} m along the view "
-        f"where {np.ptp(can):.2g} m are possible: add poses nearer to the camera and further "
-        f"from it (turn {' and '.join(names)}), or give a calibrated `lens`"
+        f"{1.96 * camera.depth_sd:.2g} m. The tip moved {np.ptp(seen):.2g} m along the view: add "
+        "poses nearer to the camera and further from it, or give a calibrated `lens`"
     ]
 
 

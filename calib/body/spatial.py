@@ -66,6 +66,11 @@ class SpatialStructure(Structure):
     reading: Measurement | None = None  # what is measured, where its view's name does not say all
 
     @property
+    def based(self) -> bool:
+        """Whether the sensor's frame is the robot's root frame."""
+        return self.view.startswith("base")
+
+    @property
     def camera(self) -> bool:
         """Whether a camera sees the arm, in pixels."""
         return self.outputs == 2
@@ -98,7 +103,7 @@ class SpatialStructure(Structure):
         weighted = self.chain_names if len(self.chain.masses) else ()
         # in a free frame the first turning joint's offset and a turn of the frame about its axis
         # are one, and the first origin's place is the frame's own
-        first = 0 if self.view == "base" else 1
+        first = 0 if self.based else 1
         tool = self.seen_as.tool
         held = (tool,) if tool is not None and informed else ()
         own = np.arange(first, self.dof)
@@ -118,7 +123,7 @@ class SpatialStructure(Structure):
             ),
             Block(
                 "tool.rotation", tuple((None, f"tool.rotation.{axis}", "rad") for axis in "xyz"),
-                sd=3.0,
+                sd=TURN if self.view == "base pose" else 3.0,
             ),
             Block(
                 "placement",
@@ -130,18 +135,14 @@ class SpatialStructure(Structure):
                 scales=drawn if informed else (),
             ),
             Block(
-                "offset",
-                tuple(
-                    (name, f"{name}.offset", "rad" if turns else "m")
-                    for name, turns in zip(self.joint_names, self.revolute, strict=True)
-                ),
+                "offset", self.of_joints("offset", *("rad" if t else "m" for t in turning)),
                 scales=(
                     ScaleGroup("offset", TURN, OFFSET_SCALES, within=turned),
                     ScaleGroup("offset.slide", SHIFT, SCALES, within=slid),
                 ),
             ),
             Block(
-                "gain", tuple((name, f"{name}.gain", "1") for name in self.joint_names), 1.0,
+                "gain", self.of_joints("gain", "1"), 1.0,
                 scales=(ScaleGroup("gain", GAIN, SCALES),),
             ),
             Block(
@@ -164,11 +165,6 @@ class SpatialStructure(Structure):
         """
         loads = self.chain.torques(q, np.asarray(self.gravity)).T / self.torque
         return np.ascontiguousarray(loads), np.arange(self.chain.joints)
-
-    def load_slopes(self, q: Array) -> Array:
-        """Derivatives (c, dof, n) of the loads by the joint values."""
-        slopes = self.chain.torque_slopes(q, np.asarray(self.gravity)) / self.torque
-        return np.moveaxis(slopes, 0, 2)
 
     def coupled(self, own: Array) -> Array:
         """Values (c, n) of the chain's joints that follow the logged ones (dof, n)."""
@@ -204,23 +200,19 @@ class SpatialStructure(Structure):
 
     def members(self) -> Ladder:
         """The gate's members from simple to rich."""
-        frame = self.frame_groups
-        chain = (*frame, "placement")
-        ladder: list[tuple[str, tuple[str, ...]]] = []
-        if self.informed:
-            chain = (*chain, "offset")
-            ladder.append(("frame", frame))
-            if self.few:
-                return tuple(ladder)
-            if self.camera:
-                ladder.append(("offsets", (*frame, "offset")))
-        ladder.append(("chain", chain))
-        if len(self.groups["elastic"]) and self.informed:
-            chain = (*chain, "elastic")
-            ladder.append(("elastic", chain))
-        if any(self.revolute) and self.measurement.curves:
-            ladder.append(("curves", (*chain, "curve")))
-        return tuple(ladder)
+        frame, drawn = self.frame_groups, self.informed
+        chain = (*frame, "placement", *(("offset",) if drawn else ()))
+        bent = (*chain, "elastic") if drawn and len(self.groups["elastic"]) else chain
+        if drawn and self.few:
+            return (("frame", frame),)
+        ladder = (
+            ("frame", frame, drawn),
+            ("offsets", (*frame, "offset"), drawn and self.camera),
+            ("chain", chain, True),
+            ("elastic", bent, bent is not chain),
+            ("curves", (*bent, "curve"), any(self.revolute) and self.measurement.curves),
+        )
+        return tuple((name, groups) for name, groups, wanted in ladder if wanted)
 
     @property
     def frame_groups(self) -> tuple[str, ...]:

@@ -12,7 +12,7 @@ from ..common.arrays import Array
 from ..common.rows import thinned
 from ..errors import LogError
 from .parameters import Prior
-from .settings import CLEAR, FEW_NUMBERS, HELD_TOOL, NO_CALIBRATION, OTHER_ARM
+from .settings import FEW_NUMBERS, HELD_TOOL, OTHER_ARM, OTHER_TURNS, TARGET
 from .settle import settle
 from .spatial import SpatialStructure
 from .spatial_random import chains
@@ -46,8 +46,11 @@ def spatial_starts(
     q, z = q[rows], z[rows]
     if not structure.informed:
         return chains(structure, q, z)
-    few = not structure.camera and z.size < FEW_NUMBERS
-    return [(replace(structure, few=few), frame(structure, q, z))]
+    few, beta = not structure.camera and z.size < FEW_NUMBERS, frame(structure, q, z)
+    view = structure.view
+    if view == "base pose" and np.linalg.norm(beta[structure.groups["tool.rotation"]]) > TARGET:
+        view = "base target"
+    return [(replace(structure, few=few, view=view), beta)]
 
 
 def frame(structure: SpatialStructure, q: Array, z: Array, arm: Array | None = None) -> Array:
@@ -82,40 +85,22 @@ def frame(structure: SpatialStructure, q: Array, z: Array, arm: Array | None = N
 
 
 def _refuse_misfit(structure: SpatialStructure, q: Array, z: Array, beta: Array) -> None:
-    """Refuse positions that no rigid motion of the nominal arm explains, and say what would."""
-    misfit = structure.residual(z, structure.predict(q, beta))[:, :3]
-    residual = float(np.median(np.linalg.norm(misfit, axis=1)))
+    """Refuse rows that no rigid motion of the nominal arm explains; the log's reader says why."""
+    misfit = structure.residual(z, structure.predict(q, beta))
+    residual = float(np.median(np.linalg.norm(misfit[:, :3], axis=1)))
     size = max(float(np.linalg.norm(z[:, :3] - np.median(z[:, :3], axis=0), axis=1).max()), 1e-300)
-    tool = float(np.linalg.norm(beta[structure.groups["tool"]]))
-    if residual < NO_CALIBRATION * size and tool < 2 * structure.chain.reach:
-        return
-    points = structure.metre * structure.pose(q, structure.neutral())[0]
-
-    def rest(sign: float, scaled: bool) -> tuple[float, float]:
-        """Median distance from the nominal arm in the best frame, and its scale."""
-        seen = z[:, :3] * (sign, 1.0, 1.0)
-        turn, shift, scale = similarity(points, seen)
-        if not scaled:
-            scale, shift = 1.0, seen.mean(axis=0) - turn @ points.mean(axis=0)
-        miss = seen - scale * points @ turn.T - shift
-        return float(np.median(np.linalg.norm(miss, axis=1))), scale
-
-    same, (far, scale) = rest(1.0, False)[0], rest(1.0, True)
-    if far <= CLEAR * same:
-        raise LogError(
-            f"the positions are about {scale:.4g} times those of the robot: state their unit, or "
-            "use view='similarity'"
-        )
-    if rest(-1.0, False)[0] <= CLEAR * same:
-        raise LogError(
-            "the positions are those of a mirrored arm: one of the axes x, y, z has the wrong "
-            "sign, or two are swapped; change one of them (columns of the log)"
-        )
     if residual > OTHER_ARM * size:
         raise LogError(
             f"the robot does not explain the positions: in the best frame half of the rows are "
             f"more than {residual:.3g} off, of {size:.3g} that they spread; check the order of "
-            "the joints, degrees, and whether it is this robot"
+            "the joints, their unit and the positions', mirrored axes, and whether it is this robot"
+        )
+    turned = float(np.median(np.linalg.norm(misfit[:, 3:], axis=1)))
+    if turned > OTHER_TURNS:
+        raise LogError(
+            f"the orientations do not turn as the joints do: {np.degrees(turned):.0f} deg are left "
+            "(median); check their order, their unit, and that they are of the tip, or leave them "
+            "out"
         )
 
 
@@ -127,6 +112,8 @@ def _guesses(structure: SpatialStructure, q: Array, z: Array, arm: Array) -> lis
     if structure.view == "base":
         return [beta]
     points, rotations = structure.pose(q, beta)
+    if structure.based:
+        return [_turned(structure, points, rotations, z, beta, np.eye(3))]
     if structure.camera:
         return _cameras(structure, points, z, beta)
     if structure.outputs == 6:
@@ -198,6 +185,8 @@ def _turned(
     left = np.einsum("nij,jk,nkl->nil", np.swapaxes(rotations, 1, 2), turn.T, exponential(z[:, 3:]))
     beta[groups["view.rotation"]] = logarithm(turn)
     beta[groups["tool.rotation"]] = logarithm(nearest_rotation(left.sum(axis=0)))
+    if structure.based:
+        return beta
     beta[groups["tool"]], beta[groups["view.shift"]] = _tool(
         points, rotations, z, turn, structure.metre
     )

@@ -139,18 +139,18 @@ class View:
         """Derivative (4, 2, n) of pixels by focal length, centre and k1."""
         f, _, _, k1 = self.sensor.lens
         ideal = self.point[:2] / self.point[2]
-        slope, ratio, by_k1 = SPATIAL[self.sensor.kind].bend(float(k1), (ideal**2).sum(axis=0))
+        r2 = (ideal**2).sum(axis=0)
         out = np.zeros((4, *ideal.shape))
-        out[0] = ideal * (1 + slope * ratio)
+        out[0] = ideal * (1 + k1 * r2)
         out[1, 0] = out[2, 1] = 1.0
-        out[3] = f * ideal * by_k1
+        out[3] = f * ideal * r2
         return out
 
     def seen(self, moved: Array, turned: Array | float = 0.0) -> Array:
         """How outputs move when the point moves and turns (..., 3, n) in the sensor's frame."""
         if self.slope is not None:
             return np.asarray((self.slope * moved[..., None, :, :]).sum(axis=-2))
-        if self.sensor.kind == "pose":
+        if SPATIAL[self.sensor.kind].outputs == 6:
             return np.concatenate([moved, np.broadcast_to(turned, moved.shape)], axis=-2)
         return moved
 
@@ -166,7 +166,7 @@ def look(sensor: Placed, position: Array, rotation: Array) -> View:
     if SPATIAL[sensor.kind].outputs == 2:
         return pixels(sensor, turned + sensor.shift[:, None])
     values = (turned + sensor.shift[:, None]).T
-    if sensor.kind == "pose":
+    if SPATIAL[sensor.kind].outputs == 6:
         matrices = sensor.rotation @ np.moveaxis(rotation, 2, 0)
         values = np.concatenate([values, logarithm(matrices)], axis=1)
     return View(np.ascontiguousarray(values), sensor, turned, None)
@@ -178,14 +178,13 @@ def pixels(sensor: Placed, point: Array) -> View:
     depth = np.maximum(point[2], LEAST_DEPTH)
     point = np.stack([point[0], point[1], depth])
     ideal = point[:2] / depth
-    rise, ratio, _ = SPATIAL[sensor.kind].bend(float(k1), (ideal**2).sum(axis=0))
-    bent = 1 + rise * ratio
+    bent = 1 + k1 * (ideal**2).sum(axis=0)
     values = f * ideal * bent + np.array([[u0], [v0]])
-    # d pixel / d ideal = f ((1 + b) 1 + 2 b' u u'), d ideal / d point = [1, -u] / depth
+    # d pixel / d ideal = f ((1 + k1 r^2) 1 + 2 k1 u u'), d ideal / d point = [1, -u] / depth
     slope = np.empty((2, 3, len(depth)))
     for i in range(2):
         for j in range(2):
-            slope[i, j] = f * 2 * rise * ideal[i] * ideal[j] / depth
+            slope[i, j] = f * 2 * k1 * ideal[i] * ideal[j] / depth
         slope[i, i] += f * bent / depth
     slope[:, 2] = -(slope[:, 0] * ideal[0] + slope[:, 1] * ideal[1])
     return View(np.ascontiguousarray(values.T), sensor, point, slope)

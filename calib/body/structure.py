@@ -23,8 +23,10 @@ from ..common.arrays import Array
 from .curves import HARMONICS, curve_slope, curve_value, powers
 from .derivative import Derivative, Waves
 from .measurement import Measurement, Moved, Sight, TipMotion
-from .parameters import Block, Blocks, Indices, Label, Layout, Prior, ScaleGroup
+from .parameters import Block, Blocks, Indices, Label, Layout, Part, Prior, ScaleGroup
 from .views import VIEWS_OF_BODIES, ViewKind
+
+_STEP = 1e-5  # [rad or m], of differences of loads, which bend by mrad: exact to 1e-12 rad
 
 Ladder = tuple[tuple[str, tuple[str, ...]], ...]
 """The gate's members from simple to rich: a name and the blocks that it frees."""
@@ -104,10 +106,6 @@ class Structure:
         """Loads (e, n) that bend joints, one for each elastic parameter, and which joints (e,)."""
         raise NotImplementedError
 
-    def load_slopes(self, q: Array) -> Array:
-        """Derivatives (e, dof, n) of the loads by the joint values."""
-        raise NotImplementedError
-
     def members(self) -> Ladder:
         """The gate's members from simple to rich."""
         raise NotImplementedError
@@ -145,6 +143,12 @@ class Structure:
     def prior(self, free: Sequence[str]) -> Prior:
         """Prior that frees the blocks of `free`; ``"curve"`` stands for all joints' curves."""
         return self.parameters.prior(free)
+
+    def of_joints(self, what: str, *units: str) -> tuple[Part, ...]:
+        """One parameter of each joint, in a unit that all share or each has."""
+        every = units * self.dof if len(units) == 1 else units
+        pairs = zip(self.joint_names, every, strict=True)
+        return tuple((name, f"{name}.{what}", unit) for name, unit in pairs)
 
     def curves(self, rms: float, pseudo: float, shape: Array) -> Iterator[Block]:
         """Blocks of the joints' error curves, of an rms [rad] that the evidence moves."""
@@ -278,6 +282,11 @@ class Structure:
                 at = slice(int(stands[run[0]]), int(stands[run[-1]]) + 1)
                 waved.append(Waves(at, np.ascontiguousarray(led[k].T), factors[:, run]))
         return sight.values, Derivative(out, bare, tuple(waved))
+
+    def load_slopes(self, q: Array) -> Array:
+        """Derivatives (e, dof, n) of the loads by the joint values, as central differences."""
+        steps = _STEP * np.eye(self.dof)
+        return np.stack([self.loads(q + s)[0] - self.loads(q - s)[0] for s in steps], 1) / 2 / _STEP
 
     def led(self, chained: Array) -> Array:
         """How outputs move with each logged joint (dof, m, n), from the chain's (c, m, n)."""

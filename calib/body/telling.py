@@ -9,19 +9,14 @@ import numpy as np
 
 from ..common.arrays import Array
 
-_DEGREE = np.pi / 180
-
-_STILL = 1e-6
-"""A joint that moves less than this [rad or m] is constant."""
+_STILL, _LITTLE = 1e-6, float(np.radians(1.0))
+"""A joint that moves less than this [rad or m] is constant; one that turns less tells little."""
 
 _SHARE = 1e-3
 """Joint directions with less than this share of the largest spread never moved."""
 
-_CELLS = 24
-"""Cells along each joint's span that tell a path from an area."""
-
-_AREA_ROWS = 300
-"""From this many rows on an area fills more cells than a path."""
+_CELLS, _AREA_ROWS = 24, 300
+"""Cells along each joint's span that tell a path from an area, from this many rows on."""
 
 
 def warnings_of(
@@ -41,52 +36,34 @@ def warnings_of(
         is named
     """
     span = np.ptp(q, axis=0) if len(q) else np.zeros(q.shape[1])
-    notes: list[str] = []
-    moving: list[int] = []
-    for i, name in enumerate(joint_names):
-        if span[i] < _STILL:
+    travel = np.full(len(span), np.inf) if lower is None or upper is None else upper - lower
+    notes = []
+    for name, turns, moved, whole in zip(joint_names, revolute, span, travel, strict=True):
+        if moved < _STILL:
             notes.append(f"{name} never moves: the rows cannot tell its length, offset or sign")
-            continue
-        moving.append(i)
-        if revolute[i] and span[i] < _DEGREE:
-            notes.append(f"{name} moves by {np.degrees(span[i]):.2g} deg only")
-        elif lower is not None and upper is not None and span[i] < 0.1 * (upper[i] - lower[i]):
-            share = 100 * span[i] / (upper[i] - lower[i])
-            notes.append(f"{name} moves through {share:.2g} % of its range only")
+        elif turns and moved < _LITTLE:
+            notes.append(f"{name} moves by {np.degrees(moved):.2g} deg only")
+        elif np.isfinite(whole) and moved < 0.1 * whole:
+            notes.append(f"{name} moves through {100 * moved / whole:.2g} % of its range only")
     if z is not None and len(z) and not np.ptp(z, axis=0).any():
         notes.append("the position never changes: the rows say nothing of the arm")
-    notes += _alike(q, joint_names, moving)
+    moving = np.flatnonzero(span >= _STILL)
+    if len(moving) > 1:
+        scaled = (q[:, moving] - q[:, moving].mean(axis=0)) / span[moving]
+        values = np.linalg.svd(scaled, compute_uv=False)
+        rank = int((values > _SHARE * values[0]).sum())
+        if rank < len(moving):
+            notes.append(
+                f"{', '.join(joint_names[int(i)] for i in moving)} move together along {rank} of "
+                f"{len(moving)} directions: the rows cannot tell them apart"
+            )
+        elif len(q) >= _AREA_ROWS and _is_path(scaled):
+            notes.append(
+                "the joints move along a path, not over an area: beside it the bound is wide"
+            )
     if len(q) < 3 * q.shape[1] + 2:
         notes.append(f"{len(q)} rows are few for {q.shape[1]} joints")
     return tuple(notes)
-
-
-def _alike(q: Array, names: Sequence[str], moving: list[int]) -> list[str]:
-    """Columns that are copies of another, directions that never moved alone, paths."""
-    notes: list[str] = []
-    kept: list[int] = []
-    for j in moving:
-        largest = 1e-9 + float(np.abs(q[:, kept]).max(initial=0.0))  # but for rounding
-        same = (i for i in kept if float(np.abs(q[:, i] - q[:, j]).max()) <= 1e-9 * largest)
-        twin = next(same, None)
-        if twin is None:
-            kept.append(j)
-        else:
-            notes.append(f"{names[twin]} and {names[j]} hold the same values")
-    if len(kept) < 2:
-        return notes
-    scaled = (q[:, kept] - q[:, kept].mean(axis=0)) / np.ptp(q[:, kept], axis=0)
-    values = np.linalg.svd(scaled, compute_uv=False)
-    rank = int((values > _SHARE * values[0]).sum())
-    if rank < len(kept):
-        listed = ", ".join(names[i] for i in kept)
-        notes.append(
-            f"{listed} move together along {rank} of {len(kept)} directions: "
-            "the rows cannot tell them apart"
-        )
-    elif len(q) >= _AREA_ROWS and _is_path(scaled):
-        notes.append("the joints move along a path, not over an area: beside it the bound is wide")
-    return notes
 
 
 def _is_path(scaled: Array) -> bool:

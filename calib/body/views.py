@@ -1,20 +1,11 @@
-"""Kinds of sensors: what each fits of itself, and how its lens bends; add a new one here."""
+"""Kinds of sensors: what each fits of itself."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 from .parameters import ScaleGroup
 from .settings import SCALES, SOCKET, TAG
-
-Law = Callable[[float, Any], tuple[Any, Any, Any]]
-
-
-def cubic(k: float, r2: Any) -> tuple[Any, Any, Any]:
-    """Law of a lens of the third order: its bend is b = k r^2."""
-    return k, r2, r2
 
 
 @dataclass(frozen=True)
@@ -27,13 +18,6 @@ class ViewKind:
     lens: bool = False  # whether the gate may fit a planar arm's lens by default
     # what is known of the tool where there is a drawing; None: nothing
     tool: ScaleGroup | None = None
-    ros: str = "plumb_bob"  # what ROS calls the law; empty where it has none
-    # the law in C, of `k1` and `r2`: its `rise` b' and `ratio` b / b'
-    source: str = "rise = k1, ratio = r2"
-    # the lens's law: of its radial parameter k and the square r^2 of the distance from its centre,
-    # b' = db / d(r^2), b / b' and db / dk.  A point u from the centre is seen at (1 + b) u, and b
-    # is 0 where k is.  It takes arrays and plain floats.
-    bend: Law = cubic
 
     @property
     def scaled(self) -> bool:
@@ -63,6 +47,9 @@ SPATIAL = {
     "base": ViewKind(("tool",), 3, least=2),
     "rigid": ViewKind((*_FRAME, "tool"), 3, least=4),
     "similarity": ViewKind((*_FRAME, "tool", "view.scale"), 3, least=4),
+    # in the robot's root frame with the orientation of the drawing's tip, or of some target there
+    "base pose": ViewKind(("tool", "tool.rotation"), 6, least=3),
+    "base target": ViewKind(("tool", "tool.rotation"), 6, least=3),
     "pose": ViewKind((*_FRAME, "tool", "tool.rotation"), 6, least=3),
     "pinhole": ViewKind((*_FRAME, "tool"), 2, least=6, tool=ScaleGroup("tool", TAG, SCALES)),
     "touch": ViewKind(("tool", "point"), 3, least=8, tool=_SOCKET),

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
-from numpy.typing import NDArray
 
-from .arrays import Array
+from .arrays import Array, Mask, Shape
 from .frozen import ReadOnly
 
 TURN = 2 * np.pi
@@ -21,10 +21,10 @@ class Scale(ReadOnly):
     """An affine map of a box onto [0, 1] along each coordinate."""
 
     # (d,), lower end and width of the box, in the coordinate's own unit
-    lower: Array
-    span: Array
+    lower: Annotated[Array, Shape("d")]
+    span: Annotated[Array, Shape("d")]
     # (d,), coordinates whose box is one full turn: its two ends are the same place
-    periodic: NDArray[np.bool_]
+    periodic: Annotated[Mask, Shape("d")]
 
     @staticmethod
     def of_range(lower: Array, upper: Array, revolute: tuple[bool, ...]) -> Scale:

@@ -4,29 +4,26 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..body.views import Law, cubic
 from ..common.arrays import Array
 from ..errors import QueryError
 
 _STEPS = 30
 
 
-def undistorted(pixels: Array, lens: Array, bend: Law = cubic) -> Array:
+def undistorted(pixels: Array, lens: Array) -> Array:
     """Directions (n, 2) as x/z, y/z of pixels (n, 2) seen through a lens (f, u0, v0, k1).
-
-    `bend` is its law, see `calib.body.views.ViewKind`.
 
     Raises QueryError where the lens folds over: no direction gives that pixel.
     """
     f, u0, v0, k1 = lens
     bent = (pixels - (u0, v0)) / f
     radius = np.linalg.norm(bent, axis=1)
-    # r (1 + b(r^2)) = radius by Newton's rule from r = radius
+    # r (1 + k1 r^2) = radius by Newton's rule from r = radius
     r = radius.copy()
     for _ in range(_STEPS):
-        seen, slope = _seen_at(r, float(k1), bend)
+        seen, slope = r * (1 + k1 * r * r), 1 + 3 * k1 * r * r
         r = r - (seen - radius) / np.where(np.abs(slope) > 1e-6, slope, 1e-6)
-    seen, slope = _seen_at(r, float(k1), bend)
+    seen, slope = r * (1 + k1 * r * r), 1 + 3 * k1 * r * r
     bad = (slope <= 0) | (np.abs(seen - radius) > 1e-9)
     if bad.any():
         row = int(np.flatnonzero(bad)[0])
@@ -37,12 +34,6 @@ def undistorted(pixels: Array, lens: Array, bend: Law = cubic) -> Array:
     return np.asarray(bent * (r / np.where(radius > 0, radius, 1.0))[:, None])
 
 
-def _seen_at(r: Array, k1: float, bend: Law) -> tuple[Array, Array]:
-    """Radius (n,) in the picture of directions at radius (n,), and its derivative."""
-    rise, ratio, _ = bend(k1, r * r)
-    return r * (1 + rise * ratio), 1 + rise * (ratio + 2 * r * r)
-
-
 def on_plane(
     pixels: Array,
     rotation: Array,
@@ -50,14 +41,13 @@ def on_plane(
     lens: Array,
     normal: Array,
     offset: float,
-    bend: Law = cubic,
 ) -> Array:
     """Points (n, 3) [m] of the plane ``normal @ point = offset`` that are seen at pixels (n, 2).
 
-    The camera sees ``rotation @ point + shift`` [m] through a `lens` (f, u0, v0, k1) of law `bend`.
+    The camera sees ``rotation @ point + shift`` [m] through a `lens` (f, u0, v0, k1).
     NaN where the line of sight does not meet the plane in front of the camera.
     """
-    ideal = undistorted(np.asarray(pixels, dtype=float), lens, bend)
+    ideal = undistorted(np.asarray(pixels, dtype=float), lens)
     rays = np.column_stack([ideal, np.ones(len(ideal))]) @ rotation
     eye = -rotation.T @ shift
     towards = rays @ normal

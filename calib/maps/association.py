@@ -45,17 +45,24 @@ class Clusters:
 
 @dataclass(frozen=True)
 class Association:
-    """Two maps and the links between them."""
+    """Two maps and the links between them.
 
-    # the maps
+    Attributes
+    ----------
+    motor, sensory : Map
+    linked : Compressed or csr_array of shape (motor nodes, sensory nodes)
+        Strength c_ij of each connection; `links` is the same as a csr_array.
+    wiring : Wiring
+        How they were learned (eq. 5) and how active nodes are (eq. 6).
+    motor_means, sensory_means : (nodes, dof), (nodes, m) array, optional
+        Mean position of the samples at which each node was active, in the unit boxes; the nodes'
+        weights where not known.
+    """
+
     motor: Map
     sensory: Map
-    # Compressed or csr_array of shape (motor nodes, sensory nodes), strength c_ij of each
-    # connection
     linked: Compressed | csr_array
-    wiring: Wiring = WIRINGS["reciprocal"]  # how they were learned and how active nodes are
-    # (nodes, dof), (nodes, 2), mean position of the samples at which each node was active, in the
-    # unit boxes; their weights where not known
+    wiring: Wiring = WIRINGS["reciprocal"]
     motor_means: Array | None = None
     sensory_means: Array | None = None
 

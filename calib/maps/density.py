@@ -1,6 +1,7 @@
-"""Varying density: what equations 7 and 8 of the paper can mean, one gain each.
+"""Varying density: what eq. 7 and 8 can mean, one gain each; none but `as_printed` is eq. 8 itself.
 
-A gain is a factor on each sample's update.  Samples with a large gain draw more nodes to
+With a gain g the fixed points of eq. 2 are means of samples weighted by g h.  A gain is a factor
+on each sample's update.  Samples with a large gain draw more nodes to
 where they are.  Every gain starts at 1, so that the map orders itself undisturbed, and
 grows with the training's progress, as the paper asks.  ``docs/paper.md`` says which
 sentence or equation each reading comes from and how they compare.

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..common.arrays import Array
+from ..common.arrays import Array, Index, Shape
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,7 +22,7 @@ class Graph:
 
     size: int  # number of nodes
     # (m, 2), the edges, each once, the smaller node first, in ascending order
-    pairs: NDArray[np.intp]
+    pairs: Annotated[Index, Shape("edges", 2)]
 
     @staticmethod
     def of(size: int, pairs: NDArray[np.intp]) -> Graph:

@@ -5,11 +5,12 @@ from __future__ import annotations
 import itertools
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..common.arrays import Array, Index
+from ..common.arrays import Array, Index, Shape
 from ..common.frozen import ReadOnly
 from ..common.scale import Scale
 from .map import Map, nearest_points
@@ -38,10 +39,11 @@ class LocalModels(ReadOnly):
     # a lower degree, has zeros for the other coefficients.
     degree: int
     samples: int  # number of samples that each was fitted to
-    radius: Array  # (nodes,), distance to the first sample that was left out, in the unit box
+    # distance to the first sample that was left out, in the unit box
+    radius: Annotated[Array, Shape("nodes")]
     # (nodes, terms, 2), coefficients of the monomials of (u - w) / radius, in the unit of the
     # positions
-    coefficients: Array
+    coefficients: Annotated[Array, Shape("nodes", "terms", "width")]
 
 
 NO_MODELS = LocalModels(-1, 0, np.zeros(0), np.zeros((0, 0, 2)))

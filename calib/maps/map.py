@@ -5,11 +5,11 @@ from __future__ import annotations
 import sys
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 
-from ..common.arrays import Array, Index
+from ..common.arrays import Array, Index, Shape
 from ..common.frozen import freeze, frozen
 from ..common.scale import Scale
 from .graph import Graph
@@ -27,14 +27,24 @@ _MANY = 4_000  # places whose search is shared among threads
 
 @dataclass(frozen=True)
 class Map:
-    """Nodes in the motor or the sensory space."""
+    """Nodes in the motor or the sensory space.
 
-    units: Array  # (nodes, d), weights of the nodes in the unit box of `scale`
-    # how the nodes are joined; a growing neural gas has no lattice but a graph
+    Attributes
+    ----------
+    units : (nodes, d) array
+        Weights of the nodes in the unit box of `scale`.
+    lattice : Lattice or Graph
+        How the nodes are joined; a neural gas has no lattice but a graph.
+    scale : Scale
+        From the space's own units to the unit box.
+    history : (epochs, 4) array
+        Nodes, sigma [nodes], quantization and topographic error of each epoch.
+    """
+
+    units: Annotated[Array, Shape("nodes", "d")]
     lattice: Lattice | Graph
-    scale: Scale  # from the space's own units to the unit box
-    # (epochs, 4), nodes, sigma [nodes], quantization and topographic error of each epoch
-    history: Array
+    scale: Scale
+    history: Annotated[Array, Shape("epochs", "columns")]
 
     def __post_init__(self) -> None:
         freeze(self, "units", "history")

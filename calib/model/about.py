@@ -4,23 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, fields, replace
-from typing import Any
+from dataclasses import dataclass, field, replace
+from typing import Annotated, Any
 
-import numpy as np
-
-from ..common.arrays import Array
-from ..common.checks import finite, numbers, of_type, texts
+from ..common.arrays import Array, Shape
 from ..common.frozen import ReadOnly
 from ..errors import LogError
 from ..samples.samples import Samples
 
-_TYPES: dict[type, tuple[str, ...]] = {
-    str: ("robot", "tip", "unit", "bound_of", "source", "urdf"),
-    bool: ("taught",),
-    int: ("samples", "seed", "tested", "left_out"),
-    dict: ("locked", "options", "errors"),
-}
 _OPTIONS = ("map", "rule", "epochs", "sigma")
 _WIDEST = 1e9  # range of a joint [rad or m]
 
@@ -35,8 +26,8 @@ class About(ReadOnly):
     joint_names: tuple[str, ...]  # active joints from base to tip
     revolute: tuple[bool, ...]  # whether each joint turns (rad) or slides (m)
     # (dof,) [rad or m], learned range of each joint
-    lower: Array
-    upper: Array
+    lower: Annotated[Array, Shape("dof")]
+    upper: Annotated[Array, Shape("dof")]
     locked: Mapping[str, float]  # other joints and where they are held [rad or m]
     # "origin", "x" and "y" of the plane in the root link's frame [m]
     plane: Mapping[str, Any] | None
@@ -65,6 +56,7 @@ class About(ReadOnly):
     degrees: bool = False
     # [px], width and height of the pictures of a camera that sees an arm in space
     picture: tuple[int, int] | None = None
+    frame: str = ""  # the sensor's, as its log names it
 
     @property
     def units_of_joints(self) -> tuple[str, ...]:
@@ -88,91 +80,49 @@ class About(ReadOnly):
             )
         return log.q[:, [log.joint_names.index(name) for name in self.joint_names]]
 
-    def to_json(self) -> dict[str, Any]:
-        """Plain data, as it is stored in a model file."""
-        data = asdict(self)
-        data["lower"], data["upper"] = self.lower.tolist(), self.upper.tolist()
-        data["errors"] = _known_numbers(data["errors"])
-        return data
-
-    @classmethod
-    def from_json(cls, data: Mapping[str, Any]) -> About:
-        """Rebuild what `to_json` returned.
-
-        Raises
-        ------
-        ValueError
-            If it is not of that form: a file may come from anyone.
-        """
-        known = {f.name for f in fields(cls)}
-        values = {k: v for k, v in data.items() if k in known}
-        _check_about(values)
-        for name in ("joint_names", "revolute", "notes"):
-            values[name] = tuple(values[name])
-        for name in ("lower", "upper"):
-            values[name] = np.array(values[name], dtype=float)
-        if values.get("picture") is not None:
-            values["picture"] = tuple(values["picture"])
-        return cls(**values)
+    def impossible(self) -> dict[str, bool]:
+        """What is expected of the facts of a file, and whether they are otherwise."""
+        names, sizes, told = self.joint_names, self.upper - self.lower, self.errors.items()
+        counts = self.samples, self.seed, self.tested, self.left_out
+        axes = [] if self.plane is None else [self.plane.get(key) for key in ("origin", "x", "y")]
+        simulated = self.simulation or {"noise": 0.0, "changes": []}
+        return {
+            "names of joints, each once": not all(names) or len(set(names)) < len(names),
+            "whether each joint turns": len(self.revolute) != len(names) or not names,
+            "a range of each joint": len(sizes) != len(names)
+            or not bool(((sizes > 0.0) & (sizes < _WIDEST)).all()),
+            "origin, x and y of the plane": not all(_numbers(each, 3) for each in axes),
+            "noise and changes of a simulation": not _numbers([simulated.get("noise")], 1)
+            or not _texts(simulated.get("changes")),
+            "sides of a picture [px]": min(self.picture or (1,)) < 1,
+            "zero or more samples": min(counts) < 0,
+            f"options {', '.join(_OPTIONS)}": not set(_OPTIONS) <= set(self.options),
+            "errors of each joint": not all(_errors(each, names) for _, each in told),
+        }
 
 
-def _known_numbers(errors: Any) -> Any:
-    """Return errors in which what could not be measured (NaN) is None, as JSON has it."""
-    if isinstance(errors, Mapping):
-        return {key: _known_numbers(value) for key, value in errors.items()}
-    if isinstance(errors, float) and not math.isfinite(errors):
-        return None
-    return errors
+def _numbers(values: Any, count: int) -> bool:
+    return (
+        isinstance(values, list | tuple)
+        and len(values) == count
+        and all(isinstance(v, int | float) and not isinstance(v, bool) for v in values)
+        and all(map(math.isfinite, values))
+    )
 
 
-def _check_about(data: Mapping[str, Any]) -> None:
-    """Check the plain data of an `About`, which may come from a stranger's file.
-
-    Raises KeyError, ValueError if something is missing or is not what it should be.
-    """
-    for kind, names in _TYPES.items():
-        for name in names:
-            of_type(name, data[name], kind)
-    joints = texts("joint_names", data["joint_names"])
-    dof = len(joints)
-    if not dof or len(set(joints)) < dof or not all(joints):
-        raise ValueError("joint_names: expected names, each once")
-    turns = of_type("revolute", data["revolute"], list)
-    if len(turns) != dof or not all(isinstance(turn, bool) for turn in turns):
-        raise ValueError("revolute: expected true or false for each joint")
-    lower, upper = (numbers(name, data[name], dof) for name in ("lower", "upper"))
-    if not all(0.0 < high - low < _WIDEST for low, high in zip(lower, upper, strict=True)):
-        raise ValueError("lower, upper: expected a range for each joint")
-    for name, value in data["locked"].items():
-        finite(f"locked {name}", value)
-    if data["plane"] is not None:
-        for name in ("origin", "x", "y"):
-            numbers(f"plane {name}", of_type("plane", data["plane"], dict)[name], 3)
-    if data["simulation"] is not None:
-        simulation = of_type("simulation", data["simulation"], dict)
-        finite("noise", simulation["noise"])
-        texts("changes", simulation["changes"])
-    texts("notes", data["notes"])
-    columns = of_type("columns", data.get("columns", {}), dict)
-    texts("columns", [*columns, *columns.values()])
-    of_type("degrees", data.get("degrees", False), bool)
-    if data.get("picture") is not None:
-        if not all(0 < of_type("picture", side, int) < 1e6 for side in data["picture"]):
-            raise ValueError("picture: expected a width and a height [px]")
-        numbers("picture", list(data["picture"]), 2)
-    if min(data["samples"], data["seed"], data["tested"], data["left_out"]) < 0:
-        raise ValueError("samples, seed, tested, left_out: expected zero or more")
-    for name in _OPTIONS:
-        _ = data["options"][name]  # a KeyError where one is missing
-    _check_errors(data["errors"], joints)
+def _texts(values: Any) -> bool:
+    return isinstance(values, list | tuple) and all(isinstance(v, str) for v in values)
 
 
-def _check_errors(errors: Mapping[str, Any], joints: Sequence[str]) -> None:
-    for readout, directions in errors.items():
-        for direction, names in (("forward", ("x", "y")), ("inverse", joints)):
-            found = of_type(readout, directions, dict)[direction]
-            for name in (*names, "distance"):
-                error = of_type(name, of_type(direction, found, dict)[name], dict)
-                for key in ("mean", "max", "p99"):
-                    if error[key] is not None:
-                        finite(f"error {key}", error[key])
+def _errors(told: Any, joints: Sequence[str]) -> bool:
+    """Whether a readout's errors have a mean, a maximum and a quantile of everything."""
+    try:
+        found = [
+            told[direction][name][key]
+            for direction, names in (("forward", ("x", "y")), ("inverse", joints))
+            for name in (*names, "distance")
+            for key in ("mean", "max", "p99")
+        ]
+    except (KeyError, TypeError):
+        return False
+    return all(error is None or _numbers([error], 1) for error in found)

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
-from ..common.arrays import Array
+from ..common.arrays import Array, Shape
 from ..common.frozen import ReadOnly
 from ..maps.association import Association
 from ..maps.map import Map
@@ -19,8 +20,8 @@ class Baseline(ReadOnly):
     """Distortions of samples that training never saw, stored with a model."""
 
     # (nodes,), expected squared distance of a sample to its winner, per winner, in the unit box
-    motor: Array
-    sensory: Array
+    motor: Annotated[Array, Shape("nodes", kept="f4")]
+    sensory: Annotated[Array, Shape("places", kept="f4")]
     # variance of squared distance over expected one, in the motor and sensory map
     spread: tuple[float, float]
     # [unit], standard deviation per axis of measured less predicted position in training

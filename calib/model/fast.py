@@ -10,7 +10,6 @@ import numpy as np
 from ..arm.arm import SpatialArm
 from ..body.planar import PlanarStructure
 from ..body.spatial import SpatialStructure, structure_of
-from ..body.views import cubic
 from ..common.arrays import Array
 from ..errors import CalibError, OptionError
 from ..kernel.arm import KernelArm
@@ -40,8 +39,6 @@ def kernel_of(model: Model, limit: Array | None = None) -> Kernel:
             "the model has no body, which a C header needs: train it with body='auto'"
         )
     structure = body.structure
-    if structure.seen_as.bend is not cubic:
-        raise OptionError(f"the lens of view {structure.view!r} has no C form")
     arm = KernelArm.of(structure, body.beta)
     own = isinstance(model.predictor.smooth, BodyInBox)
     nominal, correcting = _nominal(model, arm)

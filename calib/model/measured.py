@@ -8,11 +8,12 @@ from __future__ import annotations
 import io
 import math
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..common.arrays import Array
+from ..common.arrays import Array, Shape
 from ..common.frozen import ReadOnly
 from ..errors import ModelError
 
@@ -59,8 +60,8 @@ class Photo:
 class Rows(ReadOnly):
     """Measured rows."""
 
-    q: Array  # (n, dof) [rad or m], joint values
-    x: Array  # (n, m) [unit], positions
+    q: Annotated[Array, Shape("rows", "dof")]  # [rad or m], joint values
+    x: Annotated[Array, Shape("rows", "width")]  # [unit], positions
 
     def __len__(self) -> int:
         return len(self.q)

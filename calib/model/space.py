@@ -122,8 +122,7 @@ class Space:
         turn, shift, _ = self.sensor
         own: Any = self.model.body
         lens = own.beta[own.structure.groups["lens"]]
-        bend, up = own.structure.seen_as.bend, np.array([0.0, 0.0, 1.0])
-        points = on_plane(rows, turn, shift, lens, up, height, bend)
+        points = on_plane(rows, turn, shift, lens, np.array([0.0, 0.0, 1.0]), height)
         if not np.isfinite(points).all():
             row = int(np.argmin(np.isfinite(points).all(axis=1)))
             raise QueryError(

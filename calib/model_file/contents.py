@@ -1,17 +1,22 @@
-"""Contents of a model file: a model as a JSON header and tensors, and back, each part checked."""
+"""Contents of a model file: what of a model is kept, and what no model can be."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
-from typing import Any
+from dataclasses import dataclass
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arm.spatial_chain import SpatialChain
 from ..body.approach import Approach
-from ..common.arrays import Array
-from ..common.checks import numbers, of_type
+from ..body.belief import Body, Second
+from ..body.planar import PlanarStructure
+from ..body.spatial import SpatialStructure
+from ..body.structure import Structure
+from ..body.views import VIEWS_OF_BODIES
+from ..common.arrays import Array, Index, Mask, Own, Shape
 from ..common.scale import Scale
 from ..errors import ModelError
 from ..maps.association import Association
@@ -20,193 +25,267 @@ from ..maps.graph import Graph
 from ..maps.lattice import Lattice
 from ..maps.linear_models import from_shifts, to_shifts
 from ..maps.links import Wiring
+from ..maps.local_models import MOST_DEGREE, NO_MODELS, LocalModels, exponents
 from ..maps.map import HISTORY, Map
-from ..maps.predictor import Predictor
+from ..maps.predictor import BodyInBox, Predictor
 from ..model.about import About
 from ..model.alignment import Alignment
+from ..model.baseline import Baseline
 from ..model.measured import MOST_ROWS, Photo, Rows
-from ..model.model import Model
-from .checked import POSITIVE, WHOLE, Tensors, given, given_key, plain_fields, refuse_impossible
-from .parts import (
-    baseline_header,
-    baseline_tensors,
-    build_baseline,
-    build_models,
-    build_smooth,
-    models_header,
-    smooth_header,
-    smooth_tensors,
-)
+from ..model.parts import Parts
+from .fields import Format
 
-_WIRING = {"local": bool, "mutual": bool, "bandwidth": float}
+_MOST_JOINTS = 64
+_TINY = 1e-300  # the least number above zero
 
 
-def described(model: Model) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
-    """The description of a model and its tensors."""
-    models, association = model.predictor.models, model.association
-    links, means = association.linked, (association.motor_means, association.sensory_means)
-    header: dict[str, Any] = {
-        "about": model.about.to_json(),
-        "history": list(model.history),
-        "baseline": baseline_header(model.baseline),
-        "motor": {"lattice": list(model.motor.lattice.shape)},
-        "sensory": {"lattice": list(model.sensory.lattice.shape)},
-        "links": plain_fields(association.wiring, _WIRING),
-        "smooth": smooth_header(model.predictor.smooth),
-        "local": models_header(models),
-    }
-    tensors: dict[str, NDArray[Any]] = {
-        "links.data": links.data.astype(np.float32),
-        "links.indices": links.indices.astype(_unsigned(model.sensory.size)),
-        # of each row, not where it begins: numbers that fit into two bytes
-        "links.counts": np.diff(links.indptr).astype(_unsigned(model.sensory.size + 1)),
-        "local.radius": models.radius,
-        "local.coefficients": models.coefficients,
-        "bounds": model.bounds,
-        "visited": model.visited.astype(np.uint8),
-        **_map_tensors("motor", model.motor, means[0]),
-        **_map_tensors("sensory", model.sensory, means[1]),
-        **smooth_tensors(model.predictor.smooth),
-        **baseline_tensors(model.baseline),
-    }
-    if not np.array_equal(model.model_bounds, model.bounds):
-        tensors["model_bounds"] = model.model_bounds
-    if model.rows is not None:
-        tensors["rows.q"], tensors["rows.x"] = model.rows.q, model.rows.x
-    if model.approach is not None:
-        header["approach"] = model.approach.play.tolist()
-        tensors["approach.bounds"] = model.approach.bounds
-    if model.photo is not None:
-        header["photo"] = list(model.photo.box)
-        tensors["photo"] = np.frombuffer(model.photo.jpeg, np.uint8)
-    return header, tensors
+@dataclass(frozen=True)
+class Links:
+    """The links as sparse rows, and how they were learned and are read."""
+
+    counts: Annotated[Index, Shape("nodes")]  # links of each motor node
+    nodes: Annotated[Index, Shape("links")]  # sensory node of each link
+    strengths: Annotated[Array, Shape("links", kept="f4")]
+    local: bool
+    mutual: bool
+    bandwidth: float  # [node spacings]
 
 
-def _unsigned(count: int) -> type[np.unsignedinteger[Any]]:
-    return np.uint16 if count <= 1 << 16 else np.uint32
+@dataclass(frozen=True)
+class Kept:
+    """What a model file holds; axes are those of the motor map's `nodes` and `places`."""
+
+    about: About
+    motor: Annotated[Map, Own(nodes="nodes", d="dof")]
+    sensory: Annotated[Map, Own(nodes="places", d="width")]
+    # mean position of the samples at which a node was active, less its weight [node spacings]
+    motor_shifts: Annotated[Array, Shape("nodes", "dof", kept="f2")] | None
+    sensory_shifts: Annotated[Array, Shape("places", "width", kept="f2")] | None
+    links: Annotated[Links, Own(nodes="nodes")]
+    body: Annotated[Body, Own()] | None
+    local: LocalModels | None
+    bounds: Annotated[Array, Shape("nodes")]
+    model_bounds: Annotated[Array, Shape("nodes")] | None  # where they are others
+    visited: Annotated[Mask, Shape("nodes")]
+    rows: Rows | None
+    baseline: Baseline | None
+    approach: Approach | None
+    photo: Annotated[Photo, Own()] | None
+    history: tuple[Mapping[str, Any], ...]
 
 
-def build(header: Mapping[str, Any], tensors: Tensors) -> Model:
-    """Rebuild the model that the description and the tensors of a file are.
+def kept_of(model: Parts) -> Kept:
+    """What of a model is kept."""
+    association, models = model.association, model.predictor.models
+    links, wiring = association.linked, association.wiring
+    same = np.array_equal(model.model_bounds, model.bounds)
+    return Kept(
+        model.about,
+        model.motor,
+        model.sensory,
+        _shifts(model.motor, association.motor_means),
+        _shifts(model.sensory, association.sensory_means),
+        Links(
+            np.diff(links.indptr).astype(np.intp),
+            np.asarray(links.indices, dtype=np.intp),
+            links.data,
+            wiring.local,
+            wiring.mutual,
+            wiring.bandwidth,
+        ),
+        model.body,
+        models if models.degree >= 0 else None,
+        model.bounds,
+        None if same else model.model_bounds,
+        model.visited,
+        model.rows,
+        model.baseline,
+        model.approach,
+        model.photo,
+        model.history,
+    )
 
-    Raises CalibError, AttributeError, IndexError, KeyError, OverflowError, TypeError, ValueError if
-    they make no sense.
-    """
-    about = About.from_json(header["about"])
-    dof = len(about.joint_names)
-    motor, motor_means = _map("motor", header, tensors, dof)
+
+def _shifts(part: Map, means: Array | None) -> Array | None:
+    return None if means is None else to_shifts(part, means).astype(float)
+
+
+def model_of(kept: Kept) -> Parts:
+    """The model that a file keeps; each part makes sense, here they are compared."""
+    motor, sensory, about, links = kept.motor, kept.sensory, kept.about, kept.links
+    places, width = sensory.units.shape
+    linked = Compressed(
+        links.strengths,
+        links.nodes.astype(np.int32),
+        np.concatenate([[0], np.cumsum(links.counts)]).astype(np.int32),
+        (motor.size, places),
+    )
+    models = kept.local or NO_MODELS
+    body, terms = kept.body, len(exponents(len(about.lower), models.degree)) if kept.local else 0
     # joints are asked in the unit box of the map: other limits would shift every answer
-    wide, low = motor.scale.span, np.abs(about.lower - motor.scale.lower)
-    other = np.abs((about.upper - about.lower) / wide - 1.0) > 1e-6
-    refuse_impossible(
-        {"a motor map of the joints' limits": bool((other | (low > 1e-6 * wide)).any())}, "motor"
-    )
-    # nothing but a tensor's shape says whether positions are in a plane or in space
-    width = len(tensors.take("sensory.lower", (-1,)))
-    refuse_impossible({"positions of 2 or 3 coordinates": width not in (2, 3)}, "sensory")
-    sensory, sensory_means = _map("sensory", header, tensors, width)
-    wiring = Wiring(*(given_key(k, header["links"], n, "links") for n, k in _WIRING.items()))
-    refuse_impossible(
-        {"a bandwidth of 0.001 to 100": not 1e-3 <= wiring.bandwidth <= 100.0}, "links"
-    )
-    links = _links(tensors, motor.size, sensory.size)
-    association = Association(motor, sensory, links, wiring, motor_means, sensory_means)
-    smooth, body = build_smooth(header, tensors, motor.scale, lambda: association.linear)
-    names = "local.radius", "local.coefficients"
-    models = build_models(header["local"], tensors, names, (motor.size, dof, width))
-    bounds = tensors.take("bounds", (motor.size,), least=0.0)
-    model_bounds = bounds  # of a simulation they are the same, and format 1 had one
-    if "model_bounds" in tensors:
-        model_bounds = tensors.take("model_bounds", (motor.size,), least=0.0)
-    visited = tensors.take("visited", (motor.size,), "uint8").astype(bool)
-    refuse_impossible({"a node that was visited": not visited.any()}, "visited")
-    model = Model(
-        about,
-        association,
-        Predictor(motor, smooth, models),
-        bounds,
-        model_bounds,
-        visited,
-        body,
-        _rows(tensors, dof, width),
-        _history(header["history"]),
-        build_baseline(header.get("baseline"), tensors, motor.size, sensory.size),
-    )
-    if "approach" in header:
-        play = np.array(numbers("approach", header["approach"], dof))
-        refuse_impossible({"plays of 0 or more": bool((play < 0.0).any())}, "approach")
-        wide = tensors.take("approach.bounds", (motor.size,), least=0.0)
-        model = replace(model, approach=Approach(play, wide))
-    if "photo" in header:
-        box = given(tuple[float, float, float, float], header["photo"], "photo")
-        photo = tensors.take("photo", (-1,), "uint8").tobytes()
-        model = replace(model, photo=Photo(photo, box))
-    return model
-
-
-def _links(tensors: Tensors, motor: int, sensory: int) -> Compressed:
-    """The links, sparse rows by motor node: how many each has, to which nodes, how strong."""
-    counts = tensors.take("links.counts", (motor,), WHOLE).astype(np.int64)
-    indices = tensors.take("links.indices", (int(counts.sum()),), WHOLE).astype(np.int32)
-    data = tensors.take("links.data", indices.shape, "float32")
-    wrong = not len(indices) or indices.max() >= sensory or not (data > 0.0).all()
-    refuse_impossible({"links above zero that end at nodes": wrong}, "links")
-    indptr = np.concatenate([[0], np.cumsum(counts)]).astype(np.int32)
-    return Compressed(data, indices, indptr, (motor, sensory))
-
-
-def _rows(tensors: Tensors, dof: int, width: int) -> Rows | None:
-    if "rows.q" not in tensors:
-        return None
-    q = tensors.take("rows.q", (-1, dof))
-    refuse_impossible({f"at most {MOST_ROWS} rows": len(q) > MOST_ROWS}, "rows")
-    return Rows(q, tensors.take("rows.x", (len(q), width)))
-
-
-def _history(told: Any) -> tuple[dict[str, Any], ...]:
-    states = tuple(given(dict, state, "history") for state in of_type("history", told, list))
-    for state in states:
+    span, low = motor.scale.span, np.abs(about.lower - motor.scale.lower)
+    other = (np.abs((about.upper - about.lower) / span - 1.0) > 1e-6) | (low > 1e-6 * span)
+    _refuse(
+        {
+            "a motor map of the joints' limits": bool(other.any()),
+            "positions of 2 or 3 coordinates": width not in (2, 3),
+            "links that end at nodes": bool((links.nodes >= places).any())
+            or links.counts.sum() != len(links.nodes),
+            "as many coefficients as a degree has": terms != models.coefficients.shape[1],
+            "a body of this arm": body is not None and body.structure.dof != len(about.lower),
+            "errors within bounds of 0 or more": min(
+                b.min() for b in (kept.bounds, kept.model_bounds) if b is not None
+            ) < 0.0,
+            "a node that was visited": not kept.visited.any(),
+        }
+    )  # fmt: skip
+    for state in kept.history:
         if state.get("frame") is not None:
-            Alignment.from_json(
-                [numbers("frame", row, len(state["frame"]) + 1) for row in state["frame"]]
-            )
-    return states
+            Alignment.from_json(state["frame"])
+    means = [
+        None if shift is None else from_shifts(part, shift)
+        for part, shift in ((motor, kept.motor_shifts), (sensory, kept.sensory_shifts))
+    ]
+    wiring = Wiring(links.local, links.mutual, links.bandwidth)
+    association = Association(motor, sensory, linked, wiring, *means)
+    smooth = association.linear if body is None else BodyInBox(body, motor.scale)
+    wider = kept.bounds if kept.model_bounds is None else kept.model_bounds
+    return Parts(
+        about, association, Predictor(motor, smooth, models), kept.bounds, wider, kept.visited,
+        body, kept.rows, tuple(dict(state) for state in kept.history), kept.baseline,
+        approach=kept.approach, photo=kept.photo,
+    )  # fmt: skip
 
 
-def _map_tensors(name: str, part: Map, means: Array | None) -> dict[str, NDArray[Any]]:
-    """Tensors of a map, and of the mean positions at which its nodes were active."""
-    tensors: dict[str, NDArray[Any]] = {
-        "units": part.units,
-        "history": part.history,
-        "lower": part.scale.lower,
-        "span": part.scale.span,
-        "periodic": part.scale.periodic.astype(np.uint8),
+def _refuse(impossible: Mapping[str, bool]) -> None:
+    for expected, wrong in impossible.items():
+        if wrong:
+            raise ModelError(f"expected {expected}")
+
+
+# --- what no part of a model can be, by what is expected ---------------------------------------
+
+
+def _map(own: Map) -> dict[str, bool]:
+    nodes = own.lattice.size == len(own.units)
+    return {
+        "a node for each place of the lattice": not nodes,
+        f"a history of {len(HISTORY)} columns": own.history.shape[1:] != (len(HISTORY),),
+        # steps and cells are counted in the distance of nodes
+        "nodes in several places": nodes and not own.spacing > 0.0,
     }
-    if means is not None:
-        tensors["shifts"] = to_shifts(part, means)
-    if isinstance(part.lattice, Graph):
-        tensors["edges"] = part.edges.astype(_unsigned(part.size))
-    return {f"{name}.{key}": array for key, array in tensors.items()}
 
 
-def _map(
-    name: str, header: Mapping[str, Any], tensors: Tensors, dim: int
-) -> tuple[Map, Array | None]:
-    """A map and its mean positions, which a file of format 1 has not."""
-    own = tensors.under(f"{name}.")
-    lattice: Lattice | Graph
-    if "edges" not in own:
-        lattice = Lattice(given(tuple[int, ...], header[name]["lattice"], name))
-    else:
-        nodes, edges = len(own.take("units", (-1, dim))), own.take("edges", (-1, 2), WHOLE)
-        refuse_impossible({"edges that end at nodes": not len(edges) or edges.max() >= nodes}, name)
-        lattice = Graph(nodes, edges.astype(np.intp))
-    units = own.take("units", (lattice.size, dim))
-    lower, span = own.take("lower", (dim,)), own.take("span", (dim,), least=POSITIVE)
-    periodic = own.take("periodic", (dim,), "uint8").astype(bool)
-    history = own.take("history", (-1, len(HISTORY)))
-    found = Map(units, lattice, Scale(lower, span, periodic), history)
-    if not found.spacing > 0.0:  # which steps and cells are counted in
-        raise ModelError(f"the nodes of the {name} map are all in one place")
-    means = own.take("shifts", units.shape, "float16") if "shifts" in own else None
-    return found, None if means is None else from_shifts(found, means)
+def _links(own: Links) -> dict[str, bool]:
+    return {
+        "links above zero": not len(own.strengths) or not bool((own.strengths > 0.0).all()),
+        "a bandwidth of 0.001 to 100": not 1e-3 <= own.bandwidth <= 100.0,
+    }
+
+
+def _local(own: LocalModels) -> dict[str, bool]:
+    return {
+        f"a degree up to {MOST_DEGREE}": not 0 <= own.degree <= MOST_DEGREE,
+        "samples and radii above zero": own.samples < 0 or bool((own.radius < _TINY).any()),
+    }
+
+
+def _belief(own: Body | Second) -> dict[str, bool]:
+    active, root = own.active, own.root
+    return {
+        "rising numbers of parameters": not bool((np.diff(active) > 0).all())
+        or (len(active) > 0 and active[-1] >= len(own.beta)),
+        "the root of a covariance": not bool(root.any(axis=1).all()),
+        "noise above zero": bool((own.noise < _TINY).any()),
+    }  # fmt: skip
+
+
+def _body(own: Body) -> dict[str, bool]:
+    structure, second = own.structure, own.second
+    beliefs: list[Any] = [own] if second is None else [own, second]
+    sizes = {(len(each.beta), len(each.noise)) for each in beliefs}
+    numbers = (own.kappa, own.autocorrelation, own.repeat, *own.scales.values())
+    return _belief(own) | {
+        "parameters and outputs of its structure": sizes != {(structure.size, structure.outputs)},
+        "a finite kappa of at least 1": not 1.0 <= own.kappa < np.inf,
+        "nu of at least 2": not own.nu >= 2.0,
+        "rows, times and scales of 0 or more": not (min(*numbers, own.rows) >= 0.0
+                                                    and max(numbers) < np.inf),
+        "deviations of 0 or more": min(own.tau.min(), own.residual.min()) < 0.0,
+    }  # fmt: skip
+
+
+def _structure(own: Any) -> dict[str, bool]:
+    names, kinds = own.joint_names, VIEWS_OF_BODIES[own.kind]
+    sizes = own.metre, own.extent
+    return {
+        f"1 to {_MOST_JOINTS} different joint names": not 1 <= len(names) <= _MOST_JOINTS
+        or len(set(names)) < len(names),
+        "a kind of each joint": len(own.revolute) != len(names),
+        f"one of the views {', '.join(kinds)}": own.view not in kinds,
+        "sizes above zero": not (min(sizes) > _TINY and sizes[0] >= 1e-12 and max(sizes) < np.inf),
+    }
+
+
+def _planar(own: PlanarStructure) -> dict[str, bool]:
+    drawn, n = own.nominal, len(own.joint_names)
+    told = [own.signs, *((drawn.lengths, drawn.offsets, drawn.signs) if drawn else ())]
+    signs = {*own.signs, own.mirror, *((drawn.mirror, *drawn.signs) if drawn else ())}
+    return _structure(own) | {
+        "values of each joint": any(len(values) != n for values in told),
+        "signs that are 1 or -1": not signs <= {1, -1},
+    }
+
+
+def _spatial(own: SpatialStructure) -> dict[str, bool]:
+    chain, names, dof = own.chain, own.chain_names, len(own.joint_names)
+    joints = len(names), len(chain.revolute), len(chain.axes)
+    return _structure(own) | {
+        "different joint names of the chain": len(set(joints)) > 1
+        or len(set(names)) < len(names)
+        or chain.coupling.shape[1] != dof
+        or not dof <= len(names) <= _MOST_JOINTS,
+    }
+
+
+def _chain(own: SpatialChain) -> dict[str, bool]:
+    turned, lengths = own.rotation @ own.rotation.T, np.linalg.norm(own.axes, axis=1)
+    return {
+        "axes of length 1": bool(np.abs(lengths - 1.0).max(initial=0.0) > 1e-6),
+        "a rotation of the tip": bool(np.abs(turned - np.eye(3)).max() > 1e-6),
+        "all masses or none": len(own.masses) not in (0, len(own.axes)),
+    }
+
+
+FORMAT = Format(
+    {Structure: (PlanarStructure, SpatialStructure)},
+    {
+        Map: _map,
+        Graph: lambda own: {"edges that end at nodes": not own.pairs.size > 0
+                            or own.pairs.max() >= own.size},
+        Lattice: lambda own: {"nodes along each axis": not own.shape or min(own.shape) < 1},
+        Scale: lambda own: {"a range above zero": bool((own.span < _TINY).any())},
+        Links: _links,
+        LocalModels: _local,
+        Body: _body,
+        Second: _belief,
+        PlanarStructure: _planar,
+        SpatialStructure: _spatial,
+        SpatialChain: _chain,
+        About: lambda own: own.impossible(),
+        Rows: lambda own: {f"at most {MOST_ROWS} rows": len(own) > MOST_ROWS},
+        Baseline: lambda own: {"variances of 0 or more": min(*own.spread, own.noise) < 0.0},
+        Approach: lambda own: {"plays of 0 or more": bool((own.play < 0.0).any())},
+    },
+)  # fmt: skip
+"""How the classes of a model are written and read."""
+
+
+def described(model: Parts) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
+    """The description of a model and its tensors."""
+    return FORMAT.write(kept_of(model), Kept)
+
+
+def build(header: Mapping[str, Any], tensors: Mapping[str, NDArray[Any]]) -> Parts:
+    """Rebuild the model that a file describes; ModelError and others where it makes no sense."""
+    return model_of(FORMAT.read(Kept, header, tensors))

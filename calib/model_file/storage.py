@@ -8,7 +8,7 @@ import os
 import stat
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,13 +16,10 @@ from numpy.typing import NDArray
 from ..common.atomic import atomic_write
 from ..common.parallel import one_blas_thread
 from ..errors import CalibError, ModelError
-from .checked import Tensors
+from ..model.parts import Parts
 from .contents import build, described
 
-if TYPE_CHECKING:
-    from ..model.model import Model
-
-FORMAT = 3
+VERSION = 4
 """Version of the format; ``docs/format.md`` describes it."""
 
 _KEY = "calib"
@@ -32,7 +29,7 @@ _HEADER = 20_000_000  # bytes; those of the description are among them
 _NONSENSE = (CalibError, ArithmeticError, AttributeError, LookupError, TypeError, ValueError)
 
 
-def save(model: Model, path: str | os.PathLike[str]) -> None:
+def save(model: Parts, path: str | os.PathLike[str]) -> None:
     """Write a model into one file, whole or not at all, once it could be read back.
 
     The same model gives the same bytes: there are no times, dates or paths inside.
@@ -44,7 +41,7 @@ def save(model: Model, path: str | os.PathLike[str]) -> None:
     """
     data = to_bytes(model)
     try:
-        from_bytes(data, os.fspath(path))
+        parts_of(data, os.fspath(path))
     except ModelError as error:
         raise ModelError(
             f"the new model cannot be read back, so nothing was written: {error.message}",
@@ -53,13 +50,13 @@ def save(model: Model, path: str | os.PathLike[str]) -> None:
     atomic_write(path, data)
 
 
-def to_bytes(model: Model) -> bytes:
+def to_bytes(model: Parts) -> bytes:
     """Content of a model file."""
     from safetensors.numpy import save as pack
 
     with one_blas_thread():  # a covariance is factored on the way into the file
         header, tensors = described(model)
-    header["format"] = FORMAT
+    header["format"] = VERSION
     # safetensors writes memory as it lies: a transposed array would come back as another
     tensors = {name: np.ascontiguousarray(array) for name, array in tensors.items()}
     header["sha256"] = _checksum(tensors, header)
@@ -84,33 +81,7 @@ def _checksum(tensors: Mapping[str, NDArray[Any]], header: Mapping[str, Any]) ->
     return digest.hexdigest()
 
 
-def load(path: str | os.PathLike[str], *, warm: bool = False) -> Model:
-    """Read a model from its file; neither Pinocchio nor yourdfpy is needed.
-
-    Where `warm`, :meth:`Model.warm_up` is called, for a control loop.
-
-    Raises
-    ------
-    ModelError
-        If the file is missing, damaged, edited, of another format or of a newer version.
-    """
-    path = Path(path)
-    try:
-        data = _read(path)
-    except FileNotFoundError as error:
-        raise ModelError(
-            f"{path}: no such file, expected a model written by 'calib train'"
-        ) from error
-    except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or error
-        raise ModelError(f"{path}: cannot be read ({reason})") from error
-    model = from_bytes(data, str(path))
-    if warm:
-        model.warm_up()
-    return model
-
-
-def _read(path: Path) -> bytes:
+def content(path: Path) -> bytes:
     """Content of a file; of what cannot be a model only as much as tells why."""
     status = path.stat()
     if stat.S_ISCHR(status.st_mode) or stat.S_ISBLK(status.st_mode):  # some never end
@@ -123,18 +94,18 @@ def _read(path: Path) -> bytes:
         return start + file.read(_LARGEST) if f'"{_KEY}"'.encode() in start else start
 
 
-def from_bytes(data: bytes, name: str = "model") -> Model:
+def parts_of(data: bytes, name: str = "model") -> Parts:
     """Read a model from the content of its file; `name` is for messages."""
     header, tensors = _unpack(data, name)
     version = header.get("format")
-    if not isinstance(version, int) or version < FORMAT:
+    if not isinstance(version, int) or version < VERSION:
         raise ModelError(
-            f"{name}: model format {version!r}, expected {FORMAT}: an older program wrote it, "
+            f"{name}: model format {version!r}, expected {VERSION}: an older program wrote it, "
             "train the model again"
         )
-    if version > FORMAT:
+    if version > VERSION:
         raise ModelError(
-            f"{name}: model format {version} is newer than {FORMAT}, the newest that this "
+            f"{name}: model format {version} is newer than {VERSION}, the newest that this "
             "program reads: upgrade it with 'pip install -U calib-arm'"
         )
     if header.get("sha256") != _checksum(tensors, header):
@@ -142,7 +113,7 @@ def from_bytes(data: bytes, name: str = "model") -> Model:
             f"{name}: damaged or edited, it does not match its checksum: restore or train it again"
         )
     try:
-        return build(header, Tensors(tensors))
+        return build(header, tensors)
     except _NONSENSE as error:
         reason = " ".join(str(error).split())[:120]
         raise ModelError(f"{name}: not a complete model ({reason}), train it again") from error

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from operator import attrgetter
 from pathlib import Path
 from typing import Any
@@ -65,14 +66,18 @@ def read_bag(
         topics = {c.topic: c.msgtype for c in reader.connections}
         source = _topic(topics, joints_topic, (_JOINT_STATE,), "joints_topic", "JointState")
         names, times, values = _joint_states(reader, source, joints)
-        poses = _poses(reader, topics, tip_topic, frames)
-    return _aligned(names, times, values, poses, time_offset, max_gap, still)
+        poses, frame = _poses(reader, topics, tip_topic, frames)
+    made = _aligned(names, times, values, poses, time_offset, max_gap, still)
+    return replace(made, source={"source": "bag", "frame": frame} if frame else {"source": "bag"})
 
 
 def _poses(
     reader: Any, topics: Mapping[str, str], chosen: str | None, frames: Sequence[str] | None
-) -> Array:
-    """The tip's poses: of tf where frames are named, or where nothing else is published."""
+) -> tuple[Array, str]:
+    """The tip's poses, and the frame that they are in.
+
+    They are those of tf where frames are named, or where nothing else is published.
+    """
     tf = sorted(topic for topic, kind in topics.items() if kind == _TF)
     others = [topic for topic, kind in topics.items() if kind in _POSITIONS]
     if tf and (frames is not None or chosen in tf or (chosen is None and not others)):
@@ -81,7 +86,9 @@ def _poses(
         raise LogError("`frames` names frames of tf, and the recording has no tf")
     kinds = "PointStamped, PoseStamped, TransformStamped or TFMessage"
     target = _topic(topics, chosen, tuple(_POSITIONS), "tip_topic", kinds)
-    return _stamped_poses(_messages(reader, target), topics[target], target)
+    messages = list(_messages(reader, target))
+    frame = str(messages[0][1].header.frame_id) if messages else ""
+    return _stamped_poses(messages, topics[target], target), frame
 
 
 @contextmanager
@@ -253,7 +260,9 @@ def _row(time: float, place: Any, turn: Any) -> tuple[float, ...]:
     return time, place.x, place.y, place.z, *quaternion
 
 
-def _tf_poses(messages: Iterable[tuple[float, Any]], frames: Sequence[str] | None) -> Array:
+def _tf_poses(
+    messages: Iterable[tuple[float, Any]], frames: Sequence[str] | None
+) -> tuple[Array, str]:
     """Read the one moving transform of a tf tree between two frames, still ones around it.
 
     frames : the sensor's frame and what it sees; found if only one transform moves
@@ -299,7 +308,7 @@ def _tf_poses(messages: Iterable[tuple[float, Any]], frames: Sequence[str] | Non
         matrices = matrix_of(rows[:, 4:])
         place = (matrices @ place[:, :, None])[:, :, 0] + rows[:, 1:4]
         turn = matrices @ turn
-    return np.hstack([edges[measured[0]][:, :1], place, quaternion_of(turn)])
+    return np.hstack([edges[measured[0]][:, :1], place, quaternion_of(turn)]), parent
 
 
 def _moves(rows: Array) -> bool:

@@ -17,7 +17,7 @@ from ..errors import LogError
 from ..samples.recorded import Recorded
 from .board import LEAST_CORNERS, Board, BoardFinder
 from .joint_table import JointTable
-from .lens import Lens
+from .lens import Lens, calibrate_lens
 from .opencv import Picture
 from .pictures import list_pictures, match_rows, read_series
 from .reference import find_pose
@@ -114,6 +114,27 @@ class BoardViews:
             q=self.q[kept], poses=self.poses[kept], rows=(np.cumsum(kept) - 1)[self.rows[own]],
             corners=self.corners[own], pixels=self.pixels[own],
         )  # fmt: skip
+
+
+def log_board(
+    pictures: str | os.PathLike[str] | Sequence[Picture],
+    table: JointTable,
+    board: Board | str,
+    eye: str,
+    lens: Lens | None = None,
+) -> Recorded:
+    """Make a log from pictures of a board: poses of what is in the hand, which the board tells.
+
+    eye : {"hand", "base"}; what is in the hand is the camera, or the board
+    lens : the camera's; calibrated by the same pictures where it is not known
+    Raises LogError in one line if no log can be made.
+    """
+    shots = find_board(pictures, table, Board.of(board))
+    doubts: tuple[str, ...] = ()
+    if lens is None:
+        lens, doubts = calibrate_lens(shots.corners, shots.board, shots.size)
+    made = shots.log(lens, eye == "hand")
+    return replace(made, notes=(*made.notes, *doubts))
 
 
 def find_board(

@@ -7,12 +7,13 @@ could make of it, is the estimate; its interval is a sandwich over blocks of nei
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
 from ..common.arrays import Array, Mask
+from ..errors import LogError
 from .joint_values import directions
 from .samples import Samples
 from .settings import (
@@ -77,7 +78,9 @@ class Trajectory:
 
     @staticmethod
     def of(samples: Samples) -> Trajectory | None:
-        """The motion of a log's rows; None where they are poses in any order."""
+        """The motion of a log's rows; None where they are poses, or known to be in time."""
+        if samples.in_time:
+            return None
         rows = np.arange(len(samples)) if samples.rows is None else samples.rows
         time, unit = rows.astype(float), "rows"
         if samples.time is not None and np.isfinite(samples.time).all():
@@ -135,6 +138,30 @@ class Trajectory:
         )
         bend = s * (1 - s) * ((1 - s) * (first - chord) - s * (last - chord))
         return np.asarray(q[low] + s * chord + bend)
+
+
+def with_offset(samples: Samples, offset: float) -> Samples:
+    """The log with `offset` [s] added to the times of its positions: joints of these times.
+
+    Raises LogError if it has no times, or the joints none in common with the positions.
+    """
+    if samples.time is None:
+        raise LogError(
+            "`time_offset` needs the times of the rows: expected a column `time` [s]",
+            parameter="time_offset",
+            value=offset,
+        )
+    q = Trajectory(samples.time, samples.q, "s").before(-offset)
+    known = np.asarray(np.isfinite(q).all(axis=1))
+    if known.sum() < 2:
+        raise LogError(
+            f"`time_offset={offset:g}`: no row's joints are known {offset:g} s later; the rows go "
+            f"from {samples.time.min():g} to {samples.time.max():g} s",
+            parameter="time_offset",
+            value=offset,
+        )
+    told = f"{offset:+g} s added to the positions' times; {int((~known).sum())} rows have no joints"
+    return replace(samples.take(known), q=q[known], in_time=True, notes=(*samples.notes, told))
 
 
 def estimate_delay(

@@ -20,6 +20,7 @@ from ..common.wording import vector
 from ..errors import LogError, OptionError
 from .camera import camera_of
 from .columns import Source, open_source, read_columns
+from .delays import with_offset
 from .diagnosis import diagnose, refuse_mistakes
 from .log_ranges import UNKNOWN_RANGE, LoggedJoint
 from .measured_rows import HELD_ROWS, check_values, measured_rows, seen_rows
@@ -60,6 +61,7 @@ def read_log(
     usual: Mapping[str, str] | None = None,
     outputs: int | None = None,
     lens: Mapping[str, Any] | None = None,
+    time_offset: float | None = None,
 ) -> Samples:
     """Read a measured log: one column for each joint, and x, y or x, y, z.
 
@@ -99,6 +101,9 @@ def read_log(
         without an arm, x, y, z that lie in a plane become two.
     lens : mapping, optional
         The calibrated lens of a camera that sees an arm in space, as lens.json holds it.
+    time_offset : float, optional [s]
+        Added to the times of the positions, by the column `time`; without it training estimates
+        how late they are.
 
     Raises
     ------
@@ -179,14 +184,7 @@ def read_log(
             f"the positions extend over {size:.4g} m, as those of an arm of that size; if they are "
             "in mm, give `unit='mm'`"
         )
-    if arm is not None:
-        findings = diagnose(
-            arm.forward, q, x, names, revolute,
-            unit=unit, turns=orientation, left_handed=plane is not None,
-            pose=arm.pose if isinstance(arm, SpatialArm) else None,
-        )  # fmt: skip
-        notes += refuse_mistakes(findings, source.label)
-    return Samples(
+    samples = Samples(
         q=q,
         x=x,
         joint_names=names,
@@ -208,6 +206,8 @@ def read_log(
         time=_time(source, rows, names),
         left_out=left_out,
     )
+    samples = samples if time_offset is None else with_offset(samples, time_offset)
+    return samples if arm is None else _diagnosed(samples, source.label, arm)
 
 
 def write_log(samples: Samples, path: str | os.PathLike[str]) -> None:
@@ -227,6 +227,16 @@ def write_log(samples: Samples, path: str | os.PathLike[str]) -> None:
     check_names(samples.joint_names)
     columns = log_columns(samples.joint_names, samples.q, samples.x, samples.orientation)
     write_table(path, columns)
+
+
+def _diagnosed(samples: Samples, label: str, arm: Arm) -> Samples:
+    """Refuse what the arm's kinematics show to be a mistake, and note what may be intended."""
+    findings = diagnose(
+        arm.forward, samples.q, samples.x, samples.joint_names, samples.revolute,
+        unit=samples.unit, turns=samples.orientation, left_handed=samples.plane is not None,
+        pose=arm.pose if isinstance(arm, SpatialArm) else None,
+    )  # fmt: skip
+    return replace(samples, notes=(*samples.notes, *refuse_mistakes(findings, label)))
 
 
 def _time(source: Source, rows: NDArray[np.intp], names: Sequence[str]) -> Array | None:

@@ -27,7 +27,7 @@ class Recorded:
     noise: float = 0.0
     common: float = 0.0
     pixels: Array = field(default_factory=lambda: np.empty((0, 2)))  # of the tag (n, 2) [px]
-    # what pictures were made of, as plain values: `Recorded.write` keeps it with the log
+    # what the rows were made of, as plain values: `Recorded.write` keeps it with the log
     source: Mapping[str, Any] = field(default_factory=dict)
     quaternion: Array | None = None  # orientation, x, y, z, w (n, 4)
     # times since the first row; of pictures their names in `pictures` instead (n,) [s]
@@ -41,9 +41,9 @@ class Recorded:
         return len(self.q)
 
     def about(self) -> dict[str, Any]:
-        """Return what stands above the columns of pictures: unit, noise and source."""
-        if not self.source:
-            return {}
+        """Return what stands above the columns: unit and source, and of pictures their noise."""
+        if not self.noise:
+            return {"unit": self.unit, **self.source} if self.source else {}
         return {
             "unit": self.unit,
             "noise": self.noise,

@@ -74,6 +74,8 @@ class Samples:
         Times of the rows, where the log has a column of them.
     left_out : int
         Rows that were left out because they hold what no sensor saw: zeros, or no orientation.
+    in_time : bool
+        Whether the user said how late the positions are: nothing of it is estimated.
 
     Raises
     ------
@@ -109,6 +111,7 @@ class Samples:
     rows: NDArray[np.intp] | None = field(default=None, repr=False)
     time: Array | None = field(default=None, repr=False)
     left_out: int = 0
+    in_time: bool = False
 
     def __post_init__(self) -> None:
         axes = ("x", "y", "z") if "z" in column_names(self.x) else ("x", "y")

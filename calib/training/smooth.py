@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from ..arm.arm import SpatialArm
 from ..arm.rotations import logarithm, matrix_of
 from ..body.fitting import fit_body
-from ..body.misfit import refuse_pixels, refuse_turns
+from ..body.misfit import refuse_pixels
 from ..body.nominal import nominal_of
 from ..body.poses import positions_of
 from ..body.posterior import BodyFit, fit_structure
@@ -179,18 +179,22 @@ def _fit_in_space(samples: Samples, rows: NDArray[np.intp], view: str, seed: int
         )
         fit = fit_structure(template, q, x, seed=seed, notes=notes)
         refuse_pixels(fit.body, q, x)
-        doubts = doubtful_depth(fit.body, q, samples.lower, samples.upper)
+        doubts = doubtful_depth(fit.body, q)
         return replace(fit, notes=(*fit.notes, *doubts))
     metre = METRES.get(samples.unit, 1.0)
     simulated = samples.simulation is not None
     if isinstance(arm, SpatialArm) and not simulated:
         kind = {"auto": "rigid" if samples.unit in METRES else "similarity"}.get(view, view)
         template = structure_of(arm, kind, unit=samples.unit, metre=metre, extent=extent)
-        if samples.orientation is not None and kind == "rigid":
+        posed = {"rigid": "pose", "base": "base pose"}.get(kind)
+        if samples.orientation is not None and posed:
             turns = samples.orientation[rows]
-            refuse_turns(template, q, x, turns)
             poses = np.hstack([x, logarithm(matrix_of(turns))])
-            found = fit_structure(template.with_view("pose"), q, poses, seed=seed, notes=notes)
+            found = fit_structure(template.with_view(posed), q, poses, seed=seed, notes=notes)
+            if found.body.structure.view == "base target":
+                last = f"its turn cannot be told from the offset of {samples.joint_names[-1]}"
+                turned = f"the orientations are of a target that is turned against the tip: {last}"
+                found = replace(found, notes=(*found.notes, turned))
             return positions_of(found)
         if samples.orientation is not None:
             notes = (*notes, f"orientations are not used with the view {kind!r}")

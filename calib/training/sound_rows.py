@@ -150,7 +150,7 @@ def in_time(model: Model, samples: Samples) -> tuple[Samples, list[str]]:
 
 def _rows_aligned(samples: Samples) -> tuple[Samples, list[str]]:
     """The log with its positions moved by whole rows, where the robot says that they have to be."""
-    if samples.arm is None:
+    if samples.arm is None or samples.in_time:
         return samples, []
     shift = rows_behind(samples.arm.forward, samples.q, samples.x, samples.unit)
     if not shift:

@@ -195,13 +195,19 @@ def _about(samples: Samples, options: TrainingOptions, taught: bool) -> About:
         taught=taught,
         samples=len(samples),
         seed=int(options.seed),
-        options=options.to_json(),
+        options={**options.to_json(), **_seen_board(samples)},
         simulation=simulation.to_json() if simulation is not None else None,
         urdf=arm.urdf if arm is not None else "",
         columns=samples.columns,
         degrees=samples.degrees,
         picture=samples.camera.size if samples.camera is not None else None,
+        frame=str(samples.source.get("frame", "")),
     )
+
+
+def _seen_board(samples: Samples) -> dict[str, Any]:
+    """What later pictures are read with: the board and the lens that the log was made with."""
+    return {"board": dict(samples.source)} if samples.source.get("source") == "board" else {}
 
 
 class _Tested(NamedTuple):

@@ -10,7 +10,7 @@ from typing import Any
 
 from ..arm.urdf import parse_urdf
 from ..body.sensor import SensorPose
-from ..body.views import SPATIAL, is_camera
+from ..body.views import is_camera
 from ..errors import OptionError
 from ..model.model import Model
 
@@ -25,8 +25,6 @@ def camera_info(model: Model) -> str:
         raise OptionError(
             "the model has no camera: expected one that was learned from pixels of an arm in space"
         )
-    if not (law := SPATIAL[structure.view].ros):
-        raise OptionError(f"camera_info knows no lens of the view {structure.view!r}")
     f, u, v, k1 = model.body.beta[structure.groups["lens"]].tolist()
     width, height = model.about.picture or (round(2 * u), round(2 * v))
     matrix = [f, 0.0, u, 0.0, f, v, 0.0, 0.0, 1.0]
@@ -35,7 +33,7 @@ def camera_info(model: Model) -> str:
     return (
         f"image_width: {width}\nimage_height: {height}\ncamera_name: camera\n"
         + _matrix("camera_matrix", 3, 3, matrix)
-        + f"distortion_model: {law}\n"
+        + "distortion_model: plumb_bob\n"
         + _matrix("distortion_coefficients", 1, 5, [k1, 0.0, 0.0, 0.0, 0.0])
         + _matrix("rectification_matrix", 3, 3, eye)
         + _matrix("projection_matrix", 3, 4, projection)
@@ -45,7 +43,8 @@ def camera_info(model: Model) -> str:
 def static_transform(model: Model) -> str:
     """The sensor's place as a geometry_msgs/TransformStamped in JSON, from the robot's root link.
 
-    A camera's frame is optical: x right, y down, z ahead.
+    The child is the frame that the log names, as a bag does. A camera's frame is optical: x right,
+    y down, z ahead.
 
     Raises OptionError if the model knows no sensor in space.
     """
@@ -57,7 +56,7 @@ def static_transform(model: Model) -> str:
         )
     structure: Any = model.body and model.body.structure
     root = parse_urdf(model.about.urdf, model.about.robot).root
-    child = "camera_optical_frame" if structure.camera else "sensor_frame"
+    child = model.about.frame or ("camera_optical_frame" if structure.camera else "sensor_frame")
     names = zip("xyz", sensor.position.tolist(), strict=True)
     turns = zip("xyzw", sensor.quaternion.tolist(), strict=True)
     document = {

@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 from calib.common.wording import for_people
 
 from .. import options as opt
+from ..boards import log_of_pictures
 from ..measurements import Reading, log_for
 from ..options import option
 from ..output import NO, Outcome, TextTable, number, say
 from ..units import units_of
 
 if TYPE_CHECKING:
-    from calib import Drift
+    from calib import Drift, Model, Samples
 
 _MOST = 8
 """Groups that are printed."""
@@ -35,12 +36,21 @@ def check(
         float | None, option("--tolerance S", "Exit 3 too if such a change [m] were not shown.")
     ] = None,
     reading: Reading,
+    joints_file: opt.JointsFile = None,
+    camera: opt.DatasetCamera = None,
 ) -> Outcome:
-    """Compare a model with new samples: is it still calibrated? Exit code 3 if not."""
+    """Compare a model with new samples: is it still calibrated? Exit code 3 if not.
+
+    A log with a column `episode` is judged series by series, too. The data of a model of pictures
+    may be pictures or a LeRobotDataset.
+    """
     import calib
 
     loaded = calib.load(model)
-    log = log_for(loaded, data, reading)
+    with log_of_pictures(loaded, data, joints_file, camera, reading.degrees) as path:
+        log = log_for(loaded, path, reading)
+        series = _series(path, log)
+    episodes = [_episode(loaded, log, series, k, cause) for k in sorted({*series})]
     drift = calib.check(loaded, log, cause=cause, tolerance=tolerance)
     say(drift.notes)
     rescaled = any(cause.cause == "scale" and cause.interval is None for cause in drift.causes)
@@ -48,6 +58,7 @@ def check(
     document = {
         "model": model,
         **drift.to_json(),
+        "episodes": episodes,
         "unit": unit_seen,
         "units": {**units_of(loaded.about), "positions": unit_seen},
     }
@@ -72,8 +83,44 @@ def check(
         lines += ["what to do: give more rows, or rows of less noise", limit]
     else:
         lines = ["still calibrated", limit]
-    code = 0 if drift.drifted is False else NO
+    bumped = [each for each in episodes if each["drifted"]]
+    if bumped and not drift.drifted:
+        lines = [f"DRIFTED in {len(bumped)} of {len(episodes)} episodes", limit]
+        document["drifted"] = True
+    for each in bumped:
+        causes = each["explanations"] or ["its cause is unknown"]
+        lines.append(f"episode {each['episode']}: DRIFTED: {causes[0]}")
+    code = NO if bumped or drift.drifted is not False else 0
     return Outcome(document, lines, _details(drift, factor, name), code=code)
+
+
+def _series(path: str, log: Samples) -> list[int]:
+    """The series that each row is of, where the log's file has a column `episode`."""
+    from calib.samples.columns import open_source, read_columns
+
+    if path == "-" or log.rows is None:
+        return []
+    source = open_source(path)
+    if "episode" not in source.header:
+        return []
+    return [int(k) for k in read_columns(source, ["episode"])[log.rows - 1, 0]]
+
+
+def _episode(
+    model: Model, log: Samples, series: list[int], number_: int, cause: str | None
+) -> dict[str, Any]:
+    """The verdict on one series; None where it has too few rows."""
+    import calib
+    from calib.errors import LogError
+
+    rows = [k for k, each in enumerate(series) if each == number_]
+    told: dict[str, Any] = {"episode": number_, "samples": len(rows), "drifted": None}
+    try:
+        drift = calib.check(model, log.take(rows), cause=cause)
+    except LogError as error:
+        return {**told, "score": None, "explanations": [str(error)]}
+    found = {"drifted": drift.drifted, "score": drift.score}
+    return {**told, **found, "explanations": list(drift.explanations)}
 
 
 def _details(drift: Drift, factor: float, name: str) -> list[str | TextTable]:

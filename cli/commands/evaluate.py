@@ -39,6 +39,7 @@ def evaluate(
     seconds = {"total": time.perf_counter() - started}
     document = summary(loaded, model, result.errors, seconds)
     document["evaluated"] = fields(result, "source rows left_out")
+    document["left_out"] = result.left_out
     if result.touch:
         document["touch"] = result.touch
         return Outcome(document, [_scatter(model, result)], [_points(result)])

@@ -11,6 +11,7 @@ from typer import Argument
 from calib.common.choices import Eye
 
 from .. import options as opt
+from ..boards import pictures_of
 from ..options import flag, option
 from ..output import Outcome, note, say
 from ..parsing import check_file
@@ -20,16 +21,16 @@ from ..samples import Selection
 def handeye(
     robot: opt.RobotFile,
     pictures: Annotated[
-        str, Argument(metavar="PICTURES", help="A folder, or a quoted pattern, of pictures.")
+        str,
+        Argument(metavar="PICTURES", help="A folder, a pattern, or a LeRobotDataset."),
     ],
     *,
-    joints_file: Annotated[
-        str, option("--joints-file FILE", "Joints of the pictures (column picture, or in order).")
-    ],
     board: Annotated[
         str, option("--board COLSxROWS:SQUARE:MARKER:DICT", "Such as 7x5:24mm:18mm:5x5_100.")
     ],
     eye: Annotated[Eye, flag("--eye", "hand: the camera is on the arm; base: it stands still.")],
+    joints_file: opt.JointsFile = None,
+    camera: opt.DatasetCamera = None,
     joints: opt.JointNames = None,
     tip: opt.Tip = None,
     lock: opt.Lock = None,
@@ -58,7 +59,9 @@ def handeye(
     if lens is not None:
         known, said = load_lens(lens, printed)
         say(said)
-    found = calib.handeye(arm, pictures, joints_file, printed, eye, lens=known, degrees=degrees)
+    with pictures_of(pictures, joints_file, camera) as (folder, table):
+        own = degrees and table == joints_file  # those of a dataset are converted
+        found = calib.handeye(arm, folder, table, printed, eye, lens=known, degrees=own)
     say(found.notes)
     carried, standing = ("camera", "board") if eye == "hand" else ("board", "camera")
     if output is not None:
@@ -97,10 +100,10 @@ def _place(what: str, found: dict[str, Any]) -> str:
     """A line of where something is."""
     at = ", ".join(
         f"{1e3 * value:.2f} ± {1e3 * half:.2g}"
-        for value, half in zip(found["position"], found["position_95"], strict=True)
+        for value, half in zip(found["position"], found["position_95_up_to_gauge"], strict=True)
     )
     quaternion = ", ".join(f"{value:.5f}" for value in found["quaternion"])
-    turn = math.degrees(max(found["rotation_95"]))
+    turn = math.degrees(max(found["rotation_95_up_to_gauge"]))
     return f"{what}: ({at}) mm, quaternion ({quaternion}) ± {turn:.2g} deg"
 
 

@@ -16,16 +16,14 @@ from ..options import option
 from ..output import Outcome, say
 from ..parsing import TABLES, BadOption, check_file
 
-_offset = parsing.reader(
-    "a number of seconds, or auto",
-    lambda text: None if text.strip() == "auto" else parsing.finite_number(text),
-)
-
 
 def log(
     bag: Annotated[
         list[str],
-        Argument(metavar="BAG|PICTURES|VIDEO", help="A ROS bag, a folder or files, a video."),
+        Argument(
+            metavar="BAG|PICTURES|VIDEO|DATASET",
+            help="A ROS bag, a folder or files, a video; with --eye a LeRobotDataset.",
+        ),
     ],
     *,
     output: Annotated[str, option("--output -o LOG", "The log: CSV or Parquet.")],
@@ -46,9 +44,7 @@ def log(
         float | None,
         option("--still V", "Drop rows of faster joints [rad/s or m/s].", parsing.above_zero),
     ] = None,
-    time_offset: Annotated[
-        Any, option("--time-offset auto|S", "Added to times of positions [s].", _offset)
-    ] = None,
+    time_offset: opt.TimeOffset = None,
     rests: Annotated[
         bool, Option("--rests", help="Of a video the median of each rest (the default).")
     ] = False,
@@ -69,7 +65,8 @@ def log(
             raise BadOption("--rests and --still are given: expected one of them")
         made = shooting.record(bag, output, joints, degrees, prismatic or (), **timed)
         factor, shown = for_people(made.unit)
-        kinds = f"[rad, {made.unit}], noise {factor * made.noise:.2g} {shown}"
+        kinds = f"[rad, {made.unit}]"
+        kinds += f", noise {factor * made.noise:.2g} {shown}" if made.noise else ""
     else:
         from calib.recording.bags import read_bag
 

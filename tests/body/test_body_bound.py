@@ -54,14 +54,6 @@ def test_root_and_packed_root_give_the_covariance_back():
     assert np.allclose(turned @ turned.T / scale, covariance / scale, atol=1e-6)
 
 
-def test_a_root_of_a_flat_covariance_is_packed_too():
-    a = np.random.default_rng(2).normal(size=(12, 5))
-    for root in (a, root_of(a @ a.T)):
-        again = unpack(pack(root), 12)
-        assert np.allclose(root @ root.T, a @ a.T, atol=1e-12)
-        assert np.allclose(again @ again.T, a @ a.T, atol=1e-5)
-
-
 def test_autocorrelation_time_of_white_and_of_moving_averages():
     white = np.random.default_rng(2).normal(size=(4000, 2))
     assert autocorrelation_time(white) == pytest.approx(1.0, abs=0.15)
@@ -131,23 +123,6 @@ def test_the_bound_grows_with_noise_kappa_and_residual():
     assert (body.bound(q) > plain).all()
     assert np.allclose(body_of(kappa=2.0)[1].bound(q), 2 * body.bound(q))
     assert (body_of(residual=1e-3)[1].bound(q, noise=False) > plain).all()
-
-
-def test_the_bound_of_a_batch_is_that_of_its_rows():
-    q, body = body_of()
-    single = np.concatenate([body.bound(row[None]) for row in q])
-    assert np.allclose(body.bound(q), single, rtol=1e-12)
-    assert body.bound(q[:0]).shape == (0,)
-
-
-def test_slopes_and_predictions_agree():
-    q, body = body_of()
-    z, slope = body.predict_and_slope(q)
-    assert np.array_equal(z, body.predict(q))
-    step = np.array([1e-6, 0.0])
-    assert np.allclose(
-        slope[:, :, 0], (body.predict(q + step) - body.predict(q - step)) / 2e-6, atol=1e-8
-    )
 
 
 def test_parameters_hold_their_intervals():

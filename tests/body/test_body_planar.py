@@ -98,15 +98,6 @@ def test_derivatives_by_finite_differences(revolute, view, signs, mirror):
         assert np.allclose(by_joint[:, :, k], slope, atol=1e-7)
 
 
-def test_active_columns_are_those_of_the_whole():
-    s = structure((True, True), "homography")
-    beta = some_beta(s)
-    q = np.random.default_rng(2).uniform(-1, 1, (5, 2))
-    whole = s.linearise(q, beta)[1]
-    active = np.random.default_rng(3).permutation(s.size)[:40]
-    assert np.array_equal(s.linearise(q, beta, active)[1], whole[:, :, active])
-
-
 def test_turning_every_joint_the_other_way_is_a_mirror():
     one, other = structure(), structure(signs=(-1, -1), mirror=-1)
     beta = some_beta(one)
@@ -132,16 +123,6 @@ def test_a_rotated_sensor_is_an_offset_of_the_first_joint():
         each[2:4] = each[6:11] = 0.0  # a rigid view
     q = np.random.default_rng(5).uniform(-1, 1, (6, 2))
     assert np.allclose(s.predict(q, moved), s.predict(q, turned), atol=1e-14)
-
-
-def test_labels_are_unique_and_name_their_group():
-    s = structure((True, False, True), "homography")
-    labels = [s.label(k) for k in range(s.size)]
-    assert len({what.name for what in labels}) == s.size
-    for group, indices in s.groups.items():
-        assert {labels[k].group for k in indices} <= {group}
-    with pytest.raises(IndexError):
-        s.label(s.size)
 
 
 @settings(max_examples=30, deadline=None)
@@ -192,12 +173,6 @@ def test_nominal_geometry_is_found_from_a_forward_function(revolute, nominal):
 def test_a_function_that_is_no_planar_chain_has_no_nominal_geometry():
     with pytest.raises(OptionError, match="no planar chain"):
         nominal_of(lambda q: q**2, -np.ones(2), np.ones(2), (True, True))
-
-
-def test_groups_cover_every_parameter_once():
-    s = structure((True, False, True), "homography")
-    together = np.concatenate(list(s.groups.values()))
-    assert np.array_equal(np.sort(together), np.arange(s.size))
 
 
 def test_the_neutral_lens_and_tilt_change_nothing():

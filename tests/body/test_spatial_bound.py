@@ -10,9 +10,7 @@ from models import in_space
 
 from calib.arm.loading import load_arm
 from calib.body.belief import Body
-from calib.body.derivative import Derivative
 from calib.body.fitting import fit_structure
-from calib.body.normal import sums_of
 from calib.body.sensor import SensorPose, without_gauge
 from calib.body.spatial import structure_of
 from calib.body.spatial_start import frame
@@ -60,19 +58,6 @@ def test_a_fit_is_never_worse_than_the_drawing_with_fitted_frames(arm, rows):
     plain = structure.predict(fresh, frame(structure, q, z))
     error = apart(fitted(structure, q, z), fresh, true).mean()
     assert error <= 1.0001 * np.linalg.norm(true - plain, axis=1).mean()
-
-
-def test_blocks_add_up_to_the_normal_equations():
-    rng = np.random.default_rng(0)
-    x, r, w = rng.normal(size=(25, 2, 4)), rng.normal(size=(25, 2)), rng.random((25, 2))
-    each = Derivative.of(x)
-    (sums,) = sums_of(each, r, w, (2,), np.array([0, 7, 25]))
-    (kept,) = sums_of(each, r, w, (2,), np.array([0, 7, 25]), [sums])
-    flat, heavy = x.reshape(-1, 4), w.ravel()
-    np.testing.assert_allclose(sums.grams.sum(axis=0), (flat * heavy[:, None]).T @ flat, atol=1e-10)
-    np.testing.assert_allclose(sums.gram, sums.grams.sum(axis=0))
-    np.testing.assert_allclose(sums.moment, flat.T @ (heavy * r.ravel()), atol=1e-10)
-    np.testing.assert_allclose(kept.moments, sums.moments, atol=1e-12)
 
 
 def test_a_gauge_is_what_no_reading_tells():

@@ -247,25 +247,29 @@ def put(name, index, value):
     return lambda h, t: t[name].reshape(-1).__setitem__(index, value)
 
 
+def lattice(shape):
+    return lambda h, t: h["motor"]["lattice"].update(shape=shape)
+
+
 NONSENSE = {  # each was once accepted, and crashed or answered nonsense later
     "without its motor map": lambda h, t: t.pop("motor.units"),
     "with a joint more": lambda h, t: h["about"]["joint_names"].append("wrist"),
-    "of a lattice that no memory holds": lambda h, t: h["motor"].update(lattice=[10**6, 10**6]),
-    "of a lattice without nodes": lambda h, t: h["motor"].update(lattice=[0, 0]),
-    "with a link to nowhere": put("links.indices", 0, 60_000),
+    "of a lattice that no memory holds": lattice([10**6, 10**6]),
+    "of a lattice without nodes": lattice([0, 0]),
+    "with a link to nowhere": put("links.nodes", 0, 250),
     "with a weight that is no number": put("motor.units", 0, np.nan),
     "with an infinite bound": put("bounds", 0, np.inf),
     "with a negative bound": put("bounds", 0, -1.0),
     "with bounds of another map": lambda h, t: t.update(bounds=t["bounds"][:-1]),
     "with a list for its description": lambda h, t: h.update(about=[]),
     "with a name that is a number": lambda h, t: h["about"].update(joint_names=[1, "elbow"]),
-    "with a range without width": lambda h, t: h["about"].update(upper=h["about"]["lower"]),
+    "with a range without width": lambda h, t: t.update({"about.upper": t["about.lower"]}),
     "with errors of other joints": lambda h, t: h["about"]["errors"]["local"].update(inverse={}),
     "with nodes all in one place": lambda h, t: t.update({"motor.units": 0 * t["motor.units"]}),
     "with a history that is text": lambda h, t: h.update(history=["adapted"]),
     "with a bandwidth of nearly nothing": lambda h, t: h["links"].update(bandwidth=1e-320),
-    "with links of no strength": lambda h, t: t.update({"links.data": 0 * t["links.data"]}),
-    "with a link of a negative strength": put("links.data", 0, -1.0),
+    "with links of no strength": lambda h, t: t["links.strengths"].fill(0.0),
+    "with a link of a negative strength": put("links.strengths", 0, -1.0),
     "with no node visited": lambda h, t: t.update(visited=0 * t["visited"]),
 }
 

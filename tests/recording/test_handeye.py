@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 
 import cv2
 import numpy as np
+import polars
 import pytest
 from boards import Rig
 from rendering import Camera, Desk, board
@@ -158,24 +159,111 @@ def test_refusals_name_what_was_given():
         handeye(rig.arm, pictures, joints, "9x9:24mm:18mm:4x4_100", "hand")
 
 
-def test_the_command_says_where_the_camera_is(tmp_path, run):
-    rig, pictures, joints = shots(True)
-    folder = tmp_path / "shots"
-    folder.mkdir()
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """Rendered pictures, and their joints beside them."""
+    _, pictures, joints = shots(True)
+    made = tmp_path_factory.mktemp("rig")
+    (made / "shots").mkdir()
     for k, picture in enumerate(pictures):
-        cv2.imwrite(str(folder / f"{k:02d}.png"), picture)
-    table = tmp_path / "joints.csv"
+        cv2.imwrite(str(made / "shots" / f"{k:02d}.png"), picture)
     rows = [",".join(map(repr, row.tolist())) for row in joints.q]
-    table.write_text("\n".join([",".join(joints.names), *rows]))
-    transform = tmp_path / "rig.json"
-    words = ["six_axis", folder, "--joints-file", table, "--board", SPEC, "--eye", "hand"]
-    done = run("handeye", *words, "--transform", transform, "-o", tmp_path / "rig.calib", "--json")
+    (made / "joints.csv").write_text("\n".join([",".join(joints.names), *rows]))
+    return made
+
+
+def test_the_command_says_where_the_camera_is_and_its_model_watches_it(folder, run):
+    rig = shots(True)[0]
+    transform, model = folder / "rig.json", folder / "rig.calib"
+    seen = [folder / "shots", "--joints-file", folder / "joints.csv"]
+    words = ["six_axis", *seen, "--board", SPEC, "--eye", "hand"]
+    done = run("handeye", *words, "--transform", transform, "-o", model, "--json")
     assert done.code == 0, done.err
     position, _ = rig.hand(rig.beta)
     assert np.allclose(done.document["hand"]["position"], position, atol=1e-3)
     frames = [each["child_frame_id"] for each in json.loads(transform.read_text())]
     assert frames == ["camera_frame", "board_frame"]
-    told = run("handeye", *words)
-    assert len(told.out.splitlines()) <= 10
-    assert "limited by" in told.out
-    assert calib.load(tmp_path / "rig.calib").about.joint_names == rig.arm.joint_names
+    # the same pictures
+    done = run("check", model, "--data", *seen, "--json")
+    assert done.code == 0, done.err
+    assert done.document["drifted"] is False
+    # two series of others, the second by a camera that was bumped by 6 px
+    other = Rig(True, pictures=40)
+    late = other.beta.copy()
+    late[other.structure.groups["tool.rotation"][0]] += 6 / 1000
+    rows = np.column_stack([other.q[other.rows], other.corners])
+    second = other.rows >= 20
+    bumped = np.where(second[:, None], other.truth.predict(rows, late), other.seen)
+    made = replace(corners(other, seen=bumped), episodes=np.repeat([4, 7], 20))
+    log = folder / "series.csv"
+    glass = Lens.from_json(calib.load(model).about.options["board"]["lens"])
+    made.log(glass, True).write(log)
+    done = run("check", model, "--data", log, "--json")
+    assert done.code == 3, done.err
+    found = {each["episode"]: each["drifted"] for each in done.document["episodes"]}
+    assert found == {4: False, 7: True}
+
+
+def test_a_log_of_board_pictures_is_learned_from_like_any_other(folder, run):
+    log, model = folder / "poses.csv", folder / "poses.calib"
+    words = ["--joints-file", folder / "joints.csv", "--board", SPEC, "--eye", "hand"]
+    done = run("log", folder / "shots", *words, "-o", log, "--json")
+    assert done.code == 0, done.err
+    assert done.document["samples"] == 10
+    assert done.document["point"][:2] == [0.0, 0.0]  # ahead of the camera
+    done = run("train", "six_axis", "--data", log, "--size", "8", "-o", model, "--json")
+    assert done.code == 0, done.err
+    assert done.document["errors"]["local"]["forward"]["distance"]["mean"] < 2e-3
+    assert calib.load(model).about.options["board"]["eye"] == "hand"
+    done = run("log", folder / "shots", "--eye", "hand", "-o", log)
+    assert done.code == 2
+    assert "--board" in done.err
+
+
+def test_a_dataset_of_lerobot_is_read_as_pictures_and_joints(tmp_path, run):
+    _, pictures, joints = shots(True)
+    rest, fps = 9, 30  # frames that the arm rests at each picture
+    video = tmp_path / "videos" / "observation.images.wrist" / "chunk-000"
+    for path in (video, tmp_path / "data" / "chunk-000", tmp_path / "meta/episodes/chunk-000"):
+        path.mkdir(parents=True)
+    writer = cv2.VideoWriter(
+        str(video / "file-000.mp4"), cv2.VideoWriter_fourcc(*"mp4v"), fps, (1280, 720), False
+    )
+    for picture in pictures:
+        for _ in range(rest):
+            writer.write(picture)
+    writer.release()
+    q = np.degrees(np.repeat(joints.q, rest, axis=0))
+    each = len(q) // 2  # of two episodes in one video
+    polars.DataFrame({
+        "observation.state": np.column_stack([q, np.zeros(len(q))]).tolist(),
+        "timestamp": np.tile(np.arange(each) / fps, 2),
+        "episode_index": np.repeat([0, 1], each),
+    }).write_parquet(tmp_path / "data/chunk-000/file-000.parquet")  # fmt: skip
+    key = "videos/observation.images.wrist"
+    polars.DataFrame({
+        "episode_index": [0, 1], f"{key}/chunk_index": [0, 0], f"{key}/file_index": [0, 0],
+        f"{key}/from_timestamp": [0.0, each / fps],
+    }).write_parquet(tmp_path / "meta/episodes/chunk-000/file-000.parquet")  # fmt: skip
+    names = [f"{name}.pos" for name in (*joints.names, "gripper")]
+    info = {
+        "codebase_version": "v3.0", "fps": fps,
+        "video_path": "videos/{video_key}/chunk-{chunk_index:03d}/file-{file_index:03d}.mp4",
+        "features": {
+            "observation.state": {"dtype": "float32", "names": names},
+            "observation.images.wrist": {"dtype": "video", "info": {"video.codec": "mpeg4"}},
+        },
+    }  # fmt: skip
+    (tmp_path / "meta" / "info.json").write_text(json.dumps(info))
+    log = tmp_path / "poses.csv"
+    done = run("log", tmp_path, "--board", SPEC, "--eye", "hand", "-o", log, "--json")
+    assert done.code == 0, done.err
+    assert "degrees" in done.err
+    made = polars.read_csv(log, comment_prefix="#")
+    assert made.columns[:6] == list(joints.names)
+    assert made["episode"].to_list() == [0] * 5 + [1] * 5
+    assert np.allclose(made[:, :6].to_numpy(), joints.q)
+    (video / "file-000.mp4").write_bytes(b"none")
+    done = run("log", tmp_path, "--board", SPEC, "--eye", "hand", "-o", log)
+    assert done.code == 1
+    assert "codec mpeg4" in done.err

@@ -19,7 +19,8 @@ from typer.testing import CliRunner
 import calib
 from calib.errors import CalibError
 from calib.model.measured import Photo
-from calib.model_file.storage import from_bytes, to_bytes
+from calib.model_file.loading import from_bytes
+from calib.model_file.storage import to_bytes
 from calib.recording.lens import Lens
 from calib.recording.photo import WIDEST, take_photo
 from calib.recording.reference import FlatReference, PlaneReference, Pose

@@ -148,6 +148,7 @@ def test_poses_of_tf_between_two_frames(tmp_path, kind):
     with pytest.raises(LogError, match=r"2 transforms of tf move: base,link.*camera,tag"):
         read_bag(bag)
     found = read_bag(bag, frames=("world", "tool"))
+    assert found.about()["frame"] == "world"
     t = 0.013 + found.time
     # the camera stands at x = 1, the tool 0.1 along the turned z of the tag
     away = np.stack([1 + 0 * t, -0.1 * np.sin(t), 0.1 * np.cos(t)], axis=1)
@@ -164,7 +165,8 @@ def test_orientations_of_poses_become_columns(tmp_path, run):
     bag = write(tmp_path / "a", tip="PoseStamped", turning=True)
     done = run("log", bag, "-o", tmp_path / "log.csv")
     assert done.code == 0, done.err
-    header = (tmp_path / "log.csv").read_text().splitlines()[0]
+    about, header = (tmp_path / "log.csv").read_text().splitlines()[:2]
+    assert about == '# calib {"frame": "base", "source": "bag", "unit": "m"}'
     assert header == "elbow,shoulder,x,y,z,qx,qy,qz,qw,time"
     assert read_bag(write(tmp_path / "b", tip="PoseStamped")).quaternion is None  # left unset
     refused = run("log", bag, "--frames", "camera,tag", "-o", tmp_path / "no.csv")

@@ -13,6 +13,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from log_files import GOOD, refused
 
+from calib import train
 from calib.arm.loading import load_arm
 from calib.errors import CalibError, LogError, OptionError
 from calib.samples.babbling import babble
@@ -243,3 +244,25 @@ def test_answers_are_written_in_full_and_no_answer_is_nan(tmp_path, capsys):
     assert pl.read_parquet(tmp_path / "out.parquet")["reachable"].to_list() == [1, 0]
     with pytest.raises(CalibError, match="no folder"):
         write_table(tmp_path / "no" / "out.csv", columns)
+
+
+def test_what_is_known_of_the_clock_is_taken_and_nothing_estimated(arm, tmp_path):
+    time = np.arange(400) * 0.02
+    q = np.stack([0.8 + 0.7 * np.sin(time), 1.4 + np.cos(1.3 * time)], axis=1)
+    then = np.stack([0.8 + 0.7 * np.sin(time - 0.03), 1.4 + np.cos(1.3 * (time - 0.03))], axis=1)
+    x = arm.forward(then)
+    path = tmp_path / "late.csv"
+    write_table(
+        path, dict(zip(("shoulder", "elbow", "x", "y", "time"), [*q.T, *x.T, time], strict=True))
+    )
+    log = read_log(path, arm, time_offset=-0.03)
+    assert np.abs(arm.forward(log.q) - log.x)[5:-5].max() < 1e-5  # cubic but for both ends
+    assert "-0.03 s added" in " ".join(log.notes)
+    estimated, believed = (train(read_log(path, arm, time_offset=o), size=5) for o in (None, 0.0))
+    distance = [np.linalg.norm(m.forward(then) - x, axis=1).mean() for m in (estimated, believed)]
+    assert distance[0] < 1e-4 < 1e-3 < distance[1]
+    with pytest.raises(LogError, match="no row's joints"):
+        read_log(path, arm, time_offset=60.0)
+    write_log(log, tmp_path / "no_times.csv")
+    with pytest.raises(LogError, match="column `time`"):
+        read_log(tmp_path / "no_times.csv", arm, time_offset=0.1)

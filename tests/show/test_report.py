@@ -19,8 +19,8 @@ from calib.maps.map import Map
 from calib.show.error_scale import STOPS, UNKNOWN, ErrorScale, colours
 from calib.show.report.maps import hits, u_matrix
 
-FLAT = ["forward", "inverse", "histogram", "calibration", "lattices", "nodes", "training"]
-SPACE = ["forward", "inverse", "vectors", "joints", "curves", *FLAT[2:]]
+FLAT = ["forward", "inverse", "histogram", "lattices", "nodes", "training"]
+SPACE = ["forward", "inverse", "joints", "curves", *FLAT[2:]]
 
 
 class Reader(HTMLParser):
@@ -113,8 +113,9 @@ def test_an_adapted_model_tells_before_and_after_and_a_log_its_distortion():
     model = trained("two_link", n=3000, size=20)
     bent = calib.babble(calib.load_arm("two_link"), 120, seed=1, changes=["elbow.length=+20%"])
     adapted = calib.adapt(model, bent).model
-    cells = Reader(report(adapted, bent)).cells
-    assert {"motor", "sensory", "links", "before: mean (largest)"} <= set(cells)
+    page = report(adapted, bent)
+    assert {"motor", "sensory", "links"} <= set(Reader(page).cells)
+    assert "Adapted with 120 rows (few-shot)" in page
     assert "It has drifted." in report(model, bent)
 
 
@@ -125,16 +126,12 @@ def test_figures_on_paper():
     assert Path("forward.png").read_bytes().startswith(b"\x89PNG")
     with pytest.raises(calib.OptionError, match="histogramm"):
         calib.figures(noisy(), names=["histogramm"])
-    (line, *_) = drawn["calibration"].axes[0].lines
-    within = np.interp(1.0, line.get_xdata(), line.get_ydata())
-    assert 92 < within < 98
 
 
 def test_figures_of_an_arm_in_space():
     model = in_space()
     drawn = calib.figures(model)
     assert list(drawn) == SPACE
-    assert "enlarged" in drawn["vectors"].axes[1].get_title()
     for k, ax in enumerate(drawn["curves"].axes[:3]):
         (line,) = ax.lines
         q = np.radians(line.get_xdata())
@@ -142,7 +139,7 @@ def test_figures_of_an_arm_in_space():
         assert line.get_ydata() == pytest.approx(own, abs=1e-9)
         band = ax.collections[0].get_paths()[0].vertices
         assert np.ptp(band[:, 1]) > np.ptp(own)
-    assert list(calib.figures(in_pixels(), names=["joints", "vectors"])) == ["joints"]
+    assert list(calib.figures(in_pixels(), names=["joints", "photo"])) == ["joints"]
 
 
 def test_results_tell_themselves_in_a_line_and_models_in_a_small_table():

@@ -11,6 +11,7 @@ from threadpoolctl import threadpool_limits
 import calib
 from calib.model_file.storage import to_bytes
 from calib.samples.simulation import Simulation
+from calib.training.map_choice import resolved
 
 MM = 1e-3
 
@@ -74,18 +75,16 @@ def test_maps_of_few_simulated_samples_do_so_too():
 
 @pytest.mark.parametrize(("rows", "side"), [(40, 20), (300, 20), (3920, 28), (40_000, 70)])
 def test_without_a_size_a_log_gets_about_five_rows_per_node_and_not_too_few_nodes(rows, side):
-    motor, sensory, notes = calib.training.train.lattice_sizes(log(rows), None, None, None)
-    assert motor == sensory == (side, side)
+    options, notes = resolved(log(rows), calib.TrainingOptions())
+    assert options.shapes == ((side, side), (side, side))
     said = f"lattices of {side}x{side} nodes for {rows:,} rows, `size` chooses others"
     assert notes == [said]
 
 
 def test_without_a_body_every_node_of_a_log_needs_rows():
     for rows, side in ((40, 4), (500, 10), (40_000, 70)):
-        motor, sensory, _ = calib.training.train.lattice_sizes(
-            log(rows), None, None, None, imagined=False
-        )
-        assert motor == sensory == (side, side)
+        options = calib.TrainingOptions(body="none", map="som")
+        assert resolved(log(rows), options)[0].shapes == ((side, side), (side, side))
 
 
 def test_a_noisy_log_reports_its_error_on_blocks_that_were_held_out():
@@ -138,8 +137,7 @@ def test_three_joints_get_a_lattice_of_three_axes():
     assert len(trained("three_link").motor.lattice.shape) == 3
     assert trained("three_link").sensory.lattice.shape == (20, 20)
     samples = calib.babble(calib.load_arm("three_link"), 20_000)
-    motor, sensory, _ = calib.training.train.lattice_sizes(samples, None, None, None)
-    assert (motor, sensory) == ((17, 17, 17), (70, 70))
+    assert resolved(samples, calib.TrainingOptions())[0].shapes == ((17, 17, 17), (70, 70))
 
 
 def test_an_arm_whose_limits_no_sample_came_near_is_learned(tmp_path):
@@ -275,7 +273,7 @@ def test_training_leaves_global_random_numbers_alone():
 
 
 @pytest.mark.parametrize("rule", ["batch", "online"])
-@pytest.mark.parametrize("name", ["som", "vdsom", "vdsom:error", "vdsom:density", "vdsom:rho"])
+@pytest.mark.parametrize("name", ["som", "vdsom", "vdsom:error", "vdsom:rho"])
 def test_every_network_and_rule_trains_maps_that_read_out_well(name, rule):
     model = trained("two_link", 1200, 10, map=name, rule=rule)
     assert model.about.options["map"] == name

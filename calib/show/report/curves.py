@@ -8,7 +8,6 @@ import numpy as np
 
 from ...body.curves import powers
 from ...common.wording import length_in_words
-from ...maps.node_bounds import COVERAGE
 from ...model.nominal import moves_in_space
 from .drawing import HUE, HUES, INK, figure_unit, label_steps, over_each_joint, panels
 from .evidence import Evidence
@@ -71,23 +70,6 @@ def training(evidence: Evidence) -> Any:
         stages = [f"{int(n):,}" for n in dict.fromkeys(history[:, 0].tolist())]
         axes[0].set_title(f"{name} map: lattices of {', '.join(stages)} nodes")
         axes[-1].set_xlabel("epoch")
-    return figure
-
-
-def calibration(evidence: Evidence) -> Any:
-    """Whether errors keep to what is expected of them: the shares within parts of their bounds."""
-    if (pairs := evidence.bounds) is None:
-        return None
-    figure, [[ax]] = panels(1, 1, 2.8)
-    ratio = np.sort(pairs[1] / pairs[0])
-    share = 100 * np.arange(1, len(ratio) + 1) / len(ratio)
-    keep = np.unique(np.linspace(0, len(ratio) - 1, 400).astype(int))
-    ax.plot(ratio[keep], share[keep], color=HUE, linewidth=1.6)
-    ax.axvline(1.0, color=_ink(), linewidth=0.8)
-    ax.axhline(100 * COVERAGE, color=_ink(), linewidth=0.8, linestyle=":")
-    ax.set(xlim=(0.0, max(2.0, float(np.quantile(ratio, 0.995)))), ylim=(0, 101))
-    ax.set(xlabel="error over expected error", ylabel="share of the samples [%]")
-    ax.set_title(f"{100 * np.mean(ratio <= 1.0):.1f} % within their bound")
     return figure
 
 

@@ -5,8 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-
 from ...common.arrays import Array
 from ...model.model import Model
 from ...samples.samples import Samples
@@ -43,18 +41,6 @@ class Evidence:
     def least(self) -> float:
         """Errors below this are rounding [unit]."""
         return rounding(self.unit, extent(self.model))
-
-    @property
-    def bounds(self) -> tuple[Array, Array] | None:
-        """Expected and actual errors (n,) of the test samples, None where all is rounding."""
-        if self.residuals is None or not len(self.residuals.q):
-            return None
-        bound = self.model.expected_error(self.residuals.q)
-        error = self.residuals.errors[self.model.default_readout]
-        known = np.isfinite(bound) & (bound > 0)
-        if not known.any() or bound[known].max() < self.least:
-            return None
-        return bound[known], error[known]
 
 
 def gather(model: Model, log: Samples | None = None) -> Evidence:

@@ -14,7 +14,6 @@ from ...model.model import Model
 from ..error_scale import ErrorScale
 from ..workspace import drawn_edges, extent, node_errors, outline
 from .drawing import (
-    HUE,
     WIDE,
     colour_bar,
     colour_map,
@@ -196,8 +195,15 @@ def over_photo(evidence: Evidence) -> Any:
         words = length_in_words(float(away.mean()), evidence.unit)
         words = f"from a seen tip to the predicted one: {words} on average"
         words += f", drawn {times:,} times as long" if times > 1 else ""
-        style = {"width": 0.0028, "headwidth": 4.5, "headlength": 5.0, "zorder": 4}
-        _quiver(ax, seen, times * miss, _ARROW, **style)
+        style: dict[str, Any] = {
+            "width": 0.0028,
+            "headwidth": 4.5,
+            "headlength": 5.0,
+            "zorder": 4,
+            "scale": 1.0,
+        }
+        style |= {"angles": "xy", "scale_units": "xy", "color": _ARROW}
+        ax.quiver(*seen.T, *(times * miss).T, **style)
         dots = {"mfc": "#ffffff", "mec": "#1d2730", "mew": 0.6, "color": _ARROW}
         ax.plot(*seen.T, "o", ms=3.0, label=words, zorder=5, **dots)
     figure.legend(loc="outside lower left", ncols=1)
@@ -216,33 +222,3 @@ def magnification(away: float, width: float) -> int:
     wanted = max(_LONG * width / away, 1.0) if away > 0 else 1.0
     power = 10 ** int(np.floor(np.log10(wanted)))
     return int(power * max(step for step in (1, 2, 5) if step * power <= wanted))
-
-
-def _quiver(ax: Any, seen: Array, moves: Array, colour: str, **style: Any) -> None:
-    style |= {"angles": "xy", "scale_units": "xy", "scale": 1.0}
-    ax.quiver(*seen.T, *moves.T, color=colour, **style)
-
-
-def residual_vectors(evidence: Evidence) -> Any:
-    """Measured minus predicted positions as arrows, seen along each axis of the sensor."""
-    residuals, model = evidence.residuals, evidence.model
-    if residuals is None or len(model.axes) < 3:
-        return None
-    some = thinned(len(residuals.q), _ARROWS)
-    off = -residuals.forward[model.default_readout][some]
-    # the largest would shrink all others if it is an outlier
-    large = float(np.nanquantile(np.linalg.norm(off, axis=1), 0.95))
-    if not large > 0.0:
-        return None
-    enlarged = extent(model) / 12 / large
-    figure, [axes] = panels(1, 3, 2.9)
-    factor, _ = figure_unit(evidence.unit)
-    for ax, view in zip(axes, _VIEWS[3], strict=True):
-        x, moves = factor * residuals.x[some][:, view], factor * enlarged * off[:, view]
-        _quiver(ax, x, moves, HUE, width=0.006)
-        _name_axes(ax, model, view)
-        ax.set_adjustable("datalim")
-        ax.grid(visible=True)
-    words = length_in_words(large, evidence.unit)
-    axes[1].set_title(f"enlarged {enlarged:,.0f} times; 95 % are shorter than {words}")
-    return figure

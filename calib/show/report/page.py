@@ -49,12 +49,6 @@ SECTIONS = {
         "Distance from each target to where the answered joints lead.",
         lambda e: maps.heat_maps(e, "inverse"),
     ),
-    "vectors": _Section(
-        "Residual vectors",
-        "Measured minus predicted positions, enlarged. Arrows that point alike in one region are "
-        "an error that is not noise.",
-        maps.residual_vectors,
-    ),
     "joints": _Section(
         "Error by joint",
         "Distance between predicted and measured position over the value of each joint: the mean "
@@ -71,12 +65,6 @@ SECTIONS = {
         "How large are the errors?",
         "An error left of the sensor's noise is smaller than what a single measurement shows.",
         curves.histogram,
-    ),
-    "calibration": _Section(
-        "How well does the expected error hold?",
-        "Share of the test samples whose error is within a part of its 95 % bound. Where the lines "
-        "cross the bound is exact; a curve above it has bounds that are larger than needed.",
-        curves.calibration,
     ),
     "lattices": _Section(
         "What was learned: both lattices",
@@ -132,8 +120,7 @@ def report(model: Model, path: str | os.PathLike[str], log: Samples | None = Non
         _errors(evidence),
     ]
     if model.history:
-        told = _soft("Earlier states of this model and what made it change.")
-        parts += [_heading("Before and after"), told, _states(model.history, about.unit)]
+        parts += [_heading("Before and after"), _states(model.history, about.unit)]
     if log is not None:
         parts += [_heading("Does the log still fit?"), _drift(model, log)]
     with settings():
@@ -158,8 +145,8 @@ def figures(
     log : Samples, optional
         A log to judge the model by, as in :func:`report`.
     names : sequence of str
-        Which: "photo", "forward", "inverse", "vectors", "joints", "curves", "histogram",
-        "calibration", "lattices", "nodes", "training".
+        Which: "photo", "forward", "inverse", "joints", "curves", "histogram", "lattices",
+        "nodes", "training".
 
     Returns
     -------
@@ -196,7 +183,10 @@ def _soft(text: str) -> str:
 
 
 def _list(items: Mapping[str, str]) -> str:
-    rows = (f"<dt>{html.escape(k)}</dt><dd>{html.escape(v)}</dd>" for k, v in items.items())
+    rows = (
+        f"<dt>{html.escape(k)}</dt><dd>{html.escape(v.replace('`', ''))}</dd>"
+        for k, v in items.items()
+    )
     return f"<dl>{''.join(rows)}</dl>"
 
 
@@ -225,6 +215,8 @@ def _verdict(evidence: Evidence) -> str:
     mean, most = (errors["forward"]["distance"][key] for key in ("mean", "p99"))
     text = f"The tip is predicted to {strong(mean)} on average"
     text += "" if mean == most else f", to {html.escape(length_in_words(most, unit))} in 99 of 100"
+    if covered := model.about.within.get("covered"):
+        text += f"; the 95 % bound covered {100 * covered:.0f} % of them when it was made"
     if evidence.noise:
         reading = html.escape(length_in_words(evidence.noise * _MEAN[axes], unit))
         text += f"; a single reading of its sensor is off by {reading} on average"
@@ -265,20 +257,15 @@ def _errors(evidence: Evidence) -> str:
 
 
 def _states(history: Sequence[Mapping[str, Any]], unit: str) -> str:
-    """Return mean (largest) distances before and after each adaptation."""
-    rows = []
+    """Return mean distances before and after each adaptation, a line each."""
+    told = []
     for state in history:
-        told = [state.get("before"), state.get("after")]
-        if all(isinstance(errors, Mapping) for errors in told):
-            words = [
-                [length_in_words(float(errors.get(key) or 0.0), unit) for key in ("mean", "max")]
-                for errors in told
-                if isinstance(errors, Mapping)
-            ]
-            cells = [f"{mean} ({most})" for mean, most in words]
-            rows.append([str(state.get("method", "")), str(state.get("samples", "")), *cells])
-    header = ["adapted by", "rows", "before: mean (largest)", "after: mean (largest)"]
-    return _table(header, rows) if rows else ""
+        errors = [state.get("before"), state.get("after")]
+        if all(isinstance(each, Mapping) for each in errors):
+            before, after = (length_in_words(float(each["mean"]), unit) for each in errors if each)
+            rows = f"{state.get('samples', '')} rows ({state.get('method', '')})"
+            told.append(_soft(f"Adapted with {rows}: {before} before, {after} after, on average."))
+    return "".join(told)
 
 
 def _drift(model: Model, log: Samples) -> str:

@@ -1,0 +1,106 @@
+"""The corrected arm in the files of others."""
+
+from __future__ import annotations
+
+import json
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+import calib
+from calib.errors import LogError, OptionError
+from calib.use.lerobot import homed, read_calibration
+from calib.use.robot_files import CorrectedArm, mjcf_text, ur_kinematics
+
+MOTORS = {
+    name: {"id": k, "drive_mode": 0, "homing_offset": 100 * k, "range_min": 800, "range_max": 3200}
+    for k, name in enumerate(("shoulder_pan", "elbow_flex", "gripper"), start=1)
+}
+
+
+def degrees(motor, actual):
+    """What LeRobot tells of an encoder's ticks."""
+    present = actual - motor["homing_offset"]
+    return (present - (motor["range_min"] + motor["range_max"]) / 2) * 360 / 4095
+
+
+def test_a_corrected_calibration_makes_lerobot_tell_the_true_angles(tmp_path):
+    (tmp_path / "old.json").write_text(json.dumps(MOTORS))
+    offsets = {"shoulder_pan": np.radians(4.0), "elbow_flex": np.radians(-2.5)}
+    text, ticks = homed(read_calibration(tmp_path / "old.json"), offsets)
+    new = json.loads(text)
+    assert ticks == {"shoulder_pan": -46, "elbow_flex": 28}
+    for name, offset in offsets.items():
+        for actual in (900, 2100, 3000):
+            told = degrees(new[name], actual) - degrees(MOTORS[name], actual)
+            assert told == pytest.approx(np.degrees(offset), abs=0.05)  # half a tick is .044 deg
+    assert new["gripper"] == MOTORS["gripper"]
+
+
+def test_calibrations_that_cannot_be_corrected_are_refused(tmp_path):
+    (tmp_path / "none.json").write_text("[1]")
+    with pytest.raises(LogError, match="homing_offset"):
+        read_calibration(tmp_path / "none.json")
+    with pytest.raises(OptionError, match="wrist"):
+        homed(MOTORS, {"wrist": 0.1})
+    with pytest.raises(OptionError, match="2047"):
+        homed(MOTORS, {"shoulder_pan": -3.1})
+
+
+def six_axis():
+    arm = calib.load_arm("six_axis")
+    return arm, CorrectedArm(arm.urdf, arm.tip, {})
+
+
+def placed(xyz, rotation):
+    out = np.eye(4)
+    out[:3, :3], out[:3, 3] = rotation.as_matrix(), xyz
+    return out
+
+
+def test_mujoco_bodies_and_ur_entries_are_where_the_arm_is():
+    arm, corrected = six_axis()
+    body = ElementTree.fromstring(mjcf_text(corrected)).find("worldbody")
+    pose = np.eye(4)
+    q = np.linspace(-0.4, 0.5, arm.dof)
+    values = dict(zip(arm.joint_names, q, strict=True))
+    while (body := body.find("body")) is not None:
+        w, x, y, z = map(float, body.get("quat").split())
+        pose = pose @ placed(
+            np.array(body.get("pos").split(), float), Rotation.from_quat([x, y, z, w])
+        )
+        if (joint := body.find("joint")) is not None:
+            axis = np.array(joint.get("axis").split(), float)
+            pose = pose @ placed(
+                np.zeros(3), Rotation.from_rotvec(axis * values[joint.get("name")])
+            )
+        last = body
+    assert last.find("site").get("name") == arm.tip
+    assert np.allclose(pose[:3, 3], arm.forward(q), atol=1e-9)
+    lines = [line.strip() for line in ur_kinematics(corrected).splitlines()]
+    parts = [line for line in lines if line.endswith(":")]
+    names = ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
+    assert parts == ["kinematics:", *(f"{name}:" for name in names)]
+    first = next(joint for joint in corrected.joints() if joint.movable)
+    assert f"z: {float(first.xyz[2])!r}" in lines[2:8]
+
+
+def test_the_command_writes_them(tmp_path, run):
+    log, names = tmp_path / "log.csv", calib.load_arm("six_axis").joint_names
+    assert run("babble", "six_axis", "-n", "200", "-o", log).code == 0
+    model = tmp_path / "arm.calib"
+    done = run("train", "six_axis", "--data", log, "--size", "8", "-o", model)
+    assert done.code == 0, done.err
+    motors = dict.fromkeys(names, MOTORS["elbow_flex"])
+    (tmp_path / "old.json").write_text(json.dumps(motors))
+    paths = {name: tmp_path / name for name in ("new.json", "ur.yaml", "arm.xml")}
+    words = ["-o", paths["new.json"], "--ur", paths["ur.yaml"], "--mjcf", paths["arm.xml"]]
+    done = run("export", model, "--lerobot", tmp_path / "old.json", *words, "--json")
+    assert done.code == 0, done.err
+    assert set(done.document["ticks"].values()) == {0}  # nothing was wrong
+    assert all(path.stat().st_size for path in paths.values())
+    assert (
+        run("export", model, "--lerobot", tmp_path / "old.json", "--ur", paths["ur.yaml"]).code == 2
+    )
