@@ -6,6 +6,7 @@ Use them where other programs need the camera of an arm: image pipelines and tf.
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from typing import Any
 
 from ..arm.urdf import parse_urdf
@@ -57,14 +58,19 @@ def static_transform(model: Model) -> str:
     structure: Any = model.body and model.body.structure
     root = parse_urdf(model.about.urdf, model.about.robot).root
     child = model.about.frame or ("camera_optical_frame" if structure.camera else "sensor_frame")
-    names = zip("xyz", sensor.position.tolist(), strict=True)
-    turns = zip("xyzw", sensor.quaternion.tolist(), strict=True)
-    document = {
-        "header": {"frame_id": root},
-        "child_frame_id": child,
-        "transform": {"translation": dict(names), "rotation": dict(turns)},
+    placed = stamped(root, child, sensor.position.tolist(), sensor.quaternion.tolist())
+    return json.dumps(placed, indent=2) + "\n"
+
+
+def stamped(
+    parent: str, child: str, position: Sequence[float], quaternion: Sequence[float]
+) -> dict[str, Any]:
+    """A geometry_msgs/TransformStamped of a position [m] and a quaternion x, y, z, w."""
+    place = {
+        "translation": dict(zip("xyz", position, strict=True)),
+        "rotation": dict(zip("xyzw", quaternion, strict=True)),
     }
-    return json.dumps(document, indent=2) + "\n"
+    return {"header": {"frame_id": parent}, "child_frame_id": child, "transform": place}
 
 
 def _matrix(name: str, rows: int, columns: int, data: list[float]) -> str:

@@ -68,12 +68,15 @@ def handeye(
         calib.train(found.poses).save(output)
     if transform is not None:
         from calib.common.atomic import atomic_write
+        from calib.use.camera_files import stamped
 
-        frames = (arm.tip, f"{carried}_frame", found.hand), (
-            _root(arm), f"{standing}_frame", found.base,
-        )  # fmt: skip
-        text = json.dumps([_transform(*each) for each in frames], indent=2) + "\n"
-        atomic_write(transform, text.encode())
+        placed = [
+            stamped(parent, f"{child}_frame", each["position"], each["quaternion"])
+            for parent, child, each in (
+                (arm.tip, carried, found.hand), (_root(arm), standing, found.base),
+            )
+        ]  # fmt: skip
+        atomic_write(transform, f"{json.dumps(placed, indent=2)}\n".encode())
         note(f"T_{arm.tip}_{carried} and T_{_root(arm)}_{standing} are in {transform}")
     reprojection = found.reprojection
     lines = [
@@ -105,15 +108,3 @@ def _place(what: str, found: dict[str, Any]) -> str:
     quaternion = ", ".join(f"{value:.5f}" for value in found["quaternion"])
     turn = math.degrees(max(found["rotation_95_up_to_gauge"]))
     return f"{what}: ({at}) mm, quaternion ({quaternion}) ± {turn:.2g} deg"
-
-
-def _transform(parent: str, child: str, found: dict[str, Any]) -> dict[str, Any]:
-    """A geometry_msgs/TransformStamped."""
-    return {
-        "header": {"frame_id": parent},
-        "child_frame_id": child,
-        "transform": {
-            "translation": dict(zip("xyz", found["position"], strict=True)),
-            "rotation": dict(zip("xyzw", found["quaternion"], strict=True)),
-        },
-    }

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Any
 
-from typer import Argument, Option
+from typer import Argument
 
 from calib.common.wording import for_people
 
@@ -45,9 +45,6 @@ def log(
         option("--still V", "Drop rows of faster joints [rad/s or m/s].", parsing.above_zero),
     ] = None,
     time_offset: opt.TimeOffset = None,
-    rests: Annotated[
-        bool, Option("--rests", help="Of a video the median of each rest (the default).")
-    ] = False,
     shooting: Shooting,
     degrees: opt.Degrees = False,
     prismatic: opt.Prismatic = None,
@@ -61,8 +58,6 @@ def log(
     timed: dict[str, Any] = {"max_gap": max_gap, "still": still, "time_offset": time_offset}
     if shooting.given() or any(map(is_picture, bag)):
         refuse(bags, "is for bags, not for pictures and videos")
-        if rests and still is not None:
-            raise BadOption("--rests and --still are given: expected one of them")
         made = shooting.record(bag, output, joints, degrees, prismatic or (), **timed)
         factor, shown = for_people(made.unit)
         kinds = f"[rad, {made.unit}]"

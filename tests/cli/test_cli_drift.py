@@ -118,25 +118,6 @@ def test_what_was_said_of_a_cause_is_not_asked_again(folder, run, tmp_path):
     assert "--cause" not in run(*line, "--cause", "joints").err
 
 
-@pytest.mark.parametrize(
-    ("rows", "words"),
-    [
-        ("0.5,1.0,0.3,0.3\n0.6,1.1,0.2,0.3\n0.4,0.9,0.3,0.2\n", "3 different rows"),
-        ("0.5,1.0,0.3,0.3\n" * 20, "does not move"),
-        ("", "no rows"),
-    ],
-)
-@pytest.mark.parametrize("command", ["check", "adapt"])
-def test_bad_logs_are_one_line(folder, run, tmp_path, command, rows, words):
-    path = tmp_path / "bad.csv"
-    path.write_text("shoulder,elbow,x,y\n" + rows)
-    done = run(command, folder / "m.calib", "--data", path)
-    assert done.code == 1
-    assert words in done.err
-    assert done.err.strip().splitlines()[-1].startswith("error: ")
-    assert done.out == ""
-
-
 def test_another_robots_log(folder, run, tmp_path):
     path = tmp_path / "other.csv"
     path.write_text("a,b,x,y\n1,2,3,4\n")
@@ -178,9 +159,3 @@ def test_degrees_by_mistake(folder, run, tmp_path):
     done = run("adapt", folder / "m.calib", "--data", path)
     assert done.code == 1
     assert "--degrees" in done.err
-
-
-def test_wrong_usage(folder, run):
-    assert run("adapt", folder / "m.calib").code == 2
-    assert run("adapt", folder / "m.calib", "--data", "x.csv", "--method", "magic").code == 2
-    assert run("check", folder / "none.calib", "--data", folder / "new.csv").code == 1

@@ -6,18 +6,11 @@ import math
 
 import pytest
 from calib_cli import parsing
-from calib_cli.output import TextTable, fixed, number, plain
+from calib_cli.output import fixed, number, plain
 from hypothesis import given
 from hypothesis import strategies as st
 
 from calib.errors import OptionError
-
-FINITE = st.floats(allow_nan=False, allow_infinity=False)
-
-
-@given(FINITE)
-def test_finite_numbers_come_back(value):
-    assert parsing.finite_number(repr(value)) == value
 
 
 @given(st.text())
@@ -34,22 +27,6 @@ def test_readers_answer_or_say_what_they_expected(text):
         except (ValueError, OptionError) as error:
             told.append(str(error))
     assert all(told)
-
-
-@given(st.lists(st.integers(2, 999), min_size=1, max_size=4))
-def test_sizes_come_back(sides):
-    size = parsing.size("x".join(map(str, sides)))
-    assert size == (sides[0] if len(sides) == 1 else tuple(sides))
-
-
-@given(FINITE, FINITE)
-def test_ranges_come_back(low, high):
-    text = f"a=b={low!r}:{high!r}"
-    if low < high:
-        assert parsing.joint_range(text) == ("a=b", low, high)
-    else:
-        with pytest.raises(ValueError, match="LOW below HIGH"):
-            parsing.joint_range(text)
 
 
 def test_other_values():
@@ -82,15 +59,3 @@ def test_json_holds_no_number_that_is_not_finite():
         "a": [None, None, 1.0],
         "2": [True, None, "x"],
     }
-
-
-def test_tables_are_aligned():
-    lines = TextTable(["name", "value"], [["a", "1.25"], ["long name", "10"]], "title").lines()
-    assert lines == ["title", "name       value", "a           1.25", "long name     10"]
-
-
-def test_huge_numbers_keep_a_table_narrow():
-    for value in (1e300, -1e300, 3.2e25):
-        for text in (fixed(value, 3), number(value)):
-            assert len(text) <= 12
-            assert float(text) == pytest.approx(value, rel=1e-3)

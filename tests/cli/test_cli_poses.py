@@ -165,24 +165,3 @@ def test_orientations_that_are_none_are_told_in_one_line(run, tracked, log, word
     done = run("train", "six_axis", "--data", folder / log, "--size", 4, "-o", out)
     assert (done.code, out.exists()) == (1, False)
     assert words in done.err.splitlines()[-1]
-
-
-def test_what_cannot_be_asked_is_wrong_usage(run, tracked, model):
-    _, folder, _ = tracked
-    ask = ("query", "inverse", folder / "m.calib", 2, -1, 0.5)
-    for options in (
-        ("--quaternion", "1,2,3,4"),
-        ("--quaternion", "0,0,1"),
-        ("--rpy", "1,2"),
-        ("--rpy", "0,0,0", "--quaternion", "0,0,0,1"),
-        ("--keep-orientation",),
-        ("--quaternion", "0,0,0,1", "--readout", "body"),
-    ):
-        done = run(*ask, *options)
-        assert (done.code, done.err.count("\n")) == (2, 1), options
-    assert "degrees" in run(*ask, "--rpy", "90,0,0").err
-    planar = run("query", "inverse", model, 0.3, 0.3, "--in", "base")
-    assert (planar.code, planar.err.count("\n")) == (1, 1)
-    away = run("query", "inverse", folder / "m.calib", 9, 9, 9, "--quaternion", "0,0,0,1")
-    assert away.code == 3
-    assert "nearest attainable pose" in away.err

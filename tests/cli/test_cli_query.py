@@ -123,13 +123,6 @@ def test_all_branches_come_nearest_first(run, models):
         assert sign * elbows[0] > 0 > sign * elbows[-1]
 
 
-def test_near_chooses_the_branch(run, models):
-    full = models / "two_link_full.calib"
-    for sign in (1, -1):
-        done = run("query", "inverse", full, "0.3", "0.3", "--near", f"0.8,{sign}", "--json")
-        assert sign * done.document["solutions"][0]["joints"]["elbow"] > 0
-
-
 @pytest.mark.parametrize("readout", ["activity", "winner"])
 def test_other_readouts_answer_too(run, model, readout):
     done = run("query", "inverse", model, "0.1", "0.4", "--readout", readout, "--json")
@@ -177,32 +170,6 @@ def test_batch_keeps_bad_rows_in_their_place(run, model):
     assert "row 3 of 5: out of reach" in done.err
 
 
-def test_batch_exit_codes(run, model):
-    query = ("query", "inverse", model, "--input", "-")
-    assert run(*query, stdin="x,y\n0.1,0.4\n").code == 0
-    assert run(*query, stdin="x,y\n0.1,0.4\n2,2\n").code == 3
-    assert run(*query, stdin="x,y\n0.1,nan\n2,2\n").code == 1
-    query = ("query", "forward", model, "--input", "-")
-    done = run(*query, stdin="shoulder,elbow\n0.5,9\n0.5,1\n")
-    assert done.code == 3
-    assert done.out.splitlines()[1] == "0.5,9.0,nan,nan,nan,nan"
-    assert "row 1 of 2: outside of what was learned" in done.err
-
-
-def test_batch_in_degrees(run, model):
-    typed = "elbow,more,shoulder\n60,x,30\n"  # columns in any order, others ignored
-    done = run("query", "forward", model, "--input", "-", "--degrees", stdin=typed)
-    (row,) = rows_of(done.out)
-    expected = two_link(np.radians([30.0, 60.0])).tolist()
-    assert [float(row["x"]), float(row["y"])] == pytest.approx(expected, abs=1e-4)
-    assert (row["shoulder"], row["elbow"]) == ("30.0", "60.0")
-    typed = f"x,y\n{expected[0]},{expected[1]}\n"
-    done = run("query", "inverse", model, "--input", "-", "--degrees", stdin=typed)
-    (row,) = rows_of(done.out)
-    answer = [float(row["shoulder"]), float(row["elbow"])]
-    assert answer == pytest.approx([30.0, 60.0], abs=0.2)
-
-
 def test_a_json_document_is_in_si_units_whatever_is_typed_in_degrees(run, model):
     done = run(
         *("query", "forward", model, "--input", "-", "--degrees", "--json"),
@@ -234,27 +201,6 @@ def test_a_log_has_two_bounds_that_python_says_too(run, log_model):
     done = run("query", "inverse", log_model, "--input", "-", stdin=f"x,y\n{x[0]!r},{x[1]!r}\n")
     (answer,) = rows_of(done.out)
     assert float(answer["model_error"]) == pytest.approx(said["model_error"], rel=1e-3)
-
-
-def test_batch_as_json(run, model, tmp_path):
-    typed = "x,y\n0.1,0.4\n2,2\n"
-    done = run("query", "inverse", model, "--input", "-", "--json", stdin=typed)
-    assert done.code == 3
-    assert done.document["out_of_reach"] == [2]
-    assert done.document["answers"]["reachable"] == [1, 0]
-    path = tmp_path / "a.csv"
-    done = run("query", "inverse", model, "--input", "-", "--json", "--output", path, stdin=typed)
-    assert done.document["output"] == str(path)
-    assert "answers" not in done.document
-    assert len(rows_of(path.read_text())) == 2
-
-
-def test_a_failing_batch_leaves_the_old_answers(run, model, tmp_path):
-    path = tmp_path / "a.csv"
-    path.write_text("old")
-    done = run("query", "inverse", model, "--input", tmp_path / "none.csv", "--output", path)
-    assert done.code == 1
-    assert path.read_text() == "old"
 
 
 @pytest.mark.parametrize("readout", ["linear", "activity", "winner"])

@@ -2,16 +2,10 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 import pytest
 
 import calib
-from calib.common.scale import Scale
-
-DEGREE = math.radians(1.0)
-UNIT = Scale(np.zeros(2), np.ones(2), np.zeros(2, dtype=bool))
 
 
 @pytest.fixture(scope="module")
@@ -30,26 +24,6 @@ def test_command_writes_what_python_plans(run, tmp_path, arm, name):
     assert "joints travel" in done.out
     log = calib.read_log(path, arm, columns={"x": "expected_x", "y": "expected_y"})
     np.testing.assert_array_equal(log.q, calib.plan(arm, 20, seed=3, start=[0.5, 1.0]).q)
-
-
-def test_command_in_degrees(run, arm):
-    done = run("plan", "two_link", "-n", "8", "--degrees", "--margin", "2", "-o", "-")
-    header, *rows = done.out.splitlines()
-    assert header == "shoulder,elbow,expected_x,expected_y"
-    table = np.array([[float(v) for v in row.split(",")] for row in rows])
-    same = calib.plan(arm, 8, margin=math.radians(2)).q
-    np.testing.assert_allclose(table[:, :2], np.degrees(same), atol=1e-9)
-    assert table[:, 0].min() == pytest.approx(2.0)
-
-
-def test_command_prints_one_document(run, tmp_path):
-    path = tmp_path / "p.csv"
-    done = run("plan", "polar", "-n", "9", "-o", path, "--json")
-    assert done.code == 0, done.err
-    found = done.document
-    assert found["joints"] == ["base", "slide"] or len(found["joints"]) == 2
-    assert found["rows"] == 9 == len(found["poses"]["expected_x"])
-    assert len(path.read_text().splitlines()) == 1 + found["rows"]
 
 
 def test_command_plans_for_a_model_whatever_its_name(run, model, tmp_path):

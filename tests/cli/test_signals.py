@@ -76,9 +76,3 @@ def test_a_polite_kill_is_143_in_silence(stage, tmp_path):
     assert (done.returncode, done.stdout, done.stderr) == (143, b"", b"")
     assert [path.name for path in tmp_path.iterdir()] == ["two_link.calib"]
     assert (tmp_path / "two_link.calib").read_bytes() == b"old"
-
-
-def test_a_stage_that_does_not_exist_would_be_noticed(tmp_path):
-    """The stages above are places in the program that a training comes by."""
-    done = at("calib.show.report.page.report", signal.SIGINT, tmp_path)
-    assert done.returncode == 0

@@ -7,10 +7,9 @@ import shutil
 import subprocess
 import sys
 import zipfile
-from importlib.metadata import entry_points, version
+from importlib.metadata import version
 from pathlib import Path
 
-import calib_cli
 import pytest
 
 import calib
@@ -31,11 +30,6 @@ def test_versions_agree():
     assert f"## [{calib.__version__}]" in text_of("CHANGELOG.md")
 
 
-def test_the_command_is_installed():
-    (script,) = (s for s in entry_points(group="console_scripts") if s.name == "calib")
-    assert script.value == "calib_cli:main"
-
-
 def test_every_package_is_named():
     """Setuptools packs what is listed: a forgotten folder would be missing in the wheel."""
     listed = re.search(r"^packages = \[(.*)\]$", text_of("pyproject.toml"), re.MULTILINE)
@@ -50,11 +44,6 @@ def test_every_package_is_named():
         "calib_cli",
         "calib_cli.commands",
     }
-
-
-def test_types_are_announced():
-    assert (Path(calib.__file__).parent / "py.typed").is_file()
-    assert (Path(calib_cli.__file__).parent / "py.typed").is_file()
 
 
 def test_the_versions_of_python_are_stated_as_they_are_tried():

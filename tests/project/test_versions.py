@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 import json
 import sys
 from pathlib import Path
@@ -23,19 +22,3 @@ def kept():
 def test_errors_agree_with_those_of_other_versions(kept):
     lines = versions.differences(versions.errors(), kept)
     assert lines == [], "was training changed on purpose? python benchmarks/versions.py --write"
-
-
-@pytest.mark.parametrize(
-    ("key", "factor", "refused"),
-    [("mean", 1 + 5e-7, 0), ("mean", 1 + 5e-6, 1), ("max", 1.04, 0), ("max", 1.06, 1)],
-)
-def test_the_bounds_are_as_stated(kept, key, factor, refused):
-    changed = copy.deepcopy(kept)
-    changed["two_link, noise 0 m"]["winner"]["forward"]["x"][key] *= factor
-    assert len(versions.differences(changed, kept)) == refused
-
-
-def test_what_is_missing_is_no_agreement(kept):
-    changed = copy.deepcopy(kept)
-    del changed["two_link, noise 0 m"]["local"]
-    assert versions.differences(changed, kept) != []

@@ -16,7 +16,7 @@ from calib.body.curves import curve_value
 from calib.common.scale import Scale
 from calib.maps.lattice import Lattice
 from calib.maps.map import Map
-from calib.show.error_scale import STOPS, UNKNOWN, ErrorScale, colours
+from calib.show.error_scale import ErrorScale
 from calib.show.report.maps import hits, u_matrix
 
 FLAT = ["forward", "inverse", "histogram", "lattices", "nodes", "training"]
@@ -176,16 +176,6 @@ def test_error_scales():
     assert (narrow.log, wide.log) == (False, True)
     ends = np.array([wide.low, np.sqrt(wide.low * wide.high), wide.high])
     np.testing.assert_allclose(wide.share(ends), [0.0, 0.5, 1.0], atol=1e-9)
-
-
-def test_colours_rise_evenly_in_lightness_and_have_no_ends_that_vanish():
-    tint = colours(np.linspace(0, 1, 50)).astype(float) / 255
-    linear = np.where(tint <= 0.04045, tint / 12.92, ((tint + 0.055) / 1.055) ** 2.4)
-    light = linear @ [0.2126, 0.7152, 0.0722]
-    assert (np.diff(light) > 0).all()
-    assert 0.02 < light[0] < light[-1] < 0.6
-    for share, colour in ((np.nan, UNKNOWN), (0.0, STOPS[0])):
-        assert bytes(colours(np.array([share]))[0]).hex() == colour[1:]
 
 
 def test_command(run, models: Path, model: Path, log: Path, tmp_path: Path):

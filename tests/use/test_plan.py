@@ -44,14 +44,6 @@ def test_poses_keep_their_margin_and_touch_it(robot):
     np.testing.assert_allclose(plan.x, arm.forward(plan.q), atol=1e-12)
 
 
-def test_a_margin_for_all_or_for_each(arm):
-    for margin in (0.1, [0.1, 0.2]):
-        plan = calib.plan(arm, 20, margin=margin)
-        np.testing.assert_allclose(plan.q.min(axis=0), arm.lower + margin)
-        np.testing.assert_allclose(plan.q.max(axis=0), arm.upper - margin)
-    assert calib.plan(arm, 20, margin=0.0).q.max(axis=0) == pytest.approx(arm.upper)
-
-
 def test_a_part_of_a_range_needs_no_margin(arm):
     plan = calib.plan(arm, 20, ranges={"elbow": (0.5, 1.5)})
     assert plan.q[:, 1].min() == pytest.approx(0.5)

@@ -10,13 +10,11 @@ from models import in_pixels, in_space, trained
 
 import calib
 from calib.body.most_telling import greedy
-from calib.common.scale import Scale
 from calib.use.collisions import hits_itself
 from calib.use.pose_space import space_of
 from calib.use.spread import candidate_poses, farthest, tells
 
 DEGREE = math.radians(1.0)
-UNIT = Scale(np.zeros(2), np.ones(2), np.zeros(2, dtype=bool))
 
 
 @pytest.fixture(scope="module")
