@@ -20,7 +20,7 @@ from ..body.structure import Structure
 from ..common.arrays import Array, Mask
 from ..common.choices import CAUSES
 from ..errors import OptionError
-from .settings import ANYWHERE, BUILT_CURVE, CREEP, OWN_FLOOR, SIMULATED_KAPPA
+from .settings import ANYWHERE, BUILT_CURVE, CREEP, OWN_FLOOR
 
 FRAME = ("view.rotation", "view.shift")
 """Groups that move when the sensor is put elsewhere; always freed together."""
@@ -253,5 +253,4 @@ def as_built(body: Body) -> Body:
     active = np.union1d(np.flatnonzero(sd), body.active)
     covariance = np.diag(sd[active] ** 2)
     covariance[np.ix_(*2 * (np.searchsorted(active, body.active),))] += body.covariance
-    kappa = max(body.kappa, SIMULATED_KAPPA)
-    return replace(body, active=active, root=root_of(covariance), second=None, kappa=kappa)
+    return replace(body, active=active, root=root_of(covariance), second=None)

@@ -19,7 +19,7 @@ from ..common.arrays import Array
 from .equations import Log, OwnResidual, prior_columns, shared_columns
 from .explain import Explanation
 from .frame import Reference
-from .settings import BLOCKS, UPDATED_ROWS
+from .settings import BLOCKS, SIMULATED_KAPPA, UPDATED_ROWS
 
 _ENOUGH = 30  # rows that tell a quantile
 _OUTLIER = 2.5  # 95 % radii from which a row is an outlier
@@ -123,6 +123,7 @@ def updated(
         active=active,
         # the bound inflates by kappa what is kept here without it
         root=root_of(covariance) / old.kappa,
+        kappa=max(old.kappa, SIMULATED_KAPPA) if old.simulated else old.kappa,
         noise=noise,
         residual=np.maximum(old.residual, own),
         second=second,

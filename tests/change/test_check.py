@@ -103,7 +103,7 @@ def test_the_size_of_a_change_is_told():
     drift = calib.check(model(), log("elbow.length=+8%", noise=0.0))
     (length,) = [c for c in drift.causes if c.cause == "length:elbow"]
     assert length.unit == "m"
-    assert length.value == pytest.approx(0.02, rel=2e-3)
+    assert length.value == pytest.approx(0.02, rel=1e-3)
     assert length.interval[0] < 0.02 < length.interval[1]
     assert length.words.startswith("the link of elbow is 8 % (20 ± ")
     assert length.words.endswith("mm) longer")
