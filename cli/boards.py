@@ -13,6 +13,7 @@ from .parsing import BadOption
 
 if TYPE_CHECKING:
     from calib.model.model import Model
+    from calib.recording.lens import Lens
     from calib.samples.recorded import Recorded
 
 
@@ -51,7 +52,11 @@ def record_board(
     if board is None:
         raise BadOption("--eye needs --board COLSxROWS:SQUARE:MARKER:DICT, which is seen")
     printed = Board.parse(board)
-    if isinstance(lens, str):
+    if isinstance(lens, str) and lens.endswith(".calib"):
+        import calib
+
+        lens = _lens_of(calib.load(lens))
+    elif isinstance(lens, str):
         lens, told = load_lens(lens, printed)
         say(told)
     with pictures_of(source, joints_file, camera) as (pictures, file):
@@ -67,22 +72,32 @@ def log_of_pictures(
     model: Model, source: str, joints_file: str | None, camera: str | None, degrees: bool | None
 ) -> Iterator[str]:
     """A log as typed; or one of pictures, read as the model's own were."""
-    from calib.recording.lens import Lens
     from calib.recording.lerobot import is_dataset
 
     if joints_file is None and not is_dataset(source):
         yield source
         return
-    about = model.about
-    known = about.options.get("board")
-    if not isinstance(known, dict):
-        raise BadOption("the model is not of pictures of a board: make a log of these by calib log")
+    about, lens = model.about, _lens_of(model)
+    known = about.options["board"]
     sliding = [n for n, turns in zip(about.joint_names, about.revolute, strict=True) if not turns]
     made = record_board(
-        source, known["board"], known["eye"], Lens.from_json(known["lens"]), joints_file, camera,
+        source, known["board"], known["eye"], lens, joints_file, camera,
         about.joint_names, about.degrees if degrees is None else degrees, sliding,
     )  # fmt: skip
     with TemporaryDirectory() as folder:
         path = str(Path(folder) / f"{Path(source).name}.csv")
         made.write(path)
         yield path
+
+
+def _lens_of(model: Model) -> Lens:
+    """The lens that a model of pictures of a board was made with."""
+    from calib.recording.lens import Lens
+
+    known: Any = model.about.options.get("board")
+    try:
+        return Lens.from_json(known["lens"])
+    except (KeyError, TypeError, ValueError):
+        raise BadOption(
+            "the model is not of pictures of a board: make a log of these by calib log --eye"
+        ) from None

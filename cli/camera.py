@@ -40,7 +40,8 @@ class Shooting:
         str | None, option("--tags-at FILE", "Tags on the desk: a table of tag, x, y [m].")
     ] = None
     lens: Annotated[
-        str | None, option("--lens SHOTS|lens.json", "Pictures of the board, or a lens of before.")
+        str | None,
+        option("--lens SHOTS|lens.json", "Pictures of the board, a lens of before, or a model."),
     ] = None
     tag_size: Annotated[
         str | None, option("--tag-size 40mm", "Side of the tip's tag, for --pose.")

@@ -24,10 +24,14 @@ class Rig:
     pictures: int = 24
     noise: float = 0.1  # of a corner [px]
     known: bool = True  # whether the lens is known
+    robot: str = "six_axis"
+    joints: tuple[str, ...] | None = None
+    off: float = 0.2  # of joints [deg]
+    last: bool = False  # whether the last joint is off, too, which no picture tells
 
     def __post_init__(self) -> None:
         rng = np.random.default_rng(self.seed)
-        self.arm = arm = calib.load_arm("six_axis")
+        self.arm = arm = calib.load_arm(self.robot, self.joints and list(self.joints))
         lens = (1000.0 + 60 * rng.standard_normal(), 645.0, 352.0, -0.08)
         self.lens = lens
         guess = (
@@ -36,16 +40,22 @@ class Rig:
         self.structure = s = structure_of(arm, "pose", lens=guess[0], lens_sd=guess[1])
         self.beta = b = s.neutral()
         b[s.groups["lens"]] = lens
-        off = np.radians(0.2)
-        b[s.groups["offset"][1:-1]] = rng.uniform(-off, off, arm.dof - 2)
+        off, end = np.radians(self.off), None if self.last else -1
+        own = s.groups["offset"][1:end]
+        b[own] = rng.uniform(-off, off, len(own))
         b[s.shifts] = rng.uniform(-3e-4, 3e-4, s.shifts.shape)
         b[s.groups["tool"]] = (0.03, -0.05, 0.04) + 0.01 * rng.standard_normal(3)
         b[s.groups["tool.rotation"]] = 0.15 * rng.standard_normal(3)
         lower, upper = np.maximum(arm.lower, -3), np.minimum(arm.upper, 3)
-        self._place(rng, lower + rng.uniform(0.35, 0.65, (1, arm.dof)) * (upper - lower))
+        self.start = lower + rng.uniform(0.35, 0.65, (1, arm.dof)) * (upper - lower)
+        self._place(rng, self.start)
         reading = Corners(s.measurement, self.in_hand, b)
         self.truth = s.with_view("board", unit="px", reading=reading)
-        self.q = self._poses(rng, lower, upper)
+        self.look(self._poses(rng, lower, upper), rng)
+
+    def look(self, q, rng) -> None:
+        """Take a picture at each of the poses (p, dof)."""
+        s, b, self.q = self.structure, self.beta, q
         self.rows = np.repeat(np.arange(len(self.q)), len(BOARD))
         self.corners = np.tile(BOARD, (len(self.q), 1))
         exact = self.truth.predict(np.column_stack([self.q[self.rows], self.corners]), b)

@@ -28,6 +28,7 @@ from .frame import Reference, carried_offset, kept_reference, reference_of
 from .hypotheses import as_built
 from .score import GroupTest, Tested, group_tests
 from .settings import BEYOND, FALSE_ALARM, FEW, FEW_WRONG, OUTLIER, UNEXPLAINED
+from .sockets import as_positions
 
 BOUND = "bound"
 """Name of the test whether the model's own bound holds."""
@@ -344,9 +345,14 @@ def compare(model: Model, log: Samples, cause: str | None = None) -> Comparison:
         raise ModelError(
             "the model has an older format without a posterior of its body: train it again"
         )
+    told: list[str] = []
+    if log.touch is not None:  # which no sensor saw
+        cause = cause or "joints"
+        log, told = as_positions(model, log)
     rows = comparable(model, log)
+    rows = rows._replace(notes=(*told, *rows.notes))
     predicted = model.predictor.value(rows.u)
-    told = predicted if model.body is None else model.body.predict(rows.q)
-    if not (np.abs([predicted, told]) < _SQUARED).all():  # as in a forged file
+    alone = predicted if model.body is None else model.body.predict(rows.q)
+    if not (np.abs([predicted, alone]) < _SQUARED).all():  # as in a forged file
         raise ModelError("the model predicts no finite positions for this log: train it again")
     return Comparison(model, rows, predicted, cause, log.unit, log.shared)

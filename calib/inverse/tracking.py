@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Callable
+from functools import cache, partial
 from typing import NamedTuple
 
 import numpy as np
@@ -20,6 +22,7 @@ _CLOSELY = 16  # parts of a step that is looked at closely
 # of the workspace, and of its nodes' spacing: targets further away from all nodes are not followed
 _BEYOND, _SPACINGS = 0.1, 1.5
 _FRONT = 8  # solutions of redundant joints that set out together
+_FEW = 20  # iterations of a small step: more are of a target out of reach, which creeps
 _DRIFT = 0.5  # redundant joints drift to the middle by at most this share of their move
 
 
@@ -55,10 +58,18 @@ def follow_targets(solver: Solver, x: Array, start: Array | None) -> Track:
         last = np.maximum(np.searchsorted(near, np.arange(len(x)), side="right") - 1, 0)
         return Track(track.u[last], near[track.jumps].tolist(), ~close)
     front = _everywhere(solver, x[0]) if start is None else solver.solve(x[:1], start[None])[0]
+
+    @cache
+    def reachable() -> NDArray[np.bool_]:
+        return _reachable(solver, x)
+
+    def within(first: int, k: int) -> bool:
+        return bool(reachable()[first + k])
+
     rows: list[Array] = []
     jumps: list[int] = []
     while True:
-        best = _furthest(solver, x[len(rows) :], front)
+        best = _furthest(solver, x[len(rows) :], partial(within, len(rows)), front)
         rows += list(best)
         if len(rows) == len(x):
             return Track(np.array(rows), jumps, ~close)
@@ -77,14 +88,24 @@ def _everywhere(solver: Solver, x: Array) -> Array:
     return np.concatenate([families, more])[:_FRONT]
 
 
-def _furthest(solver: Solver, x: Array, front: Array) -> Array:
+def _reachable(solver: Solver, x: Array) -> NDArray[np.bool_]:
+    """Whether the links lead to joints that meet each target, (n,)."""
+    start, _, _ = solver.starts.of(x)
+    row, column = np.nonzero(~np.isnan(start[..., 0]))
+    distance = solver.newton.refine(start[row, column], x[row], CLOSE)[1]
+    met = np.zeros(len(x), dtype=bool)
+    met[row[distance <= CLOSE * solver.extent]] = True
+    return met
+
+
+def _furthest(solver: Solver, x: Array, reachable: Callable[[int], bool], front: Array) -> Array:
     """Rows of the joints that follow the targets furthest, (at most k, dof)."""
     history = [front]
     length = np.zeros(len(front))
     alive = np.arange(len(front))
     for k in range(1, len(x)):
         u = history[-1][alive]
-        moved, going = _advance(solver, u, x[k - 1], x[k])
+        moved, going = _advance(solver, u, x[k - 1], x[k], partial(reachable, k))
         if not going.any():
             break
         rows = history[-1].copy()
@@ -97,7 +118,9 @@ def _furthest(solver: Solver, x: Array, front: Array) -> Array:
     return np.array([rows[best] for rows in history])
 
 
-def _advance(solver: Solver, u: Array, x: Array, goal: Array) -> tuple[Array, NDArray[np.bool_]]:
+def _advance(
+    solver: Solver, u: Array, x: Array, goal: Array, reachable: Callable[[], bool]
+) -> tuple[Array, NDArray[np.bool_]]:
     """Joints (n, dof) moved along with the target, and whether they kept their branch."""
     shares = _shares(float(np.linalg.norm(goal - x)) / solver.extent)
     going = np.ones(len(u), dtype=bool)
@@ -105,7 +128,7 @@ def _advance(solver: Solver, u: Array, x: Array, goal: Array) -> tuple[Array, ND
         here, there = x + (goal - x) * begin, x + (goal - x) * end
         trial, smooth, met = _step(solver, u, there)
         closely = np.flatnonzero(~smooth)
-        if len(closely):
+        if len(closely) and reachable():  # else joints are as close as they can be
             v, kept = u[closely], np.ones(len(closely), dtype=bool)
             for share in np.arange(1, _CLOSELY + 1) / _CLOSELY:
                 v, smooth, met[closely] = _step(solver, v, here + (there - here) * share)
@@ -113,10 +136,8 @@ def _advance(solver: Solver, u: Array, x: Array, goal: Array) -> tuple[Array, ND
             trial[closely] = v
             going[closely] &= kept
         u = trial
-    if not met.all():  # a target within reach has to be met
-        wish = np.full((1, u.shape[1]), 0.5)
-        if solver.solve(goal[None], wish)[1][0] <= CLOSE * solver.extent:
-            going &= met
+    if not met.all() and reachable():  # then it has to be met
+        going &= met
     return u, going
 
 
@@ -137,7 +158,7 @@ def _step(solver: Solver, u: Array, x: Array) -> tuple[Array, NDArray[np.bool_],
     """One small step of the target; whether joints moved by little, and met it, (n,)."""
     newton = solver.newton
     targets = np.broadcast_to(x, (len(u), len(x)))
-    trial, distance = newton.refine(u, targets, CLOSE)
+    trial, distance = newton.refine(u, targets, CLOSE, _FEW)
     moved = np.linalg.norm(newton.scale.difference(trial, u), axis=1)
     met = distance <= CLOSE * solver.extent
     if solver.redundant:
@@ -145,7 +166,7 @@ def _step(solver: Solver, u: Array, x: Array) -> tuple[Array, NDArray[np.bool_],
         drift = newton.tangent(trial, newton.scale.difference(np.full_like(trial, 0.5), trial))
         most = _DRIFT * moved / np.maximum(np.linalg.norm(drift, axis=1), 1e-300)
         drift *= np.minimum(0.2, most)[:, None]
-        slid, after = newton.refine(trial + drift, targets, CLOSE)
+        slid, after = newton.refine(trial + drift, targets, CLOSE, _FEW)
         near = np.linalg.norm(newton.scale.difference(slid, trial), axis=1) <= moved + 1e-12
         good = met & (after <= CLOSE * solver.extent) & near
         trial = np.where(good[:, None], slid, trial)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,9 +13,7 @@ from ..common.arrays import Array
 from ..common.rows import checked_rows
 from ..errors import QueryError
 from ..maps.association import check_readout
-
-if TYPE_CHECKING:
-    from .model import Model
+from .parts import Parts
 
 _REACHED = 1e-9  # share of the workspace's extent that always counts as reached
 _SURE = 1e-2  # of the extent: a larger expected error does not make a target reachable
@@ -55,14 +53,14 @@ class Answer(NamedTuple):
         return Answer._make(values[rows] for values in self)
 
 
-def solve_targets(model: Model, x: Array, near: Array, readout: str) -> Answer:
+def solve_targets(model: Parts, x: Array, near: Array, readout: str) -> Answer:
     """Answer the targets `x` (n, 2) with the solutions closest to `near` (n, dof, unit box)."""
     check_readout(readout)
     u = unit_joints(model, x, near, (readout,))[readout]
     return answer(model, u, x, model.predicted(u, readout))
 
 
-def unit_joints(model: Model, x: Array, near: Array, readouts: Sequence[str]) -> dict[str, Array]:
+def unit_joints(model: Parts, x: Array, near: Array, readouts: Sequence[str]) -> dict[str, Array]:
     """Joints of the unit box (n, dof) that answer targets (n, 2), by readout."""
     seen = in_sight(model, x)
     own = ("local", model.default_readout)
@@ -77,7 +75,7 @@ def unit_joints(model: Model, x: Array, near: Array, readouts: Sequence[str]) ->
     return found
 
 
-def joints(model: Model, x: Array, near: Array, *, nearest: bool) -> Array:
+def joints(model: Parts, x: Array, near: Array, *, nearest: bool) -> Array:
     """Joint values (n, dof) alone; NaN out of reach unless `nearest`."""
     x = in_sight(model, x)
     u, distance = model.solver.solve(x, near)
@@ -90,7 +88,7 @@ def joints(model: Model, x: Array, near: Array, *, nearest: bool) -> Array:
     return q
 
 
-def solve_all(model: Model, x: Array) -> list[Answer]:
+def solve_all(model: Parts, x: Array) -> list[Answer]:
     """Every distinct solution of each target, see :meth:`calib.Model.solve_all`."""
     target, u, _ = model.solver.solve_all(in_sight(model, x))
     every = answer(model, u, x[target])
@@ -98,7 +96,7 @@ def solve_all(model: Model, x: Array) -> list[Answer]:
     return [every.take(slice(a, b)) for a, b in itertools.pairwise(edges)]
 
 
-def in_sight(model: Model, x: Array) -> Array:
+def in_sight(model: Parts, x: Array) -> Array:
     """Targets (n, 2), those a million extents away and further moved closer.
 
     What is nearest to them lies in the same direction, and their squares would overflow.
@@ -110,7 +108,7 @@ def in_sight(model: Model, x: Array) -> Array:
     return np.where(far, x / np.where(far, furthest, 1.0) * limit, x) if far.any() else x
 
 
-def answer(model: Model, u: Array, x: Array, position: Array | None = None) -> Answer:
+def answer(model: Parts, u: Array, x: Array, position: Array | None = None) -> Answer:
     """Describe joints `u` (n, dof) of the unit box that answer the targets `x` (n, 2)."""
     if position is None:
         position = model.predictor.value(u)
@@ -126,28 +124,54 @@ def answer(model: Model, u: Array, x: Array, position: Array | None = None) -> A
     return Answer(model.motor.scale.from_unit(u), position, distance, bound, error, within)
 
 
-def _within_reach(model: Model, bound: Array) -> Array:
+def _within_reach(model: Parts, bound: Array) -> Array:
     """Distance (n,) to a target at which it counts as reached [unit]."""
     extent = model.solver.extent
     return np.maximum(np.minimum(bound, _SURE * extent), _REACHED * extent)
 
 
 def forward_bounds(
-    model: Model, q: ArrayLike, position: Array, readout: str | None
+    model: Parts, q: ArrayLike, position: Array, readout: str | None
 ) -> tuple[Array, Array]:
     """95 % bounds (n,), expected and model error, on forward answers of any readout [unit].
 
     The model's bounds hold for its default readout.  The answer `position` (n, d) of another
     one is further off by at most its distance from the default's (triangle inequality).
     """
-    expected, known = model.expected_error(q), model.model_error(q)
-    if readout is None or readout == model.default_readout:
-        return expected, known
-    apart = np.linalg.norm(position - model.forward(q), axis=-1)
-    return expected + apart, known + apart
+    rows, _ = checked_rows(q, model.about.joint_names, "joint values")
+    apart = np.zeros(len(rows))
+    if readout not in (None, model.default_readout):
+        apart = np.linalg.norm(np.atleast_2d(position) - model.answered(rows), axis=1)
+    each = (model.bounded(rows, which) + apart for which in ("bounds", "model_bounds"))
+    expected, known = (bound.reshape(position.shape[:-1]) for bound in each)
+    return expected, known
 
 
-def anchor(model: Model, near: ArrayLike | None, n: int) -> Array:
+def sides(model: Parts, approach: ArrayLike | None, n: int) -> Array | None:
+    """Directions of approach (n, dof), None where none were given."""
+    if approach is None:
+        return None
+    side, _ = checked_rows(approach, model.about.joint_names, "approach")
+    if len(side) not in (1, n):
+        raise QueryError(f"approach has {len(side)} rows for {n} of joints: give one or {n}")
+    return np.broadcast_to(np.sign(side), (n, side.shape[1]))
+
+
+def approached(model: Parts, q: ArrayLike, approach: ArrayLike, bound: Array) -> Array:
+    """Bounds at joints (n, dof) or (dof,), the smaller ones where the direction is known."""
+    rows, single = checked_rows(q, model.about.joint_names, "joint values")
+    side, own = sides(model, approach, len(rows)), model.approach
+    if side is None or own is None:
+        return bound
+    u = model.motor.scale.to_unit(own.effective(rows, side))
+    noise = model.about.bound_of == "sensor reading"
+    smaller, both = model.trust.bound(own.bounds, u, noise=noise), np.atleast_1d(bound)
+    # NaN stays: what is out of range has no bound from any side
+    result: Array = np.where(own.known(side) & np.isfinite(both), smaller, both)
+    return result[0] if single else result
+
+
+def anchor(model: Parts, near: ArrayLike | None, n: int) -> Array:
     """Joints of the unit box that answers should be close to, (n, dof).
 
     The middle of the ranges where `near` is not given; values beyond a limit are clipped.
@@ -173,7 +197,7 @@ def anchor(model: Model, near: ArrayLike | None, n: int) -> Array:
 
 
 def servo_step(
-    model: Model, measured: ArrayLike, target: ArrayLike, q: ArrayLike, gain: float
+    model: Parts, measured: ArrayLike, target: ArrayLike, q: ArrayLike, gain: float
 ) -> Array:
     """One step towards the targets; see :meth:`calib.Model.servo`."""
     if not 0.0 < gain <= 1.0:

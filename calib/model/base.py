@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -12,9 +12,7 @@ from ..arm.loading import arm_from_urdf
 from ..body.belief import Body, Second
 from ..body.sensor import sensor_of, without_gauge, without_sensor
 from ..body.spatial import structure_of
-
-if TYPE_CHECKING:
-    from .model import Model
+from .parts import Parts
 
 
 def in_base(body: Body, *, size: bool = True) -> Body | None:
@@ -45,7 +43,7 @@ def in_base(body: Body, *, size: bool = True) -> Body | None:
     return replace(body, structure=base, **alone(body), tau=none, residual=none, second=second)
 
 
-def drawn(model: Model) -> Body | None:
+def drawn(model: Parts) -> Body | None:
     """The drawn arm of a simulation whose arm and sensor were not changed."""
     about = model.about
     if not about.urdf or (about.simulation or {}).get("changes"):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -18,16 +18,14 @@ from ..kernel.header import Kernel
 from ..maps.local_models import NO_MODELS
 from ..maps.predictor import BodyInBox
 from .nominal import moves_in_space, nominal_arm, nominal_in_plane, nominal_in_space
+from .parts import Parts
 from .trust import ROUNDED
-
-if TYPE_CHECKING:
-    from .model import Model
 
 _PLACES, _POSTURES = 256, 128  # rows of the table of starts: places, of redundant joints postures
 _NO_LIMIT = 3e38
 
 
-def kernel_of(model: Model, limit: Array | None = None) -> Kernel:
+def kernel_of(model: Parts, limit: Array | None = None) -> Kernel:
     """What the C source of a model is made of.
 
     limit : (dof,) [rad or m], largest correction that is trusted
@@ -62,7 +60,7 @@ def kernel_of(model: Model, limit: Array | None = None) -> Kernel:
     )
 
 
-def compiled_of(model: Model) -> tuple[Compiled | None, str]:
+def compiled_of(model: Parts) -> tuple[Compiled | None, str]:
     """The compiled kernel of a model, and a sentence that says what single queries are answered by.
 
     None where the batch has to: without a compiler, without a body, or with `CALIB_NO_CC=1`.
@@ -86,7 +84,7 @@ def compiled_of(model: Model) -> tuple[Compiled | None, str]:
     return made, f"single queries are answered by compiled C, made in {taken:.2g} s"
 
 
-def _starts(model: Model) -> tuple[Array, Array]:
+def _starts(model: Parts) -> tuple[Array, Array]:
     """Joints (s, dof) and the positions (s, m) there, from where the inverse is sought.
 
     The solutions that the links lead to, of places all over the workspace; of redundant joints,
@@ -109,7 +107,7 @@ def _some(rows: Any, most: int) -> Any:
     return rows[:: max(1, -(-len(rows) // most))]
 
 
-def _nominal(model: Model, arm: KernelArm) -> tuple[KernelArm | None, int]:
+def _nominal(model: Parts, arm: KernelArm) -> tuple[KernelArm | None, int]:
     """The nominal arm, and what a correction asks for: a position (0), a place (1), a pose (2)."""
     body, simulated = model.body, model.about.source == "simulation" and not model.history
     assert body is not None  # noqa: S101

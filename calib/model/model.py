@@ -10,12 +10,10 @@ from numpy.typing import ArrayLike
 
 from ..common.arrays import Array
 from ..common.rows import checked_rows
-from ..errors import QueryError
 from . import answers
 from .answers import Answer
 from .parts import Parts
 from .saving import Saving
-from .trust import MOST_BLENDED, MOST_SHARE
 
 if TYPE_CHECKING:
     from .paths import Path
@@ -70,16 +68,9 @@ class Model(Parts, Saving):
 
     def _repr_html_(self) -> str:
         """What it is and how well it does, as a small table for notebooks."""
-        from html import escape
+        from .facts import as_html
 
-        from .facts import facts
-
-        title, *_, error = repr(self).splitlines()
-        rows = "".join(
-            f"<tr><th style='text-align:left'>{escape(name)}</th><td>{escape(text)}</td></tr>"
-            for name, text in facts(self).items()
-        )
-        return f"<b>{escape(title)}</b><br>{escape(error)}<table>{rows}</table>"
+        return as_html(self)
 
     def warm_up(self) -> str:
         """Make single queries fast: compile the model's own C, where a C compiler is found.
@@ -139,13 +130,10 @@ class Model(Parts, Saving):
                 return found[0]
         readout = self._readout(readout)
         q, single = checked_rows(q, self.about.joint_names, "joint values")
-        inside = self.trust.covers(self.motor.scale.to_unit(q))
-        side = self._sides(approach, len(q))
+        side, moved = answers.sides(self, approach, len(q)), q
         if side is not None and self.approach is not None:
-            q = self.approach.effective(q, side)
-        x = np.full((len(q), len(self.axes)), np.nan)
-        if inside.any():
-            x[inside] = self.predicted(self.motor.scale.to_unit(q[inside]), readout)
+            moved = self.approach.effective(q, side)
+        x = self.answered(q, readout, moved)
         return x[0] if single else x
 
     def inverse(
@@ -221,28 +209,7 @@ class Model(Parts, Saving):
         :meth:`forward`, it is the smaller bound for a known direction.
         """
         bound = self._bound(q, "bounds")
-        if approach is None:
-            return bound
-        rows, _ = checked_rows(q, self.about.joint_names, "joint values")
-        side = self._sides(approach, len(rows))
-        if side is None or self.approach is None:
-            return bound
-        known = self.approach.known(side)
-        u = self.motor.scale.to_unit(self.approach.effective(rows, side))
-        smaller = self.trust.bound(self.approach.bounds, u, noise=self._noisy("bounds"))
-        both = np.atleast_1d(bound)
-        # NaN stays: what is out of range has no bound from any side
-        result: Array = np.where(known & np.isfinite(both), smaller, both)
-        return result[0] if np.ndim(q) == 1 else result
-
-    def _sides(self, approach: ArrayLike | None, n: int) -> Array | None:
-        """Directions of approach (n, dof), None where none were given."""
-        if approach is None:
-            return None
-        side, _ = checked_rows(approach, self.about.joint_names, "approach")
-        if len(side) not in (1, n):
-            raise QueryError(f"approach has {len(side)} rows for {n} of joints: give one or {n}")
-        return np.broadcast_to(np.sign(side), (n, side.shape[1]))
+        return bound if approach is None else answers.approached(self, q, approach, bound)
 
     def model_error(self, q: ArrayLike) -> Array:
         """95 % bound on the true position in the sensor's frame at (n, dof), (n,) [unit].
@@ -258,54 +225,13 @@ class Model(Parts, Saving):
             if found is not None and (found[1] or self.sure):
                 return found[0]  # type: ignore[return-value]
         q, single = checked_rows(q, self.about.joint_names, "joint values")
-        u = self.motor.scale.to_unit(q)
-        known = self.trust.covers(u)
-        bound = np.full(len(q), np.nan)
-        bound[known] = self.bound_at(u[known], which)
+        bound = self.bounded(q, which)
         return bound[0] if single else bound
-
-    def bound_at(self, u: Array, which: str = "bounds") -> Array:
-        """95 % bound (n,) [unit] at points of the unit box (n, dof).
-
-        Parameters
-        ----------
-        u : (n, dof) array
-        which : {"bounds", "model_bounds"}
-
-        Notes
-        -----
-        The bounds of the nodes, blended.  Of more than three joints a lattice covers too
-        little of the joints' box to blend between: the body's posterior answers itself, as it
-        does where the blended bound is too wide for an answer.
-        """
-        noise = self._noisy(which)
-        if self.posterior is not None:
-            return self.posterior.bound(self.motor.scale.from_unit(u), noise=noise)
-        if self.body is not None and u.shape[1] > MOST_BLENDED:
-            return self.body.bound(self.motor.scale.from_unit(u), noise=noise)
-        return self.trust.bound(getattr(self, which), u, noise=noise)
-
-    def _noisy(self, which: str) -> bool:
-        """Whether a bound counts the noise of a single reading."""
-        return which == "bounds" and self.about.bound_of == "sensor reading"
 
     def outside(self, q: ArrayLike) -> str | None:
         """Why the joint values (dof,) are outside of what was learned, None if they are not."""
         rows, _ = checked_rows(q, self.about.joint_names, "joint values")
-        u = self.motor.scale.to_unit(rows)
-        if bool(self.trust.covers(u)[0]):
-            return None
-        lower, upper = self.about.lower, self.about.upper
-        for k, name in enumerate(self.about.joint_names):
-            if not self.trust.in_range(u)[0, k]:
-                return (
-                    f"{name} = {rows[0, k]:.6g} is outside of the learned range "
-                    f"{lower[k]:.6g} to {upper[k]:.6g}"
-                )
-        return (
-            "no row was measured near these joint values: the position may be off by more than "
-            f"{MOST_SHARE:.0%} of the reach"
-        )
+        return self.trust.outside(rows, self.about.joint_names)
 
     def path(self, x: ArrayLike, start: ArrayLike | None = None, step: float | None = None) -> Path:
         """Joint values along straight lines through waypoints, on one branch if there is one.

@@ -8,7 +8,6 @@ therefore in the arm and never in the sensor's frame.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -23,12 +22,10 @@ from ..errors import OptionError
 from ..inverse.newton import Newton
 from ..inverse.pose import Joints
 from ..inverse.tasks import Poses
-
-if TYPE_CHECKING:
-    from .model import Model
+from .parts import Parts
 
 
-def nominal_in_plane(model: Model, *, based: bool = False) -> tuple[PlanarStructure, Array]:
+def nominal_in_plane(model: Parts, *, based: bool = False) -> tuple[PlanarStructure, Array]:
     """Structure and parameters (d,) of the nominal arm of a model with a planar body.
 
     Behind the sensor that the body knows, or, where `based`, in the robot's root frame.
@@ -60,14 +57,14 @@ def nominal_in_space(structure: SpatialStructure, beta: Array) -> Array:
     return nominal
 
 
-def moves_in_space(model: Model) -> bool:
+def moves_in_space(model: Parts) -> bool:
     """Whether the arm moves in space: seen in x, y and z, or by a camera from anywhere."""
     return len(model.axes) == 3 or (
         model.body is not None and isinstance(model.body.structure, SpatialStructure)
     )
 
 
-def visited_joints(model: Model, most: int) -> Array:
+def visited_joints(model: Parts, most: int) -> Array:
     """Joints (n, dof) of motor nodes that rows visited, at most so many, within the ranges."""
     nodes = np.flatnonzero(model.visited)
     if len(nodes) > most:
@@ -75,7 +72,7 @@ def visited_joints(model: Model, most: int) -> Array:
     return np.clip(model.motor.weights[nodes], model.about.lower, model.about.upper)
 
 
-def nominal_arm(model: Model) -> PlanarArm | SpatialArm:
+def nominal_arm(model: Parts) -> PlanarArm | SpatialArm:
     """Return the arm as its URDF describes it."""
     about = model.about
     if not about.urdf:

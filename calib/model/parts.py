@@ -167,6 +167,50 @@ class Parts:
             return self._body_alone.value(u)
         return self.sensory.scale.from_unit(self.association.forward(u, readout))
 
+    def answered(self, q: Array, readout: str | None = None, moved: Array | None = None) -> Array:
+        """Positions (n, m) that a readout answers at joint values (n, dof); NaN without an answer.
+
+        `moved` are the joint values where play is taken up, if it is.
+        """
+        unit = self.motor.scale.to_unit
+        inside, x = self.trust.covers(unit(q)), np.full((len(q), len(self.axes)), np.nan)
+        if inside.any():
+            where = unit((q if moved is None else moved)[inside])
+            x[inside] = self.predicted(where, readout or self.default_readout)
+        return x
+
+    def bounded(self, q: Array, which: str) -> Array:
+        """95 % bound (n,) [unit] at joint values (n, dof), NaN where there is no answer."""
+        u = self.motor.scale.to_unit(q)
+        known, bound = self.trust.covers(u), np.full(len(q), np.nan)
+        bound[known] = self.bound_at(u[known], which)
+        return bound
+
+    def bound_at(self, u: Array, which: str = "bounds") -> Array:
+        """95 % bound (n,) [unit] at points of the unit box (n, dof).
+
+        Parameters
+        ----------
+        u : (n, dof) array
+        which : {"bounds", "model_bounds"}
+
+        Notes
+        -----
+        The bounds of the nodes, blended.  Of more than three joints a lattice covers too
+        little of the joints' box to blend between: the body's posterior answers itself, as it
+        does where the blended bound is too wide for an answer.
+        """
+        noise = self._noisy(which)
+        if self.posterior is not None:
+            return self.posterior.bound(self.motor.scale.from_unit(u), noise=noise)
+        if self.body is not None and u.shape[1] > MOST_BLENDED:
+            return self.body.bound(self.motor.scale.from_unit(u), noise=noise)
+        return self.trust.bound(getattr(self, which), u, noise=noise)
+
+    def _noisy(self, which: str) -> bool:
+        """Whether a bound counts the noise of a single reading."""
+        return which == "bounds" and self.about.bound_of == "sensor reading"
+
     def _readout(self, name: str | None) -> str:
         """The readout that answers; ``local`` where the predictor does."""
         check_readout(name or "local")

@@ -5,7 +5,6 @@ from __future__ import annotations
 import itertools
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,9 +14,7 @@ from ..common.rows import checked_rows
 from ..errors import QueryError
 from ..inverse.tracking import follow_targets
 from . import answers
-
-if TYPE_CHECKING:
-    from .model import Model
+from .parts import Parts
 
 _STEP = 0.01  # of the workspace's extent, where no step is given
 _MOST = 1_000_000  # rows of a path
@@ -38,6 +35,9 @@ class Path:
     jumps : (j,) int array
         Rows whose joints do not follow from those of the row before: the branch ends there,
         whichever way the path is followed from its start.
+    held : (k,) bool array
+        Rows that were left out: a tenth of the workspace and more beyond all that the arm reaches;
+        joints stay as they were.
     """
 
     target: Array
@@ -49,10 +49,11 @@ class Path:
     reachable: NDArray[np.bool_]
     waypoint: NDArray[np.intp]
     jumps: NDArray[np.intp]
+    held: NDArray[np.bool_]
 
 
 def follow_path(
-    model: Model, waypoints: ArrayLike, start: ArrayLike | None, step: float | None
+    model: Parts, waypoints: ArrayLike, start: ArrayLike | None, step: float | None
 ) -> Path:
     """Follow waypoints; see :meth:`calib.Model.path`."""
     corners, single = checked_rows(waypoints, model.axes, "waypoints")
@@ -70,7 +71,7 @@ def follow_path(
     track = follow_targets(model.solver, answers.in_sight(model, x), first)
     answered = answers.answer(model, track.u, x)
     jumps = np.array(track.jumps, dtype=np.intp)
-    return Path(x, *answered, waypoint, jumps)
+    return Path(x, *answered, waypoint, jumps, track.held)
 
 
 def _lines(corners: Array, step: float) -> tuple[Array, NDArray[np.intp]]:

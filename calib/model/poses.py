@@ -5,7 +5,7 @@ Use it for tables of poses; `calib.Model.solve` answers positions alone, in the 
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,10 +15,8 @@ from ..common.arrays import Array
 from ..common.rows import checked_rows
 from ..errors import QueryError
 from ..samples.roles import QUATERNION, ROUNDING
+from .parts import Parts
 from .space import REACHED, Space
-
-if TYPE_CHECKING:
-    from .model import Model
 
 
 class PoseAnswers(NamedTuple):
@@ -37,17 +35,17 @@ class PoseAnswers(NamedTuple):
     reachable: NDArray[np.bool_]  # (k,)
 
 
-def forward_poses(model: Model, q: Array) -> tuple[Array, Array]:
+def forward_poses(model: Parts, q: Array) -> tuple[Array, Array]:
     """Positions (n, m) and quaternions (n, 4) at joints (n, dof); see :meth:`calib.Model.pose`."""
     space = Space.of(model)
     structure: Any = space.body.structure
-    position, turns = model.forward(q), structure.pose(q, space.body.beta)[1]
+    position, turns = model.answered(q), structure.pose(q, space.body.beta)[1]
     known = np.isfinite(position[:, :1])
     return position, np.where(known, quaternion_of(space.sensor[0] @ turns), np.nan)
 
 
 def solve_quickly(
-    model: Model, position: ArrayLike, quaternion: ArrayLike, near: ArrayLike
+    model: Parts, position: ArrayLike, quaternion: ArrayLike, near: ArrayLike
 ) -> Array | None:
     """Joints (dof,) for one pose by the compiled kernel; None where the batch has to answer."""
     kernel, structure = model.kernel, getattr(model.body, "structure", None)
@@ -72,7 +70,7 @@ def solve_quickly(
 
 
 def solve_poses(
-    model: Model,
+    model: Parts,
     position: ArrayLike,
     quaternion: ArrayLike | None = None,
     near: ArrayLike | None = None,
@@ -139,6 +137,6 @@ def solve_poses(
     else:
         position, rotation = space.to_sensor(position, rotation)
         scale = space.sensor[2]
-        bound, error = model.expected_error(q), model.model_error(q)
+        bound, error = model.bounded(q, "bounds"), model.bounded(q, "model_bounds")
     turns = quaternion_of(rotation)
     return PoseAnswers(target, q, position, turns, scale * away, turned, bound, error, reachable)

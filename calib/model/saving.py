@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, cast
 if TYPE_CHECKING:
     import os
 
-    from .model import Model
+    from .parts import Parts
 
 
 class Saving:
@@ -17,4 +17,4 @@ class Saving:
         """Write the model into one file, whole or not at all."""
         from ..model_file.storage import save
 
-        save(cast("Model", self), path)
+        save(cast("Parts", self), path)

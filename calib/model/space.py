@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -27,9 +27,7 @@ from ..inverse.pose import TOLERANCE, Joints, pose_branches
 from ..inverse.self_motions import free_directions
 from ..inverse.tasks import Places, Poses, Positions
 from .base import drawn, in_base
-
-if TYPE_CHECKING:
-    from .model import Model
+from .parts import Parts
 
 _BESIDE = 0.5  # rad: of joints no further from `near` the other branches are looked for there
 _ACROSS = (-4.0, -2.0, -1.0, 1.0, 2.0, 4.0)  # least singular values to the other side of a fold
@@ -47,13 +45,13 @@ _STARTS = 64  # joints from which what was missed is tried again
 class Space:
     """The arm of a model in its base frame."""
 
-    model: Model
+    model: Parts
     body: Body  # the body in the view "base", in m
     joints: Joints
     length: float  # [m], the arm's length
 
     @staticmethod
-    def of(model: Model) -> Space:
+    def of(model: Parts) -> Space:
         """The arm of a model.
 
         Raises QueryError if the model knows no chain in space: of a planar arm, or one found from
@@ -87,7 +85,7 @@ class Space:
         rows, _ = checked_rows(q, self.model.about.joint_names, "joint values")
         structure: Any = self.body.structure
         position, rotation = structure.pose(rows, self.body.beta)
-        known = np.isfinite(self.model.forward(rows)[:, :1])
+        known = self.model.trust.covers(self._scale.to_unit(rows))[:, None]
         return np.where(known, position, np.nan), np.where(known, quaternion_of(rotation), np.nan)
 
     def bound(self, q: ArrayLike, *, size: bool = True) -> Array:

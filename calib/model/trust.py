@@ -64,6 +64,24 @@ class Trust:
             known[known] = self.bound(self.bounds, u[known]) <= self.most
         return known
 
+    def outside(self, q: Array, names: tuple[str, ...]) -> str | None:
+        """Why joint values (1, dof) [rad or m] are not answered, None if they are."""
+        scale = self.motor.scale
+        u = scale.to_unit(q)
+        if bool(self.covers(u)[0]):
+            return None
+        lower, upper = scale.lower, scale.lower + scale.span
+        for k, name in enumerate(names):
+            if not self.in_range(u)[0, k]:
+                return (
+                    f"{name} = {q[0, k]:.6g} is outside of the learned range "
+                    f"{lower[k]:.6g} to {upper[k]:.6g}"
+                )
+        return (
+            "no row was measured near these joint values: the position may be off by more than "
+            f"{MOST_SHARE:.0%} of the reach"
+        )
+
     def bound(self, bounds: Array, u: Array, *, noise: bool = False) -> Array:
         """Bounds (n,) at points of the unit box (n, dof), from those of the nodes (nodes,).
 

@@ -31,6 +31,7 @@ _CLEAR = 0.4  # of the misfit: another reading of the joints explains the pictur
 _FAR = 2e-2  # m, of poses, beyond which other readings are tried
 _SIZED = 0.01  # of the board's size, beyond which it is wrong where that is clear
 _SURE = 5.0  # standard deviations
+_BUILT = 1e-3  # m, that an arm's origins are off at least where a size is doubted
 _TRIED = 10  # pictures that other readings are tried on
 
 
@@ -134,7 +135,7 @@ def _left(body: Body, views: BoardViews, index: Indices) -> float:
 
 def _refuse_readings(structure: SpatialStructure, views: BoardViews, board: Board) -> None:
     """Refuse joints, an eye or a board of which another reading explains the poses far better."""
-    own, ratio, sd = _closed_form(structure, views.q, views)
+    own, inverse, sd = _closed_form(structure, views.q, views)
     if own > _FAR:
         other, back = "base" if views.in_hand else "hand", views.other_way()
         where = "stands still" if views.in_hand else "is in the hand"
@@ -154,9 +155,9 @@ def _refuse_readings(structure: SpatialStructure, views: BoardViews, board: Boar
             left, words, hint = min(tried, default=(np.inf, "", ""))
             if left < _CLEAR * own:
                 raise LogError(f"the pictures fit the joints only if {words}", hint=hint)
-    if abs(ratio - 1.0) > _SIZED + _SURE * sd:
+    if abs(inverse - 1.0) > _SIZED + _SURE * sd:
         raise LogError(
-            f"the board's squares measure {1e3 * board.square * ratio:.4g} mm by the arm's "
+            f"the board's squares measure {1e3 * board.square / inverse:.4g} mm by the arm's "
             f"motions, {1e3 * board.square:.4g} mm as said: measure the print, and give its size "
             "in `board`"
         )
@@ -165,7 +166,7 @@ def _refuse_readings(structure: SpatialStructure, views: BoardViews, board: Boar
 def _closed_form(
     structure: SpatialStructure, q: Array, views: BoardViews
 ) -> tuple[float, float, float]:
-    """Median misfit [m] of poses that the drawing predicts, the size of the board, and its sd.
+    """Median misfit [m] of poses that the drawing predicts, one over the board's size, its sd.
 
     Turns between two pictures are conjugate, Z_k Z_l' = Y A_k A_l' Y' (Park and Martin 1994); then
     places z = Y p / size + Y R tool + shift are linear in tool, shift and 1 / size.
@@ -176,23 +177,18 @@ def _closed_form(
     a, b = (logarithm(each[first] @ np.swapaxes(each[second], 1, 2)) for each in (turns, seen))
     frame = nearest_rotation(b.T @ a)
     hand = nearest_rotation((np.swapaxes(frame @ turns, 1, 2) @ seen).sum(axis=0))
-    design = np.concatenate(
-        [(place @ frame.T)[:, :, None], frame @ turns, np.tile(np.eye(3), (count, 1, 1))], axis=2
-    )
-
-    def solved(design: Array, target: Array) -> tuple[Array, Array]:
-        flat = design.reshape(3 * count, -1)
-        found = np.linalg.lstsq(flat, target.ravel(), rcond=None)[0]
-        return np.asarray(found), target - (flat @ found).reshape(count, 3)
-
-    _, miss = solved(design[:, :, 1:], views.poses[:, :3] - design[:, :, 0])
+    # what neither tool nor shift follow of the tip's places, and of the poses'
+    others = np.concatenate([frame @ turns, np.tile(np.eye(3), (count, 1, 1))], axis=2)
+    others = others.reshape(3 * count, 6)
+    both = np.column_stack([(place @ frame.T).ravel(), views.poses[:, :3].ravel()])
+    tip, told = (both - others @ np.linalg.lstsq(others, both, rcond=1e-9)[0]).T
+    miss = np.linalg.norm((told - tip).reshape(count, 3), axis=1)
     away = np.linalg.norm(views.poses[:, :3], axis=1)
     bent = away * np.linalg.norm(logarithm(seen @ np.swapaxes(frame @ turns @ hand, 1, 2)), axis=1)
-    found, rest = solved(design, views.poses[:, :3])
-    flat = design.reshape(3 * count, -1)
-    spread = np.linalg.pinv(flat.T @ flat)[0, 0] * (rest**2).sum() / (3 * count - 7)
-    sd = float(np.sqrt(spread)) / found[0] ** 2
-    return float(np.median(np.linalg.norm(miss, axis=1) + bent)), float(1.0 / found[0]), sd
+    square = max(float(tip @ tip), 1e-9)  # of few joints nothing tells the size
+    inverse = float(tip @ told) / square
+    noise = max(float(((told - inverse * tip) ** 2).mean()), _BUILT**2)
+    return float(np.median(miss + bent)), inverse, float(np.sqrt(noise / square))
 
 
 def _readings(structure: SpatialStructure, q: Array) -> Iterator[list[tuple[Array, str, str]]]:

@@ -63,6 +63,11 @@ def path(
         named = zip(asked.axes, (found.target[row] * positions.typed).tolist(), strict=True)
         where = ", ".join(f"{axis} = {value:.6g}" for axis, value in named)
         note(f"row {row + 1}: a jump cannot be avoided, the branch ends before {where}")
+    if found.held.any():
+        note(
+            f"{int(found.held.sum())} of {len(out)} rows were left out, far beyond all that the "
+            "arm reaches: the joints stay as they were"
+        )
     if out.any():
         note(
             f"{int(out.sum())} of {len(out)} rows are out of reach, the furthest by "
@@ -77,6 +82,7 @@ def path(
         rows=len(found.q),
         invalid=batch.invalid,
         jumps=(found.jumps + 1).tolist(),
+        left_out=(np.flatnonzero(found.held) + 1).tolist(),
         out_of_reach=(np.flatnonzero(out) + 1).tolist(),
         **query.meaning,
     )

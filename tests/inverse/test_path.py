@@ -5,9 +5,10 @@ import math
 
 import numpy as np
 import pytest
-from models import trained, two_link, two_link_inverse
+from models import draw, trained, two_link, two_link_inverse
 
 import calib
+from calib.inverse.tracking import _everywhere
 
 SQUARE = [[0.30, 0.30], [0.25, 0.35], [0.15, 0.30], [0.30, 0.30]]
 
@@ -217,3 +218,28 @@ def test_a_way_far_out_of_the_workspace_and_back_takes_few_looks():
     fine = np.array(_shares(1e3)) * 1e3
     assert np.diff(fine[fine < 2.9]).max() <= np.diff(_shares(5.0)).max() * 5.0 * 1.01
     assert np.diff(fine[fine > 997.1]).max() <= np.diff(_shares(5.0)).max() * 5.0 * 1.01
+
+
+def test_a_waypoint_far_away_is_left_out_and_told(tmp_path, run):
+    """Once a path in space took minutes where one waypoint was nine extents away."""
+    model = trained("two_link", 600, 6)
+    x = model.forward(draw(model, 4))
+    x[2, 0] += 9 * model.solver.extent
+    waypoints = tmp_path / "x.csv"
+    waypoints.write_text("x,y\n" + "\n".join(",".join(map(str, row)) for row in x))
+    model.save(tmp_path / "m.calib")
+    done = run("query", "path", tmp_path / "m.calib", "--input", waypoints, "--json")
+    assert done.code == 3
+    assert "were left out, far beyond" in done.err
+    document = done.document
+    held = np.array(document["left_out"]) - 1
+    assert 0 < len(held) < document["rows"]
+    path = model.path(x)
+    np.testing.assert_array_equal(np.flatnonzero(path.held), held)
+    assert (path.q[held] == path.q[held[0] - 1]).all()
+
+
+def test_of_a_redundant_arm_few_of_its_ways_set_out():
+    model = trained("three_link", 600, 6)
+    front = _everywhere(model.solver, model.forward(draw(model, 1))[0])
+    assert 1 <= len(front) <= 8

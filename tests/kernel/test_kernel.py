@@ -22,9 +22,7 @@ from calib.model.fast import kernel_of
 
 needs_compiler = pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler here")
 
-ROBOTS = [
-    "two_link", "two_link_full", "three_link", "polar",
-]  # fmt: skip
+ROBOTS = sorted(path.stem for path in (Path(__file__).parents[2] / "robots").glob("*.urdf"))
 MODELS = {
     **{name: lambda name=name: trained(name, 600, 6) for name in ROBOTS},
     "measured": measured,

@@ -37,7 +37,7 @@ def files():
     }
 
 
-KNOTS = {"calib.model", "calib.recording"}
+KNOTS = {"calib.recording"}
 """Rooms with files that still know each other, if only for types: fewer with time."""
 
 

@@ -100,9 +100,8 @@ def solve(rig, eye=None, **changes):
     return handeye(rig.arm, corners(rig, **changes), None, None, eye, lens=lens_of(rig))
 
 
-@pytest.mark.parametrize("in_hand", [True, False])
-def test_a_wrong_reading_is_named(in_hand):
-    rig = Rig(in_hand, seed=1, pictures=12)
+def test_a_wrong_reading_is_named():
+    rig = Rig(True, seed=1, pictures=12)
     ways = {
         "columns are exchanged": rig.q[:, [0, 2, 1, 3, 4, 5]],
         "wrist_2 counts the other way": rig.q * (1, 1, 1, 1, -1, 1),
@@ -112,6 +111,11 @@ def test_a_wrong_reading_is_named(in_hand):
     for words, q in ways.items():
         with pytest.raises(LogError, match=words):
             solve(rig, q=q)
+
+
+@pytest.mark.parametrize("in_hand", [True, False])
+def test_a_wrong_board_and_a_wrong_eye_are_named(in_hand):
+    rig = Rig(in_hand, seed=1, pictures=12)
     with pytest.raises(LogError, match="squares measure"):
         solve(rig, board="7x5:25mm:18mm:5x5_100")
     with pytest.raises(OptionError, match="eye=") as told:
@@ -147,8 +151,35 @@ def test_a_shift_that_no_picture_tells_is_left_out_of_the_interval_up_to_it():
     whole, told = (found.hand[f"rotation_95{end}"] for end in ("", "_up_to_gauge"))
     assert max(told) < 0.2 * max(whole)
     assert max(found.hand["position_95"]) < 1e-3  # the arm is good, and the corners tell so
-    # turned with the last joint, the other way than that, nothing is seen
     assert "no picture tells" in found.notes[-1]
+
+
+@pytest.mark.parametrize(("count", "off"), [(5, 1e-3), (3, 2e-3), (2, 0.1)])
+def test_arms_of_few_joints_are_known_as_well_as_they_turn(count, off):
+    names = calib.load_arm("six_axis").joint_names[:count]
+    rig = Rig(True, seed=3, pictures=12, joints=names)
+    found = solve(rig)
+    miss = np.abs(np.subtract(found.hand["position"], rig.hand(rig.beta)[0]))
+    assert np.linalg.norm(miss) < off
+    assert (miss < 1.5 * np.array(found.hand["position_95"])).all()
+    assert ("few turns of the wrist" in found.limited_by) == (count < 5)
+
+
+def test_joints_without_limits_are_as_good_as_others(tmp_path):
+    text = calib.load_arm("six_axis").urdf.replace('"revolute"', '"continuous"')
+    (tmp_path / "free.urdf").write_text(text)
+    rig = Rig(False, seed=3, pictures=12, robot=str(tmp_path / "free.urdf"))
+    assert np.allclose(solve(rig).hand["position"], rig.hand(rig.beta)[0], atol=1e-3)
+
+
+def test_what_pictures_without_the_board_show_is_told():
+    rig, pictures, joints = shots(True)
+    few, table = pictures[:6], replace(joints, q=joints.q[:6])
+    flipped = [np.ascontiguousarray(picture[:, ::-1]) for picture in few]
+    with pytest.raises(LogError, match="mirrored"):
+        handeye(rig.arm, flipped, table, SPEC, "hand")
+    with pytest.raises(LogError, match="7x5"):
+        handeye(rig.arm, few, table, "5x7:24mm:18mm:5x5_100", "hand")
 
 
 def test_refusals_name_what_was_given():
