@@ -6,9 +6,6 @@ joints from positions as a second function, which works because the arm has one 
 
 from __future__ import annotations
 
-import pickle
-import tempfile
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -74,9 +71,6 @@ class Regression:
     def inverse(self, x: Array, _near: Array) -> Array:
         scale, learned = self.back
         return scale.out(self.say(learned, scale.into(x)))
-
-    def size(self) -> int:
-        return len(pickle.dumps((self.there, self.back)))
 
 
 class Neighbours(Regression):
@@ -178,9 +172,6 @@ class Polynomial(Regression):
         terms, degree, c = learned
         return np.asarray(terms(a, degree) @ c)
 
-    def size(self) -> int:
-        return sum(learned[2].nbytes for _, learned in (self.there, self.back))
-
 
 class Refit:
     """Least squares of the true kinematic model: what a perfect model can give."""
@@ -236,9 +227,6 @@ class Refit:
         q = self.sign * (np.stack([turn, bend], axis=1) - self.offsets)
         return q + 2 * np.pi * np.round((near - q) / (2 * np.pi))
 
-    def size(self) -> int:
-        return 8 * 7
-
 
 class Calib:
     """The model that ``calib train`` leaves."""
@@ -257,11 +245,6 @@ class Calib:
 
     def inverse(self, x: Array, near: Array) -> Array:
         return np.asarray(self.model.inverse(x, near=near, nearest=True))
-
-    def size(self) -> int:
-        with tempfile.TemporaryDirectory() as folder:
-            self.model.save(path := Path(folder) / "m.calib")
-            return path.stat().st_size
 
 
 PEERS = (Calib, Refit, Polynomial, Gaussian, Radial, Perceptron, Neighbours)

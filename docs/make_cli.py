@@ -5,7 +5,6 @@ python docs/make_cli.py                 # writes docs/cli.md
 
 from __future__ import annotations
 
-import re
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
@@ -16,7 +15,6 @@ from calib_cli.app import app
 
 PAGE = Path(__file__).parent / "cli.md"
 SHOWN = ("as_json", "verbose", "quiet", "help")
-DEFAULT = re.compile(r" \(default ([^)]*)\)")
 INTRODUCTION = """\
 # Command line
 
@@ -109,26 +107,25 @@ def value_of(parameter: Any) -> str:
 
 
 def row(parameter: Any) -> str:
-    """Return a table's row: how it is typed, what it does, its default."""
+    """Return a line of a list: how it is typed, what it does, its default."""
     if parameter.param_type_name == "argument":
-        typed, needed = f"`{parameter.metavar}`", parameter.required
+        typed = f"`{parameter.metavar}`"
     else:
         names = sorted(parameter.opts, key=len, reverse=True)
         value = "" if parameter.is_flag else f" {value_of(parameter)}"
         typed = ", ".join([f"`{names[0]}{value}`", *(f"`{name}`" for name in names[1:])])
-        needed = parameter.required
-    told = DEFAULT.search(parameter.help)  # what the help says itself goes first
-    default = ""
-    if needed:
-        default = "required"
-    elif told:
-        default = told[1]
-    elif not getattr(parameter, "is_flag", False) and parameter.default not in (None, (), []):
-        default = f"`{parameter.default}`"
-    meaning = DEFAULT.sub("", parameter.help)
-    if getattr(parameter, "multiple", False) and "repeatable" not in meaning:
-        meaning += " Repeatable."
-    return f"| {_cell(typed)} | {_cell(meaning)} | {_cell(default)} |"
+    told = parameter.help
+    if parameter.required:
+        told += " Required."
+    elif (
+        "(default" not in told
+        and not getattr(parameter, "is_flag", False)
+        and parameter.default not in (None, (), [])
+    ):
+        told += f" Default `{parameter.default}`."
+    if getattr(parameter, "multiple", False) and "repeatable" not in told:
+        told += " Repeatable."
+    return f"- {typed}: {told}"
 
 
 def section(name: str, command: Any, shared: set[str]) -> str:
@@ -138,7 +135,7 @@ def section(name: str, command: Any, shared: set[str]) -> str:
     own = [parameter for parameter in command.params if parameter.name not in SHOWN]
     rows = [row(parameter) for parameter in own if row(parameter) not in shared]
     if rows:
-        lines += ["| argument or option | meaning | default |", "|---|---|---|", *rows, ""]
+        lines += [*rows, ""]
     names = [f"`{max(p.opts, key=len)}`" for p in own if row(p) in shared]
     if names:
         lines += [f"And {', '.join(names)}: see [shared options](#shared-options).", ""]
@@ -150,8 +147,7 @@ def page() -> str:
     program = typer.main.get_command(app)
     every = list(commands(program))
     overview = [
-        f"| [`{name}`](#{anchor(name)}) | {_cell(_first_sentence(command.help))} |"
-        for name, command in every
+        f"- [`{name}`](#{anchor(name)}): {_first_sentence(command.help)}" for name, command in every
     ]
     every_row = Counter(
         row(parameter)
@@ -162,15 +158,15 @@ def page() -> str:
     named: dict[str, str] = {}
     for text, count in every_row.most_common():
         if count > 1:  # of an option with two meanings the rarer one stays with its commands
-            named.setdefault(text.split()[1].strip("`"), text)
+            named.setdefault(text.split()[1].strip("`:"), text)
     shared = set(named.values())
     parts = [
         INTRODUCTION,
         "`calib --version` prints the version; `--help` after any command prints its part of "
         "this page.\n",
-        "\n".join(["| command | what it does |", "|---|---|", *overview, ""]),
+        "\n".join([*overview, ""]),
         "## Shared options\n\nThey mean the same in each command that has them.\n",
-        "\n".join(["| option | meaning | default |", "|---|---|---|", *sorted(shared), ""]),
+        "\n".join([*sorted(shared), ""]),
         *(section(name, command, shared) for name, command in every),
     ]
     return "\n".join(parts)
@@ -183,10 +179,6 @@ def _first_sentence(text: str) -> str:
 
 def _spaced(paragraphs: list[str]) -> list[str]:
     return [line for paragraph in paragraphs for line in (paragraph, "")]
-
-
-def _cell(text: str) -> str:
-    return text.replace("|", "\\|")
 
 
 if __name__ == "__main__":

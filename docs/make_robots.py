@@ -41,8 +41,7 @@ Written by `python docs/make_robots.py`; edit that, not this page.
 
 What `calib train FILE --size {size} --samples {samples}` does with each of the {files}
 URDF files of [{package}](https://github.com/Gepetto/example-robot-data) {version} (PyPI; meshes
-are not needed). Nothing is said about joints or tip: the arm that reaches furthest is taken with a
-note, an arm before its fingers; of limbs that reach alike (two arms, four legs) the first.
+are not needed). Nothing is said about joints or tip.
 Where limits are missing the command asks for ranges and ends with exit code 1. The table then gives
 the arm that comes of doing as told: ranges from -1 to 1. Of the files {trained} were
 trained at once, {listed} after doing as told, {refused} were refused for good. {spatial} of the

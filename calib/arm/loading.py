@@ -245,20 +245,17 @@ def _find_link(urdf: Urdf, tip: str) -> str:
 
 def held_values(urdf: Urdf, lock: Mapping[str, float]) -> dict[str, float]:
     """Values of all movable joints when held: as told, as their leader, or neutral."""
-    values: dict[str, float] = {}
-    for joint in urdf.joints:
-        if joint.movable:
-            values[joint.name] = float(lock.get(joint.name, neutral(joint)))
-            if not np.isfinite(values[joint.name]):
-                raise OptionError(
-                    f"`lock` of {quoted(joint.name)} is {lock[joint.name]}: expected a finite "
-                    f"number [{unit_of(joint)}]",
-                    parameter="lock",
-                    value=lock[joint.name],
-                )
-    for joint in urdf.joints:
-        leads = joint.mimic and joint.mimic.leader in values
-        if joint.movable and joint.mimic and leads and joint.name not in lock:
+    movable = [joint for joint in urdf.joints if joint.movable]
+    values = {joint.name: float(lock.get(joint.name, neutral(joint))) for joint in movable}
+    for joint in movable:
+        if not np.isfinite(values[joint.name]):
+            raise OptionError(
+                f"`lock` of {quoted(joint.name)} is {lock[joint.name]}: expected a finite "
+                f"number [{unit_of(joint)}]",
+                parameter="lock",
+                value=lock[joint.name],
+            )
+        if joint.mimic and joint.mimic.leader in values and joint.name not in lock:
             leader = values[joint.mimic.leader]
             values[joint.name] = joint.mimic.multiplier * leader + joint.mimic.offset
     return values
@@ -267,18 +264,16 @@ def held_values(urdf: Urdf, lock: Mapping[str, float]) -> dict[str, float]:
 def _lock_notes(urdf: Urdf, held: Mapping[str, float], lock: Mapping[str, float]) -> list[str]:
     """Say which joints are held where, and where that is not what zero or limits say."""
     notes: list[str] = []
-    for name, value in held.items():
+    for name in [name for name in held if name in lock]:
         joint = _movable(urdf, name, "lock")
         lower, upper = travel(joint)
-        if name in lock and not lower <= value <= upper:
+        if not lower <= held[name] <= upper:
             notes.append(
-                f"`lock={{{name!r}: {value:g}}}` lies outside the joint's limits "
+                f"`lock={{{name!r}: {held[name]:g}}}` lies outside the joint's limits "
                 f"{lower:g}:{upper:g} [{unit_of(joint)}]"
             )
-    neutral_ones = [f"{name}={held[name]:.4g}" for name in held if name not in lock]
-    if neutral_ones:
+    if neutral_ones := [f"{name}={held[name]:.4g}" for name in held if name not in lock]:
         notes.append(f"locked at neutral: {listed(neutral_ones, 8)} (`lock` changes it)")
-    idle = [name for name in lock if name not in held]
-    if idle:
+    if idle := [name for name in lock if name not in held]:
         notes.append(f"locked joints that do not move the tip: {listed(idle)}")
     return notes

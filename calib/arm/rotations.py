@@ -33,25 +33,13 @@ def quaternion_of(matrices: ArrayLike) -> Array:
     Of the four formulas (Shepperd 1978) each row takes the one that divides by most.
     """
     r = np.asarray(matrices, dtype=float)
-    d = np.stack([r[..., 0, 0], r[..., 1, 1], r[..., 2, 2]], axis=-1)
-    trace = d.sum(axis=-1)
-    choices = np.concatenate([d, trace[..., None]], axis=-1)
-    best = np.argmax(choices, axis=-1)
-    a = r[..., 2, 1] - r[..., 1, 2]
-    b = r[..., 0, 2] - r[..., 2, 0]
-    c = r[..., 1, 0] - r[..., 0, 1]
-    xy = r[..., 0, 1] + r[..., 1, 0]
-    xz = r[..., 0, 2] + r[..., 2, 0]
-    yz = r[..., 1, 2] + r[..., 2, 1]
-    four = np.stack(
-        [
-            np.stack([1 + 2 * d[..., 0] - trace, xy, xz, a], axis=-1),
-            np.stack([xy, 1 + 2 * d[..., 1] - trace, yz, b], axis=-1),
-            np.stack([xz, yz, 1 + 2 * d[..., 2] - trace, c], axis=-1),
-            np.stack([a, b, c, 1 + trace], axis=-1),
-        ],
-        axis=-2,
-    )
+    back, four = np.swapaxes(r, -1, -2), np.empty((*r.shape[:-2], 4, 4))  # 4 q q'
+    trace = np.trace(r, axis1=-2, axis2=-1)
+    four[..., :3, :3] = r + back + (1 - trace)[..., None, None] * np.eye(3)
+    away = r - back
+    four[..., 3, :3] = np.stack([away[..., 2, 1], away[..., 0, 2], away[..., 1, 0]], axis=-1)
+    four[..., :3, 3], four[..., 3, 3] = four[..., 3, :3], 1 + trace
+    best = np.argmax(np.diagonal(four, axis1=-2, axis2=-1), axis=-1)
     q = np.take_along_axis(four, best[..., None, None], axis=-2)[..., 0, :]
     q = q / np.linalg.norm(q, axis=-1, keepdims=True)
     return np.asarray(np.where(q[..., 3:] < 0, -q, q))

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 import re
-import stat
 import xml.etree.ElementTree as ET
 from pathlib import Path
 
@@ -32,23 +31,18 @@ def read_urdf(path: Path) -> str:
     Raises RobotError if it is missing, a folder, empty, not UTF-8, or larger than `MAX_BYTES`.
     """
     try:
-        if path.is_dir():
-            raise RobotError(f"{path}: is a folder, expected a URDF file")
-        status = path.stat()
-        if stat.S_ISCHR(status.st_mode) or stat.S_ISBLK(status.st_mode):  # some never end
-            raise RobotError(f"{path}: is a device, expected a URDF file")
-        if status.st_size > MAX_BYTES:
-            raise RobotError(
-                f"{path}: {status.st_size / 1e6:.0f} MB is no URDF (limit "
-                f"{MAX_BYTES // 1_000_000} MB): give the robot description, not its meshes"
-            )
+        if not path.exists():
+            raise RobotError(f"{path}: no such file; expected a URDF or a bundled robot")
+        if path.is_dir() or path.is_char_device() or path.is_block_device():  # some never end
+            raise RobotError(f"{path}: is a folder or a device, expected a URDF file")
         with path.open("rb") as file:
             data = file.read(MAX_BYTES + 1)
-        if len(data) > MAX_BYTES:  # a pipe has no size
-            raise RobotError(f"{path}: more than {MAX_BYTES // 1_000_000} MB are no URDF")
+        if len(data) > MAX_BYTES:
+            raise RobotError(
+                f"{path}: more than {MAX_BYTES // 1_000_000} MB are no URDF: give the robot "
+                "description, not its meshes"
+            )
         text = data.decode("utf-8-sig")
-    except FileNotFoundError:
-        raise RobotError(f"{path}: no such file; expected a URDF or a bundled robot") from None
     except UnicodeDecodeError as error:
         raise RobotError(
             f"{path}: byte {error.start} is not UTF-8: save the URDF as UTF-8 text"

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
+
 import numpy as np
 
 from ..common.arrays import Array
@@ -32,8 +34,8 @@ _PROBES, _ALIKE = 30, 1.1
 _SETTLED = 3e-3
 """A change of the noise and of every scale by less than this share ends them earlier."""
 
-_DAMPINGS = 10.0 ** np.arange(-6, 3)
-"""Damping of a step that fails, as a share of the diagonal of the information."""
+_DAMPING = 1e-4
+"""First damping of a step that fails, as a share of the diagonal of the information."""
 
 _GAINED = 0.05
 """Nats that a damped step gains at least, or the search is at its end."""
@@ -223,20 +225,28 @@ class Search:
                 return float(share)
         if gaussian:
             return 0.0
+        gain, _, _ = self.descend(_DAMPING)
+        return 0.1 if gain > _GAINED else 0.0
+
+    def descend(self, damping: float) -> tuple[float, float, float]:
+        """Move by the first of ever more damped steps that gains.
+
+        Returns the gain [nats], 0 where none gains, the step as a share of the sds that the rows
+        leave of each parameter alone, and its damping.
+        """
         gram, moment = self.data()
         precision = with_prior(gram, self.sd, self.known)
-        diagonal = np.diag(precision).copy()
-        pull, best = moment - self.pull(self.distance(self.beta)), None
-        for damping in _DAMPINGS:
-            precision[np.diag_indices(len(self.sd))] = (1 + damping) * diagonal
-            beta, r, value = self.after(Factor(precision).solve(pull))
-            if value > least and best is not None:
-                break
-            if value <= least:
-                least, best = value, (beta, r)
-        if best is not None:
-            self.beta, self.r = best
-        return 0.1 if before - least > _GAINED else 0.0
+        diagonal, pull = np.diag(precision).copy(), moment - self.pull(self.distance(self.beta))
+        before = self.objective(self.beta, self.r)
+        for damped in damping * 8.0 ** np.arange(8):
+            precision[np.diag_indices(len(pull))] = (1 + damped) * diagonal
+            with suppress(np.linalg.LinAlgError):
+                delta = Factor(precision).solve(pull)
+                beta, r, value = self.after(delta)
+                if value < before:
+                    self.beta, self.r = beta, r
+                    return before - value, float((np.abs(delta) * np.sqrt(diagonal)).max()), damped
+        return 0.0, 0.0, damping
 
     def after(self, delta: Array) -> tuple[Array, Array, float]:
         """Parameters (d,), residuals and objective after a step (k,) of the active ones."""

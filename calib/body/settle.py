@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..common.arrays import Array
-from .normal import Factor, slices, with_prior
+from .normal import slices
 from .parameters import Prior
 from .search import Search
 from .settings import STUDENT
@@ -46,26 +46,10 @@ def settle(
         for _ in range(steps):
             search.noise = _spread(search.r, structure.extents, search.blocks)
             search.linearise(fresh=True)
-            gram, moment = search.data()
-            precision = with_prior(gram, search.sd, None)
-            pull = moment - search.pull(search.distance(search.beta))
-            diagonal = np.diag(precision).copy()
-            before = search.objective(search.beta, search.r)
-            for _ in range(8):
-                precision[np.diag_indices(len(pull))] = (1 + damping) * diagonal
-                try:
-                    delta = Factor(precision).solve(pull)
-                    beta, r, value = search.after(delta)
-                except np.linalg.LinAlgError:
-                    value = np.inf
-                if value < before:
-                    break
-                damping = min(damping * 8, 1e8)
-            else:
+            gain, moved, damping = search.descend(damping)
+            if not gain or moved < _SETTLED:
                 break
-            search.beta, search.r, damping = beta, r, max(damping / 10, 1e-12)
-            if float((np.abs(delta) * np.sqrt(diagonal)).max()) < _SETTLED:
-                break
+            damping = max(damping / 10, 1e-12)
         search.noise = _spread(search.r, structure.extents, search.blocks)
         cost = search.objective(search.beta, search.r)
     return search.beta, cost, float((search.noise / structure.extents).max())
