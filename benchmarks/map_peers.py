@@ -135,62 +135,17 @@ def _sparse_batch(u: Array, side: int, s: Setting, _seed: int) -> Array:
     return np.array(som.codebook, dtype=float).reshape(-1, u.shape[1])
 
 
-def _python_som(u: Array, side: int, s: Setting, seed: int) -> Array:
-    import python_som
-
-    som = python_som.SOM(
-        side, side, u.shape[1], neighborhood_radius=s.start,
-        neighborhood_radius_decay=_exponential(s.start, s.end, max(1, s.rounds - 1)),
-        min_neighborhood_radius=s.end, random_seed=seed,
-    )  # fmt: skip
-    som.weight_initialization(mode="linear", data=u[: s.rows])
-    som.train(u[: s.rows], s.rounds, mode="batch")
-    return som.get_weights().reshape(-1, u.shape[1])
-
-
-def _fastersom(u: Array, side: int, s: Setting, seed: int) -> Array:
-    from fastersom import SOM
-
-    som = SOM(side, side, s.rounds, sigma_initial=s.start, sigma_final=s.end, init="sample",
-              random_state=seed)  # fmt: skip
-    return np.asarray(som.fit(u[: s.rows].astype(np.float32)).weights_, dtype=float)
-
-
-def _susi(u: Array, side: int, s: Setting, seed: int) -> Array:
-    from susi import SOMClustering
-
-    som = SOMClustering(
-        side, side, n_iter_unsupervised=s.rounds, neighborhood_mode_unsupervised="min",
-        learn_mode_unsupervised="min", random_state=seed,
-    )  # fmt: skip
-    return som.fit(u).unsuper_som_.reshape(-1, u.shape[1])
-
-
-def _xpysom(u: Array, side: int, s: Setting, seed: int) -> Array:
-    from xpysom import XPySom
-
-    som = XPySom(side, side, u.shape[1], sigma=s.start, sigmaN=s.end, std_coeff=1.0,
-                 random_seed=seed, xp=np)  # fmt: skip
-    som.train(u[: s.rows], s.rounds)
-    return np.asarray(som.get_weights(), dtype=float).reshape(-1, u.shape[1])
-
-
 OURS = Peer("calib", "calib-arm", False, _calib, 'calib.SOM((n, n), map="som").fit(x)')
 PEERS = (
     OURS,
-    Peer("python-som", "python-som", False, _python_som,
-         "batch, linear start, radius decay given as a function; its numba kernel where numba is"),
     Peer("sparse-som", "sparse-som", True, _sparse_online,
          "Som, exponential cooling, csr input in float32", seeded=False),
     Peer("numbasom", "numbasom", True, _numbasom, "no options but the steps", seeded=False),
     Peer("sparse-som batch", "sparse-som", False, _sparse_batch,
          "BSom (OpenMP), exponential cooling", seeded=False),
-    Peer("fastersom", "fastersom", False, _fastersom, "PyTorch on the CPU, start from samples"),
-    Peer("XPySom", "XPySom", False, _xpysom, "NumPy, exponential decay, std_coeff 1"),
     Peer("MiniSom", "minisom", True, _minisom,
          "exponential decay of radius and rate through its private attributes, the public ones "
          "are slower"),
-    Peer("susi", "susi", True, _susi, "modes min, final radius fixed at 1"),
 )  # fmt: skip
 """Ours first, then peers from the fastest to the slowest."""
 

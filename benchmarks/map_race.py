@@ -23,7 +23,7 @@ from measure import child, peak_mb, spread, timed
 BOUND = 0.377
 NEAR = 0.02  # within so much of a goal the median of three seeds decides
 SEEDS = 5
-CAP = 20.0  # [s] longer trainings are extrapolated, not run
+CAP = 20.0  # [s] of the longest training
 
 
 @dataclass(frozen=True)
@@ -41,11 +41,8 @@ QUICK = (Race(10, 4000, (1.20,)),)
 
 # peer: radii (start over the side, end), the better ones of several tried on 30x30
 _RADII = {
-    "python-som": ((0.14, 0.3), (0.5, 0.3)),
     "sparse-som": ((0.5, 0.3), (0.5, 0.5)),
     "sparse-som batch": ((0.5, 0.3),),
-    "fastersom": ((0.5, 0.3),),
-    "XPySom": ((0.5, 0.3),),
     "MiniSom": ((0.5, 0.5), (0.5, 0.3)),
 }
 _STEPS = (5, 6, 7, 8, 10, 12, 14, 17, 20, 24, 28, 34, 40, 48, 56, 68, 80, 96, 110)  # per node
@@ -154,88 +151,38 @@ def presented(peer: Peer, setting: Setting) -> int:
     return setting.rounds if peer.online else setting.rows * max(1, setting.rounds)
 
 
-def search(
-    races: tuple[Race, ...], names: list[str], known: list[dict[str, Any]] | None = None
-) -> list[dict[str, Any]]:
-    """Find each peer's cheapest setting for each goal; a row per peer and lattice.
-
-    `known` are rows that were found before and stay as they are.  What a peer took on a
-    smaller lattice shortens the search on a larger one.
-    """
-    found = list(known or [])
+def search(races: tuple[Race, ...], names: list[str]) -> list[dict[str, Any]]:
+    """Find each peer's cheapest setting for each goal; a row per peer and lattice."""
+    found = []
     with tempfile.TemporaryDirectory() as folder:
         for race in races:
             course = Course(race, Path(folder))
-            done = {row["peer"] for row in found if row["side"] == race.side}
-            for peer in (
-                p for p in PEERS if p.version() and p.name in names and p.name not in done
-            ):
-                smaller = [r for r in found if r["peer"] == peer.name and r["side"] < race.side]
-                found.append(_search(course, peer, _promising(peer, race, smaller)))
+            for peer in (p for p in PEERS if p.version() and p.name in names):
+                found.append(_search(course, peer))
                 print(json.dumps(found[-1]), file=sys.stderr)
     return found
 
 
-def _promising(peer: Peer, race: Race, smaller: list[dict[str, Any]]) -> list[Setting]:
-    """The grid without what was far too little, or had the worse radii, on a smaller lattice."""
-    settings = grid(peer, race)
-    good = [(row["side"], Setting(**s)) for row in smaller[-1:] for s in row["best"].values() if s]
-    if not good:
-        return settings
-    least = 0.6 * min(presented(peer, s) / side**2 for side, s in good)
-    radii = {(round(s.start / side, 3), s.end) for side, s in good}
-    return [
-        s for s in settings
-        if presented(peer, s) >= least * race.side**2
-        and (round(s.start / race.side, 3), s.end) in radii
-    ] or settings  # fmt: skip
-
-
-def _search(course: Course, peer: Peer, settings: list[Setting]) -> dict[str, Any]:
-    """The first of the settings, which is the cheapest, that reaches each goal."""
-    race = course.race
-    best: dict[str, dict[str, Any] | None] = {f"{goal:.2f}": None for goal in race.goals}
-    tried: list[dict[str, Any]] = []
-    unused: list[Setting] = []
-    # processor seconds per presented sample, first of a short training
-    r = settings[0]
-    probe = Setting(race.rows, race.side**2 // 20, r.start, r.end) if peer.online else None
-    probe = probe or Setting(2000, r.rounds and 1, r.start, r.end)
-    done = course.run(peer, probe)
-    rate = done["cpu"] / presented(peer, probe) if done else 0.0
-    for setting in settings:
-        if rate * presented(peer, setting) > CAP:
-            unused.append(setting)
-            continue
+def _search(course: Course, peer: Peer) -> dict[str, Any]:
+    """The cheapest setting that reaches each goal, the median of three seeds; of ours all five."""
+    best: dict[str, dict[str, Any] | None] = {f"{goal:.2f}": None for goal in course.race.goals}
+    closest = np.inf
+    for setting in grid(peer, course.race):
         done = course.run(peer, setting)
-        if done is None:
+        if done is None or done["cpu"] > CAP:
             break
-        rate = done["cpu"] / presented(peer, setting)
-        ratio = done["ratio"]
-        open_goals = [goal for goal in race.goals if best[f"{goal:.2f}"] is None]
-        if peer == OURS:  # every seed has to get there
-            for seed in range(1, SEEDS):
-                again = course.run(peer, setting, seed) if ratio <= max(open_goals) else None
-                ratio = max(ratio, again["ratio"]) if again else ratio
-        elif any(abs(ratio - goal) < NEAR for goal in open_goals) and done["cpu"] < CAP / 3:
-            others = [course.run(peer, setting, seed) for seed in (1, 2)]
-            ratio = statistics.median([ratio, *(o["ratio"] for o in others if o)])
-        tried.append({"setting": asdict(setting), "ratio": ratio, "cpu": done["cpu"]})
-        for goal in race.goals:
+        seeds = range(1, SEEDS if peer == OURS else 3)
+        near = done["ratio"] <= max(course.race.goals) + NEAR
+        others = [course.run(peer, setting, seed) for seed in seeds] if near else []
+        ratios = [done["ratio"], *(o["ratio"] for o in others if o)]
+        ratio = max(ratios) if peer == OURS else statistics.median(ratios)
+        closest = min(closest, ratio)
+        for goal in course.race.goals:
             if ratio <= goal and best[f"{goal:.2f}"] is None:
                 best[f"{goal:.2f}"] = asdict(setting)
         if None not in best.values():
             break
-    return {
-        "side": race.side,
-        "peer": peer.name,
-        "version": peer.version(),
-        "best": best,
-        "closest": min(tried, key=lambda r: r["ratio"]) if tried else None,
-        "cpu_per_sample": rate,
-        "tried": len(tried),
-        "too_slow": len(unused),
-    }
+    return {"side": course.race.side, "peer": peer.name, "best": best, "closest": float(closest)}
 
 
 def race(races: tuple[Race, ...], found: list[dict[str, Any]]) -> list[dict[str, Any]]:
@@ -251,15 +198,10 @@ def race(races: tuple[Race, ...], found: list[dict[str, Any]]) -> list[dict[str,
                 for goal, setting in f["best"].items()
                 if setting is not None and map_peers.by_name(f["peer"]).version()
             ]
-            spent: dict[tuple[str, str], float] = {}
             for seed in range(SEEDS):
                 for peer, goal, setting in entries:
-                    if seed >= _repeats(spent, peer, goal):
+                    if (done := course.run(peer, setting, seed)) is None:
                         continue
-                    done = course.run(peer, setting, seed)
-                    if done is None:
-                        continue
-                    spent[peer.name, goal] = done["seconds"]
                     row = rows.setdefault(
                         (one_race.side, goal, peer.name),
                         {"side": one_race.side, "goal": goal, "peer": peer.name,
@@ -268,14 +210,6 @@ def race(races: tuple[Race, ...], found: list[dict[str, Any]]) -> list[dict[str,
                     )  # fmt: skip
                     row["done"].append(done)
     return [_summary(row) for row in rows.values()]
-
-
-def _repeats(spent: dict[tuple[str, str], float], peer: Peer, goal: str) -> int:
-    """Five of what is quick, three of the fastest peer and what is not slow, one of the rest."""
-    last = spent.get((peer.name, goal), 0.0)
-    fastest = min((s for (name, g), s in spent.items() if g == goal and name != OURS.name),
-                  default=0.0)  # fmt: skip
-    return 5 if last < 3 else 3 if last < 12 or last <= fastest else 1
 
 
 def _summary(row: dict[str, Any]) -> dict[str, Any]:

@@ -16,7 +16,7 @@ from calib.maps.association import Association
 from calib.maps.density import READINGS
 from calib.maps.links import WIRINGS
 from calib.paper.search import SAME_SCHEDULE
-from calib.paper.setting import NETWORKS, Setting
+from calib.paper.setting import Setting
 from calib.paper.tables import Cells, Table, columns_of, error_cells, error_header
 from calib.paper.trial import NetworkTrial, Row, Schedule, activity_errors, association, joined
 from calib.samples.samples import Samples
@@ -38,11 +38,9 @@ def networks(setting: Setting) -> Table:
         rows[name] = NetworkTrial(name, Schedule(), setting.side).row(few, n)
     for name in ("som", "vdsom"):
         online = Schedule(5, 0.5 if name == "som" else 1.5, rule="online")
-        rows[f"{name}, online rule"] = NetworkTrial(NETWORKS[name], online, setting.side).row(
-            few, n
-        )
+        rows[f"{name}, online rule"] = NetworkTrial(name, online, setting.side).row(few, n)
         same = replace(SAME_SCHEDULE, links="oja")
-        rows[f"{name}, {same}"] = NetworkTrial(NETWORKS[name], same, setting.side).row(few, n)
+        rows[f"{name}, {same}"] = NetworkTrial(name, same, setting.side).row(few, n)
     title = f"networks, {n:,} samples, {len(few.seeds)} seeds, readout activity"
     return _table("networks", title, rows)
 
@@ -68,9 +66,7 @@ def resampling(setting: Setting) -> Table:
             )
         rows[f"SOM, border drawn {times} times as often"] = joined(found)
     few = replace(setting, seeds=seeds)
-    rows["VDSOM, gain per sample"] = NetworkTrial(
-        NETWORKS["vdsom"], SAME_SCHEDULE, setting.side
-    ).row(few, n)
+    rows["VDSOM, gain per sample"] = NetworkTrial("vdsom", SAME_SCHEDULE, setting.side).row(few, n)
     title = f"data at the border against a gain, {SAME_SCHEDULE}, {n:,} samples, {len(seeds)} seeds"
     return _table("resampling", title, rows)
 
@@ -102,9 +98,7 @@ def perturbation(setting: Setting) -> Table:
         found = []
         for seed in seeds:
             samples = setting.babble(seed, n, changes=changes if degrees else ())
-            found.append(
-                NetworkTrial(NETWORKS["vdsom"], Schedule(), setting.side).errors(samples, seed)
-            )
+            found.append(NetworkTrial("vdsom", Schedule(), setting.side).errors(samples, seed))
         rows[f"{degrees:g} deg"] = joined(found)
     title = f"commands perturbed while learning (standard deviation), {n:,} samples, "
     title += f"{len(seeds)} seeds, tested on the arm at rest"
@@ -121,7 +115,7 @@ def directions(setting: Setting) -> Table:
     samples = setting.babble(seed, min(setting.samples, _ROWS))
     q, x = setting.validation(samples, seed)
     data: dict[str, Any] = {}
-    one = association(samples, NETWORKS["vdsom"], Schedule(), setting.side, seed)
+    one = association(samples, "vdsom", Schedule(), setting.side, seed)
     ahead, back = _one_sided(one, samples)
     found = {
         "one reciprocal set": (one, one),

@@ -50,9 +50,9 @@ def maps(quick: bool, names: list[str], sides: list[int]) -> None:
         )  # fmt: skip
     for row in found:
         for goal, best in row["best"].items():
-            if best is None and row["closest"]:
+            if best is None:
                 print(f"- {row['peer']}, {row['side']}x{row['side']}: {goal} was not reached, "
-                      f"{row['closest']['ratio']:.3f} was.")  # fmt: skip
+                      f"{row['closest']:.3f} was.")  # fmt: skip
 
 
 def main() -> None:

@@ -47,10 +47,15 @@ class Rig:
         b[s.groups["tool"]] = (0.03, -0.05, 0.04) + 0.01 * rng.standard_normal(3)
         b[s.groups["tool.rotation"]] = 0.15 * rng.standard_normal(3)
         lower, upper = np.maximum(arm.lower, -3), np.minimum(arm.upper, 3)
-        self._place(rng, lower + rng.uniform(0.35, 0.65, (1, arm.dof)) * (upper - lower))
+        self.start = lower + rng.uniform(0.35, 0.65, (1, arm.dof)) * (upper - lower)
+        self._place(rng, self.start)
         reading = Corners(s.measurement, self.in_hand, b)
         self.truth = s.with_view("board", unit="px", reading=reading)
-        self.q = self._poses(rng, lower, upper)
+        self.look(self._poses(rng, lower, upper), rng)
+
+    def look(self, q, rng) -> None:
+        """Take a picture at each of the poses (p, dof)."""
+        s, b, self.q = self.structure, self.beta, q
         self.rows = np.repeat(np.arange(len(self.q)), len(BOARD))
         self.corners = np.tile(BOARD, (len(self.q), 1))
         exact = self.truth.predict(np.column_stack([self.q[self.rows], self.corners]), b)

@@ -29,6 +29,7 @@ from .sanity import comparable, lag_behind_body
 from .score import Tested, group_tests
 from .seen import body_of
 from .settings import BEYOND, FALSE_ALARM, FEW
+from .sockets import as_positions
 
 _PROBES = 120  # joints all over the learned range at which predictions are compared
 UNEXPLAINED = 0.1
@@ -296,7 +297,12 @@ def compare(model: Model, log: Samples, cause: str | None = None) -> Comparison:
         raise ModelError(
             "the model has an older format without a posterior of its body: train it again"
         )
+    socketed: list[str] = []
+    if log.touch is not None:  # which no sensor saw
+        cause = cause or "joints"
+        log, socketed = as_positions(model, log)
     log, told = in_time(model, log)
+    told = [*socketed, *told]
     u, x, rows, notes = comparable(model, log)
     notes = (*told, *notes)
     q = model.motor.scale.from_unit(u)

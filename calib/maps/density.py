@@ -22,7 +22,7 @@ from .lattice import Lattice
 from .untrained import KINDS as UNTRAINED
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Visit:
     """Samples that visit a map in training, as a gain sees them.
 
@@ -58,6 +58,10 @@ class Visit:
     residual: Array | None = None
     sigma: float = np.nan
     per_node: float = np.inf
+
+    def __repr__(self) -> str:
+        nodes = len(self.weights)
+        return f"Visit({len(self.winners):,} samples of {nodes:,} nodes, t / T {self.progress:.3g})"
 
     @property
     def sums(self) -> Array:

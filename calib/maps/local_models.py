@@ -21,7 +21,6 @@ MOST_DEGREE = 5
 _REACH = 0.7  # of the diagonal of a cell of a node's spacing: so far it speaks in full
 _RING = 16  # places around a node where its polynomial has to be firm
 _FIRM = 10.0  # variance of an answer there, over that of one sample
-_CLOSE_ROWS = 5  # rows that have to be near a node
 SILENT, FULL = 0.3, 0.5  # shares of the weight at which nodes are not heard, and in full
 _CHUNK = 20_000_000  # numbers held at once while fitting
 
@@ -184,19 +183,6 @@ def speaking(motor: Map, u: Array) -> tuple[Index, Array, Array]:
 def reach_of(motor: Map) -> Array:
     """How far each node speaks in full, (nodes,), in the unit box."""
     return np.asarray(_REACH * np.sqrt(motor.units.shape[1]) * motor.spacings)
-
-
-def near_rows(motor: Map, u: Array) -> Array:
-    """Share of its correction that each node may give, (nodes,): none far away from all rows.
-
-    It falls to zero between once and twice the node's spacing, or twice the rows' own.
-    """
-    some = u[:: max(1, len(u) // 1000)]
-    own, distance = (
-        nearest_points(u, motor.scale, places, _CLOSE_ROWS)[0][:, -1]
-        for places in (some, motor.units)
-    )
-    return _fade(distance / np.maximum(motor.spacings, 2.0 * float(np.median(own))))
 
 
 def _fade(ratio: Array) -> Array:

@@ -6,7 +6,7 @@ near-repeats that would flatter a model split row by row.  ``docs/maps.md`` has 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from math import comb
 from typing import Any
 
@@ -151,8 +151,6 @@ def select(motor: Map, u: Array, candidate: SmoothCandidate) -> Selected:
     mended = held.copy()
     mended[rows] = residual
     models = local.fit(motor, nodes, u, candidate.residual, shape)
-    near_rows = local.near_rows(motor, u)[:, None, None]  # far from all rows they are silent
-    models = replace(models, coefficients=models.coefficients * near_rows)
     return Selected(Predictor(motor, candidate.smooth, models), told, mended[told])
 
 

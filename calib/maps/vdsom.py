@@ -153,14 +153,14 @@ class VDSOM:
             now, last = slice(first, chunk.stop), chunk.stop - 1
             grids, g = [], []
             widths = [self._widths(layer) for layer in self.layers]
-            for layer, x, sigma in zip(self.layers, samples, rates.sigma, strict=True):
+            for layer, x, radii in zip(self.layers, samples, rates.sigma, strict=True):
                 t = float(rates.progress[last])
-                g.append(layer.gains(x[now], float(sigma[last]), t))  # eq. 7
+                g.append(layer.gains(x[now], float(radii[last]), t))  # eq. 7
                 grids.append(np.ascontiguousarray(layer.weights.T))  # of one coordinate each
             for k in chunk:
                 t, alpha = float(rates.progress[k]), rates.alpha[k]  # t / T and eq. 4
                 for m, layer in enumerate(self.layers if maps else ()):
-                    w, x, wide = grids[m], samples[m][k], float(rates.sigma[m][k])
+                    w, x, sigma = grids[m], samples[m][k], float(rates.sigma[m][k])
                     square = ((w - x[:, None]) ** 2).sum(axis=0)
                     i = int(square.argmin())  # eq. 1
                     found[m][k] = square[i] ** 0.5
@@ -171,10 +171,10 @@ class VDSOM:
                         # unit square end within 0.02 of each other, 0.3 from the samples
                         local = w[:, i, None] - w[:, layer.lattice.beside(i)]
                         rho = np.exp(-np.sum(local**2))  # eq. 7
-                        h = np.asarray((t / rho) ** 4 * np.exp(-t / wide**2))  # eq. 8, printed
+                        h = np.asarray((t / rho) ** 4 * np.exp(-t / sigma**2))  # eq. 8, printed
                         step = np.minimum(alpha * h, 1.0)
                     else:
-                        near, h = around(layer.lattice, i, wide)  # eq. 3
+                        near, h = around(layer.lattice, i, sigma)  # eq. 3
                         grid = grid[(slice(None), *near)]
                         # stable: eq. 8 weighs the sample (g), and eq. 3 says how far it reaches;
                         # beyond 1 the nodes around a winner would all jump to the sample

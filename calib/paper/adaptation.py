@@ -11,8 +11,9 @@ import numpy as np
 from ..change.follow import follow
 from ..change.watch import Step
 from ..common.arrays import Array
+from ..maps.vdsom import zeta
 from ..training.train import train
-from .setting import NETWORKS, Setting
+from .setting import Setting
 from .tables import Cells, Result, Table
 
 if TYPE_CHECKING:
@@ -52,7 +53,7 @@ def _episode(setting: Setting, change: str) -> Episode:
     # 20,000 samples, as calib train has them; as many follow the change
     n = min(setting.samples, 20_000)
     samples = setting.babble(seed, n)
-    before = train(samples, size=setting.side, map=NETWORKS["vdsom"], body="none", seed=seed)
+    before = train(samples, size=setting.side, map="vdsom", body="none", seed=seed)
     stream = setting.babble(seed + _STREAM, n, changes=(change,))
     steps = []
     after = rule = before
@@ -70,14 +71,11 @@ def _episode(setting: Setting, change: str) -> Episode:
         for readout in _READOUTS
     }
     errors["rule"] = {**errors["activity"], "adapted": _error(rule, q, x, "activity")}
-    distortion = {state: _zeta(model, at) for state, (model, at) in states.items()}
+    distortion = {
+        state: zeta(model.sensory, model.sensory.scale.to_unit(at))
+        for state, (model, at) in states.items()
+    }
     return Episode(before, after, tuple(steps), q, x, errors, distortion)
-
-
-def _zeta(model: Model, x: Array) -> float:
-    """Distortion of the sensory map (eq. 9): mean squared distance to the winner, unit box."""
-    distance, _ = model.sensory.nearest(model.sensory.scale.to_unit(x))
-    return float(np.mean(distance**2))
 
 
 def _error(model: Model, q: Array, x: Array, readout: str) -> dict[str, float]:

@@ -41,9 +41,9 @@ def lattice_figure(setting: Setting, path: Path, formats: Sequence[str] = ("png"
     q = simulation.draw(60_000 if not setting.quick else 5_000, np.random.default_rng(seed + 5))
     x = simulation.exact(q)
     drawn: list[tuple[str, Association, Array, Array]] = []
-    for network in ("som", "vdsom"):
+    for network in NETWORKS:
         setting.report(0.5 * len(drawn), f"lattices of the {network}")
-        pair = association(samples, NETWORKS[network], SAME_SCHEDULE, setting.side, seed)
+        pair = association(samples, network, SAME_SCHEDULE, setting.side, seed)
         errors = activity_errors(pair, q, x)
         forward = np.linalg.norm(errors[:, :2] * pair.sensory.scale.span, axis=1) * 1e3
         inverse = np.degrees(np.linalg.norm(errors[:, 2:] * pair.motor.scale.span, axis=1))

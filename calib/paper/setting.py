@@ -23,8 +23,8 @@ ROBOT = "two_link"
 """Links of 0.30 and 0.25 m, shoulder 0..90 deg, elbow 15..150 deg.  The paper states
 neither lengths nor ranges, and its tables do not settle them."""
 
-NETWORKS = {"som": "som", "vdsom": "vdsom"}
-"""The paper's networks by our names."""
+NETWORKS = ("som", "vdsom")
+"""The paper's networks."""
 
 _VALIDATION = 77  # stream of the points on which schedules are chosen
 

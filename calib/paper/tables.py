@@ -57,12 +57,10 @@ def table1(setting: Setting) -> Result:
     """SOM against VDSOM: each at its own best schedule, then both at the same one."""
     best: dict[str, Row] = {}
     searched: dict[str, list[Found]] = {}
-    for network in ("som", "vdsom"):
-        trial, searched[network] = best_trial(setting, NETWORKS[network])
+    for network in NETWORKS:
+        trial, searched[network] = best_trial(setting, network)
         best[network] = trial.row(setting)
-    same = {
-        n: NetworkTrial(m, SAME_SCHEDULE, setting.side).row(setting) for n, m in NETWORKS.items()
-    }
+    same = {n: NetworkTrial(n, SAME_SCHEDULE, setting.side).row(setting) for n in NETWORKS}
     paper = printed(TABLE1)
     setting.report(1.0, "the default varying density")
     default = NetworkTrial("vdsom:residual", Schedule(), setting.side).row(setting)
@@ -103,12 +101,12 @@ def table1(setting: Setting) -> Result:
 
 def table2(setting: Setting) -> Result:
     """VDSOM of three sizes, at the best schedule of the largest."""
-    trial, _ = best_trial(setting, NETWORKS["vdsom"])
+    trial, _ = best_trial(setting, "vdsom")
     data: dict[str, Any] = {}
     lines = {}
     for k, side in enumerate(setting.sides):
         setting.report(k / len(setting.sides), f"{side}x{side}")
-        row = NetworkTrial(NETWORKS["vdsom"], trial.schedule, side).row(setting)
+        row = NetworkTrial("vdsom", trial.schedule, side).row(setting)
         data[f"{side}x{side}"] = row
         paper = TABLE2.get(side) if setting.printed else None
         lines[f"VDSOM {side}x{side}"] = (row, paper)

@@ -44,32 +44,14 @@ class Schedule:
 
 @dataclass(frozen=True)
 class NetworkTrial:
-    """A network and its schedule.
+    """A network and its schedule."""
 
-    Attributes
-    ----------
-    network : str or gain function
-        See :class:`calib.SOM`.
-    schedule : Schedule
-        How it is trained.
-    side : int
-        Nodes along each side of both lattices.
-    """
-
-    network: str | Gain
+    network: str | Gain  # see :class:`calib.SOM`
     schedule: Schedule
-    side: int
+    side: int  # nodes along each side of both lattices
 
     def row(self, setting: Setting, n: int | None = None) -> Row:
-        """Errors of all seeds, on 10,000 exact test points of their own for each.
-
-        Parameters
-        ----------
-        setting : Setting
-            Seeds and number of samples.
-        n : int, optional
-            Samples, where not those of the setting.
-        """
+        """Errors of all seeds, of `n` samples each, on 10,000 exact test points of their own."""
         return joined([self.errors(setting.babble(seed, n), seed) for seed in setting.seeds])
 
     def errors(self, samples: Samples, seed: int) -> dict[str, Any]:

@@ -12,8 +12,8 @@ import numpy as np
 from ..common.arrays import Array
 from ..common.scale import METRES
 from ..errors import OptionError
-from .edges import refine_corners
 from .opencv import Picture, opencv
+from .patterns import lay_corners
 from .tags import find_dictionary
 
 LEAST_CORNERS = 8
@@ -104,7 +104,8 @@ class BoardFinder:
 
     def __init__(self, board: Board) -> None:
         self.board = board
-        self._detector = opencv().aruco.CharucoDetector(board.opencv())
+        self._printed = board.opencv()
+        self._detector = opencv().aruco.CharucoDetector(self._printed)
 
     def find(self, grey: Picture) -> dict[int, Array]:
         """Return the corners that a picture shows: number to place (2,) [px]."""
@@ -115,9 +116,7 @@ class BoardFinder:
             # pixel centres have whole coordinates: doubling puts them half a pixel off
             larger = {n: 0.5 * (place - 0.5) for n, place in self._detect(large).items()}
             best = max(best, larger, key=len)
-        board = self.board
-        squares = (board.columns, board.rows)
-        return refine_corners(grey, best, squares, board.marker / board.square)
+        return lay_corners(grey, best, self._printed)
 
     def _detect(self, grey: Picture) -> dict[int, Array]:
         corners, numbers = self._detector.detectBoard(grey)[:2]

@@ -11,29 +11,13 @@ from numpy.typing import NDArray
 
 from ..common.choices import DICTIONARY
 from ..common.templates import filled
-from ..errors import OptionError
 from .board import Board
-from .opencv import opencv
-from .tags import find_dictionary
+from .tags import tag_cells
 
 _Cells = NDArray[np.bool_]
 
 _MARGIN = 8.0  # [mm] of white around a pattern, beyond its own
 _FOOT = 12.0  # [mm] for the line and the words
-
-
-def tag_cells(number: int, dictionary: str = DICTIONARY) -> _Cells:
-    """Return which cells of a tag are white, its black border included: (cells, cells).
-
-    Raises OptionError if the dictionary has no such id.
-    """
-    known = find_dictionary(dictionary)
-    count = len(known.bytesList)
-    if not 0 <= number < count:
-        raise OptionError(f"tag {number}: expected 0 to {count - 1}, the ids of {dictionary}")
-    size = int(known.markerSize) + 2
-    picture = opencv().aruco.generateImageMarker(known, int(number), size)
-    return np.asarray(picture) > 127
 
 
 def print_tag(number: int, size: float, dictionary: str = DICTIONARY) -> str:

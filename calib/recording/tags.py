@@ -8,18 +8,19 @@ from functools import cache
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..common.arrays import Array
 from ..common.choices import DICTIONARY
 from ..common.wording import suggestion
 from ..errors import OptionError
-from .edges import crossing, refine_square
 from .opencv import Picture, opencv
+from .patterns import crossing, lay_square
 
 LEAST_NOISE = 0.03
 """Least standard deviation that a tag's centre is credited with, along each axis [px]."""
 
-_ROUGH = 0.5  # rms [px]: sides whose points lie further from their line are not sharp
+_SHARP = 0.8  # correlation with the print, below which a tag is not sharp
 _MARGINS = (0.13, 0.3)  # of a cell that is not read; OpenCV 4 reads small tags with the second
 
 
@@ -32,9 +33,8 @@ class Tag:
     # cross (4, 2), (2,) [px]
     corners: Array
     centre: Array
-    # standard deviation of the centre along each axis, from how well lines fit the sides [px]
-    noise: float = LEAST_NOISE
-    sharp: bool = True  # whether they fit at all
+    noise: float = LEAST_NOISE  # standard deviation of the centre along each axis [px]
+    sharp: bool = True  # whether the print can be laid over it
 
     @property
     def side(self) -> float:
@@ -97,7 +97,7 @@ class TagFinder:
         if wanted is not None:
             some = np.ascontiguousarray(known.bytesList[list(self.numbers)])
             known = cv2.aruco.Dictionary(some, known.markerSize, known.maxCorrectionBits)
-        self._cells = int(known.markerSize) + 2
+        self.dictionary = dictionary
         self._detectors = []
         for margin in _MARGINS:
             settings = cv2.aruco.DetectorParameters()
@@ -120,14 +120,26 @@ class TagFinder:
         return tags
 
     def _measured(self, grey: Picture, number: int, corners: Array) -> Tag:
-        refined, rough = refine_square(grey, corners, self._cells)
+        refined, likeness = lay_square(grey, tag_cells(number, self.dictionary), corners)
         side = _sides(corners).max()
         moved = np.linalg.norm(refined - corners, axis=1).max()
-        if rough > _ROUGH or moved > 0.1 * side + 2.0:
+        if likeness < _SHARP or moved > 0.1 * side + 2.0:
             return Tag(number, corners, crossing(corners), 0.5, sharp=False)
-        # neighbours on a side err alike, as of four independent points: rendered with noise, blur
-        # and JPEG the centre misses by 0.3 to 0.6 of the roughness along each axis
-        tag = Tag(number, refined, crossing(refined), max(LEAST_NOISE, rough / 2.0))
+        tag = Tag(number, refined, crossing(refined))
         # short sides cross at a sharp angle: rendered at 60 to 80 deg the miss is 4 to 13 times as
         # large (benchmarks/camera_real.py)
         return replace(tag, noise=tag.noise * max(1.0, 0.9 / tag.upright) ** 1.5)
+
+
+def tag_cells(number: int, dictionary: str = DICTIONARY) -> NDArray[np.bool_]:
+    """Return which cells of a tag are white, its black border included: (cells, cells).
+
+    Raises OptionError if the dictionary has no such id.
+    """
+    known = find_dictionary(dictionary)
+    count = len(known.bytesList)
+    if not 0 <= number < count:
+        raise OptionError(f"tag {number}: expected 0 to {count - 1}, the ids of {dictionary}")
+    size = int(known.markerSize) + 2
+    picture = opencv().aruco.generateImageMarker(known, int(number), size)
+    return np.asarray(picture) > 127

@@ -68,6 +68,26 @@ class Touches:
             out[k] = x[self.number == k].mean(axis=0)
         return out
 
+    def about_medians(self, x: Array) -> Array:
+        """Distances (n,) of positions `x` (n, m) from the median of their socket's."""
+        out = np.zeros(len(x))
+        for k in np.unique(self.number[self.number >= 0]):
+            own = self.number == k
+            out[own] = np.linalg.norm(x[own] - np.median(x[own], axis=0), axis=1)
+        return out
+
+    def renumbered(self) -> tuple[NDArray[np.intp], tuple[Known, ...], NDArray[np.intp]]:
+        """Numbers of the sockets that some row touched, what is known of these, and which."""
+        own = np.unique(self.number[self.number >= 0])
+        place = {int(old): new for new, old in enumerate(own)}
+        known = (
+            replace(each, points=tuple(place[k] for k in each.points))
+            for each in self.known
+            if all(k in place for k in each.points)
+        )
+        number = np.where(self.number < 0, -1, np.searchsorted(own, self.number))
+        return number, tuple(known), own
+
     def strays(self, off: Array) -> Mask:
         """Rows (n,) far from their socket by distances `off` (n,): the tip was not in it."""
         touched = self.number >= 0

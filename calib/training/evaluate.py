@@ -250,7 +250,8 @@ def in_sockets(model: Model, samples: Samples, touch: Touches) -> tuple[Samples,
     """
     tip = model.forward(samples.q)
     known = np.flatnonzero(np.isfinite(tip).all(axis=1))
-    known = known[~touch.take(known).strays(_about_middle(tip[known], touch.take(known)))]
+    some = touch.take(known)
+    known = known[~some.strays(some.about_medians(tip[known]))]
     samples, touch, tip = samples.take(known), touch.take(known), tip[known]
     touched = touch.number >= 0
     if not touched.any():
@@ -277,15 +278,6 @@ def in_sockets(model: Model, samples: Samples, touch: Touches) -> tuple[Samples,
     size |= {"max": off.max(), "covered": np.mean(off <= bound)}
     scatter = {name: float(value) for name, value in size.items()}
     return replace(samples, x=x), {"scatter": scatter, "points": points, "distances": distances}
-
-
-def _about_middle(tip: Array, touch: Touches) -> Array:
-    """Distances (n,) of tips (n, 3) from the median of their socket's."""
-    out = np.zeros(len(tip))
-    for k in np.unique(touch.number[touch.number >= 0]):
-        own = touch.number == k
-        out[own] = np.linalg.norm(tip[own] - np.median(tip[own], axis=0), axis=1)
-    return out
 
 
 def _turned(model: Model, samples: Samples) -> Array | None:

@@ -14,8 +14,8 @@ from ..common.rows import thinned
 from ..common.scale import Scale
 from ..errors import LogError
 from ..model.model import Model
+from ..samples.alignment import aligned, rows_behind
 from ..samples.delays import Delay, Trajectory, estimate_delay
-from ..samples.diagnosis import aligned, rows_behind
 from ..samples.samples import Samples
 from ..samples.settings import FAR_BETTER, FEWEST_ROWS
 from ..samples.wrong_rows import contradicting_corner, contradictions

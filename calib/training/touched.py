@@ -40,17 +40,9 @@ def fit_sockets(samples: Samples, scale: Scale, seed: int) -> tuple[Samples, Smo
     structure = structure_of(arm, "rigid" if seen else "base")
 
     def fitted(rows: Mask) -> TouchFit:
-        # sockets that lost all their rows are known no more
-        some = touch.take(rows).number
-        own = np.unique(some[some >= 0])
-        place = {int(old): new for new, old in enumerate(own)}
-        known = [
-            replace(each, points=tuple(place[k] for k in each.points))
-            for each in touch.known
-            if all(k in place for k in each.points)
-        ]
+        number, known, own = touch.take(rows).renumbered()
         found = fit_touches(
-            structure, samples.q[rows], np.where(some < 0, -1, np.searchsorted(own, some)), known,
+            structure, samples.q[rows], number, known,
             lower=samples.lower, upper=samples.upper, x=samples.x[rows], seed=seed,
         )  # fmt: skip
         points = np.full((len(touch.sockets), 3), np.nan)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -14,9 +14,11 @@ from ..arm.arm import Arm, SpatialArm
 from ..body.most_telling import greedy, most_telling
 from ..common.arrays import Array, Index
 from ..common.checks import whole
+from ..common.choices import EYES
 from ..common.frozen import ReadOnly
 from ..errors import OptionError
 from ..samples.tables import write_table
+from .aimed import Choose, at_point, in_sight
 from .collisions import apart, in_picture
 from .pose_space import PoseSpace, space_of
 from .spread import candidate_poses, farthest, length, shortest_tour, tells
@@ -25,10 +27,8 @@ if TYPE_CHECKING:
     import os
 
     from ..model.model import Model
+    from ..recording.board import Board
     from ..samples.samples import Samples
-
-_Choose = Callable[[Array, int, Array], Index]
-"""Chooses n of some points (m, dof) beside those that are taken (k, dof), in unit ranges."""
 
 _MOST_POSES = 1000
 """More are babbled, not planned."""
@@ -114,6 +114,9 @@ def plan(
     ranges: Mapping[str, tuple[float, float]] | None = None,
     start: ArrayLike | None = None,
     measured: Samples | None = None,
+    touch: Sequence[float] | None = None,
+    handeye: Board | str | None = None,
+    eye: str = "hand",
 ) -> Plan:
     """Plan poses to measure with a real arm.
 
@@ -135,6 +138,12 @@ def plan(
         Where the arm is before the first pose: zero, clipped into the ranges, where not given.
     measured : Samples, optional
         What was measured already: the new poses go where those are not.
+    touch : (x, y, z), optional [m]
+        A point in the base frame that the tip is to touch from all poses: those that tell most.
+    handeye, eye : Board or str, {"hand", "base"}, optional
+        A board that a camera is to see in all poses, from many sides, as `handeye` takes them.
+        At `start` it is in the middle of the picture; the camera in the hand looks along the z
+        axis of the tip's frame, or the print faces along it.
 
     Returns
     -------
@@ -156,18 +165,31 @@ def plan(
     space = space_of(source, margin, ranges)
     rng = np.random.default_rng(seed)
     taken = _taken(space, measured)
-    choose, how, beside = _choice(source, space)
     first = space.start(start)
     # not `to_unit`: the upper end of a whole turn is not its lower end to a cable
     begin = (first - space.scale.lower) / space.scale.span
-    points, safe = apart(source, space, candidate_poses(space, rng))
-    points, outside = in_picture(source, space, points)
-    notes = [safe, *outside]
-    if measured is None and not isinstance(source, Arm) and choose.func is farthest:
-        notes.append(
-            "the model keeps no samples: give the log too, so that the new poses lie between the "
-            "measured ones"
+    if touch is not None or handeye is not None:
+        if measured is not None or (touch is not None and handeye is not None):
+            raise OptionError("expected one of `touch`, `handeye` and `measured`")
+        q, tell, how = _aimed(
+            source, space, touch, handeye, eye, None if start is None else first, rng
         )
+        points = (q - space.scale.lower) / space.scale.span
+        choose = partial(_most_telling, space, tell)
+        points, safe = apart(source, space, points)
+        notes, beside = [safe], ""
+        if len(points) < n:
+            raise OptionError(f"n {n}: {len(points)} poses were found, expected fewer to choose")
+    else:
+        choose, how, beside = _choice(source, space)
+        points, safe = apart(source, space, candidate_poses(space, rng))
+        points, outside = in_picture(source, space, points)
+        notes = [safe, *outside]
+        if measured is None and not isinstance(source, Arm) and choose.func is farthest:
+            notes.append(
+                "the model keeps no samples: give the log too, so that the new poses lie between "
+                "the measured ones"
+            )
     if measured is not None:
         how += f" {beside} the {len(measured)} measured ones"
     nodes = np.vstack([begin, points[choose(points, n, taken)]])
@@ -197,6 +219,27 @@ def plan(
     )
 
 
+def _aimed(
+    source: Arm | Model, space: PoseSpace, touch: Sequence[float] | None,
+    handeye: Board | str | None, eye: str, start: Array | None, rng: np.random.Generator,
+) -> tuple[Array, Choose, str]:  # fmt: skip
+    """Poses (m, dof) at a point or with a board in sight, what they tell, and words for it."""
+    if touch is not None:
+        at = ", ".join(f"{value:g}" for value in np.ravel(touch))
+        q, tell = at_point(source, space, touch, rng)
+        return q, tell, f"the tip at ({at}) m in the base frame, chosen to tell most of the arm"
+    if eye not in EYES:
+        raise OptionError(f"eye {eye!r}: expected one of {', '.join(EYES)}")
+    if start is None:
+        raise OptionError(
+            "handeye: expected `start`, joint values at which the camera sees the board in the "
+            "middle of its picture"
+        )
+    assert handeye is not None  # noqa: S101 - one of both is given
+    q, tell = in_sight(source, space, handeye, eye, start, rng)
+    return q, tell, "the board in the picture from many sides, chosen to tell most of the camera"
+
+
 def _choice(source: Arm | Model, space: PoseSpace) -> tuple[partial[Index], str, str]:
     """How poses are chosen, and what is said of it: by information where a belief is known."""
     if isinstance(source, SpatialArm):  # never measured: the prior says what is not known
@@ -209,7 +252,7 @@ def _choice(source: Arm | Model, space: PoseSpace) -> tuple[partial[Index], str,
     return partial(farthest, space.scale), "as far from each other as possible", "and from"
 
 
-def _most_telling(space: PoseSpace, tell: _Choose, points: Array, n: int, taken: Array) -> Index:
+def _most_telling(space: PoseSpace, tell: Choose, points: Array, n: int, taken: Array) -> Index:
     """Points (k, dof) in units of the joints' ranges that inform a belief most."""
     few = np.arange(len(points))
     if len(few) > _CHOICE:  # corners come first

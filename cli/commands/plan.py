@@ -7,11 +7,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from typer import Argument, Option
 
+from calib.common.choices import Eye
+
 from .. import options as opt
 from ..measurements import Reading, log_for, refuse
-from ..options import option
+from ..options import flag, option
 from ..output import Outcome, fields, say
-from ..parsing import TABLES, check_file, not_negative, reals
+from ..parsing import TABLES, BadOption, check_file, not_negative, reals
 from ..samples import Selection
 from ..units import JointFormat, in_si
 
@@ -41,13 +43,31 @@ def plan(
     ] = None,
     data: opt.Data = None,
     columns: opt.Columns = None,
+    touch: Annotated[
+        Any, option("--touch X,Y,Z", "The tip at one point of the base frame [m].", reals)
+    ] = None,
+    handeye: Annotated[bool, option("--handeye", "A camera sees --board in all poses.")] = False,
+    board: Annotated[
+        str | None, option("--board COLSxROWS:SQUARE:MARKER:DICT", "Of --handeye.")
+    ] = None,
+    eye: Annotated[
+        Eye | None, flag("--eye", "Of --handeye: camera on the arm (hand, default), or fixed.")
+    ] = None,
     seed: opt.Seed = 0,
 ) -> Outcome:
     """Plan poses to measure: within the limits, well spread, with short moves between them.
 
-    With --data the plan covers what that log has not measured. Obstacles and self-collision are
-    not checked: move slowly the first time.
+    With --data the plan covers what that log has not measured. With --handeye the board is in the
+    middle of the picture at --from. Obstacles are not checked: move slowly the first time.
     """
+    if not handeye:
+        refuse(
+            {"board": board, "eye": eye}, "applies to a camera and a board: expected --handeye too"
+        )
+    elif board is None:
+        raise BadOption(
+            "--handeye needs the board: expected --board, such as 7x5:24mm:18mm:5x5_100"
+        )
     check_file(output, TABLES, stream=True)
     if data is None:
         refuse({"columns": columns}, "applies to a log: expected --data LOG too")
@@ -79,6 +99,9 @@ def plan(
         ranges=in_si("--range", selection.ranges, turning, degrees) if is_model else None,
         start=joints_typed.one_each("--from", start),
         measured=None if data is None else _measured(known, data, columns, degrees),
+        touch=touch,
+        handeye=board,
+        eye=eye or "hand",
     )
     say(found.notes)
     table = found.columns()

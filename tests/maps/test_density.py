@@ -76,6 +76,7 @@ def test_a_gain_of_ones_own_has_what_eq_7_asks_for():
     """A line of three nodes with gaps of 1 and 2: sums of squares 1, 1 + 4, 4."""
     v = visit(1.0, [[0.0], [1.0], [3.0]], (3,))
     np.testing.assert_allclose(v.sums, [1.0, 5.0, 4.0])
+    assert repr(v) == "Visit(3 samples of 3 nodes, t / T 1)"
     assert (v.sigma, v.per_node) == pytest.approx((np.nan, np.inf), nan_ok=True)
 
 

@@ -37,7 +37,7 @@ def files():
     }
 
 
-KNOTS = {"calib.recording"}
+KNOTS: set[str] = set()
 """Rooms with files that still know each other, if only for types: fewer with time."""
 
 

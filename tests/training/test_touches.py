@@ -2,19 +2,31 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from touching import World, touching
 
 import calib
 from calib.errors import LogError, OptionError
+from calib.samples.samples import Samples
 from calib.samples.sockets import Touches
+
+
+def samples(world, q, number):
+    """Touches as a log holds them."""
+    touch = Touches(number, tuple(("", "ABCD"[k]) for k in range(number.max() + 1)))
+    arm = world.arm
+    return Samples(
+        q, np.zeros((len(q), 3)), arm.joint_names, arm.lower, arm.upper, arm.revolute, arm=arm,
+        touch=touch,
+    )  # fmt: skip
 
 
 @pytest.fixture(scope="module")
 def log(tmp_path_factory):
     """A log of the bundled arm in four sockets, three rows of it wrong, and the tips' distance."""
-    from touching import World
-
     world = World(2, each=20)
     path = tmp_path_factory.mktemp("touch") / "touches.csv"
     names = world.arm.joint_names
@@ -47,10 +59,61 @@ def test_a_model_is_learned_evaluated_and_asked(log, tmp_path, run):
     text = run("evaluate", model, "--data", path).out
     assert "scatter" in text
     assert run("query", "forward", model, *world.q[0]).code == 0
-    for command in ("check", "adapt"):
-        done = run(command, model, "--data", path)
-        assert done.code == 1
-        assert "evaluate" in done.err
+    assert run("check", model, "--data", path).code == 0
+    assert run("adapt", model, "--data", path, "-o", tmp_path / "new.calib").code == 3
+
+
+def test_an_arm_that_changed_is_found_and_mended_by_touches():
+    """Other sockets, of which nobody says where they are, tell a joint and a tip that moved."""
+    world = World(0, each=15)
+    model = calib.train(samples(world, world.q, world.number), size=5)
+    rng = np.random.default_rng(1)
+    points = world.points.mean(axis=0) + 0.15 * rng.uniform(-1, 1, (2, 3))
+    drawn, groups = world.beta, world.truth.groups
+    for index, change, name in (
+        (None, 0.0, ""),
+        ("offset", 0.006, "elbow"),
+        ("tool", 2e-3, "tool"),
+    ):
+        beta = drawn.copy()
+        if index:
+            beta[groups[index][2 if index == "offset" else 0]] += change
+        log = samples(world, *touching(world, beta, points, 15, 0.1e-3, rng))
+        found = calib.check(model, log)
+        assert found.drifted is (index is not None)
+        made = calib.adapt(model, log)
+        assert bool(made.improved) is (index is not None)
+        if index:
+            assert name in found.explanations[0]
+            before, after = (calib.evaluate(m, log).touch["scatter"] for m in (model, made.model))
+            assert after["mean"] < 0.2e-3 < 0.8e-3 < before["mean"]
+
+
+def test_positions_of_a_sensor_stand_beside_touches(tmp_path, run):
+    """Rows without a point are a sensor's: the model speaks in its frame, and knows its size."""
+    world = World(3, each=15)
+    turn, shift = np.diag([-1.0, -1.0, 1.0]), np.array([1.0, 2.0, 0.5])
+    rng = np.random.default_rng(0)
+    q = rng.uniform(*world.limits, (20, 6))
+    seen = world.truth.predict(q, world.beta) @ turn.T + shift
+    seen += 0.2e-3 * rng.standard_normal(seen.shape)
+    names = world.arm.joint_names
+    lines = [",".join([*names, "point", "x", "y", "z"])]
+    lines += [",".join([*map(repr, row.tolist()), "ABCD"[k], "", "", ""])
+              for row, k in zip(world.q, world.number, strict=True)]  # fmt: skip
+    lines += [",".join([*map(repr, row.tolist()), "", *map(repr, (1e3 * x).tolist())])
+              for row, x in zip(q, seen, strict=True)]  # fmt: skip
+    path = tmp_path / "mixed.csv"
+    path.write_text("\n".join(lines))
+    log = calib.read_log(path, world.arm, unit="mm")
+    assert (log.touch.number < 0).sum() == 20
+    model = calib.train(log, size=5)
+    fresh = rng.uniform(*world.limits, (200, 6))
+    true = world.truth.predict(fresh, world.beta) @ turn.T + shift
+    off = np.linalg.norm(model.forward(fresh) - true, axis=1)
+    assert off.mean() < 1e-3
+    assert np.mean(off < model.expected_error(fresh)) > 0.9
+    assert calib.evaluate(model, log).touch["scatter"]["mean"] < 0.5e-3
 
 
 def test_what_touches_cannot_be_used_for_is_said(log, tmp_path, run):
@@ -62,6 +125,45 @@ def test_what_touches_cannot_be_used_for_is_said(log, tmp_path, run):
     few = calib.read_log(path, calib.load_arm("six_axis")).take(np.arange(10))
     with pytest.raises(LogError, match="20 postures"):
         calib.train(few)
+
+
+def test_touches_that_tell_nothing_or_are_wrong_are_told():
+    """Wrong names, a row beside its socket, one point, postures all alike, joints in degrees."""
+    world = World(4, each=12)
+    good = samples(world, world.q, world.number)
+
+    named = good.touch.number.copy()
+    named[5] = 2  # the wrong socket's name
+    model = calib.train(replace(good, touch=replace(good.touch, number=named)), size=5)
+    notes = " ".join(model.about.notes)
+    assert model.about.left_out == 1
+    assert "rows 6" in notes
+    assert "row 6 was in the socket 'A'" in notes
+
+    with pytest.raises(LogError, match="11 touches of 4 sockets tell nothing"):
+        calib.train(good.take(np.arange(11)))
+    alike = replace(good, q=good.q[12 * (good.touch.number)] + 1e-3 * np.sin(good.q))
+    with pytest.raises(LogError, match="all alike"):
+        calib.train(alike)
+    mixed = np.random.default_rng(0).permutation(good.touch.number)
+    with pytest.raises(LogError, match="no arm explains the touches"):
+        calib.train(replace(good, touch=replace(good.touch, number=mixed)), size=5)
+
+
+def test_what_a_log_of_touches_hardly_tells_is_a_note(log, tmp_path):
+    world, path, _ = log
+    lines = path.read_text().splitlines()
+    (tmp_path / "one.csv").write_text("\n".join(lines[:6]))
+    notes = " ".join(calib.read_log(tmp_path / "one.csv", world.arm).notes)
+    assert "fewer than 8 postures" in notes
+    assert "one socket tells little" in notes
+    (tmp_path / "alike.csv").write_text("\n".join([lines[0], *[lines[1]] * 9]))
+    assert "all alike" in " ".join(calib.read_log(tmp_path / "alike.csv", world.arm).notes)
+    cells = [line.split(",") for line in lines[1:]]
+    degrees = [",".join([*(str(57.3 * float(v)) for v in row[:6]), *row[6:]]) for row in cells]
+    (tmp_path / "degrees.csv").write_text("\n".join([lines[0], *degrees]))
+    with pytest.raises(LogError, match="degrees"):
+        calib.read_log(tmp_path / "degrees.csv", world.arm)
 
 
 @pytest.mark.parametrize("text", ["A,B", "A,B=50", "A=50mm", "A,B=-5mm", "A,B=5mm+-x"])
