@@ -104,7 +104,8 @@ def sound_log(model: Model, samples: Samples) -> tuple[Samples, list[str]]:
         far, near = (np.nanmedian(np.linalg.norm(r, axis=1)) for r in (residual, moved))
         residual = moved if near < 0.5 * far else residual
         kept, told = contradictions(samples, residual)
-        samples, notes = samples.take(kept), notes + told
+        left_out = samples.left_out + int(np.count_nonzero(~kept))
+        samples, notes = replace(samples.take(kept), left_out=left_out), notes + told
     return samples, notes
 
 
