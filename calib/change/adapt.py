@@ -19,8 +19,9 @@ from .adaptation import Adaptation, adapt_online, finished
 from .cause import KEPT
 from .causes import frame_between
 from .comparison import Comparison, compare
-from .decision import Decision, called, decide
-from .explain import Explanation, likely
+from .decision import Decision, decide
+from .explain import Explanation, called, likely
+from .maps_alone import adapt_maps
 from .rebuilding import doubts, elsewhere, rebuilt
 
 _LOUD = ("mirror", "scale", "sign", "lost")
@@ -68,13 +69,15 @@ def adapt(
         found = compare(model, log, cause)
         if method == "online":
             return adapt_online(found, report)
+        if model.body is None:
+            return adapt_maps(found)
         return _few_shot(found, log.simulation is None, report)
 
 
 def _few_shot(found: Comparison, real: bool, report: Progress) -> Adaptation:
     """Explain the log, update the body by it, and judge by rows that were held out."""
     model = found.model
-    report(0.0, "members", float("nan"))
+    report(0.0, "hypotheses", float("nan"))
     made_of = decide(found)
     best, causes = made_of.best, made_of.causes
     notes = _notes(found, made_of)
@@ -91,11 +94,12 @@ def _few_shot(found: Comparison, real: bool, report: Progress) -> Adaptation:
         found.coverage,
         tuple(notes),
         found.spans,
+        found.left_out,
     )
     if not found.explained and not made.improved:
         return made
     report(0.8, "maps", float("nan"))
-    fresh = rebuilt(found, made_of.body, made_of.own, anew=made_of.anew)
+    fresh = rebuilt(found, made_of.body)
     if not made.improved:
         doubted = doubts(found, fresh, real=real)
         if doubted is None:
@@ -108,16 +112,15 @@ def _few_shot(found: Comparison, real: bool, report: Progress) -> Adaptation:
         return replace(made, improved=False, notes=(*made.notes, told))
     if not found.spans:
         made = replace(made, notes=(*made.notes, elsewhere(found, made, fresh)))
-    frame = frame_between(found, made_of.body.beta) if best.member.framed else None
+    frame = frame_between(found, made_of.body.beta) if best.hypothesis.framed else None
     report(1.0, "done", made.after["mean"])
-    after = made_of.after
-    return replace(made, model=finished(found, made, fresh, after, "few-shot", frame))
+    return replace(made, model=finished(found, made, fresh, *made_of.held_out, "few-shot", frame))
 
 
 def _left(found: Comparison, best: Explanation) -> tuple[str, ...]:
     """Groups that the explanation did not free, in words."""
     structure = found.reference.structure
-    known = {g for g, ix in structure.groups.items() if len(ix)} - set(best.member.groups)
+    known = {g for g, ix in structure.groups.items() if len(ix)} - set(best.hypothesis.groups)
     if structure.outputs >= 3:  # a tracker has no lens
         known.discard("lens")
     return tuple(words for group, words in KEPT.items() if group in known)
@@ -131,8 +134,8 @@ def _notes(found: Comparison, made_of: Decision) -> list[str]:
         notes.append(found.why_not())
     elif made_of.improved and found.changed:
         best, *others = (e for _, e in likely(found.explanations))
-        # a richer member that frees the same and more is no other cause
-        others = [e for e in others if not set(best.member.groups) <= {*e.member.groups}]
+        # a richer one that frees the same and more is no other cause
+        others = [e for e in others if not set(best.hypothesis.groups) <= {*e.hypothesis.groups}]
         names = list(dict.fromkeys(called(e) for e in (best, *others)))
         if len(names) > 1:
             rivals = " or ".join(f"({name.replace(', ', ' + ')})" for name in names)
@@ -144,7 +147,7 @@ def _notes(found: Comparison, made_of: Decision) -> list[str]:
 
 
 def _poses(found: Comparison, body: Body) -> str:
-    """Three poses that tell most of what the members disagree about, in words."""
+    """Three poses that tell most of what the hypotheses disagree about, in words."""
     about = found.model.about
     poses = []
     for q in found.probes[most_telling(body, found.probes, 3, found.q)]:

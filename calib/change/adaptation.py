@@ -60,6 +60,8 @@ class Adaptation:
         What the user should be told.
     everywhere : bool
         Whether the rows span the learned range; otherwise `improved` speaks of their own region.
+    left_out : int
+        Rows of the log that are wrong, or outside of what the model has learned.
     """
 
     model: Model
@@ -74,6 +76,7 @@ class Adaptation:
     coverage: float
     notes: tuple[str, ...] = field(default=())
     everywhere: bool = True
+    left_out: int = 0
 
     def __repr__(self) -> str:
         """Say in two lines whether it helped, and what was corrected."""
@@ -87,17 +90,31 @@ def finished(
     found: Comparison,
     made: Adaptation,
     fresh: Model,
-    after: Array,
+    held: Array,
+    residual: Array,
     method: str,
     frame: Alignment | None,
 ) -> Model:
-    """The new model with its facts, its baseline and the history of the old one."""
+    """The new model with its facts, its baseline and the history of the old one.
+
+    held, residual : (k, dof) and (k, m) [unit], joints of held-out rows, and how far they are from
+        what the others predict
+    """
     old = found.model
     some = thinned(len(found.q), _EVALUATED)
     errors = summarise(evaluate_residuals(fresh, found.q[some], found.x[some], None))
-    # rows that were held out tell the error of the default readout
+    # rows that were held out tell the error of the default readout, and how it keeps its bound
     readout = fresh.default_readout
-    errors[readout]["forward"]["distance"] = dict(made.after)
+    errors = {name: each for name, each in errors.items() if name != "body" or name == readout}
+    after = np.linalg.norm(residual, axis=1)
+    for axis, part in zip("xyz", residual.T, strict=False):
+        errors[readout]["forward"][axis] = error_sizes(part)
+    errors[readout]["forward"]["distance"] = error_sizes(after)
+    bound = fresh.expected_error(held)
+    within = {
+        "p95": float(np.quantile(after, 0.95)),
+        "covered": float(np.mean(after <= np.nan_to_num(bound) + 1e-12)),
+    }
     usual = old.about.errors.get(readout, {}).get("forward", {}).get("distance", {})
     event: dict[str, Any] = {
         "event": "adapted",
@@ -119,15 +136,16 @@ def finished(
         },
     }
     about = old.about.measured(
-        samples=made.samples, unit=found.unit_seen, errors=errors, notes=made.notes
-    )
+        samples=made.samples, unit=found.unit_seen, errors=errors, notes=made.notes,
+        tested=len(after), left_out=made.left_out, within=within,
+    )  # fmt: skip
     points = np.random.default_rng(0).random((_BASELINE, found.q.shape[1]))
     baseline = learn_baseline(fresh.association, points, fresh.predictor.value(points), after)
     return replace(
         fresh,
         about=about,
         baseline=baseline,
-        rows=Rows.of(found.q[found.log.kept], found.x[found.log.kept]),
+        rows=Rows.of(found.q[found.kept], found.x[found.kept]),
         history=(*old.history, event),
         # a camera that was moved sees another picture
         photo=old.photo if method == "few-shot" and frame is None else None,
@@ -136,7 +154,7 @@ def finished(
 
 def adapt_online(found: Comparison, report: Progress) -> Adaptation:
     """Show a log to the online rule, again and again where it is short."""
-    model, kept = found.model, found.log.kept
+    model, kept = found.model, found.kept
     u, q, x = found.u[kept], found.q[kept], found.x[kept]
     # every tenth block is kept apart to judge by
     held = np.concatenate(blocks(len(u), max(10, len(u) // BLOCK))[4::10])
@@ -149,7 +167,8 @@ def adapt_online(found: Comparison, report: Progress) -> Adaptation:
         report(0.9 * min(1.0, shown / HORIZON), "online", step.error)
     fresh = adapter.model()
     before = found.missed[kept][held]
-    after = np.linalg.norm(x[held] - fresh.predictor.value(u[held]), axis=1)
+    residual = x[held] - fresh.predictor.value(u[held])
+    after = np.linalg.norm(residual, axis=1)
     known = np.isfinite(fresh.expected_error(q[held]))
     notes = found.notes
     if shown > len(learned):
@@ -167,9 +186,10 @@ def adapt_online(found: Comparison, report: Progress) -> Adaptation:
         (),
         found.coverage,
         (*notes, *unsettled),
+        left_out=found.left_out,
     )
     if not made.improved:
         return made
     bounds = learn_bounds(fresh.motor, u[held], after)
     fresh = replace(fresh, bounds=bounds, model_bounds=bounds)
-    return replace(made, model=finished(found, made, fresh, after, "online", None))
+    return replace(made, model=finished(found, made, fresh, q[held], residual, "online", None))

@@ -19,9 +19,10 @@ from ..model.alignment import Alignment
 from ..samples.diagnosis import unit_hint
 from .cause import AS_ONE, Cause
 from .comparison import Comparison
-from .explain import Explanation
-from .members import CREEP, FRAME, NOTHING, parts_of
+from .explain import Explanation, simplest
+from .hypotheses import FRAME, NOTHING, parts_of
 from .score import fired
+from .settings import CREEP
 
 _SIGNIFICANT = 2.6  # standard deviations from which a parameter is said to have changed
 _NOISIER = 1.5  # noise over the usual one from which it is worth a word
@@ -44,8 +45,8 @@ def find_causes(found: Comparison, drifted: bool) -> tuple[tuple[Cause, ...], tu
     notes: list[str] = []
     if drifted:
         causes += _of_frame(found)
-        best = found.explanations[0]
-        if found.changed and best.member != NOTHING:
+        best = simplest(found.explanations)
+        if found.changed and best.hypothesis != NOTHING:
             causes += _of_parameters(found, best)
         elif found.changed and best.waves > CREEP:
             words = "the joints have waves that the model does not know: gears, or their sensors"
@@ -69,6 +70,14 @@ def find_causes(found: Comparison, drifted: bool) -> tuple[tuple[Cause, ...], tu
         words = f"the scatter is {factor * noise:.3g} {unit} per axis, {noise / usual:.2g} times "
         causes.append(Cause("noise", "noise", words + "the usual", noise, None, found.unit_seen))
     return tuple(causes), tuple(notes)
+
+
+def causes_of_maps(found: Comparison) -> tuple[Cause, ...]:
+    """What is told of maps alone, whose rows are compared with their bound."""
+    if found.score <= 1.0:
+        return ()
+    words = f"{100 * found.beyond:.0f} % of the rows are beyond the maps' bound"
+    return (Cause("unknown", "maps", words),)
 
 
 def _noisy_encoder(found: Comparison, joint: int, sd: float) -> Cause:
@@ -108,6 +117,8 @@ def _of_frame(found: Comparison) -> list[Cause]:
 def _of_tests(found: Comparison) -> list[Cause]:
     """The most telling group that fired, where no member is clearly better than no change."""
     structure, above = found.body.structure, fired(found.tested.groups)
+    if found.cause == "sensor":
+        above = tuple(g for g in above if g.name.startswith("sensor") or g.name == "lens")
     if not above:
         return []
     best = above[0]
@@ -137,7 +148,7 @@ def _of_parameters(found: Comparison, best: Explanation) -> list[Cause]:
     _, moves = structure.linearise(found.probes, best.beta, free)
     size[free] = np.sqrt((moves**2).sum(axis=1).mean(axis=0))
     causes: list[tuple[float, Cause]] = []
-    for group in best.member.groups:
+    for group in best.hypothesis.groups:
         if group in FRAME or (group == "view.scale" and found.reference.scale != 1.0):
             continue
         for name, every in parts_of(structure, group):
@@ -164,7 +175,7 @@ def _of_parameters(found: Comparison, best: Explanation) -> list[Cause]:
                 half = 1.96 * float(best.deviation[most])
                 cause = Cause.measured(told, name, words, value, half, label.unit)
                 causes.append((float(np.linalg.norm(change[every] * size[every])), cause))
-    if best.member.framed:
+    if best.hypothesis.framed:
         causes += _of_sensor(found, best, change, clear, size)
     if not found.reference.locked:  # joints that moved the tip and no longer do
         before, after = (

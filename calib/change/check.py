@@ -14,14 +14,16 @@ from ..maps.map import Map, search_tree
 from ..model.model import Model
 from ..samples.samples import Samples
 from .cause import Cause
-from .causes import find_causes
+from .causes import causes_of_maps, find_causes
 from .comparison import Comparison, compare
 from .decision import decide
+from .maps_alone import adapt_maps
 from .orientation import turned_tool
 from .score import GroupTest, fired
 from .settings import FALSE_ALARM
 
 _SIGMAS = 4.0  # of the maps' distortions, skewed as they are
+_NO_BODY = "the model has no body: its rows are compared with its bound alone"
 _MOST = 1000  # rows that distortions are measured on
 
 
@@ -78,6 +80,8 @@ class Drift:
         What else the user should be told.
     adapts : bool
         Whether `adapt` re-calibrates the model by these rows, by its own comparison.
+    left_out : int
+        Rows of the log that are wrong, or outside of what the model has learned.
     """
 
     drifted: bool | None
@@ -93,6 +97,7 @@ class Drift:
     causes: tuple[Cause, ...]
     notes: tuple[str, ...] = field(default=())
     adapts: bool = False
+    left_out: int = 0
 
     def __repr__(self) -> str:
         """The verdict in a few lines, as `calib check` ends."""
@@ -116,6 +121,7 @@ class Drift:
             "drifted": self.drifted,
             "samples": self.samples,
             "outliers": self.outliers,
+            "left_out": self.left_out,
             "score": self.score,
             "threshold": 1,
             "distortion": {name: signal.to_json() for name, signal in self.distortion.items()},
@@ -158,20 +164,21 @@ def check(
     """
     with one_blas_thread():
         found = compare(model, log, cause)
-        tested = found.tested
-        causes, unsettled = find_causes(found, found.score > 1.0)
-        turned, bent, untold = turned_tool(found)
-        score = max(found.score, turned)
-        drifted: bool | None = score > 1.0
-        smallest = tested.smallest
+        tested, far = found.tested, found.beyond
         if model.body is None:
-            smallest = float(np.median(model.expected_error(found.q)))
+            score, smallest = found.score, float(np.median(model.expected_error(found.q)))
+            causes, adapts = causes_of_maps(found), adapt_maps(found).improved
+            told: tuple[str, ...] = (_NO_BODY,)
+        else:
+            causes, told = find_causes(found, found.score > 1.0)
+            tool = turned_tool(found)
+            score, smallest = max(found.score, tool.score), tested.smallest
+            causes, told = (*causes, *tool.causes), (*told, *tool.notes)
+            adapts = score > 1.0 and decide(found).improved
+        drifted: bool | None = score > 1.0
         if not drifted and tolerance is not None and smallest > tolerance:
             drifted = None
-        notes = [*found.notes, *unsettled, *untold]
-        if model.body is None:
-            notes.append("the model has no body: its rows are compared with its bound alone")
-        far = found.beyond[0]
+        notes = [*found.notes, *told]
         if far > 0.5 or (found.unexpected and found.explained):
             noisier = "" if drifted else ": a noisier sensor or encoder"
             notes.append(
@@ -183,15 +190,16 @@ def check(
             len(found.q),
             found.outliers,
             score,
-            tested.groups,
+            found.groups,
             smallest,
             tolerance,
             _distortions(found),
             tested.noise,
             tested.usual,
-            (*causes, *bent),
+            causes,
             tuple(notes),
-            drifted is True and decide(found).improved,
+            adapts,
+            found.left_out,
         )
 
 

@@ -1,8 +1,8 @@
 """Comparison: a log beside a model, as `check`, `adapt` and their words for it see it.
 
 One comparison holds the rows that count, the belief that they are compared with, the frame that
-they were measured in, and how well each member explains them.  What several uses need is found
-once, when it is first asked for.
+they were measured in, and how well each hypothesis explains them.  What several uses need is found
+once, when it is first asked for.  Maps alone, without a body, are compared with their bound.
 """
 
 from __future__ import annotations
@@ -16,31 +16,28 @@ import numpy as np
 
 from ..body.belief import Body
 from ..body.covariance import autocorrelation_time
-from ..common.arrays import Array
+from ..common.arrays import Array, Mask
 from ..errors import ModelError
 from ..model.model import Model
+from ..samples.alignment import rows_behind
 from ..samples.samples import Samples
-from ..training.sound_rows import in_time
+from .comparable import Comparable, comparable
+from .equations import Log, weighted
 from .explain import Explanation, changed, explain
-from .members import as_built
-from .reference import Reference, carried_offset, kept_reference, reference_of
-from .rows import Log, weighted
-from .sanity import comparable, lag_behind_body
-from .score import Tested, group_tests
-from .seen import body_of
-from .settings import BEYOND, FALSE_ALARM, FEW
+from .frame import Reference, carried_offset, kept_reference, reference_of
+from .hypotheses import as_built
+from .score import GroupTest, Tested, group_tests
+from .settings import BEYOND, FALSE_ALARM, FEW, FEW_WRONG, OUTLIER, UNEXPLAINED
 from .sockets import as_positions
 
-_PROBES = 120  # joints all over the learned range at which predictions are compared
-UNEXPLAINED = 0.1
-"""Share of the positions' spread: a log that is further off from every member is explained by
-none."""
+BOUND = "bound"
+"""Name of the test whether the model's own bound holds."""
 
+_PROBES = 120  # joints all over the learned range at which predictions are compared
 _WIDE = 0.5  # least spread of rows in any direction, over that of the learned range
 _CELLS = 5  # along each joint, for the share of the range that a log measured
 _SHARED_ERRORS = 2.0  # times a bound of 95 %: five standard deviations, so no chance at all
 _SQUARED = 1e100  # positions beyond overflow where they are squared
-_FEW = 0.05  # share of rows that may contradict all others where the rest is as near as told
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,17 +45,32 @@ class Comparison:
     """A log beside a model."""
 
     model: Model
-    # (n, dof), (n, dof), (n, m), joints in the unit box and in [rad or m], and positions [unit]
-    u: Array
-    q: Array
-    x: Array
-    row_notes: tuple[str, ...]  # what the user should be told of the rows
+    rows: Comparable
     predicted: Array  # (n, m) [unit], positions that the model predicts
-    body: Body  # the belief of the model; without a body, that of its sensor's view alone
     cause: str | None  # {"sensor", "joints"} or None, what the user knows about the change
     unit: str  # unit of the log's positions
     shared: float = 0.0  # [unit], standard deviation that all of them share
-    orientation: Array | None = None  # (n, 4), qx, qy, qz, qw, where the log has them
+
+    @property
+    def u(self) -> Array:
+        """Joints (n, dof) in the unit box."""
+        return self.rows.u
+
+    @property
+    def q(self) -> Array:
+        """Joints (n, dof) [rad or m]."""
+        return self.rows.q
+
+    @property
+    def x(self) -> Array:
+        """Positions (n, m) [unit]."""
+        return self.rows.x
+
+    @property
+    def body(self) -> Body:
+        """The belief of the model, where it has one."""
+        assert self.model.body is not None  # noqa: S101 - maps alone are compared with their bound
+        return self.model.body
 
     @cached_property
     def offset(self) -> Array:
@@ -73,7 +85,8 @@ class Comparison:
     @property
     def unit_seen(self) -> str:
         """Unit of the positions; "sensor" where their scale shows that it is not the model's."""
-        told = self.unit != self.model.about.unit or self.reference.scale == 1.0
+        same = self.model.body is None or self.reference.scale == 1.0
+        told = self.unit != self.model.about.unit or same
         return self.unit if told else "sensor"
 
     @cached_property
@@ -101,10 +114,23 @@ class Comparison:
             return self.offset
         return carried_offset(self.body, to.body, to.beta, self.q, self.offset)
 
+    @cached_property
+    def kept(self) -> Mask:
+        """Rows (n,) that do not contradict all others."""
+        if self.model.body is not None:
+            return self.log.kept
+        usual = float(np.median(self.missed))
+        return np.asarray(self.missed <= max(OUTLIER * usual, float(self._told.max())))
+
     @property
     def outliers(self) -> int:
-        """Rows that contradict all others."""
-        return int(np.count_nonzero(~self.log.kept))
+        """Rows that contradict their neighbours or all others."""
+        return self.rows.wrong + int(np.count_nonzero(~self.kept))
+
+    @property
+    def left_out(self) -> int:
+        """Rows of the log that are wrong, or outside of what the model has learned."""
+        return self.rows.left_out + int(np.count_nonzero(~self.kept))
 
     @cached_property
     def spans(self) -> bool:
@@ -138,59 +164,72 @@ class Comparison:
 
     @cached_property
     def tested(self) -> Tested:
-        """Tests of single groups against the belief as the model holds it.
-
-        Maps alone have no parameters that could be freed: their rows are compared with the bound.
-        """
+        """Tests of single groups against the belief as the model holds it; maps have none."""
         if self.model.body is None:
-            noise = float(self.body.noise[0])
-            return Tested((), noise, noise, None)
+            baseline = self.model.baseline
+            return Tested((), *2 * (baseline.noise if baseline else 0.0,))
         held = self.reference if self.reference.new else kept_reference(self.body)
         return group_tests(held, self.log, self.probes)
 
     @cached_property
-    def _told(self) -> Array:
-        """95 % bound [unit] on each kept row, as the model tells it; infinite where it does not."""
-        told = np.nan_to_num(self.model.expected_error(self.q), nan=np.inf)
-        return np.maximum(told, self.belief.bound(self.q))[self.log.kept]
+    def groups(self) -> tuple[GroupTest, ...]:
+        """All tests, that of the model's bound the last."""
+        return (*self.tested.groups, self.bound_test)
 
     @cached_property
-    def beyond(self) -> tuple[float, float]:
-        """Share of the rows beyond what the model told, and how surely too many are.
+    def _told(self) -> Array:
+        """95 % bound [unit] on each row, as the model tells it; infinite where it does not."""
+        told = np.nan_to_num(self.model.expected_error(self.q), nan=np.inf)
+        if self.model.body is None:  # a corner's rows share the errors of a few nodes
+            return np.asarray(_SHARED_ERRORS * told)
+        return np.maximum(told, self.belief.bound(self.q))
 
-        The first is of what is told of this model's sensor.  The second is a p-value over the
-        false-alarm rate, as logarithms: above 1 the bound fails, even if all of the log's own
-        scatter is noise of the sensor or of one encoder, which is no drift.
+    @property
+    def beyond(self) -> float:
+        """Share of the rows beyond what the model told."""
+        shared = self._radius * self.shared**2
+        return float(np.mean((self.missed**2 > self._told**2 + shared)[self.kept]))
+
+    @property
+    def _radius(self) -> float:
+        """Squared radius of 95 % of a Gaussian, in units of a deviation."""
+        from scipy.special import chdtri
+
+        return float(chdtri(self.x.shape[1], 0.05))
+
+    @cached_property
+    def bound_test(self) -> GroupTest:
+        """How surely too many rows lie beyond what the model told, in logarithms of chances.
+
+        Even if all of the log's own scatter is noise of the sensor or of one encoder, which is no
+        drift.
         """
         from scipy.special import bdtrc, chdtri
 
-        kept = self.log.kept
+        kept, radius = self.kept, self._radius
         gap = self.missed[kept]
-        radius = float(chdtri(self.x.shape[1], 0.05))  # squared, of 95 % in units of a deviation
-        told = self._told**2 + radius * self.log.shared**2
-        if self.model.body is None:  # a corner's rows share the errors of a few nodes
-            told = told * _SHARED_ERRORS**2
         more = max(self.tested.noise**2 - self.tested.usual**2, 0.0)
         if len(gap) < FEW:  # half of the rows of a noisier sensor are nearer than its median
             half = float(np.median(gap)) ** 2 / float(chdtri(self.x.shape[1], 0.5))
             more = max(more, half - self.tested.usual**2)
-        noisy = told + radius * more
+        told = self._told[kept] ** 2 + radius * (self.shared**2 + more)
         if self.tested.noisy is not None:
             joint, sd = self.tested.noisy
             slope = self.body.structure.slope(self.q[kept], self.body.beta)[..., joint]
-            noisy += radius * sd**2 * (slope**2).sum(axis=1)
-        over = gap**2 > noisy
+            told = told + radius * sd**2 * (slope**2).sum(axis=1)
+        over = gap**2 > told
         # rows that err together count once
         alike = autocorrelation_time(over[:, None].astype(float)) if over.any() else 1.0
         count, n = int(over.sum() / alike), int(np.ceil(len(over) / alike))
-        p = float(bdtrc(count - 1, n, BEYOND)) if count else 1.0
-        surely = math.log(max(p, 1e-300)) / math.log(FALSE_ALARM)
-        return float(np.mean(gap**2 > told)), surely
+        p = max(float(bdtrc(count - 1, n, BEYOND)) if count else 1.0, 1e-300)
+        none = np.zeros(0, dtype=np.intp)
+        return GroupTest(BOUND, -2 * math.log(p), -2 * math.log(FALSE_ALARM), p, none)
 
     @property
     def unexpected(self) -> bool:
-        """Whether no test fires, yet more rows are beyond the bound than it can mean."""
-        return not self.reference.new and self.tested.score <= 1.0 < self.beyond[1]
+        """Whether no group explains that more rows are beyond the bound than it can mean."""
+        new = self.model.body is not None and self.reference.new
+        return not new and self.tested.score <= 1.0 < self.bound_test.score
 
     @cached_property
     def explanations(self) -> tuple[Explanation, ...]:
@@ -207,7 +246,10 @@ class Comparison:
     @cached_property
     def score(self) -> float:
         """How far the log is from an arm and a sensor as they were: above 1 they changed."""
-        score = max(self.tested.score, self.beyond[1], 2.0 if self.reference.new else 0.0)
+        score = max(self.tested.score, self.bound_test.score)
+        if self.model.body is None:
+            return score
+        score = max(score, 2.0 if self.reference.new else 0.0)
         if self._suspect and not self.explained:
             return max(score, 1.0 + self.misfit)
         return score
@@ -215,16 +257,18 @@ class Comparison:
     @cached_property
     def _suspect(self) -> bool:
         """Whether a test fires, or half of the rows are further off than the model told."""
-        fired = max(self.tested.score, self.beyond[1]) > 1.0
-        return self.reference.new or fired or self.beyond[0] > 0.5
+        fired = max(self.tested.score, self.bound_test.score) > 1.0
+        return self.reference.new or fired or self.beyond > 0.5
 
     @cached_property
     def changed(self) -> bool:
-        """Whether something changed, and a member explains the log better than no change.
+        """Whether something changed, and a hypothesis explains the log better than no change.
 
         Evidence alone took what few rows had not told of an unchanged arm for waves of its joints:
         wherever nothing was measured they did harm.
         """
+        if self.model.body is None:
+            return self.score > 1.0
         return self.reference.new or (self.score > 1.0 and changed(self.explanations))
 
     @cached_property
@@ -234,28 +278,28 @@ class Comparison:
 
     @cached_property
     def _left(self) -> float:
-        """Typical distance of the rows from the best member [unit]."""
+        """Typical distance of the rows from the best explanation [unit]."""
         return float(np.median(np.linalg.norm(self.explanations[0].residual, axis=1)))
 
     @property
     def misfit(self) -> float:
-        """Typical distance of the rows from the best member, over the spread of positions."""
+        """Typical distance of the rows from the best explanation, over the spread of positions."""
         return self._left / max(self.spread, 1e-300)
 
     @property
     def explained(self) -> bool:
-        """Whether any member comes near the rows: to a part of their spread, or as near as told.
+        """Whether any hypothesis comes near the rows: to a part of their spread, or as told.
 
         A sparse model may be wrong by a tenth of the few millimetres that rows of one place span.
         """
-        if self.misfit < UNEXPLAINED:
+        if self.model.body is None or self.misfit < UNEXPLAINED:
             return True
         # rows that lag or whose joints are exchanged come near too, but for those at each jump
-        few = self.outliers <= _FEW * len(self.q)
-        return self._left < float(np.median(self._told)) < np.inf and few
+        few = self.outliers <= FEW_WRONG * len(self.q)
+        return self._left < float(np.median(self._told[self.kept])) < np.inf and few
 
     def why_not(self) -> str:
-        """One line on a log that no member explains."""
+        """One line on a log that nothing explains."""
         told = (
             f"nothing explains the log: its positions are {100 * self.misfit:.0f} % of their "
             "spread away from any change of the arm or the sensor"
@@ -266,17 +310,21 @@ class Comparison:
     @property
     def notes(self) -> list[str]:
         """What the user should be told of the rows, those that contradict all others included."""
-        if not self.outliers:
-            return list(self.row_notes)
-        rows = "1 row contradicts" if self.outliers == 1 else f"{self.outliers} rows contradict"
-        many = self.outliers > _FEW * len(self.q)
+        wrong = int(np.count_nonzero(~self.kept))
+        if not wrong:
+            return list(self.rows.notes)
+        rows = "1 row contradicts" if wrong == 1 else f"{wrong} rows contradict"
+        many = self.outliers > FEW_WRONG * len(self.q)
         late = f"; {self._late}" if many and self.explained and self._late else ""
-        return [*self.row_notes, f"{rows} all others: left out{late}"]
+        return [*self.rows.notes, f"{rows} all others: left out{late}"]
 
     @cached_property
     def _late(self) -> str:
         """What is said of positions that follow the joints by some rows, "" where they do not."""
-        lag = lag_behind_body(self.reference, self.q, self.x - self.moved_offset)
+        if self.model.body is None:
+            return ""
+        to = self.reference
+        lag = rows_behind(lambda q: to.structure.predict(q, to.beta), self.q, self.log.z)
         if not lag:
             return ""
         return (
@@ -297,18 +345,14 @@ def compare(model: Model, log: Samples, cause: str | None = None) -> Comparison:
         raise ModelError(
             "the model has an older format without a posterior of its body: train it again"
         )
-    socketed: list[str] = []
+    told: list[str] = []
     if log.touch is not None:  # which no sensor saw
         cause = cause or "joints"
-        log, socketed = as_positions(model, log)
-    log, told = in_time(model, log)
-    told = [*socketed, *told]
-    u, x, rows, notes = comparable(model, log)
-    notes = (*told, *notes)
-    q = model.motor.scale.from_unit(u)
-    body = body_of(model)
-    predicted = model.predictor.value(u)
-    if not (np.abs([predicted, body.predict(q)]) < _SQUARED).all():  # as in a forged file
+        log, told = as_positions(model, log)
+    rows = comparable(model, log)
+    rows = rows._replace(notes=(*told, *rows.notes))
+    predicted = model.predictor.value(rows.u)
+    alone = predicted if model.body is None else model.body.predict(rows.q)
+    if not (np.abs([predicted, alone]) < _SQUARED).all():  # as in a forged file
         raise ModelError("the model predicts no finite positions for this log: train it again")
-    turned = None if log.orientation is None else log.orientation[rows]
-    return Comparison(model, u, q, x, notes, predicted, body, cause, log.unit, log.shared, turned)
+    return Comparison(model, rows, predicted, cause, log.unit, log.shared)

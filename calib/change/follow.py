@@ -1,6 +1,6 @@
 """Online adaptation, as in the paper: maps and links re-form while samples stream in.
 
-For a stream that lasts: a change is noticed, followed, and the next one is waited for.
+For a stream that lasts: a change is noticed and followed.
 Equation numbers are those of the paper in the order in which it states them.
 """
 
@@ -33,7 +33,6 @@ BLOCK = 100
 _GLANCE = 5  # one sample in so many tells the error
 _SIGMA_END = 0.5  # neighbourhood radius once settled [nodes]
 _KEPT = 20_000  # latest samples that the local models are fitted to
-_CALM = 3  # blocks after a reset before another change can be told from the first
 _LEAST = 10  # samples since a change that a model can rest on
 
 
@@ -44,8 +43,7 @@ class OnlineAdapter:
     training knew.  Then sigma is reset to the radius at which training had the same
     distortion (eq. 10), eta and beta rise (eq. 12), and all three decay while the maps
     (eq. 1 to 3) and the links (eq. 11) follow the samples.  Once they are settled it keeps
-    their last rates and watches again: the next change resets the schedules and forgets
-    the samples from before it.  So does a jump of the error while the maps re-form.
+    their last rates.
 
     model : where to start; it is left as it is
     horizon : samples over which sigma decays to half a node
@@ -75,7 +73,6 @@ class OnlineAdapter:
         self._idle = np.zeros(model.sensory.size)  # what unvisited nodes should have forgotten
         self._seen = 0
         self._since = -1
-        self._changes = 0
         self._watch = Watch(model)
         self._start = {"motor": _SIGMA_END, "sensory": _SIGMA_END}
         self._q: list[Array] = []
@@ -85,11 +82,6 @@ class OnlineAdapter:
     def adapting(self) -> bool:
         """Whether a change was noticed and the maps have not settled yet."""
         return self._since >= 0 and (self._force or self._since < self._horizon)
-
-    @property
-    def changes(self) -> int:
-        """Changes noticed so far."""
-        return self._changes
 
     def feed(self, q: Array, x: Array) -> Step:
         """Take the next samples of the stream, (n, dof) and (n, 2), and learn from them."""
@@ -109,7 +101,7 @@ class OnlineAdapter:
         expected = self._watch.look(motor, sensory, u, v, error, self._since >= 0)
         self._seen += len(u)
         kept = slice(None)
-        if self._changed(u, v, expected):
+        if self._since < 0 and (self._force or self._watch.fired(expected)):
             self._reset()
             if not self._force:  # this block may have begun before the change
                 kept = slice(0)
@@ -117,7 +109,7 @@ class OnlineAdapter:
         mean = self._watch.mean
         return Step(
             self._seen, mean["motor"], mean["sensory"], expected, mean["error"], sigma, eta, beta,
-            self.adapting, self._changes,
+            self.adapting,
         )  # fmt: skip
 
     def _learn(self, u: Array, v: Array, kept: slice) -> tuple[float, float, float]:
@@ -167,33 +159,13 @@ class OnlineAdapter:
         layer = self._net.layers[name == "sensory"]
         return Map(layer.weights, network.lattice, network.scale, network.history)
 
-    def _changed(self, u: Array, v: Array, expected: float) -> bool:
-        """Whether the arm or the sensor has just changed."""
-        watch = self._watch
-        if self._since < 0:
-            return self._force or watch.fired(expected)
-        if self._force:  # all samples are of one arm
-            return False
-        settled = bool(watch.usual)
-        if self._since >= self._horizon:
-            watch.settle()
-        if sum(map(len, self._x)) >= _CALM * BLOCK and watch.jumped(
-            np.concatenate(self._q), np.concatenate(self._x), u, v
-        ):
-            return True
-        return settled and watch.fired(expected)
-
     def _reset(self) -> None:
-        """Set sigma to where training had the same distortion (eq. 10), forget what was."""
+        """Set sigma to where training had the same distortion (eq. 10)."""
         self._since = 0
-        self._changes += 1
-        self._q.clear()
-        self._x.clear()
         for name in self._start:
             network: Map = getattr(self._model, name)
             after = max(self._watch.mean[name], self._watch.block[name])
             self._start[name] = max(_SIGMA_END, matching_sigma(network, math.sqrt(after)))
-        self._watch.reset()
 
 
 def check_followable(model: Model) -> None:

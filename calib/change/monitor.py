@@ -11,8 +11,8 @@ import numpy as np
 from ..common.arrays import Array
 from ..errors import ModelError, QueryError
 from ..model.model import Model
+from .equations import affine_columns
 from .score import groups_of
-from .seen import body_of
 from .settings import (
     CLIP,
     COLLINEAR,
@@ -173,10 +173,13 @@ def monitor(model: Model) -> Monitor:
 
 def _directions(model: Model) -> Array:
     """Displacements at each motor node by what may change, orthonormal, (nodes, 2, p)."""
-    body = body_of(model)
-    every = np.unique(np.concatenate(list(groups_of(body).values())))
-    q = model.motor.scale.from_unit(np.clip(model.motor.units, 0.0, 1.0))
-    _, x = body.structure.linearise(q, body.beta, every)
+    units = np.clip(model.motor.units, 0.0, 1.0)
+    if model.body is None:  # a sensor that is moved
+        x = affine_columns(model.predictor.value(units))
+    else:
+        every = np.unique(np.concatenate(list(groups_of(model.body).values())))
+        q = model.motor.scale.from_unit(units)
+        x = model.body.structure.linearise(q, model.body.beta, every)[1]
     n, m, k = x.shape
     flat = x.reshape(n * m, k)
     flat = flat / (np.linalg.norm(flat, axis=0) + 1e-300)

@@ -12,8 +12,6 @@ from dataclasses import replace
 import numpy as np
 
 from ..body.belief import Body
-from ..body.covariance import RADIUS_95
-from ..body.likeness import matern
 from ..common.arrays import Array
 from ..common.scale import Scale
 from ..common.wording import for_people
@@ -27,8 +25,7 @@ from ..model.alignment import Alignment
 from ..model.model import Model
 from .adaptation import Adaptation
 from .comparison import Comparison
-from .own_residual import OwnResidual
-from .reference import carried_offset
+from .frame import carried_offset
 
 _TAIL = 3.0  # 95 % quantile over median; of Gaussian noise in the plane it is 2.1
 _MOST = 0.5  # of the rows beyond a 95 % bound: it does not hold for their arm
@@ -41,38 +38,20 @@ _DEGREE, _SAMPLES = 2, 20  # of local models where there were none
 _NOTHING = 1e-9  # of the extent: less is nothing to keep
 
 
-def rebuilt(found: Comparison, body: Body, own: OwnResidual | None, *, anew: bool) -> Model:
-    """The model with the updated body, maps that follow it, and new bounds.
-
-    A body that was fitted `anew` holds all that is known: nothing of the maps is carried over.
-    """
+def rebuilt(found: Comparison, body: Body) -> Model:
+    """The model with the updated body, maps that follow it, and new bounds."""
     model, scale = found.model, found.model.motor.scale
 
     def value(u: Array) -> Array:
         q = scale.from_unit(u)
         added = model.predictor.value(u) - found.body.predict(q)
-        if anew:
-            return body.predict(q)
         if np.any(added):
             added = carried_offset(found.body, body, body.beta, q, added)
-        predicted = body.predict(q) + added
-        return predicted if own is None else predicted + own.value(q)
+        return body.predict(q) + added
 
-    fresh = _carry(model, body if model.body is not None else None, value)
-    u = np.clip(fresh.motor.units, 0.0, 1.0)
-    nodes = scale.from_unit(u)
-    if model.body is not None:
-        bounds = [body.bound(nodes, noise=noise) for noise in (True, False)]
-        if own is not None:  # away from the rows nobody knows it
-            bounds = [np.hypot(bound, RADIUS_95 * own.deviation(nodes)) for bound in bounds]
-    else:
-        growth = np.zeros(len(nodes))
-        if own is not None:  # where no view explains the log alone, the old one may be right there
-            change = np.linalg.norm(fresh.predictor.value(u) - model.predictor.value(u), axis=1)
-            far = 1.0 - matern(nodes, own.q, own.lengths).max(axis=1)
-            growth = np.hypot(RADIUS_95 * own.deviation(nodes), far * change)
-        bounds = [np.hypot(bound, growth) for bound in (model.bounds, model.model_bounds)]
-        bounds[0] = np.maximum(bounds[0], RADIUS_95 * float(body.noise[0]))
+    fresh = carried(model, body, value)
+    nodes = scale.from_unit(np.clip(fresh.motor.units, 0.0, 1.0))
+    bounds = [body.bound(nodes, noise=noise) for noise in (True, False)]
     winners = fresh.motor.nearest(scale.to_unit(found.q))[1][:, 0]
     visited = model.visited | (np.bincount(winners, minlength=fresh.motor.size) > 0)
     return replace(fresh, bounds=bounds[0], model_bounds=bounds[1], visited=visited)
@@ -88,8 +67,8 @@ def doubts(found: Comparison, fresh: Model, *, real: bool) -> tuple[Model, str] 
     real : whether the rows were measured, not simulated
     """
     model = found.model
-    missed = found.missed[found.log.kept]
-    bound = model.expected_error(found.q[found.log.kept])
+    missed = found.missed[found.kept]
+    bound = model.expected_error(found.q[found.kept])
     # Noise alone is no error of the model: then rows miss evenly, and nothing explains them better.
     tail = float(np.quantile(missed, 0.95))
     noise = not found.changed and tail < _TAIL * float(np.median(missed))
@@ -131,7 +110,7 @@ def elsewhere(found: Comparison, made: Adaptation, fresh: Model) -> str:
     )
 
 
-def _carry(model: Model, body: Body | None, value: _Value) -> Model:
+def carried(model: Model, body: Body | None, value: _Value) -> Model:
     """The model with another prediction.
 
     model : the old model

@@ -9,34 +9,28 @@ threshold is that of an F test, so that a noise of few rows is not taken for kno
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
 
 from ..body.belief import Body
 from ..body.covariance import autocorrelation_time
-from ..body.likeness import lengths_of, matern
 from ..body.parameters import Indices
 from ..common.arrays import Array
-from ..common.rows import thinned
-from .members import FRAME, TESTED, drift
-from .reference import Reference
-from .rows import Log
+from .equations import Equations, Log
+from .frame import Reference
+from .hypotheses import FRAME, TESTED, indices_of
 from .settings import (
     CREPT,
     DRIFTS,
     FALSE_ALARM,
     FEW_ROWS,
     JOINT_NOISES,
-    LEAST_NOISE,
-    LEAST_OWN,
     LEFT,
-    NOISES,
     NOISIER,
     POWER,
-    TESTED_NODES,
     TESTED_ROWS,
     WAVES,
 )
@@ -50,18 +44,18 @@ class GroupTest:
     """One group of parameters, freed alone."""
 
     name: str  # ``"sensor"``, ``"sensor scale"``, ``"length:elbow"``, ``"geometry"``, ``"drift"``
-    indices: Indices  # (p,), its parameters; the first is the one that the group is about
-    # twice the gain in log likelihood, and what chance stays below in 999 of 1,000 logs
+    # twice the gain in log likelihood, and what chance stays below but in `FALSE_ALARM` of the logs
     statistic: float
     threshold: float
     p_value: float  # chance of such a statistic where nothing changed, after Bonferroni
-    freedom: int  # directions that the rows tell apart
+    indices: Indices  # (p,), its parameters; the first is the one that the group is about
+    freedom: int = 1  # directions that the rows tell apart
     # (p,), change of each parameter and its standard deviation
-    estimate: Array
-    deviation: Array
+    estimate: Array = field(default_factory=lambda: np.zeros(0))
+    deviation: Array = field(default_factory=lambda: np.zeros(0))
     # [unit], root mean square displacement, over the learned range, of the smallest change of the
     # first parameter that these rows would show nine times in ten
-    smallest: float
+    smallest: float = 0.0
 
     @property
     def score(self) -> float:
@@ -76,7 +70,7 @@ class Tested:
     groups: tuple[GroupTest, ...]
     noise: float  # [unit], standard deviation per axis of what no group explains
     usual: float  # [unit], what the belief expected
-    noisy: tuple[int, float] | None  # a joint whose encoder is noisy, and its noise [rad or m]
+    noisy: tuple[int, float] | None = None  # a joint whose encoder is noisy, its noise [rad or m]
 
     @property
     def score(self) -> float:
@@ -99,158 +93,68 @@ def fired(groups: Iterable[GroupTest]) -> tuple[GroupTest, ...]:
 def groups_of(body: Body) -> dict[str, Indices]:
     """Groups that are tested: the sensor's view, and each joint's own parameters."""
     structure = body.structure
-    known = structure.groups
 
     def joined(*names: str) -> Indices:
-        return np.concatenate([known[n] for n in names if n in known]).astype(np.intp)
+        return indices_of(structure, names)
 
     frame = joined(*FRAME)
     found = {"sensor": frame}
-    if "view.scale" in known:
-        found["sensor scale"] = np.concatenate([known["view.scale"], frame])
-    if "view.tilt" in known:
-        found["sensor tilt"] = joined("view.tilt", "view.shear", "view.scale", *FRAME)
-    if "lens" in known and len(known["lens"]):
-        found["lens"] = np.concatenate([known["lens"][:1], frame])
-    own: dict[str, list[int]] = {}
+    for name, own in (
+        ("sensor scale", joined("view.scale")),
+        ("sensor tilt", joined("view.tilt", "view.shear", "view.scale")),
+        ("lens", joined("lens")[:1]),
+    ):
+        if name != "sensor tilt" or len(joined("view.tilt")):
+            found[name] = np.concatenate([own, frame]) if len(own) else own
+    joints: dict[str, list[int]] = {}
     for group in TESTED:
-        for index in known.get(group, ()):
+        for index in joined(group):
             joint = structure.label(int(index)).joint
-            own.setdefault(f"{group}:{joint}" if joint else group, []).append(int(index))
-    if len(known.get("elastic", ())):  # a payload bends all joints at once
-        own["elastic"] = known["elastic"].tolist()
-    for name, indices in own.items():
-        found[name] = np.array(indices, dtype=np.intp)
-        found[f"{name} and sensor"] = np.concatenate([found[name], frame])
+            joints.setdefault(f"{group}:{joint}" if joint else group, []).append(int(index))
+    joints["elastic"] = joined("elastic").tolist()  # a payload bends all joints at once
+    for name, some in joints.items():
+        if some:
+            found[name] = np.array(some, dtype=np.intp)
+            found[f"{name} and sensor"] = np.concatenate([found[name], frame])
     found["geometry"] = joined("offset", "length", "gain", "elastic", *FRAME)
-    return {k: np.asarray(ix, dtype=np.intp) for k, ix in found.items() if len(ix)}
+    return {name: ix for name, ix in found.items() if len(ix)}
 
 
-class _Profile(NamedTuple):
-    """Log likelihoods over sizes of the noise, for one shape of it."""
+class _Groups(NamedTuple):
+    """What is tested of one log."""
 
-    joint: int | None  # whose encoder is noisy
-    ratio: float  # of that noise [rad or m] to the sensor's [size]
-    sizes: Array  # (s,), noise in `Reference.sizes`
-    same: Array  # (s,) [nats], nothing changed
-    drift: Array  # (s,) [nats], the best size of a larger smooth residual
-    gain: dict[str, Array]  # (s,), of each group: its quadratic form
-    directions: dict[str, int]  # directions of each group that the rows tell apart
-    power: Array  # (s, p, p) and (s, p): information on the tested parameters and its moment
-    pull: Array
-    freedom: Array  # (s,), of the noise
+    every: Indices  # (p,), all parameters of the groups
+    columns: dict[str, Indices]  # of each group, where its parameters stand in `every`
+    moves: Array  # (p,) [unit], root mean square displacement by one of each parameter
+    x: Array  # (n, m, p), derivative by them at the rows
 
 
-class _Normal:
-    """The normal equations of one log: columns of what is unknown, of what is tested, rows."""
+class _Profile:
+    """Log likelihoods [nats] of all hypotheses over sizes of the noise, for one shape of it."""
 
-    def __init__(self, reference: Reference, log: Log, every: Indices) -> None:
-        body, structure = reference.body, reference.structure
-        self.body, self.log, self.size = body, log, reference.sizes
-        places = slice(structure.blocks[0])
-        (n, m), active = log.z.shape, body.active
-        both = np.union1d(active, every)
-        predicted, x = structure.linearise(log.q, reference.beta, both)
-        x = x / self.size[:, None]
-        self.y = structure.residual(log.z, predicted) / self.size
-        self.tested = x[..., np.searchsorted(both, every)]
-        root = np.where(np.isin(active, reference.forgotten)[:, None], 0.0, body.root)
-        known = x[..., np.searchsorted(both, active)].reshape(n * m, -1) @ root
-        own = np.maximum(body.tau, LEAST_OWN * np.asarray(structure.extents)) / self.size
-        nodes = log.q[thinned(n, TESTED_NODES)]
-        lengths = lengths_of(body, log.q)
-        alike = matern(nodes, nodes, lengths)
-        alike[np.diag_indices(len(nodes))] += 1e-6
-        smooth = np.linalg.solve(np.linalg.cholesky(alike), matern(nodes, log.q, lengths)).T
-        smooth = np.einsum("nk,ij,j->nikj", smooth, np.eye(m), own).reshape(n, m, -1)
-        curves = np.flatnonzero(drift(body, WAVES) > drift(body)) if body.rows else every[:0]
-        moved = structure.linearise(log.q, reference.beta, curves)[1] / self.size[:, None]
-        self.waves = moved * drift(body, WAVES)[curves]
-        crept = CREPT * drift(body)
-        crept = x[..., crept[both] > 0] * crept[both][crept[both] > 0]
-        known = np.concatenate([body.kappa * known.reshape(n, m, -1), crept], axis=2)
-        parts = [known, body.kappa * smooth]
-        if log.shared:  # a frame that is shifted and bent as a plane is, as the board was found
-            bent = np.concatenate([np.ones((n, 1)), predicted[:, places] / structure.extents[0]], 1)
-            part = np.einsum("nk,ij,j->nikj", bent, np.eye(m), log.shared / self.size)
-            parts.append(part.reshape(n, m, -1))
-        self.unknown = np.concatenate(parts, axis=2)
-        self.smooth = np.arange(parts[0].shape[2], parts[0].shape[2] + parts[1].shape[2])
-        self.slope = structure.slope(log.q, reference.beta) / self.size[:, None]
-        floor = np.maximum(body.noise, LEAST_NOISE * np.asarray(structure.extents)) / self.size
-        self.usual = float(floor[0])
-
-    def whitened(self, joint: int | None, ratio: float) -> tuple[Array, Array, Array, float]:
-        """Unknown and tested columns, residuals and log determinant, under a shape of the noise."""
-        root = np.sqrt(self.log.weight)[:, None]
-        parts = [self.unknown, self.tested, self.y[..., None]]
-        log_determinant = -2.0 * self.y.shape[1] * float(np.log(root).sum())
-        if joint is not None:  # I + ratio^2 g g' of each row has one eigenvalue that is not 1
-            g = self.slope[..., joint]
-            length = (g**2).sum(axis=1)
-            value = 1.0 + ratio**2 * length
-            g = g / np.sqrt(np.maximum(length, 1e-300))[:, None]
-            less = (1.0 - 1.0 / np.sqrt(value))[:, None]
-            parts = [
-                p - (less * g)[..., None] * np.einsum("nm,nmk->nk", g, p)[:, None] for p in parts
-            ]
-            log_determinant += float(np.log(value).sum())
-        count = self.y.size
-        b, j, y = ((p * root[..., None]).reshape(count, -1) for p in parts)
-        return b, j, y[:, 0], log_determinant
-
-    def profile(self, groups: dict[str, Indices], joint: int | None, ratio: float) -> _Profile:
-        """Log likelihoods of all hypotheses over sizes of the noise; `groups` are columns."""
-        b, j, y, determinant = self.whitened(joint, ratio)
-        most = max(2.0 * float(np.sqrt(np.mean(y**2))), 2.0 * self.usual)
-        sizes = np.geomspace(self.usual, most, NOISES)
-        square, yy = sizes**2, float(y @ y)
-        gram, moment, across = b.T @ b, b.T @ y, b.T @ j
-
-        def likelihood(values: Array, turned: Array) -> Array:
-            total = square[:, None] + values
-            size = len(y) * np.log(square) + np.log(total / square[:, None]).sum(axis=1)
-            left = (yy - (turned**2 / total).sum(axis=1)) / square
-            return np.asarray(-0.5 * (size + left + determinant))
-
-        values, vectors = np.linalg.eigh(gram)
-        values, turned = np.maximum(values, 0.0), vectors.T @ moment
-        same = likelihood(values, turned)
-        larger = []
-        for factor in DRIFTS:
-            scale = np.ones(len(gram))
-            scale[self.smooth] = factor
-            v, w = np.linalg.eigh(gram * scale[:, None] * scale)
-            larger.append(likelihood(np.maximum(v, 0.0), w.T @ (scale * moment)))
-        if joint is None and self.waves.shape[2]:  # of a joint's curve, as of no smooth residual
-            root = np.sqrt(self.log.weight)[:, None, None]
-            more = np.concatenate([b, (self.waves * root).reshape(len(y), -1)], axis=1)
-            v, w = np.linalg.eigh(more.T @ more)
-            larger.append(likelihood(np.maximum(v, 0.0), w.T @ (more.T @ y)))
-        c = vectors.T @ across
-        inner, lead = j.T @ j, j.T @ y
-        power, pull = np.empty((len(sizes), *inner.shape)), np.empty((len(sizes), len(lead)))
-        for k, total in enumerate(square[:, None] + values):
-            power[k] = (inner - (c / total[:, None]).T @ c) / square[k]
-            pull[k] = (lead - c.T @ (turned / total)) / square[k]
-        explained = {name: _explained(power, pull, ix) for name, ix in groups.items()}
-        gain = {name: square for name, (square, _) in explained.items()}
-        count = {name: told for name, (_, told) in explained.items()}
-        told = 1.0 - (square[:, None] / (square[:, None] + values)) ** 2
-        return _Profile(
-            joint, ratio, sizes, same, np.max(larger, axis=0), gain, count, power, pull,
-            len(y) - told.sum(axis=1),
-        )  # fmt: skip
-
-    def rest(self, size: float) -> Array:
-        """What neither unknown nor tested columns follow of the residuals, (n, m) in noises."""
-        b, j, y, _ = self.whitened(None, 0.0)
-        length = np.linalg.norm(j, axis=0)
-        a = np.concatenate([b, j * (1e3 * size / np.where(length > 0, length, 1.0))], axis=1)
-        a = a[:, np.abs(a).any(axis=0)]
-        inner = a.T @ a
-        inner[np.diag_indices(len(inner))] += size**2
-        return np.asarray((y - a @ np.linalg.solve(inner, a.T @ y)).reshape(self.y.shape) / size)
+    def __init__(
+        self, equations: Equations, y: Array, groups: _Groups,
+        joint: int | None = None, ratio: float = 0.0,
+    ) -> None:  # fmt: skip
+        self.joint, self.ratio = joint, ratio
+        flat = equations.whiten(y)
+        self.x = equations.whiten(groups.x)
+        self.sizes = equations.noises(flat)  # in `Reference.sizes`
+        self.same = equations.likelihood(flat, self.sizes)
+        self.power, self.pull = equations.information(flat, self.x, self.sizes)
+        told = equations.values / (self.sizes[:, None] ** 2 + equations.values)
+        square = 1.0 - (1.0 - told) ** 2
+        self.freedom = len(flat) - square.sum(axis=1)  # of the noise
+        # a larger smooth residual, or waves of a joint's curve, as of no smooth residual
+        reference, log = equations.reference, equations.log
+        others = [equations.larger(factor) for factor in DRIFTS]
+        if joint is None and reference.body.rows:
+            others.append(Equations(reference, log, waves=WAVES / CREPT, crept=CREPT))
+        self.drift = np.max([e.likelihood(flat, self.sizes) for e in others], axis=0)
+        self.gain: dict[str, Array] = {}
+        self.directions: dict[str, int] = {}
+        for name, ix in groups.columns.items():
+            self.gain[name], self.directions[name] = _explained(self.power, self.pull, ix)
 
 
 def _explained(power: Array, pull: Array, ix: Indices) -> tuple[Array, int]:
@@ -276,43 +180,48 @@ def group_tests(reference: Reference, log: Log, probes: Array) -> Tested:
     if len(log.q) < FEW_ROWS:  # weights of few rows favour what their fit could follow
         log = replace(log, weight=np.where(log.kept, 1.0, log.weight))
     body, structure = reference.body, reference.structure
-    groups = groups_of(body)
+    groups, y = _tested(reference, log, probes)
+    equations = Equations(reference, log, crept=CREPT)
+    profiles = [_Profile(equations, y, groups)]
+    flat = equations.whiten(y)
+    found, noise = _judged(profiles, equations, groups, flat)
+    noisy = None
+    more = noise > NOISIER * equations.usual or any(g.name == DRIFT and g.score > 1 for g in found)
+    if more and not len(reference.forgotten):
+        slope = structure.slope(log.q, reference.beta) / reference.sizes[:, None]
+        lengths = np.sqrt((slope**2).sum(axis=1).mean(axis=0))
+        for joint in np.flatnonzero(lengths > 0.0).tolist():
+            for times in JOINT_NOISES:  # so that at the tip both are alike
+                ratio = times / float(lengths[joint])
+                other = Equations(reference, log, crept=CREPT, noisy=(joint, ratio))
+                profiles.append(_Profile(other, y, groups, joint, ratio))
+        noisy = _noisy_joint(profiles)
+        if noisy is not None:
+            found, noise = _judged(profiles, equations, groups, flat)
+    # what the weights leave out, as the median tells it
+    rest = equations.rest(flat, profiles[0].x, noise)
+    rest = np.linalg.norm(noise * rest, axis=1) / np.sqrt(log.weight)
+    free = y.size / max(y.size - len(groups.every), 1.0)
+    told = float(np.median(rest)) / (1.177 if y.shape[1] == 2 else 1.54)
+    told = max(told * float(np.sqrt(min(free, 2.0))), equations.usual) if not noisy else noise
+    return Tested(tuple(found), told * float(reference.sizes[0]), float(body.noise[0]), noisy)
+
+
+def _tested(reference: Reference, log: Log, probes: Array) -> tuple[_Groups, Array]:
+    """The groups of which a sensor can see something, and the residuals (n, m)."""
+    structure, groups = reference.structure, groups_of(reference.body)
     every = np.unique(np.concatenate(list(groups.values())))
-    normal = _Normal(reference, log, every)
+    predicted, x = structure.linearise(log.q, reference.beta, every)
     _, moves = structure.linearise(probes, reference.beta, every)
     moves = np.sqrt((moves[:, : structure.blocks[0]] ** 2).sum(axis=1).mean(axis=0))
     columns = {}
     for name, indices in groups.items():
-        if name.startswith("elastic"):  # of a joint about a vertical axis no load is felt
-            indices = indices[np.argsort(-moves[np.searchsorted(every, indices)], kind="stable")]
         place = np.searchsorted(every, indices)
-        if normal.tested[..., place[0]].any():  # what a sensor can see: a tracker has no lens
+        if name.startswith("elastic"):  # of a joint about a vertical axis no load is felt
+            place = place[np.argsort(-moves[place], kind="stable")]
+        if x[..., place[0]].any():  # a tracker has no lens
             columns[name] = place
-    profiles = [normal.profile(columns, None, 0.0)]
-    found, noise = _judged(profiles, normal, columns, every, moves)
-    noisy = None
-    more = noise > NOISIER * normal.usual or any(g.name == DRIFT and g.score > 1.0 for g in found)
-    if more and not len(reference.forgotten):
-        for joint in range(structure.dof):
-            for ratio in _ratios(normal, joint):
-                profiles.append(normal.profile(columns, joint, ratio))
-        noisy = _noisy_joint(profiles)
-        if noisy is not None:
-            found, noise = _judged(profiles, normal, columns, every, moves)
-    unit = float(reference.sizes[0])
-    # what the weights leave out, as the median tells it
-    rest = np.linalg.norm(noise * normal.rest(noise), axis=1) / np.sqrt(log.weight)
-    free = rest.size * normal.y.shape[1] / max(rest.size * normal.y.shape[1] - len(every), 1.0)
-    told = float(np.median(rest)) / (1.177 if normal.y.shape[1] == 2 else 1.54)
-    told = max(told * float(np.sqrt(min(free, 2.0))), normal.usual) if not noisy else noise
-    return Tested(tuple(found), told * unit, float(body.noise[0]), noisy)
-
-
-def _ratios(normal: _Normal, joint: int) -> Iterator[float]:
-    """Sizes of one encoder's noise over the sensor's, so that at the tip both are alike."""
-    length = float(np.sqrt((normal.slope[..., joint] ** 2).sum(axis=1).mean()))
-    if length > 0.0:
-        yield from (ratio / length for ratio in JOINT_NOISES)
+    return _Groups(every, columns, moves, x), structure.residual(log.z, predicted)
 
 
 def _noisy_joint(profiles: Sequence[_Profile]) -> tuple[int, float] | None:
@@ -329,23 +238,19 @@ def _noisy_joint(profiles: Sequence[_Profile]) -> tuple[int, float] | None:
 
 
 def _judged(
-    profiles: list[_Profile],
-    normal: _Normal,
-    columns: dict[str, Indices],
-    every: Indices,
-    moves: Array,
+    profiles: list[_Profile], equations: Equations, groups: _Groups, y: Array
 ) -> tuple[list[GroupTest], float]:
     """Each group's statistic and threshold, and the noise in sizes."""
     from scipy.special import chndtrinc, fdtrc, fdtri
 
-    level = FALSE_ALARM / (len(columns) + 1)
+    tests = len(groups.columns) + 1
+    level = FALSE_ALARM / tests
     calm = max(profiles, key=lambda p: float(p.same.max()))
-    least = float(calm.same.max())
+    least, at = float(calm.same.max()), int(np.argmax(calm.same))
     noise = _most_likely(profiles)
-    at = int(np.argmax(calm.same))
     # rows that err together count once
-    temper = autocorrelation_time(normal.rest(float(calm.sizes[at])))
-    count = normal.y.size / temper
+    temper = autocorrelation_time(equations.rest(y, profiles[0].x, float(calm.sizes[at])))
+    count = len(y) / temper
 
     def judged(freedom: int, gain: float, left: float) -> tuple[float, float, float]:
         left = left / temper - freedom
@@ -355,41 +260,37 @@ def _judged(
         # a gain of a log likelihood, as the F of a regression with as many rows
         most = freedom / left * float(fdtri(freedom, left, 1.0 - level))
         f = left / freedom * np.expm1(min(statistic / count, 500.0))
-        return statistic, count * float(np.log1p(most)), float(fdtrc(freedom, left, f))
+        p = min(1.0, float(fdtrc(freedom, left, f)) * tests)
+        return statistic, count * float(np.log1p(most)), p
 
     found = []
-    for name, place in columns.items():
+    for name, place in groups.columns.items():
         best = max(profiles, key=lambda p: float((p.same + 0.5 * p.gain[name]).max()))
         k = int(np.argmax(best.same + 0.5 * best.gain[name]))
-        likelihood = float(best.same[k] + 0.5 * best.gain[name][k])
-        power, pull = best.power[k][np.ix_(place, place)], best.pull[k][place]
         freedom = best.directions[name]
+        gain = float(best.same[k] + 0.5 * best.gain[name][k]) - least
         if not freedom:
             continue
-        size = np.sqrt(np.maximum(np.diag(power), 1e-300))
-        inverse = np.linalg.pinv(power / size[:, None] / size, rcond=1e-9, hermitian=True)
-        statistic, threshold, p = judged(freedom, likelihood - least, float(best.freedom[k]))
+        statistic, threshold, p = judged(freedom, gain, float(best.freedom[k]))
         if not np.isfinite(threshold):
             continue
+        power, pull = best.power[k][np.ix_(place, place)], best.pull[k][place]
+        size = np.sqrt(np.maximum(np.diag(power), 1e-300))
+        inverse = np.linalg.pinv(power / size[:, None] / size, rcond=1e-9, hermitian=True)
+        estimate, deviation = inverse @ (pull / size) / size, np.sqrt(np.diag(inverse)) / size
         needed = float(chndtrinc(threshold, freedom, 1.0 - POWER)) * temper
         told = np.sqrt(max(noise.profile.power[noise.at][place[0], place[0]], 1e-300))
-        smallest = np.sqrt(needed) / told * moves[place[0]]
-        estimate, deviation = inverse @ (pull / size) / size, np.sqrt(np.diag(inverse)) / size
-        p_value = min(1.0, p * (len(columns) + 1))
+        smallest = float(np.sqrt(needed) / told * groups.moves[place[0]])
         found.append(
             GroupTest(
-                name, every[place], statistic, threshold, p_value, freedom, estimate,
-                deviation * np.sqrt(temper), float(smallest),
+                name, statistic, threshold, p, groups.every[place], freedom, estimate,
+                deviation * np.sqrt(temper), smallest,
             )
         )  # fmt: skip
     best = max(profiles, key=lambda p: float(p.drift.max()))
     k = int(np.argmax(best.drift))
     statistic, threshold, p = judged(1, float(best.drift[k]) - least, float(best.freedom[k]))
-    p_value = min(1.0, p * (len(columns) + 1))
-    none = np.zeros(0)
-    found.append(
-        GroupTest(DRIFT, none.astype(np.intp), statistic, threshold, p_value, 1, none, none, 0.0)
-    )
+    found.append(GroupTest(DRIFT, statistic, threshold, p, np.zeros(0, dtype=np.intp)))
     size = noise.profile.sizes[noise.at] if any(g.score > 1.0 for g in found) else calm.sizes[at]
     return found, float(size)
 

@@ -12,16 +12,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..common.arrays import Array
-from ..maps.map import Map, search_tree
+from ..maps.map import Map
 from ..model.model import Model
 
 _WINDOW = 200.0  # samples that a running mean remembers
-_FIRED = 4.0  # standard deviations of a running mean that are no chance
 _SETTLED = 1.2  # a re-formed map has settled within this factor of a trained one
-_JUMP = 3.0  # an error that rises by this factor while the maps re-form: another change
-_NEIGHBOURS = 4  # earlier samples that a sample is compared with
-_LOOSE = 1.5  # what a settled map's own distortion must be exceeded by
-_TRACKING = 0.05  # share by which a settled map's usual means follow, per block
+_FIRED = 4.0  # standard deviations of a running mean that are no chance
 
 
 @dataclass(frozen=True)
@@ -43,7 +39,6 @@ class Step:
     eta: float
     beta: float
     adapting: bool  # whether a change was noticed and the maps are re-forming
-    changes: int = 0  # changes noticed so far
 
 
 class Watch:
@@ -56,18 +51,13 @@ class Watch:
     mean, block : dict of str to float
         ``motor`` and ``sensory`` distortion and ``error``: running means and those of the
         latest block.
-    usual : dict of str to float
-        The running means of maps that have settled after a change.
     """
 
     def __init__(self, model: Model) -> None:
         self._model = model
-        self._noise = model.baseline.noise if model.baseline else 0.0
         self._seen = 0
-        self._apart = math.nan  # running mean of the distance to earlier samples
         self.mean: dict[str, float] = {}
         self.block: dict[str, float] = {}
-        self.usual: dict[str, float] = {}
 
     def look(
         self, motor: Map, sensory: Map, u: Array, v: Array, error: float, reformed: bool
@@ -94,44 +84,16 @@ class Watch:
         chance = _FIRED * math.sqrt(model.baseline.spread[1] / _WINDOW)
         # distances scale with the lattice: a larger arm's nodes stand further apart
         size = (sensory.spacing / model.sensory.spacing) ** 2 * (_SETTLED if reformed else 1.0)
-        expected = float(model.baseline.sensory[winner].mean()) * size * (1.0 + chance)
-        # a map that follows is not trained anew: its own distortion is usual to it
-        return max(expected, _LOOSE * self.usual.get("sensory", 0.0) * (1.0 + chance))
+        return float(model.baseline.sensory[winner].mean()) * size * (1.0 + chance)
 
     def fired(self, expected: float) -> bool:
         """Whether the distortion (eq. 9) or the links' residual left what is usual."""
-        errors = self._model.about.errors
-        trained = errors["activity"]["forward"]["distance"]["mean"] if errors else math.inf
-        usual = max(trained, self.usual.get("error", 0.0))
+        errors, baseline = self._model.about.errors, self._model.baseline
+        usual = errors["activity"]["forward"]["distance"]["mean"] if errors else math.inf
+        usual += baseline.noise if baseline else 0.0
         return self._seen >= _WINDOW / 2 and (
-            self.mean["sensory"] > expected or self.mean["error"] > 2.0 * (usual + self._noise)
+            self.mean["sensory"] > expected or self.mean["error"] > 2.0 * usual
         )
-
-    def settle(self) -> None:
-        """A settled map goes on at its last rates: what is usual to it follows slowly."""
-        usual = self.usual or self.mean
-        self.usual = {n: v + _TRACKING * (self.mean[n] - v) for n, v in usual.items()}
-
-    def jumped(self, q: Array, x: Array, u: Array, v: Array) -> bool:
-        """Whether positions contradict those of the nearest joints (k, dof), (k, m) before.
-
-        It tells another change even while the links, which lag behind, are far off.
-        """
-        motor, sensory = self._model.motor.scale, self._model.sensory.scale
-        _, near = search_tree(motor.to_unit(q), motor).query(u, k=np.arange(1, _NEIGHBOURS + 1))
-        predicted = x[near].mean(axis=1)
-        block = float(np.linalg.norm(predicted - sensory.from_unit(v), axis=1).mean())
-        jump = block > _JUMP * self._apart + 2.0 * self._noise  # never where it is unknown
-        if not jump:
-            known = math.isfinite(self._apart)
-            self._apart = 0.5 * (self._apart + block) if known else block
-        return jump
-
-    def reset(self) -> None:
-        """A change was noticed: the latest block is all that counts."""
-        self._apart = math.nan
-        self.usual.clear()
-        self.mean = dict(self.block)
 
 
 def matching_sigma(network: Map, error: float) -> float:

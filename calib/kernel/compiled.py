@@ -25,7 +25,7 @@ from ..common.arrays import Array
 OFF = "CALIB_NO_CC"
 """Environment variable that leaves the compiler alone where it is set to anything but 0."""
 
-_FLAGS = ("-O1", "-std=c99", "-fPIC", "-shared", "-ffp-contract=off", "-fno-math-errno")
+_FLAGS = ("-O2", "-std=c99", "-fPIC", "-shared", "-ffp-contract=off", "-fno-math-errno")
 _MOST = 120.0  # s that a compiler may take
 
 _CALLS = """

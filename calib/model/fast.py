@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -40,6 +41,9 @@ def kernel_of(model: Parts, limit: Array | None = None) -> Kernel:
     arm = KernelArm.of(structure, body.beta)
     own = isinstance(model.predictor.smooth, BodyInBox)
     nominal, correcting = _nominal(model, arm)
+    posterior = model.posterior
+    if posterior is not None and model.about.bound_of != "sensor reading":
+        posterior = replace(posterior, noise=np.zeros_like(posterior.noise))
     reach = float(np.linalg.norm(np.vstack([arm.links.strides[1:], arm.links.tip]), axis=1).sum())
     return Kernel(
         arm,
@@ -53,7 +57,7 @@ def kernel_of(model: Parts, limit: Array | None = None) -> Kernel:
         model.model_bounds,
         ROUNDED,
         _starts(model),
-        model.posterior,
+        posterior,
         nominal,
         correcting,
         np.full(dof, _NO_LIMIT) if limit is None else limit,

@@ -17,26 +17,22 @@ import numpy as np
 
 from ..arm.rotations import logarithm, matrix_of, nearest_rotation, similarity
 from ..common.arrays import Array
-from ..common.robust import solve_least_squares
 from ..common.rows import thinned
 from ..common.scale import METRES
 from ..errors import LogError
+from .alignment import Predict, agreeing, aligned_misfit, rows_behind
 from .settings import (
     DIAGNOSED_ROWS,
     FAR_BETTER,
     FEWEST_ROWS,
     GOOD,
     MOST_ORDERED,
-    PATH,
     PIXELS_RATIO,
     SAME_UNIT,
     SMALL,
     TURNED,
     USUAL_SIZE,
 )
-
-Predict = Callable[[Array], Array]
-"""Positions (n, m) at joint values (n, dof), NaN where none is known."""
 
 PosePredict = Callable[[Array], tuple[Array, Array]]
 """Positions (n, 3) and quaternions (n, 4) at joint values (n, dof)."""
@@ -164,61 +160,6 @@ def unit_hint(ratio: float) -> str:
     if name:
         return f"; if they are in {name}, `unit={name!r}` converts them"
     return "; if they are pixels, train a model of such a log" if ratio > PIXELS_RATIO else ""
-
-
-def rows_behind(predict: Predict, q: Array, x: Array, unit: str = "m", most: int = 20) -> int:
-    """Return by how many rows positions follow the joints, 0 where no shift fits far better.
-
-    Rows along a path fit nearly as well a row later; poses in any order fit not at all.
-    """
-    n = len(q)
-    most = min(most, n // 5)
-    if most < 1:
-        return 0
-    predicted = predict(q)
-    if not np.isfinite(predicted).all():
-        return 0
-    rows = np.linspace(most, n - 1 - most, min(n - 2 * most, DIAGNOSED_ROWS)).round()
-    rows = rows.astype(np.intp)
-    found = {
-        shift: aligned_misfit(predicted[rows - shift], x[rows], affine=unit == "px")
-        for shift in range(-most, most + 1)
-    }
-    best = min(found, key=lambda shift: (found[shift], abs(shift)))
-    return best if found[best] < (0.5 if is_path(q) else FAR_BETTER) * found[0] else 0
-
-
-def is_path(q: Array) -> bool:
-    """Whether rows (n, dof) are those of a motion, so that one tells of its neighbours."""
-    step = np.median(np.abs(np.diff(q, axis=0)), axis=0)
-    return bool(np.max(step / np.maximum(np.ptp(q, axis=0), 1e-12)) <= PATH)
-
-
-def aligned_misfit(a: Array, b: Array, *, affine: bool = False) -> float:
-    """Median distance of `b` (n, m) from `a` (n, k), turned, shifted and scaled.
-
-    Where `affine`, or the one has more coordinates, the best affine map instead.  No reflection: a
-    mirrored sensor is to be seen as a misfit.  Rows that contradict most others do not count.
-    """
-    return float(np.median(np.linalg.norm(b - aligned(a, b, affine=affine), axis=1)))
-
-
-def aligned(a: Array, b: Array, *, affine: bool = False) -> Array:
-    """`a` (n, k), brought to `b` (n, m) whatever a few rows contradict; see `aligned_misfit`."""
-    affine = affine or a.shape[1] != b.shape[1]
-    features = np.column_stack([a, np.ones(len(a))])
-    # spreads about the median: single wrong rows decide nothing
-    spread = np.linalg.norm(b - np.median(b, axis=0), axis=1)
-    kept = spread <= 5.0 * np.median(spread) + 1e-300
-    for _ in range(4):
-        if affine:
-            moved = features @ solve_least_squares(features[kept], b[kept])
-        else:
-            turn, shift, scale = similarity(a[kept], b[kept])
-            moved = scale * a @ turn.T + shift
-        away = np.linalg.norm(b - moved, axis=1)
-        kept = away <= 3.0 * np.median(away) + 1e-300
-    return np.asarray(moved)
 
 
 class _Log:
@@ -363,7 +304,7 @@ def _poses(log: _Log, pose: PosePredict, turns: Array) -> Finding | None:
 
     def away(x: Array, seen: Array) -> tuple[float, float]:
         """Median distance and angle [rad] that the best frames leave of x and seen."""
-        frame, shift, scale = similarity(*_agreeing(place, x))
+        frame, shift, scale = similarity(*agreeing(place, x))
         y = nearest_rotation((np.swapaxes(nominal, 1, 2) @ frame.T @ seen).sum(axis=0))
         angle = logarithm(seen @ np.swapaxes(frame @ nominal @ y, 1, 2))
         far = x - scale * place @ frame.T - shift
@@ -393,10 +334,3 @@ def _poses(log: _Log, pose: PosePredict, turns: Array) -> Finding | None:
             "columns",
         )
     return None
-
-
-def _agreeing(a: Array, b: Array) -> tuple[Array, Array]:
-    """Rows of both that one similarity brings together, without those that contradict most."""
-    away = np.linalg.norm(b - aligned(a, b), axis=1)
-    kept = away <= 3.0 * np.median(away) + 1e-300
-    return a[kept], b[kept]

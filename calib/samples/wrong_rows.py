@@ -17,7 +17,7 @@ from ..common.arrays import Array, Mask
 from ..common.robust import robust_solve
 from ..common.scale import Scale
 from ..common.wording import for_people
-from .diagnosis import aligned
+from .alignment import aligned
 from .samples import Samples
 from .settings import (
     APART,

@@ -14,8 +14,8 @@ from ..common.rows import thinned
 from ..common.scale import Scale
 from ..errors import LogError
 from ..model.model import Model
+from ..samples.alignment import aligned, rows_behind
 from ..samples.delays import Delay, Trajectory, estimate_delay
-from ..samples.diagnosis import aligned, rows_behind
 from ..samples.samples import Samples
 from ..samples.settings import FAR_BETTER, FEWEST_ROWS
 from ..samples.wrong_rows import contradicting_corner, contradictions
@@ -104,7 +104,8 @@ def sound_log(model: Model, samples: Samples) -> tuple[Samples, list[str]]:
         far, near = (np.nanmedian(np.linalg.norm(r, axis=1)) for r in (residual, moved))
         residual = moved if near < 0.5 * far else residual
         kept, told = contradictions(samples, residual)
-        samples, notes = samples.take(kept), notes + told
+        left_out = samples.left_out + int(np.count_nonzero(~kept))
+        samples, notes = replace(samples.take(kept), left_out=left_out), notes + told
     return samples, notes
 
 

@@ -49,7 +49,7 @@ def adapt(
     about = found.model.about
     document = {
         "model": path if found.improved else None,
-        **fields(found, "improved samples outliers correction kept coverage everywhere"),
+        **fields(found, "improved samples outliers left_out correction kept coverage everywhere"),
         **fields(found, "before after"),
         "method": method,
         "changed": [change.to_json() for change in found.changed],

@@ -39,25 +39,6 @@ def test_the_bound_holds_where_no_row_was(model, most, times):
     assert error.mean() < times * before
 
 
-def test_rows_along_a_line_are_left_to_the_update(model):
-    from calib.change.comparison import compare
-    from calib.change.update import fit_from_drawing
-
-    along = np.linspace(0.2, 0.8, 40)[:, None] * [1.0, 0.7]
-    assert fit_from_drawing(compare(model, rows_of(along)), np.inf) is None
-    spread = np.random.default_rng(1).random((40, 2))
-    assert fit_from_drawing(compare(model, rows_of(spread)), np.inf) is not None
-
-
-def test_a_model_of_a_log_has_no_drawing(model):
-    from calib.change.comparison import compare
-    from calib.change.update import fit_from_drawing
-
-    log = rows_of(np.random.default_rng(1).random((60, 2)))
-    own = calib.train(log, size=6)
-    assert fit_from_drawing(compare(own, log), np.inf) is None
-
-
 def test_an_improvement_along_a_line_says_nothing_of_the_rest(model):
     """Strong waves along a line are not taken for lengths or a lens."""
     along = np.sort(np.random.default_rng(2).random(60))
@@ -106,24 +87,6 @@ def test_a_bound_that_the_evidence_contradicts_is_widened():
     assert np.mean(error <= found.model.model_error(asked)) > 0.9
     assert found.model.model_error(asked).mean() > 1.2 * own.model_error(asked).mean()
     assert any("the prediction stays" in note for note in found.notes)
-
-
-def test_a_smooth_residual_adds_its_own_doubt():
-    """A ripple of 2 mm, which no chain follows, after a log that showed none."""
-    rng = np.random.default_rng(4)
-    own = calib.train(exactly(rng.uniform(ARM.lower, ARM.upper, (300, 2)), rng), size=8)
-    found = calib.adapt(own, exactly(rng.uniform(ARM.lower, ARM.upper, (150, 2)), rng, rippled))
-    assert found.improved
-    assert "smooth residual" in found.correction
-    asked = rng.uniform(ARM.lower, ARM.upper, (500, 2))
-    error = np.linalg.norm(found.model.forward(asked) - rippled(asked), axis=1)
-    assert np.mean(error <= found.model.model_error(asked)) > 0.9
-
-
-def rippled(q):
-    """The tip (n, 2) with a ripple of 2 mm."""
-    wave = np.sin(9 * q[:, :1] + 7 * q[:, 1:])
-    return ARM.forward(q) + 2e-3 * wave * [1.0, 0.6]
 
 
 def waved(q):

@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 
 import calib
 from calib.arm.rotations import exponential, matrix_of, quaternion_of
-from calib.samples.diagnosis import aligned_misfit, diagnose, rows_behind, unit_hint
+from calib.samples.alignment import aligned_misfit, rows_behind
+from calib.samples.diagnosis import diagnose, unit_hint
 from calib.samples.tables import write_table
 
 ARM = calib.load_arm("two_link")

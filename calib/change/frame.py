@@ -1,4 +1,4 @@
-"""The reference: an old belief brought into the frame of a new log.
+"""The frame: an old belief brought into the frame of a new log.
 
 A camera that was hung elsewhere, mirrored or read in other units moves every position by far
 more than anything else; so the frame comes first, in closed form, and small changes after it.
@@ -20,13 +20,14 @@ from ..body.structure import Structure
 from ..body.views import is_camera
 from ..common.arrays import Array
 from ..common.rows import thinned
-from .members import FRAME
+from .hypotheses import FRAME, indices_of, is_sensors
+from .settings import LEAST_OWN
 
 _FAR = 0.05  # misfit, of the extents, from which another frame is looked for
 _BETTER = 0.5  # misfit by which a mirror, another sense or a locked joint must be better
 _SCALES = (0.5, 2.0)  # beyond these the positions are in another unit
 _ROWS = 200
-_LEAST = 1e-4  # noise, and residual of a log, that are always allowed, of the extents
+_LEAST = 1e-4  # noise that is always allowed, of the extents
 _EXACT = 1e-6  # misfit, of the extents, that is none
 _LOCKED_STEP = 0.1  # between the angles that are tried for a joint that is held [rad]
 
@@ -38,7 +39,7 @@ class Reference:
     # the old belief with the structure of the log: mirrored, or with a joint turned round
     body: Body
     beta: Array  # (d,), its parameters, the view's moved
-    new: bool  # whether the view is so different that only members with a free frame make sense
+    new: bool  # whether the view is so different that only hypotheses with a free frame make sense
     mirrored: bool  # whether the sensor sees the plane from the other side than before
     turned: tuple[int, ...]  # joints that turn the other way
     locked: tuple[int, ...]  # joints that no longer move the tip
@@ -59,7 +60,7 @@ class Reference:
     @property
     def own_sd(self) -> Array:
         """Standard deviation (m,) [unit] of the residual that a log may have of its own."""
-        return np.maximum(self.body.tau, _LEAST * np.asarray(self.structure.extents))
+        return np.maximum(self.body.tau, LEAST_OWN * np.asarray(self.structure.extents))
 
 
 def kept_reference(body: Body) -> Reference:
@@ -110,18 +111,18 @@ def reference_of(body: Body, q: Array, z: Array, unit: str | None = None) -> Ref
     new = bool(change) or bool(locked) or other
     signs, old = change.get("signs", ()), getattr(body.structure, "signs", ())
     turned = tuple(k for k, (now, was) in enumerate(zip(signs, old, strict=False)) if now != was)
-    view = [ix for g, ix in structure.groups.items() if g.startswith("view.") or g == "lens"]
+    view = indices_of(structure, [g for g in structure.groups if is_sensors(g)])
     moved = replace(
         body, structure=structure, noise=body.noise * factor, tau=body.tau * factor,
         residual=body.residual * factor,
     )  # fmt: skip
-    forgotten = np.concatenate(view).astype(np.intp) if new else _moving(structure)
+    forgotten = view if new else _moving(structure)
     return Reference(moved, beta, new, "mirror" in change, turned, locked, factor, forgotten)
 
 
 def _moving(structure: Structure) -> Indices:
     """Parameters of a sensor that was moved."""
-    return np.concatenate([structure.groups[g] for g in FRAME]).astype(np.intp)
+    return indices_of(structure, FRAME)
 
 
 def _camera_moved(body: Body, q: Array, z: Array) -> Array:

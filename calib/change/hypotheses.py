@@ -1,7 +1,7 @@
-"""Members: what may have changed between an old belief and a new log, and by how much.
+"""Hypotheses: what may have changed between an old belief and a new log, and by how much.
 
-`adapt` and `check` compare the same members.  They know an arm only by the groups of its
-structure's parameters, so that planar and spatial arms share this table.
+They know an arm only by the groups of its structure's parameters, so that planar and spatial arms
+share this table.
 """
 
 from __future__ import annotations
@@ -11,17 +11,16 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..body.belief import Body
 from ..body.covariance import root_of
 from ..body.parameters import Indices
 from ..body.settings import SHIFT, TURN
-from ..body.spatial import SpatialStructure
 from ..body.structure import Structure
-from ..common.arrays import Array
+from ..common.arrays import Array, Mask
 from ..common.choices import CAUSES
 from ..errors import OptionError
+from .settings import ANYWHERE, BUILT_CURVE, CREEP, OWN_FLOOR
 
 FRAME = ("view.rotation", "view.shift")
 """Groups that move when the sensor is put elsewhere; always freed together."""
@@ -52,29 +51,18 @@ _SIZES = {
 _OTHER = _Sizes(5.0, 0.1, 1.0)
 """The same of groups that are not listed, over their prior of a robot."""
 
-ANYWHERE = 20.0
-"""Sizes of a freed frame, a radian and an extent, beyond which it is not looked for."""
-
-_CURVE = 0.3  # of a joint's curve that is freed or as built, over its prior
-_SMALL = 0.1  # of the sizes above: a second prior of members with elasticity
-
-CREEP = 0.01
-"""Sd of a joint's curve that may creep between two logs, over that of its prior."""
-
 
 @dataclass(frozen=True)
-class Member:
-    """A hypothesis of what changed."""
+class Hypothesis:
+    """What may have changed."""
 
     groups: tuple[str, ...]  # groups that are freed; ``"curve"`` stands for those of all joints
-    share: float = 1.0  # by how much of the usual size the arm's own groups are freed
 
     @property
     def name(self) -> str:
         """Such as "nothing", "frame", "frame, length"."""
         own = [g.removeprefix("view.") for g in self.groups if g not in FRAME]
-        named = [*["frame"] * self.framed, *own, *["small"] * (self.share != 1.0)]
-        return ", ".join(named) or "nothing"
+        return ", ".join([*["frame"] * self.framed, *own]) or "nothing"
 
     @property
     def framed(self) -> bool:
@@ -82,7 +70,7 @@ class Member:
         return "view.shift" in self.groups
 
 
-NOTHING = Member(())
+NOTHING = Hypothesis(())
 
 TESTED = ("offset", "length", "gain", "placement", "tool")
 """Groups that are tested joint by joint."""
@@ -90,7 +78,7 @@ TESTED = ("offset", "length", "gain", "placement", "tool")
 _CAMERA = ("view.scale", "view.shear", "view.tilt")
 _GEOMETRY = ("offset", "length", "gain")
 _SENSOR = ((), ("view.scale",), _CAMERA, ("view.scale", "view.shear", "lens"))
-_JOINTS = (
+_ARM = (
     ("offset",),
     ("length",),
     ("gain",),
@@ -101,13 +89,10 @@ _JOINTS = (
     (*_GEOMETRY, "elastic"),
     (*_GEOMETRY, "elastic", "placement", "tool", "curve"),
 )
-_BOTH = (
-    (*_GEOMETRY, *_CAMERA),
-    (*_GEOMETRY, "elastic", "placement", "tool", "curve", *_CAMERA, "lens"),
-)
+_BOTH = ((*_GEOMETRY, *_CAMERA), (*_ARM[-1], *_CAMERA, "lens"))
 
 
-def members_of(structure: Structure, cause: str | None = None) -> tuple[Member, ...]:
+def hypotheses_of(structure: Structure, cause: str | None = None) -> tuple[Hypothesis, ...]:
     """What may have changed, from simple to rich; the first is nothing.
 
     structure : groups that it does not have are left out
@@ -121,23 +106,15 @@ def members_of(structure: Structure, cause: str | None = None) -> tuple[Member, 
             parameter="cause",
             value=cause,
         )
-    sets: list[tuple[str, ...]] = []
+    sets: list[tuple[str, ...]] = [()]
     if cause != "joints":
         sets += [(*FRAME, *more) for more in _SENSOR]
     if cause != "sensor":
-        sets += list(_JOINTS)
+        sets += list(_ARM)
     if cause is None:
-        sets += [(*FRAME, *more) for more in _JOINTS + _BOTH]
-    found: dict[tuple[str, ...], Member] = {(): NOTHING}
-    for groups in sets:
-        known = tuple(g for g in groups if any(len(ix) for _, ix in parts_of(structure, g)))
-        if known and known not in found:
-            found[known] = Member(known)
-    # Most arms give way little, a few by degrees: with the wide prior alone, what rows of a line
-    # leave open went centimetres away.
-    small = [replace(m, share=_SMALL) for m in found.values() if "elastic" in m.groups]
-    richest = list(found.values())[-1]
-    return (*(m for m in found.values() if m is not richest), *small, richest)
+        sets += [(*FRAME, *more) for more in _ARM + _BOTH]
+    known = (tuple(g for g in groups if len(indices_of(structure, (g,)))) for groups in sets)
+    return tuple(Hypothesis(groups) for groups in dict.fromkeys(known))
 
 
 def parts_of(structure: Structure, group: str) -> list[tuple[str, Indices]]:
@@ -147,23 +124,33 @@ def parts_of(structure: Structure, group: str) -> list[tuple[str, Indices]]:
     return [(name, structure.groups[name]) for name in own]
 
 
-def freedom(body: Body, member: Member, cause: str | None = None) -> Array:
-    """Standard deviation (d,) by which the freed parameters may have changed."""
-    sd = _deviations(body, member.groups, "freed", _CURVE)
-    sd *= np.where(_mask(body.structure, FRAME), 1.0, member.share)
+def indices_of(structure: Structure, groups: Iterable[str]) -> Indices:
+    """Parameters (k,) of some groups; those that the structure does not have are left out."""
+    parts = [ix for group in groups for _, ix in parts_of(structure, group)]
+    return np.concatenate([np.zeros(0), *parts]).astype(np.intp)
+
+
+def is_sensors(group: str) -> bool:
+    """Whether a group of parameters is the sensor's."""
+    return group.startswith("view.") or group == "lens"
+
+
+def freedom(
+    body: Body, hypothesis: Hypothesis, cause: str | None = None, found: Indices | None = None
+) -> Array:
+    """Standard deviation (d,) by which the freed parameters may have changed.
+
+    found : parameters of a frame that was fitted to the log, of which no prior holds any; a narrow
+        one about that fit would count the rows twice
+    """
+    sd = _deviations(body, hypothesis.groups, "freed", BUILT_CURVE)
     _keep_gauge(body, sd, cause)
+    if hypothesis.framed and found is not None:
+        sd[np.intersect1d(indices_of(body.structure, FRAME), found)] *= ANYWHERE
     return sd
 
 
-def anywhere(structure: Structure, forgotten: Indices) -> Indices:
-    """Parameters of a frame that was fitted to the log: no prior holds them.
-
-    A narrow one about that fit would count the rows twice; `ANYWHERE` times its sd is none.
-    """
-    return np.intersect1d(np.flatnonzero(_mask(structure, FRAME)), forgotten)
-
-
-def drift(body: Body, waves: float = CREEP) -> Array:
+def creep(body: Body, waves: float = CREEP) -> Array:
     """Standard deviation (d,) by which the arm's own parameters may have crept.
 
     The curves of the joints by `waves` times their prior's; beyond `CREEP` those too that the
@@ -172,21 +159,18 @@ def drift(body: Body, waves: float = CREEP) -> Array:
     structure = body.structure
     sd = _deviations(body, _arm_groups(structure), "creep", waves)
     _keep_gauge(body, sd, None)
-    known = np.isin(np.arange(len(sd)), body.active)
+    known = _mask(structure, body.active)
     if waves > CREEP:
-        known |= _mask(structure, ("curve",))
+        known |= _mask(structure, indices_of(structure, ("curve",)))
     return np.where(known, sd, 0.0)
 
 
 def _arm_groups(structure: Structure) -> list[str]:
-    """Groups of the arm's own parameters."""
-    return [g for g in structure.groups if not (g.startswith("view.") or g == "lens")]
+    return [g for g in structure.groups if not is_sensors(g)]
 
 
-def _mask(structure: Structure, groups: Iterable[str]) -> NDArray[np.bool_]:
-    """Which parameters (d,) are of some groups."""
-    parts = [ix for group in groups for _, ix in parts_of(structure, group)]
-    return np.isin(np.arange(structure.size), np.concatenate([np.zeros(0, int), *parts]))
+def _mask(structure: Structure, indices: Indices) -> Mask:
+    return np.isin(np.arange(structure.size), indices)
 
 
 def _deviations(
@@ -225,22 +209,20 @@ def _usual(structure: Structure, group: str, ix: Indices) -> Array:
     their place: shares of them let origins creep by a tenth of the reach, which hid any change.
     """
     sd = structure.prior((group,)).sd[ix]
-    if isinstance(structure, SpatialStructure) and group == "placement":
-        turns = np.isin(ix, structure.turns)
-        sd = np.minimum(sd, np.where(turns, TURN, SHIFT))
+    if group == "placement" and (turns := getattr(structure, "turns", None)) is not None:
+        sd = np.minimum(sd, np.where(np.isin(ix, turns), TURN, SHIFT))
     return np.asarray(sd)
 
 
 def _lengths(body: Body) -> Array:
     """Lengths (k,) of the links, none of a chain without such a group [unit]."""
-    return body.beta[body.structure.groups.get("length", np.zeros(0, dtype=int))]
+    return body.beta[indices_of(body.structure, ("length",))]
 
 
 def _keep_gauge(body: Body, sd: Array, cause: str | None) -> None:
     """Hold what a free frame already says: the first joint's offset, the first length."""
-    active = np.isin(np.arange(len(sd)), body.active)
-    none = np.zeros(0, dtype=np.intp)
-    offset, length = (body.structure.groups.get(g, none) for g in ("offset", "length"))
+    active = _mask(body.structure, body.active)
+    offset, length = (indices_of(body.structure, (g,)) for g in ("offset", "length"))
     # with the frame held, the first joint's offset is what a turn about its axis is
     if len(offset) and not active[offset[0]] and cause != "joints":
         sd[offset[0]] = 0.0
@@ -249,21 +231,23 @@ def _keep_gauge(body: Body, sd: Array, cause: str | None) -> None:
 
 
 def as_built(body: Body) -> Body:
-    """The belief that `check` and `adapt` start from.
+    """The belief that a changed arm starts from.
 
     Exact samples of a simulation say exactly what was drawn.  An arm as it was built is some
     tenths of a millimetre and of a degree away from that.
     """
+    structure = body.structure
+    body = replace(body, tau=np.maximum(body.tau, OWN_FLOOR * np.asarray(structure.extents)))
     if not body.simulated:
         return body
-    structure = body.structure
     metre = float(getattr(structure, "metre", 1.0))
     if structure.view not in ("rigid", "base", "pose"):
         metre = float(np.abs(_lengths(body)).mean()) / 0.3
-    sd = _deviations(body, _arm_groups(structure), "built", _CURVE, metre)
+    sd = _deviations(body, _arm_groups(structure), "built", BUILT_CURVE, metre)
     _keep_gauge(body, sd, None)
-    if isinstance(structure, SpatialStructure):  # the first origin's place is the frame's own
-        sd[np.concatenate([structure.shifts[0], structure.turns[0]])] = 0.0
+    if structure.kind == "spatial":  # the first origin's place is the frame's own
+        first = (getattr(structure, name)[0] for name in ("shifts", "turns"))
+        sd[np.concatenate(list(first))] = 0.0
     # What the samples left open stays correlated: along the gauge of a chain without a drawing,
     # deviations alone, of radians, would say that nothing was learned.
     active = np.union1d(np.flatnonzero(sd), body.active)

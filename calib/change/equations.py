@@ -1,0 +1,269 @@
+"""Equations: a log beside a belief, as one linear Gaussian problem.
+
+What a belief does not know of the rows' residuals is a sum of columns of independent standard
+normals: its own posterior, a creep of all parameters, a residual of this log alone (a Gaussian
+process over the joints, by its values at some nodes), and what all rows share.  The score tests,
+the evidence of each hypothesis and the update of the belief are made of these columns and of those
+of the parameters that a hypothesis frees.
+"""
+
+from __future__ import annotations
+
+from copy import copy
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..body.covariance import root_of
+from ..body.likeness import lengths_of, matern
+from ..body.parameters import Indices
+from ..common.arrays import Array, Mask
+from ..common.rows import thinned
+from .frame import Reference
+from .hypotheses import creep, freedom, hypotheses_of
+from .settings import (
+    CREEP,
+    LEAST_NOISE,
+    NODES,
+    NOISES,
+    OUTLIER,
+    PSEUDO,
+    ROBUST_ROWS,
+    STEPS,
+    STUDENT,
+)
+
+
+@dataclass(frozen=True)
+class Log:
+    """Rows of a log and how much each counts."""
+
+    # (n, dof), (n, m), joints [rad or m] and outputs, without what maps add to the body [unit]
+    q: Array
+    z: Array
+    weight: Array  # (n,), Student weights about a fit in which all may have changed
+    kept: Mask  # (n,), rows that do not contradict all others
+    # [unit], standard deviation that all rows share, such as that of a board that was found again
+    shared: float = 0.0
+
+    def some(self, most: int) -> Log:
+        """At most so many rows, evenly spread."""
+        rows = thinned(len(self.q), most)
+        weight, kept = self.weight[rows], self.kept[rows]
+        return replace(self, q=self.q[rows], z=self.z[rows], weight=weight, kept=kept)
+
+
+def weighted(
+    reference: Reference, q: Array, z: Array, cause: str | None = None, shared: float = 0.0
+) -> Log:
+    """A log with robust weights.
+
+    reference : the old belief in the frame of the log
+    q, z : (n, dof), (n, m), all rows
+    cause : {"sensor", "joints"}, what is known about the change
+    shared : [unit], standard deviation that all rows share
+    """
+    body, structure = reference.body, reference.structure
+    sd = np.hypot(freedom(body, hypotheses_of(structure, cause)[-1], cause), creep(body))
+    free, size = np.flatnonzero(sd > 0), reference.sizes
+    beta, moved, noise = reference.beta.copy(), np.zeros(len(free)), 1.0
+    rows = thinned(len(q), ROBUST_ROWS)
+    for _ in range(STEPS):
+        predicted, x = structure.linearise(q[rows], beta, free)
+        r = structure.residual(z[rows], predicted) / size
+        weight, noise = _student(r)
+        root = np.sqrt(weight) / noise
+        j = (x / size[:, None] * sd[free] * root[:, None, None]).reshape(-1, len(free))
+        a = j.T @ j
+        a[np.diag_indices(len(free))] += 1.0
+        step = np.linalg.solve(a, j.T @ (r * root[:, None]).ravel() - moved)
+        step *= min(1.0, 10.0 / max(float(np.abs(step).max(initial=0.0)), 1e-12))
+        moved += step
+        full = np.zeros(len(beta))
+        full[free] = step * sd[free]
+        beta = structure.retract(beta, full)
+        if float(np.abs(step).max(initial=0.0)) < 1e-3:
+            break
+    r = structure.residual(z, structure.predict(q, beta)) / size
+    weight, noise = _student(r)
+    kept = np.sqrt((r**2).sum(axis=1)) <= OUTLIER * np.sqrt(r.shape[1]) * noise
+    return Log(q, z, weight, kept, shared)
+
+
+def _student(r: Array) -> tuple[Array, float]:
+    """Weights (n,) of residuals (n, m) in sizes, and their noise, at least one size."""
+    m = r.shape[1]
+    e2 = (r**2).sum(axis=1)
+    noise = max(float(np.median(e2)) / (m - 2 / 3), 1.0)
+    return (STUDENT + m) / (STUDENT + e2 / noise), float(np.sqrt(noise))
+
+
+@dataclass(frozen=True)
+class OwnResidual:
+    """A residual of one log: its values at some nodes, as independent standard normals."""
+
+    nodes: Array  # (p, dof) [rad or m]
+    lengths: Array  # (dof,), correlation lengths [rad or m]
+    sd: Array  # (m,) [unit], of each output
+
+    @staticmethod
+    def of(reference: Reference, log: Log, factor: float) -> OwnResidual:
+        """That of a log: `factor` times the usual size, at nodes among its rows."""
+        lengths, nodes = lengths_of(reference.body, log.q), log.q[thinned(len(log.q), NODES)]
+        return OwnResidual(nodes, lengths, factor * reference.own_sd)
+
+    def features(self, q: Array) -> Array:
+        """Values at joints (k, dof) by each node (k, p), in standard deviations."""
+        alike = matern(self.nodes, self.nodes, self.lengths)
+        alike[np.diag_indices(len(alike))] += 1e-6
+        root = np.linalg.cholesky(alike)
+        return np.asarray(np.linalg.solve(root, matern(self.nodes, q, self.lengths)).T)
+
+    def columns(self, q: Array) -> Array:
+        """Outputs (k, m, p m) [unit] by each of the normals."""
+        features, m = self.features(q), len(self.sd)
+        out = np.einsum("kn,ij,j->knij", features, np.eye(m), self.sd)
+        return np.asarray(out.transpose(0, 2, 1, 3).reshape(len(q), m, -1))
+
+
+class Equations:
+    """The columns of a log, whitened, and their eigenvectors.
+
+    reference : the old belief in the frame of the log, where it is linearised
+    log : rows
+    factor : times the usual size of the log's own residual
+    waves : sd of the joints' curves by which the arm may differ, over their prior's
+    crept : times the usual creep of the parameters
+    noisy : a joint whose encoder is noisy, and its noise over that of the sensor [rad or m / size]
+    """
+
+    def __init__(
+        self, reference: Reference, log: Log, *, factor: float = 1.0, waves: float = CREEP,
+        crept: float = 1.0, noisy: tuple[int, float] | None = None,
+    ) -> None:  # fmt: skip
+        body, structure = reference.body, reference.structure
+        self.reference, self.log, self.size = reference, log, reference.sizes
+        self.contracted: Array | None = None
+        root = np.sqrt(log.weight)
+        self.root = root[:, None]
+        self.log_determinant = -2.0 * len(self.size) * float(np.log(root).sum())
+        if noisy is not None:  # I + ratio^2 g g' of each row has one eigenvalue that is not 1
+            g = structure.slope(log.q, reference.beta)[..., noisy[0]] / self.size
+            length = (g**2).sum(axis=1)
+            value = 1.0 + noisy[1] ** 2 * length
+            g = g / np.sqrt(np.maximum(length, 1e-300))[:, None]
+            less = (1.0 - 1.0 / np.sqrt(value))[:, None, None]
+            self.contracted = np.eye(len(self.size)) - less * g[:, :, None] * g[:, None]
+            self.log_determinant += float(np.log(value).sum())
+        active, known = prior_columns(reference, waves, crept)
+        seen, x = structure.linearise(log.q, reference.beta, active)
+        own = OwnResidual.of(reference, log, factor * body.kappa).columns(log.q)
+        parts = [own, x @ known, shared_columns(reference, log, seen)]
+        self.own = own.shape[2]
+        self.columns = self.whiten(np.concatenate(parts, axis=2))
+        self._decompose(self.columns.T @ self.columns)
+        self.floor = float(np.min(LEAST_NOISE * np.asarray(structure.extents) / self.size))
+        self.usual = max(float(np.min(body.noise / self.size)), self.floor)
+
+    def _decompose(self, gram: Array) -> None:
+        values, self._vectors = np.linalg.eigh(gram)
+        self.values, self._gram = np.maximum(values, 0.0), gram
+
+    def larger(self, factor: float) -> Equations:
+        """The same with another size of the log's own residual."""
+        scale = np.ones(len(self._gram))
+        scale[: self.own] = factor
+        other = copy(self)
+        other.columns = self.columns * scale
+        other._decompose(self._gram * scale[:, None] * scale)
+        return other
+
+    def whiten(self, x: Array) -> Array:
+        """Residuals (n, m) or columns (n, m, k) [unit], by rows in units of the noise's size."""
+        flat = x.reshape(*x.shape[:2], -1) / self.size[:, None]
+        if self.contracted is not None:
+            flat = self.contracted @ flat
+        flat = (flat * self.root[:, None]).reshape(flat.shape[0] * flat.shape[1], -1)
+        return flat[:, 0] if x.ndim == 2 else flat
+
+    def turn(self, flat: Array) -> Array:
+        """Whitened residuals (N,) or columns (N, k) by the eigenvectors, times their values."""
+        return np.asarray(self._vectors.T @ (self.columns.T @ flat))
+
+    def likelihood(self, y: Array, noise: Array) -> Array:
+        """Log likelihood (s,) [nats] of whitened residuals (N,) under sizes (s,) of the noise."""
+        square, turned = noise**2, self.turn(y)
+        total = square[:, None] + self.values
+        size = len(y) * np.log(square) + np.log(total / square[:, None]).sum(axis=1)
+        rest = (float(y @ y) - (turned**2 / total).sum(axis=1)) / square
+        return np.asarray(-0.5 * (size + rest + self.log_determinant))
+
+    def information(self, y: Array, x: Array, noise: Array) -> tuple[Array, Array]:
+        """What rows tell of columns (N, k) whatever else is unknown: (s, k, k), and (s, k)."""
+        inner, moment, c, turned = x.T @ x, x.T @ y, self.turn(x), self.turn(y)
+        power, pull = np.empty((len(noise), *inner.shape)), np.empty((len(noise), len(moment)))
+        for k, square in enumerate(noise**2):
+            weight = 1.0 / (square + self.values)
+            power[k] = (inner - (c * weight[:, None]).T @ c) / square
+            pull[k] = (moment - c.T @ (weight * turned)) / square
+        return power, pull
+
+    def noises(self, y: Array) -> Array:
+        """Sizes of the noise that are compared, from the usual one."""
+        most = max(2.0 * float(np.sqrt(np.mean(y**2))), 2.0 * self.usual)
+        return np.geomspace(self.usual, most, NOISES)
+
+    def most_likely_noise(self, y: Array) -> Array:
+        """Size (1,) of the noise of the greatest likelihood; the old noise counts for some rows."""
+        high = 2.0 * max(float(np.sqrt(np.mean(y**2))), 1.0)
+        grid = np.geomspace(max(self.floor, 1e-2), high, 2 * NOISES)
+        value = self.likelihood(y, grid) - PSEUDO * (np.log(grid) + 0.5 / grid**2)
+        return np.asarray(grid[[int(np.argmax(value))]])
+
+    def rest(self, y: Array, x: Array, noise: float) -> Array:
+        """What neither the unknown nor columns (N, k) follow of the residuals, (n, m) in noises."""
+        length = np.linalg.norm(x, axis=0)
+        a = np.concatenate([self.columns, x * (1e3 * noise / np.where(length > 0, length, 1.0))], 1)
+        inner = a.T @ a
+        inner[np.diag_indices(len(inner))] += noise**2
+        rest = y - a @ np.linalg.solve(inner, a.T @ y)
+        return np.asarray(rest.reshape(len(self.root), -1) / noise)
+
+
+def prior_columns(
+    reference: Reference, waves: float, crept: float = 1.0, freed: Array | None = None
+) -> tuple[Indices, Array]:
+    """What is not known of the arm's parameters: which (k,), by standard normals (k, r).
+
+    waves, crept : as of `Equations`
+    freed : (d,), standard deviation by which parameters may have changed
+    """
+    body = reference.body
+    sd = crept * creep(body, waves)
+    if freed is not None:
+        sd = np.hypot(sd, freed)
+    active = np.union1d(body.active, np.flatnonzero(sd)).astype(np.intp)
+    lost = reference.forgotten
+    if freed is not None:  # of a frame that is held the old knowledge stays
+        lost = np.intersect1d(lost, np.flatnonzero(freed))
+    kept = np.where(np.isin(body.active, lost)[:, None], 0.0, body.root)
+    covariance = np.diag(sd[active] ** 2)
+    place = np.searchsorted(active, body.active)
+    covariance[np.ix_(place, place)] += body.kappa**2 * kept @ kept.T
+    return active, root_of(covariance)
+
+
+def shared_columns(reference: Reference, log: Log, seen: Array) -> Array:
+    """Outputs (n, m, r) by what all rows share: a frame that is shifted, turned and bent."""
+    if not log.shared:
+        return np.zeros((*log.z.shape, 0))
+    structure = reference.structure
+    places = seen[:, : structure.blocks[0]]
+    return log.shared * affine_columns(places / structure.extents[0], log.z.shape[1])
+
+
+def affine_columns(x: Array, outputs: int | None = None) -> Array:
+    """Displacements (n, m, (1 + p) m) of positions (n, p) by an affine map of their frame."""
+    n, m = len(x), outputs or x.shape[1]
+    bent = np.concatenate([np.ones((n, 1)), x], axis=1)
+    return np.asarray(np.einsum("nk,ij->nikj", bent, np.eye(m)).reshape(n, m, -1))

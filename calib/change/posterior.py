@@ -1,0 +1,148 @@
+"""The posterior of a belief after a new log, under what may have changed.
+
+The prior is the old posterior, inflated as its bound is, with the freed parameters loosened.  The
+rows' likelihood is tempered, and holds a residual of this log alone, whose size stays in the new
+bound because nobody knows it elsewhere.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..body.belief import Body, Second
+from ..body.covariance import radius_95, root_of
+from ..body.normal import Factor
+from ..body.parameters import Indices
+from ..common.arrays import Array
+from .equations import Log, OwnResidual, prior_columns, shared_columns
+from .explain import Explanation
+from .frame import Reference
+from .settings import BLOCKS, SIMULATED_KAPPA, UPDATED_ROWS
+
+_ENOUGH = 30  # rows that tell a quantile
+_OUTLIER = 2.5  # 95 % radii from which a row is an outlier
+_STEPS = 4
+
+
+@dataclass(frozen=True, eq=False)
+class Posterior:
+    """Belief over the parameters after a log, under one explanation."""
+
+    beta: Array  # (d,)
+    active: Indices  # (k,)
+    covariance: Array  # (k, k)
+    # (n, m) [unit], residuals of contiguous blocks of the rows, predicted from the others
+    held_out: Array
+
+
+def posterior_of(reference: Reference, e: Explanation, log: Log) -> Posterior:
+    """Gauss-Newton steps of all parameters from where the explanation ended."""
+    structure = reference.structure
+    active, ways = prior_columns(reference, e.waves, freed=e.sd)
+    smooth, r = OwnResidual.of(reference, log, e.factor).columns(log.q), ways.shape[1]
+    weight = np.sqrt(log.weight[:, None] / e.temper) / (e.noise * reference.sizes)
+    beta = e.beta.copy()
+    normals = np.linalg.lstsq(ways, (e.beta - e.origin)[active], rcond=1e-12)[0]
+    for step in range(_STEPS + 1):
+        predicted, x = structure.linearise(log.q, beta, active)
+        shared = shared_columns(reference, log, predicted)
+        columns = np.concatenate([x @ ways, smooth, shared], axis=2)
+        residual = structure.residual(log.z, predicted)
+        flat = (columns * weight[:, :, None]).reshape(weight.size, -1)
+        gram, pull = flat.T @ flat, flat.T @ (residual * weight).ravel()
+        gram[np.diag_indices(len(gram))] += 1.0
+        pull[:r] -= normals  # what the log's own part follows, it follows anew in each step
+        factor = Factor(gram)
+        delta = factor.solve(pull)
+        if step == _STEPS:
+            break
+        full = np.zeros(len(beta))
+        full[active] = ways @ delta[:r]
+        beta, normals = structure.retract(beta, full), normals + delta[:r]
+    held = np.empty_like(residual)
+    for block in np.array_split(np.arange(len(residual)), BLOCKS):
+        # without the block's rows the information is a difference: no fit is needed
+        flat = (columns[block] * weight[block, :, None]).reshape(-1, len(gram))
+        less = Factor(gram - flat.T @ flat)
+        delta = less.solve(pull - flat.T @ (residual[block] * weight[block]).ravel())
+        held[block] = residual[block] - columns[block, :, :r] @ delta[:r]
+    spread = ways @ factor.inverse()[:r, :r] @ ways.T
+    return Posterior(beta, active, spread, held)
+
+
+def gain_on_held_out(before: Array, after: Array) -> tuple[float, float]:
+    """How much held-out rows gained: mean ratio of errors, and gain over its standard error.
+
+    before, after : (n,) [unit], distances of the same rows from the old prediction, and from the
+        new one without their block
+    """
+    gain = [float(part.mean()) for part in np.array_split(before - after, BLOCKS)]
+    error = float(np.std(gain, ddof=1)) / np.sqrt(len(gain))
+    ratio = float(after.mean() / max(float(before.mean()), 1e-300))
+    return ratio, float(np.mean(gain)) / max(error, 1e-300)
+
+
+def updated(
+    reference: Reference, chosen: list[tuple[float, Explanation]], log: Log
+) -> tuple[Body, Array]:
+    """The posterior as a body, and held-out residuals (n, m) under the likeliest explanation.
+
+    The bound carries what the choice among the explanations is unsure of.
+
+    reference : the old belief in the frame of the log
+    chosen : what explains the log, best first, with weights
+    log : `z` less what maps add to the body
+    """
+    old, log = reference.body, log.some(UPDATED_ROWS)
+    parts = [(w, posterior_of(reference, e, log)) for w, e in chosen]
+    best = parts[0][1]
+    active = np.unique(np.concatenate([p.active for _, p in parts]))
+    covariance = np.zeros((len(active), len(active)))
+    for share, part in parts:
+        place = np.searchsorted(active, part.active)
+        covariance[np.ix_(place, place)] += share * part.covariance
+        away = (part.beta - best.beta)[active]
+        covariance += share * np.outer(away, away)
+    own = np.sqrt(sum(w * e.factor**2 for w, e in chosen)) * reference.own_sd
+    noise = np.sqrt(sum(w * e.noise**2 for w, e in chosen)) * reference.sizes
+    noise = _readings(old, noise, best.held_out)
+    second = old.second
+    if second is not None:  # after the same log, under the most likely explanation
+        e, apart = chosen[0][1], second.beta - old.beta
+        wide = replace(old, beta=second.beta, active=second.active, root=second.root, kappa=1.0)
+        there = replace(reference, body=wide, beta=reference.beta + apart)
+        found = posterior_of(there, replace(e, origin=e.origin + apart, beta=e.beta + apart), log)
+        second = Second(
+            found.beta, found.active, root_of(found.covariance), np.maximum(noise, second.noise)
+        )
+    body = replace(
+        old,
+        beta=best.beta,
+        active=active,
+        # the bound inflates by kappa what is kept here without it
+        root=root_of(covariance) / old.kappa,
+        kappa=max(old.kappa, SIMULATED_KAPPA) if old.simulated else old.kappa,
+        noise=noise,
+        residual=np.maximum(old.residual, own),
+        second=second,
+    )
+    return body, best.held_out
+
+
+def _readings(old: Body, noise: Array, held: Array) -> Array:
+    """Noise (m,) that covers 95 % of the held-out rows, outliers apart.
+
+    Student weights find the noise of the calm rows; the bound on a reading needs that of all.
+    """
+    out, at = noise.copy(), 0
+    for size in old.structure.blocks:
+        part = slice(at, at + size)
+        distance = np.linalg.norm(held[:, part], axis=1)
+        radius = float(radius_95(np.diag(noise[part] ** 2)[None])[0])
+        calm = distance[distance < _OUTLIER * radius]
+        if len(calm) >= _ENOUGH:
+            out[part] *= max(1.0, float(np.quantile(calm, 0.95)) / radius)
+        at += size
+    return out
