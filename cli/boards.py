@@ -72,9 +72,7 @@ def log_of_pictures(
     model: Model, source: str, joints_file: str | None, camera: str | None, degrees: bool | None
 ) -> Iterator[str]:
     """A log as typed; or one of pictures, read as the model's own were."""
-    from calib.recording.lerobot import is_dataset
-
-    if joints_file is None and not is_dataset(source):
+    if joints_file is None and not Path(source).is_dir():
         yield source
         return
     about, lens = model.about, _lens_of(model)

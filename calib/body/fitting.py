@@ -90,16 +90,7 @@ def planar_structure(
     extent = float(np.sqrt(((z - centre) ** 2).sum(axis=1).mean()))
     extent = max(extent, 1e-9 * (1e-3 + float(np.abs(z).max())))
     return PlanarStructure(
-        names,
-        turns,
-        view,
-        unit,
-        METRES.get(unit, 1.0),
-        PLANAR[view].lens,
-        nominal.signs if nominal else (1,) * len(names),
-        1,
-        extent,
-        (float(centre[0]), float(centre[1])),
-        nominal,
-        simulated,
-    )
+        names, turns, view, unit, METRES.get(unit, 1.0), PLANAR[view].lens,
+        signs=nominal.signs if nominal else (1,) * len(names), mirror=1, extent=extent,
+        centre=(float(centre[0]), float(centre[1])), nominal=nominal, simulated=simulated,
+    )  # fmt: skip

@@ -48,6 +48,13 @@ class Block:
     sd: Array | float = 0.0  # prior sd where the block is freed; 0 holds a parameter at its mean
     scales: tuple[ScaleGroup, ...] = ()  # whose sd the evidence chooses instead
 
+    @staticmethod
+    def of(
+        name: str, unit: str, names: Sequence[str], sd: float, mean: Array | float = 0.0
+    ) -> Block:
+        """Parameters of no joint, in one unit."""
+        return Block(name, tuple((None, each, unit) for each in names), mean, sd)
+
 
 @dataclass(frozen=True)
 class Hyper:

@@ -41,30 +41,18 @@ class PlanarReading(Measurement):
 
     def parameters(self) -> tuple[Block, ...]:
         """What the sensor has of its own."""
-        parts: dict[str, tuple[tuple[str, str], ...]] = {
-            "view.rotation": (("view.rotation", "rad"),),
-            "view.scale": (("view.log scale", "1"),),
-            "view.shear": (("view.stretch", "1"), ("view.shear", "1")),
-            "view.shift": (("view.shift x", self.unit), ("view.shift y", self.unit)),
-            "view.tilt": tuple((f"view.tilt {axis}", f"1/{self.length}") for axis in "xy"),
-            "lens": tuple((f"lens.{what}", "1") for what in ("radial", "centre x", "centre y")),
-        }
-        means: dict[str, Array | float] = {
-            "view.rotation": self.rotation,
-            "view.shift": np.asarray(self.shift),
-        }
-        sds = {
-            "view.rotation": 100.0,
-            "view.scale": 100.0,
-            "view.shear": 1.0,
-            "view.shift": FREE * self.extent,
-            "view.tilt": 1.0 / self.reach,
-            "lens": 0.5,
-        }
-        return tuple(
-            Block(name, tuple((None, *part) for part in own), means.get(name, 0.0), sds[name])
-            for name, own in parts.items()
-        )
+        tilt = 1.0 / self.reach
+        return (
+            Block.of("view.rotation", "rad", ["view.rotation"], 100.0, self.rotation),
+            Block.of("view.scale", "1", ["view.log scale"], 100.0),
+            Block.of("view.shear", "1", ["view.stretch", "view.shear"], 1.0),
+            Block.of(
+                "view.shift", self.unit, ["view.shift x", "view.shift y"], FREE * self.extent,
+                np.asarray(self.shift),
+            ),
+            Block.of("view.tilt", f"1/{self.length}", ["view.tilt x", "view.tilt y"], tilt),
+            Block.of("lens", "1", ["lens.radial", "lens.centre x", "lens.centre y"], 0.5),
+        )  # fmt: skip
 
     @property
     def size_of_lens(self) -> float:

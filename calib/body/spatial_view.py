@@ -60,12 +60,11 @@ class InSpace(Measurement):
         """What the sensor has of its own."""
         unit = "m" if self.camera else self.unit  # a camera stands metres away
         lens = {"focal": "px", "centre.u": "px", "centre.v": "px", "k1": "1"}
-        turn = tuple((None, f"view.rotation.{axis}", "rad") for axis in "xyz")
-        shift = tuple((None, f"view.shift.{axis}", unit) for axis in "xyz")
+        turn, shift = ([f"view.{what}.{axis}" for axis in "xyz"] for what in ("rotation", "shift"))
         return (
-            Block("view.rotation", turn, sd=100.0),
-            Block("view.shift", shift, sd=FREE * self.size),
-            Block("view.scale", ((None, "view.scale", "1"),), sd=100.0),
+            Block.of("view.rotation", "rad", turn, 100.0),
+            Block.of("view.shift", unit, shift, FREE * self.size),
+            Block.of("view.scale", "1", ["view.scale"], 100.0),
             Block(
                 "lens", tuple((None, f"lens.{what}", unit) for what, unit in lens.items()),
                 np.asarray(self.lens), np.asarray(self.lens_sd),

@@ -19,7 +19,7 @@ from ..body.covariance import autocorrelation_time
 from ..common.arrays import Array, Mask
 from ..errors import ModelError
 from ..model.model import Model
-from ..samples.diagnosis import rows_behind
+from ..samples.alignment import rows_behind
 from ..samples.samples import Samples
 from .comparable import Comparable, comparable
 from .equations import Log, weighted

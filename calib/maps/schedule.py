@@ -1,4 +1,4 @@
-"""Schedules: how the neighbourhood shrinks and on which lattices a map grows."""
+"""Schedules: how the neighbourhood shrinks (eq. 4) and on which lattices a map grows."""
 
 from __future__ import annotations
 

@@ -1,9 +1,8 @@
 """The start of a batch map: a coarse lattice spread over the samples, which is then refined.
 
-A start of eq. 4's shrinking radius has to unfold the lattice first.  Spread evenly, a coarse
-lattice is in order from the first epoch: the fixed point of eq. 2 is reached with a quantization
-error of 0.98 to 1.01 of that of the best of eight random starts, in 0.5 to 0.9 of the processor
-time (square, sector, ring, paths of an arm, three and six joints).
+It goes to the same fixed points of eq. 2 as a random start, which eq. 4's shrinking radius has to
+unfold first.  `python benchmarks/map_readouts.py rules --samples 20000`, 30x30 nodes: 0.22 s and a
+quantization error of 0.0099, from a random start on the full lattice 0.46 s and 0.0102.
 """
 
 from __future__ import annotations

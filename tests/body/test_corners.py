@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from boards import Rig
 
 from calib.arm.rotations import logarithm
-from calib.body.corners import fit_corners
+from calib.body.corners import fit_corners, held_of
 from calib.body.sensor import SensorPose
 
 
@@ -56,3 +58,18 @@ def test_poses_are_predicted_by_the_belief_that_is_left():
     off = body.structure.residual(exact, body.predict(rig.q))
     assert np.linalg.norm(off[:, :3], axis=1).mean() < 0.4e-3
     assert np.linalg.norm(off[:, 3:], axis=1).mean() < np.radians(0.05)
+
+
+@pytest.mark.parametrize("in_hand", [True, False])
+def test_the_hand_is_told_as_the_last_encoder_says(in_hand):
+    rig = Rig(in_hand, seed=4, pictures=16, last=True, off=2.0)
+    _, body = fitted(rig)
+    found, true = held_of(body), held_of(replace(body, beta=rig.beta))
+    turned = logarithm((found.rotation @ true.rotation.T)[None])[0]
+    assert (abs(found.position - true.position) < 4 * found.told_sd).all()
+    assert (abs(turned) < 4 * found.told_turn_sd).all()
+    assert np.linalg.norm(turned) < np.radians(0.05)
+    # of the true last link it is as far turned as its encoder is off, which the interval says
+    away = logarithm((rig.hand(rig.beta)[1] @ true.rotation.T)[None])[0]
+    assert np.linalg.norm(away) > np.radians(0.2)
+    assert (abs(away) < 1.96 * body.kappa * found.turn_sd + 1e-4).all()

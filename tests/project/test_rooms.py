@@ -37,10 +37,6 @@ def files():
     }
 
 
-KNOTS: set[str] = set()
-"""Rooms with files that still know each other, if only for types: fewer with time."""
-
-
 def test_no_two_files_know_each_other():
     graph = files()
     names = sorted(graph)
@@ -49,8 +45,7 @@ def test_no_two_files_know_each_other():
     assert reach.sum() > 500
     for _ in range(9):  # paths of up to 2^9 imports
         reach |= (reach.astype(np.float32) @ reach.astype(np.float32)) > 0
-    knotted = {names[k] for k in np.flatnonzero(np.diag(reach))}
-    assert {name for name in knotted if name.rpartition(".")[0] not in KNOTS} == set()
+    assert {names[k] for k in np.flatnonzero(np.diag(reach))} == set()
 
 
 def test_every_room_is_named_and_none_is_missing():

@@ -218,6 +218,9 @@ def test_the_command_says_where_the_camera_is_and_its_model_watches_it(folder, r
     done = run("check", model, "--data", *seen, "--json")
     assert done.code == 0, done.err
     assert done.document["drifted"] is False
+    done = run("check", model, "--data", folder / "shots")
+    assert done.code == 2
+    assert "--joints-file" in done.err
     # two series of others, the second by a camera that was bumped by 6 px
     other = Rig(True, pictures=40)
     late = other.beta.copy()
