@@ -145,17 +145,14 @@ def postures(folder: Path) -> None:
         _, log, setups = load(folder, name)
         cells = []
         for count in POSTURES:
-            off = []
-            for seed in range(1):
-                rng = np.random.default_rng(seed)
-                order = rng.permutation(len(log))
-                rank = np.empty(len(log), int)
-                for k in range(len(log.touch.sockets)):
-                    own = order[log.touch.number[order] == k]
-                    rank[own] = np.arange(len(own))
-                for here in setups:
-                    body = learned(log.take(~here & (rank < count)))
-                    off.append(scatter(body.predict(log.q[here]), log.touch.number[here])[0].mean())
+            off, order = [], np.random.default_rng(0).permutation(len(log))
+            rank = np.empty(len(log), int)
+            for k in range(len(log.touch.sockets)):
+                own = order[log.touch.number[order] == k]
+                rank[own] = np.arange(len(own))
+            for here in setups:
+                body = learned(log.take(~here & (rank < count)))
+                off.append(scatter(body.predict(log.q[here]), log.touch.number[here])[0].mean())
             cells.append(f"{MM * np.mean(off):.2f}")
         print(f"| {name} [mm] | {' | '.join(cells)} |", flush=True)
 
