@@ -182,7 +182,9 @@ def _own_error(model: Model) -> Array:
     # as of a simulation: none of the residual counts as the model's but what is told here
     own = replace(body, residual=np.hypot(body.residual, body.tau), simulated=True)
     q = model.motor.scale.from_unit(np.clip(model.motor.units, 0.0, 1.0))
-    return own.bound(q, noise=False)
+    # a play of joints or an adaptation in places is beyond the body
+    beyond = np.nan_to_num(model.model_bounds) - body.bound(q, noise=False)
+    return np.asarray(own.bound(q, noise=False) + np.maximum(beyond, 0.0))
 
 
 def _directions(model: Model) -> Array:
