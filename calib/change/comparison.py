@@ -241,7 +241,7 @@ class Comparison:
         kept = np.flatnonzero(self.kept)
         u, residual = self.u[kept], (self.x - self.predicted)[kept]
         # of so many rows at least one is no neighbour in time
-        near = cKDTree(u).query(u, min(2 * _LASTING + 2, len(u)))[1]
+        near = np.asarray(cKDTree(u).query(u, min(2 * _LASTING + 2, len(u)))[1])
         later = np.abs(kept[near] - kept[:, None]) > _LASTING
         row = np.flatnonzero(later.any(axis=1))
         if not len(row):
