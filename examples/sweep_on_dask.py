@@ -32,7 +32,7 @@ def show(found: calib.Sweep) -> None:
     for row in found.rows:
         error = row.distance("winner", "forward", "mean")
         print(f"{dict(row.options)}, seed {row.seed}: {1e3 * error:.1f} mm")
-    print(f"{len(found)} trainings, {len(found.failed)} failed")
+    print(f"{len(found.rows)} trainings, {len(found.failed)} failed")
 
 
 if __name__ == "__main__":

@@ -151,7 +151,7 @@ def test_figures_and_curves_of_the_adaptation_are_drawn(run, tmp_path):
 
 
 def test_a_figure_is_drawn_in_each_format_that_is_asked_for(tmp_path):
-    steps = [Step(n, 0.1, 0.2 / n, 0.05, 0.01 / n, 3.0 / n, 0.1, 1.0, True, 1) for n in (1, 2, 3)]
+    steps = [Step(n, 0.1, 0.2 / n, 0.05, 0.01 / n, 3.0 / n, 0.1, 1.0, True) for n in (1, 2, 3)]
     nothing = np.zeros((0, 2))
     e = Episode(None, None, tuple(steps), nothing, nothing, {}, {"trained": 0.1})
     for where, kinds in (("a", ("svg", "pdf")), ("b", ("svg",))):

@@ -146,7 +146,7 @@ def test_a_change_beyond_the_limit_is_marked_and_not_written(tmp_path, run, turn
     done = run(*line, "--limit", "0.0001", "--json")
     assert done.code == 3
     assert old.read_text() == "old"
-    assert "row 1" in done.err
+    assert "rows 1, 2 of 2" in done.err
     assert "--limit" in done.err
     assert done.document["beyond_limit"] == [1, 2]
     assert done.document["change"]["elbow"]["max"] == pytest.approx(0.02, abs=2e-3)
