@@ -180,10 +180,10 @@ def check(
             drifted = None
         notes = [*found.notes, *told]
         if far > 0.5 or (found.unexpected and found.explained):
-            noisier = "" if drifted else ": a noisier sensor or encoder"
+            noisier = "" if drifted else "a noisier sensor or encoder, "
             notes.append(
                 f"{100 * far:.0f} % of the rows are further from the prediction than its bound, "
-                f"where 5 % should be{noisier}"
+                f"where 5 % should be: {noisier}the bound does not hold"
             )
         return Drift(
             drifted,

@@ -37,6 +37,7 @@ _PROBES = 120  # joints all over the learned range at which predictions are comp
 _WIDE = 0.5  # least spread of rows in any direction, over that of the learned range
 _CELLS = 5  # along each joint, for the share of the range that a log measured
 _SHARED_ERRORS = 2.0  # times a bound of 95 %: five standard deviations, so no chance at all
+_LASTING = 10  # rows over which noise may last
 _SQUARED = 1e100  # positions beyond overflow where they are squared
 
 
@@ -202,7 +203,7 @@ class Comparison:
         """How surely too many rows lie beyond what the model told, in logarithms of chances.
 
         Even if all of the log's own scatter is noise of the sensor or of one encoder, which is no
-        drift.
+        drift; but what rows of like joints share is no noise.
         """
         from scipy.special import bdtrc, chdtri
 
@@ -212,6 +213,8 @@ class Comparison:
         if len(gap) < FEW:  # half of the rows of a noisier sensor are nearer than its median
             half = float(np.median(gap)) ** 2 / float(chdtri(self.x.shape[1], 0.5))
             more = max(more, half - self.tested.usual**2)
+        if more and self._shared_by_neighbours:
+            more = 0.0
         told = self._told[kept] ** 2 + radius * (self.shared**2 + more)
         if self.tested.noisy is not None:
             joint, sd = self.tested.noisy
@@ -224,6 +227,33 @@ class Comparison:
         p = max(float(bdtrc(count - 1, n, BEYOND)) if count else 1.0, 1e-300)
         none = np.zeros(0, dtype=np.intp)
         return GroupTest(BOUND, -2 * math.log(p), -2 * math.log(FALSE_ALARM), p, none)
+
+    @cached_property
+    def _shared_by_neighbours(self) -> bool:
+        """Whether rows of like joints err alike, by more than the model told: that is no noise.
+
+        A ripple of 2 mm, too short for the smooth residual of a log, passed for noise.  Pairs lie
+        apart in time, so that noise that lasts over some rows is not taken for it.
+        """
+        from scipy.spatial import cKDTree
+        from scipy.special import ndtri
+
+        kept = np.flatnonzero(self.kept)
+        u, residual = self.u[kept], (self.x - self.predicted)[kept]
+        # of so many rows at least one is no neighbour in time
+        near = np.asarray(cKDTree(u).query(u, min(2 * _LASTING + 2, len(u)))[1])
+        later = np.abs(kept[near] - kept[:, None]) > _LASTING
+        row = np.flatnonzero(later.any(axis=1))
+        if not len(row):
+            return False
+        pairs = np.stack([row, near[row, later[row].argmax(axis=1)]], axis=1)
+        first, second = np.unique(np.sort(pairs, axis=1), axis=0).T
+        product = (residual[first] * residual[second]).sum(axis=1)
+        # whatever its size, noise makes either sign as likely
+        sure = product.sum() > -ndtri(FALSE_ALARM) * np.linalg.norm(product)
+        variance = float(product.mean()) / residual.shape[1]  # per axis
+        told = float(np.median(self._told[kept])) ** 2
+        return bool(sure and self._radius * variance > told)
 
     @property
     def unexpected(self) -> bool:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -87,6 +89,38 @@ def test_a_bound_that_the_evidence_contradicts_is_widened():
     assert np.mean(error <= found.model.model_error(asked)) > 0.9
     assert found.model.model_error(asked).mean() > 1.2 * own.model_error(asked).mean()
     assert any("the prediction stays" in note for note in found.notes)
+
+
+@pytest.mark.parametrize("n", [100, 400])
+def test_a_ripple_that_no_chain_follows_is_no_noise(n):
+    """A ripple of 2 mm after a log that showed none: the old bound covered a fifth of the rows."""
+    rng = np.random.default_rng(4)
+    own = calib.train(exactly(rng.uniform(ARM.lower, ARM.upper, (300, 2)), rng), size=8)
+    log = exactly(rng.uniform(ARM.lower, ARM.upper, (n, 2)), rng, rippled)
+    drift = calib.check(own, log)
+    assert drift.drifted
+    assert drift.causes[0].cause == "unknown"
+    assert any("bound does not hold" in note for note in drift.notes)
+    found = calib.adapt(own, log)
+    asked = rng.uniform(ARM.lower, ARM.upper, (500, 2))
+    error = np.linalg.norm(found.model.forward(asked) - rippled(asked), axis=1)
+    assert np.mean(error <= found.model.model_error(asked)) > 0.9
+    assert any("the prediction stays" in note for note in found.notes)
+
+
+def test_a_noisier_sensor_is_no_ripple():
+    rng = np.random.default_rng(5)
+    own = calib.train(exactly(rng.uniform(ARM.lower, ARM.upper, (300, 2)), rng), size=8)
+    log = exactly(rng.uniform(ARM.lower, ARM.upper, (400, 2)), rng)
+    drift = calib.check(own, replace(log, x=log.x + rng.normal(0.0, 1.2e-3, log.x.shape)))
+    assert not drift.drifted
+    assert [cause.cause for cause in drift.causes] == ["noise"]
+
+
+def rippled(q):
+    """The tip (n, 2) with a ripple of 2 mm."""
+    wave = np.sin(9 * q[:, :1] + 7 * q[:, 1:])
+    return ARM.forward(q) + 2e-3 * wave * [1.0, 0.6]
 
 
 def waved(q):
