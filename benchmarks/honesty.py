@@ -4,9 +4,9 @@
 
 FOLDER holds the laser-tracker logs series_a.csv, series_c.csv, full_a.csv and full_c.csv of a UR10
 (docs/accuracy.md names their source); without it the parts on real rows are left out, aloud.
-PART is one of coverage, gaps, adapt, adapt-space, check, rows, few, urdf (real rows) and paths,
-places, power, camera, change, noise, exact, worlds, three, time, simulation (own generators, see
-honest_worlds.py).
+PART is one of coverage, gaps, adapt, adapt-space, check, rows, few, urdf, real-streams (real rows)
+and paths, places, power, camera, change, noise, exact, worlds, three, time, simulation, clocks,
+noisier, encoders, streams (own generators, see honest_worlds.py).
 ``--quick`` takes fewer splits and seeds: each part then ends within about a minute.
 """
 
@@ -27,6 +27,7 @@ import honest_noise
 import honest_real
 import honest_simulated
 import honest_space
+import honest_streams
 
 Row = dict[str, Any]
 
@@ -39,6 +40,7 @@ REAL: dict[str, Callable[[Path, bool], Iterator[Row]]] = {
     "rows": honest_real.rows,
     "few": honest_real.few,
     "urdf": honest_real.urdf,
+    "real-streams": honest_streams.real_streams,
 }
 OWN: dict[str, Callable[[bool], Iterator[Row]]] = {
     "paths": honest_simulated.paths,
@@ -55,6 +57,7 @@ OWN: dict[str, Callable[[bool], Iterator[Row]]] = {
     "clocks": honest_clock.clocks,
     "noisier": honest_noise.noisier,
     "encoders": honest_noise.encoders,
+    "streams": honest_streams.streams,
 }
 
 

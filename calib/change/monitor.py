@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -77,13 +78,14 @@ class Monitor:
         axes, p = self._directions.shape[1:]
         self._fade = 1.0 - 1.0 / window
         self._moments = np.zeros((p + 1, p + 1))
+        self._own = _own_error(model)
         self._noise = model.baseline.noise
         self._extent = float(np.linalg.norm(model.sensory.scale.span))
         # by numbers of independent samples: what chance explains of noise, in its variances
         free = np.maximum(axes * np.arange(int(2.0 * window) + 2.0) - p, 1.0)
         self._chance = p * np.asarray(fdtri(p, free, 1.0 - MONITOR_ALARM))
         self._weight = self._square = self._ratio = self._bound = self._usual = 0.0
-        self._last, self._lagged, self._power, self._long = np.zeros(axes), 0.0, 0.0, 0.0
+        self._last, self._lagged, self._long = np.zeros(axes), 0.0, 0.0
         self._seen = 0
         self._state = State(0, False, 0.0, 0.0, 0.0, 0.0, ())
 
@@ -102,16 +104,17 @@ class Monitor:
                 raise QueryError(f"{values.size} {what}: expected {len(names)}")
         if not (np.isfinite(q).all() and np.isfinite(x).all()):
             return self._state
-        residual, bound = x - model.forward(q), float(model.model_error(q))
-        if not (np.isfinite(residual).all() and math.isfinite(bound)):
+        residual = x - model.forward(q)
+        if not np.isfinite(residual).all():
             return self._state
+        node = int(model.motor.nearest(model.motor.scale.to_unit(q[None]))[1][0, 0])
+        bound = float(self._own[node])
         size = float(np.sqrt(residual @ residual))
         usual = max(self._usual, self._noise, bound)
         self._usual += 0.05 * (min(size, 3.0 * usual) - self._usual)
         limit = CLIP * max(self._usual, self._noise, bound)
         if size > limit:
             residual = residual * (limit / size)
-        node = int(model.motor.nearest(model.motor.scale.to_unit(q[None]))[1][0, 0])
         row = np.concatenate([self._directions[node], residual[:, None]], axis=1)
         away, winner = model.sensory.nearest(model.sensory.scale.to_unit(x[None]))
         ratio = float(away[0, 0]) ** 2 / float(self._expected[int(winner[0, 0])])
@@ -139,20 +142,15 @@ class Monitor:
         explained = max(float(products @ combined), 0.0) / weight
         independent = weight**2 / self._square
         rest = row[:, -1] - row[:, :-1] @ combined
-        # A change leaves a rest that lasts, too: of a long memory and clipped, it counts little.
-        size, usual = (
-            math.sqrt(float(rest @ rest)),
-            math.sqrt(self._power / max(self._long, 1e-300)),
-        )
-        if self._seen > WARM and size > 2.0 * usual:
-            rest = rest * (2.0 * usual / size)
+        # A change leaves a rest that lasts: of a long memory and by direction, it counts little
+        rest = rest / max(math.sqrt(float(rest @ rest)), 1e-300)
         fade = 1.0 - 1.0 / LONG
         self._lagged = fade * self._lagged + float(rest @ self._last)
-        self._power = fade * self._power + float(rest @ rest)
         self._long = fade * self._long + 1.0
         self._last = rest
         # noise that is like that of the sample before tells less: a process of first order
-        alike = min(max(self._lagged / max(self._power, 1e-300), 0.0), 0.98)
+        # (directions in the plane are alike by pi/4 of the correlation where that is small)
+        alike = min(max(self._lagged / self._long * 4.0 / math.pi, 0.0), 0.98)
         independent *= (1.0 - alike) / (1.0 + alike)
         left = max(float(moments[-1, -1]) / weight - explained, 0.0) / axes
         left /= max(1.0 - p / (axes * independent), 0.1)
@@ -169,6 +167,24 @@ class Monitor:
 def monitor(model: Model) -> Monitor:
     """A monitor for a stream of samples: ``monitor.update(q, x)`` after each."""
     return Monitor(model)
+
+
+def _own_error(model: Model) -> Array:
+    """95 % bound (nodes,) [unit] of what the model is off by itself around each motor node.
+
+    Of a body the spread of its parameters and what its held-out rows show beyond the noise:
+    `model_error` holds the sensor's noise, too, where no pose was repeated, and hides a change.
+    """
+    body = model.body
+    if body is None:
+        bounds = model.model_bounds
+        return np.where(np.isfinite(bounds), bounds, np.nanmax(bounds, initial=0.0))
+    # as of a simulation: none of the residual counts as the model's but what is told here
+    own = replace(body, residual=np.hypot(body.residual, body.tau), simulated=True)
+    q = model.motor.scale.from_unit(np.clip(model.motor.units, 0.0, 1.0))
+    # a play of joints or an adaptation in places is beyond the body
+    beyond = np.nan_to_num(model.model_bounds) - body.bound(q, noise=False)
+    return np.asarray(own.bound(q, noise=False) + np.maximum(beyond, 0.0))
 
 
 def _directions(model: Model) -> Array:
