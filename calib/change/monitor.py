@@ -12,6 +12,7 @@ import numpy as np
 from ..common.arrays import Array
 from ..errors import ModelError, QueryError
 from ..model.model import Model
+from ..model.trust import MOST_BLENDED
 from .equations import affine_columns
 from .score import groups_of
 from .settings import (
@@ -74,8 +75,8 @@ class Monitor:
         if model.baseline is None:
             raise ModelError("the model has no baseline of its distortions: train it again")
         self._model, self._expected = model, model.baseline.sensory
-        self._directions = _directions(model)
-        axes, p = self._directions.shape[1:]
+        self._directions = _Directions(model)
+        axes, p = self._directions.nodes.shape[1:]
         self._fade = 1.0 - 1.0 / window
         self._moments = np.zeros((p + 1, p + 1))
         self._own = _own_error(model)
@@ -115,7 +116,7 @@ class Monitor:
         limit = CLIP * max(self._usual, self._noise, bound)
         if size > limit:
             residual = residual * (limit / size)
-        row = np.concatenate([self._directions[node], residual[:, None]], axis=1)
+        row = np.concatenate([self._directions.at(q, node), residual[:, None]], axis=1)
         away, winner = model.sensory.nearest(model.sensory.scale.to_unit(x[None]))
         ratio = float(away[0, 0]) ** 2 / float(self._expected[int(winner[0, 0])])
         fade = self._fade  # means over a window that forgets, in constant memory
@@ -187,18 +188,37 @@ def _own_error(model: Model) -> Array:
     return np.asarray(own.bound(q, noise=False) + np.maximum(beyond, 0.0))
 
 
-def _directions(model: Model) -> Array:
-    """Displacements at each motor node by what may change, orthonormal, (nodes, 2, p)."""
-    units = np.clip(model.motor.units, 0.0, 1.0)
-    if model.body is None:  # a sensor that is moved
-        x = affine_columns(model.predictor.value(units))
-    else:
-        every = np.unique(np.concatenate(list(groups_of(model.body).values())))
+class _Directions:
+    """Displacements by what may change, combined to be orthonormal over the motor nodes."""
+
+    def __init__(self, model: Model) -> None:
+        self._model, self._every = model, np.zeros(0, dtype=np.intp)
+        if model.body is not None:
+            self._every = np.unique(np.concatenate(list(groups_of(model.body).values())))
+        units = np.clip(model.motor.units, 0.0, 1.0)
+        x = self._moves(units)
+        n, m, k = x.shape
+        flat = x.reshape(n * m, k)
+        lengths = np.linalg.norm(flat, axis=0) + 1e-300
+        _, size, turn = np.linalg.svd(flat / lengths, full_matrices=False)
+        kept = np.flatnonzero(size > COLLINEAR * size[0])[:DIRECTIONS]
+        combined = turn[kept].T / size[kept] * np.sqrt(n) / lengths[:, None]
+        self._combined = combined
+        self.nodes = np.ascontiguousarray(x @ combined)  # (nodes, m, p)
+        # of more joints the next node is too far away to tell them
+        self._coarse = model.body is not None and units.shape[1] > MOST_BLENDED
+
+    def at(self, q: Array, node: int) -> Array:
+        """Those (m, p) at joints (dof,), or at the node next to them."""
+        if not self._coarse:
+            return np.asarray(self.nodes[node])
+        return np.asarray(self._moves(self._model.motor.scale.to_unit(q[None]))[0] @ self._combined)
+
+    def _moves(self, units: Array) -> Array:
+        """Displacements (n, m, k) by each parameter alone."""
+        model = self._model
+        if model.body is None:  # a sensor that is moved
+            return np.asarray(affine_columns(model.predictor.value(units)))
         q = model.motor.scale.from_unit(units)
-        x = model.body.structure.linearise(q, model.body.beta, every)[1]
-    n, m, k = x.shape
-    flat = x.reshape(n * m, k)
-    flat = flat / (np.linalg.norm(flat, axis=0) + 1e-300)
-    left, size, _ = np.linalg.svd(flat, full_matrices=False)
-    kept = left[:, size > COLLINEAR * size[0]][:, :DIRECTIONS]
-    return np.ascontiguousarray(kept.reshape(n, m, -1) * np.sqrt(n))
+        x = model.body.structure.linearise(q, model.body.beta, self._every)[1]
+        return np.asarray(x)

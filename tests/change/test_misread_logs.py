@@ -50,3 +50,21 @@ def test_a_late_log_is_no_drift():
     found = calib.check(model, log(0.03))
     assert not found.drifted
     assert any("late against the joints" in note for note in found.notes)
+
+
+def test_a_flipped_elbow_is_told_and_the_shoulder_is_not_blamed():
+    """An elbow's sign flipped in 100 rows: the shoulder was blamed."""
+    arm = calib.load_arm("two_link_full")
+
+    def log(n, seed):
+        return replace(calib.babble(arm, n, seed=seed, noise=2e-4), simulation=None)
+
+    model, flipped = calib.train(log(300, 0), size=8), log(100, 1)
+    flipped = replace(flipped, q=flipped.q * [1.0, -1.0])
+    drift, made = calib.check(model, flipped), calib.adapt(model, flipped)
+    for causes in (drift.causes, made.changed):
+        assert [cause.cause for cause in causes] == ["sign:elbow"]
+        assert "elbow turns the other way" in causes[0].words
+    assert drift.drifted
+    assert made.improved
+    assert made.after["mean"] < 5e-4

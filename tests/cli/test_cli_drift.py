@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from drifting import arm, log, model
@@ -159,3 +161,18 @@ def test_degrees_by_mistake(folder, run, tmp_path):
     done = run("adapt", folder / "m.calib", "--data", path)
     assert done.code == 1
     assert "--degrees" in done.err
+
+
+def test_wrong_rows_are_counted_alike_by_all_commands(tmp_path, run):
+    """Rows of zeros, where a sensor saw nothing, were counted by some commands alone."""
+    made, fresh, saved = tmp_path / "made.csv", tmp_path / "fresh.csv", tmp_path / "own.calib"
+    for path, n, lost in ((made, 200, [7, 40, 63]), (fresh, 100, [11, 58])):
+        measured = log(n=n, seed=n, noise=2e-4)
+        x = measured.x.copy()
+        x[lost] = 0.0
+        calib.write_log(replace(measured, x=x, simulation=None), path)
+    trained = run("train", "two_link", "--data", made, "--size", 6, "-o", saved, "--json")
+    assert trained.document["left_out"] == 3
+    for command in ("check", "evaluate", "adapt"):
+        told = run(command, saved, "--data", fresh, "--json")
+        assert told.document["left_out"] == 2, command
