@@ -22,7 +22,7 @@ from ..model.model import Model
 from ..samples.alignment import rows_behind
 from ..samples.samples import Samples
 from .comparable import Comparable, comparable
-from .equations import Log, weighted
+from .equations import Log, shared_columns, weighted
 from .explain import Explanation, changed, explain
 from .frame import Reference, carried_offset, kept_reference, reference_of
 from .hypotheses import as_built
@@ -188,8 +188,16 @@ class Comparison:
     @property
     def beyond(self) -> float:
         """Share of the rows beyond what the model told."""
-        shared = self._radius * self.shared**2
-        return float(np.mean((self.missed**2 > self._told**2 + shared)[self.kept]))
+        told = self._told**2 + self._radius * self._common
+        return float(np.mean((self.missed**2 > told)[self.kept]))
+
+    @cached_property
+    def _common(self) -> Array:
+        """Variance (n,) of an axis by what all rows share: model's frame and the log's own."""
+        if not self.shared or self.model.body is None:
+            return np.full(len(self.x), self.shared**2)
+        columns = shared_columns(self.reference, self.log, self.log.z)
+        return np.asarray((columns**2).sum(axis=(1, 2)) / columns.shape[1])
 
     @property
     def _radius(self) -> float:
@@ -215,7 +223,7 @@ class Comparison:
             more = max(more, half - self.tested.usual**2)
         if more and self._shared_by_neighbours:
             more = 0.0
-        told = self._told[kept] ** 2 + radius * (self.shared**2 + more)
+        told = self._told[kept] ** 2 + radius * (self._common[kept] + more)
         if self.tested.noisy is not None:
             joint, sd = self.tested.noisy
             slope = self.body.structure.slope(self.q[kept], self.body.beta)[..., joint]
