@@ -48,10 +48,11 @@ def planned(worlds: int) -> None:
     print("| camera | pictures | seen | hand [mm] | [deg] |")
     print("|---|---|---|---|---|")
     for in_hand in (True, False):
-        for count, plan in ((40, False), (12, True), (12, False)):
+        for count, plan in ((40, False), (12, False), (12, True), (20, True)):
             off, turned, seen = [], [], []
             for seed in range(worlds):
-                rig, rng = Rig(in_hand, seed=seed, pictures=count), np.random.default_rng(seed)
+                rig = Rig(in_hand, seed=seed, pictures=count, half_turn=not in_hand)
+                rng = np.random.default_rng(seed)
                 if plan:
                     eye, spec = "hand" if in_hand else "base", "7x5:24mm:18mm:5x5_100"
                     poses = calib.plan(

@@ -28,6 +28,7 @@ class Rig:
     joints: tuple[str, ...] | None = None
     off: float = 0.2  # of joints [deg]
     last: bool = False  # whether the last joint is off, too, which no picture tells
+    half_turn: bool = False  # whether what is in the hand faces back along the tip's z axis
 
     def __post_init__(self) -> None:
         rng = np.random.default_rng(self.seed)
@@ -45,7 +46,9 @@ class Rig:
         b[own] = rng.uniform(-off, off, len(own))
         b[s.shifts] = rng.uniform(-3e-4, 3e-4, s.shifts.shape)
         b[s.groups["tool"]] = (0.03, -0.05, 0.04) + 0.01 * rng.standard_normal(3)
-        b[s.groups["tool.rotation"]] = 0.15 * rng.standard_normal(3)
+        turn = exponential(np.array([[np.pi * self.half_turn, 0.0, 0.0]]))
+        turn = exponential(0.15 * rng.standard_normal((1, 3))) @ turn
+        b[s.groups["tool.rotation"]] = logarithm(turn)[0]
         lower, upper = np.maximum(arm.lower, -3), np.minimum(arm.upper, 3)
         self.start = lower + rng.uniform(0.35, 0.65, (1, arm.dof)) * (upper - lower)
         self._place(rng, self.start)

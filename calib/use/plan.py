@@ -115,7 +115,7 @@ def plan(
     start: ArrayLike | None = None,
     measured: Samples | None = None,
     touch: Sequence[float] | None = None,
-    handeye: Board | str | None = None,
+    handeye: Board | str | bool | None = None,
     eye: str = "hand",
 ) -> Plan:
     """Plan poses to measure with a real arm.
@@ -143,7 +143,8 @@ def plan(
     handeye, eye : Board or str, {"hand", "base"}, optional
         A board that a camera is to see in all poses, from many sides, as `handeye` takes them.
         At `start` it is in the middle of the picture; the camera in the hand looks along the z
-        axis of the tip's frame, or the print faces along it.
+        axis of the tip's frame, or the print faces along it, to some 10 deg.  True for a model of
+        pictures of a board, which knows both.
 
     Returns
     -------
@@ -221,7 +222,7 @@ def plan(
 
 def _aimed(
     source: Arm | Model, space: PoseSpace, touch: Sequence[float] | None,
-    handeye: Board | str | None, eye: str, start: Array | None, rng: np.random.Generator,
+    handeye: Board | str | bool | None, eye: str, start: Array | None, rng: np.random.Generator,
 ) -> tuple[Array, Choose, str]:  # fmt: skip
     """Poses (m, dof) at a point or with a board in sight, what they tell, and words for it."""
     if touch is not None:
@@ -230,11 +231,6 @@ def _aimed(
         return q, tell, f"the tip at ({at}) m in the base frame, chosen to tell most of the arm"
     if eye not in EYES:
         raise OptionError(f"eye {eye!r}: expected one of {', '.join(EYES)}")
-    if start is None:
-        raise OptionError(
-            "handeye: expected `start`, joint values at which the camera sees the board in the "
-            "middle of its picture"
-        )
     assert handeye is not None  # noqa: S101 - one of both is given
     q, tell = in_sight(source, space, handeye, eye, start, rng)
     return q, tell, "the board in the picture from many sides, chosen to tell most of the camera"

@@ -58,12 +58,15 @@ def plan(
     """Plan poses to measure: within the limits, well spread, with short moves between them.
 
     With --data the plan covers what that log has not measured. With --handeye the board is in the
-    middle of the picture at --from. Obstacles are not checked: move slowly the first time.
+    middle of the picture at --from, or where the model of `calib handeye -o` knows it. Obstacles
+    are not checked: move slowly the first time.
     """
     if not handeye:
         refuse(
             {"board": board, "eye": eye}, "applies to a camera and a board: expected --handeye too"
         )
+    elif _is_model(robot):
+        refuse({"board": board, "eye": eye}, "is for ROBOT: a model knows its board")
     elif board is None:
         raise BadOption(
             "--handeye needs the board: expected --board, such as 7x5:24mm:18mm:5x5_100"
@@ -100,7 +103,7 @@ def plan(
         start=joints_typed.one_each("--from", start),
         measured=None if data is None else _measured(known, data, columns, degrees),
         touch=touch,
-        handeye=board,
+        handeye=board or (True if handeye else None),
         eye=eye or "hand",
     )
     say(found.notes)

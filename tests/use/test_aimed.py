@@ -6,10 +6,14 @@ import json
 
 import numpy as np
 import pytest
+from boards import Rig
 
 import calib
 from calib.body.spatial import structure_of
 from calib.errors import OptionError
+from calib.recording.board import Board
+from calib.recording.board_pictures import BoardPictures
+from calib.recording.lens import Lens
 
 SPEC = "7x5:24mm:18mm:5x5_100"
 START = (0.0, 0.7, 1.0, 0.0, 1.0, 0.0)
@@ -57,6 +61,29 @@ def test_the_board_is_in_the_picture_from_many_sides(arm, eye):
     assert (abs(sight[:, :2]) < sight[:, 2:] * (640 / 900, 360 / 900)).all()
     spread = np.einsum("ij,nkj->nik", turn[1].T, turn[1:])
     assert np.degrees(np.arccos(np.clip((spread[:, 2, 2]), -1, 1))).max() > 30
+
+
+@pytest.mark.parametrize("in_hand", [True, False])
+def test_a_model_of_pictures_knows_camera_and_board(run, tmp_path, in_hand):
+    """However they are mounted: no board, no `--from`, and none of the new pictures is lost."""
+    rig = Rig(in_hand, pictures=12, half_turn=not in_hand)
+    f, u, v, k1 = rig.lens
+    lens = Lens((1280, 720), np.array([f, f]), np.array([u, v]), k1 * np.eye(5)[0])
+    found = tuple(dict(enumerate(rig.seen[rig.rows == k])) for k in range(12))
+    names = tuple(f"{k}.png" for k in range(12))
+    shots = BoardPictures(
+        Board.parse(SPEC), rig.arm.joint_names, names, rig.q, found, lens.size, 12, ()
+    )
+    own = calib.handeye(rig.arm, shots, None, None, "hand" if in_hand else "base", lens=lens)
+    calib.train(own.poses).save(tmp_path / "rig.calib")
+    path = tmp_path / "poses.csv"
+    done = run("plan", tmp_path / "rig.calib", "--handeye", "-n", 12, "-o", path, "--json")
+    assert done.code == 0, done.err
+    q = np.column_stack([json.loads(done.out)["poses"][name] for name in rig.arm.joint_names])
+    rig.look(q, np.random.default_rng(0))
+    assert ((rig.seen > 0) & (rig.seen < (1280, 720))).all()
+    refused = run("plan", tmp_path / "rig.calib", "--handeye", "--board", SPEC, "-o", path)
+    assert refused.code == 2
 
 
 def test_what_cannot_be_aimed_at_is_told(arm, run, tmp_path):
