@@ -89,8 +89,8 @@ def doubts(found: Comparison, fresh: Model, *, real: bool) -> tuple[Model, str] 
     size = [f"{factor * float(v.mean()):.3g}" for v in (missed, bound, apart)]
     if not beyond:
         return wider, (
-            "the rows show more than noise, but not what changed: the prediction stays, and is now "
-            f"said to be known to {size[2]} {name} (mean of the 95 % bound)"
+            "the rows show more than noise, but not what changed: the prediction stays, "
+            f"but it is known to {size[2]} {name} only (mean of the 95 % bound)"
         )
     return wider, (
         f"the rows are missed by {size[0]} {name} on average, the model's bound there is {size[1]} "
