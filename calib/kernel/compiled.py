@@ -25,7 +25,11 @@ from ..common.arrays import Array
 OFF = "CALIB_NO_CC"
 """Environment variable that leaves the compiler alone where it is set to anything but 0."""
 
-_FLAGS = ("-O2", "-std=c99", "-fPIC", "-shared", "-ffp-contract=off", "-fno-math-errno")
+_FLAGS = ("-std=c99", "-fPIC", "-shared", "-ffp-contract=off", "-fno-math-errno")
+_PLANAR, _SPATIAL = "-O2", "-O3"
+"""Loops over a posterior in space are vectorised: a bound of six joints takes 22 us for 44, the
+compiler 1.0 s for .7; in a plane the compiler's tenth of a second would buy nothing."""
+
 _MOST = 120.0  # s that a compiler may take
 
 _CALLS = """
@@ -190,9 +194,10 @@ def compile_source(text: str, words: dict[str, object], dof: int, outputs: int) 
     folder = tempfile.TemporaryDirectory(prefix="calib-")
     made, path = Path(folder.name) / "kernel.c", Path(folder.name) / "kernel.so"
     made.write_text(text + c_source(_CALLS, words, "calib_", single=False), encoding="ascii")
+    level = _SPATIAL if outputs > 2 else _PLANAR
     try:
         subprocess.run(  # noqa: S603
-            [*command, *_FLAGS, "-o", str(path), str(made), "-lm"],
+            [*command, level, *_FLAGS, "-o", str(path), str(made), "-lm"],
             check=True, capture_output=True, timeout=_MOST, stdin=subprocess.DEVNULL,
         )  # fmt: skip
         return Compiled(ctypes.CDLL(str(path)), folder, dof, outputs)

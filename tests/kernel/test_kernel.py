@@ -85,7 +85,8 @@ def test_one_query_is_that_of_the_batch(kind):
 def test_one_inverse_reaches_its_target_on_the_nearest_branch(kind, away):
     model, fast = both(kind)
     lower, upper, scale = model.about.lower, model.about.upper, model.motor.scale
-    q = poses(model, 20)
+    spare = len(lower) > len(model.axes)  # far from `near` each of these is a whole search
+    q = poses(model, 6 if spare and away > 1.0 else 20)
     x = model.forward(q)
     q, x = q[np.isfinite(x[:, 0])], x[np.isfinite(x[:, 0])]
     near = q + np.random.default_rng(2).uniform(-away, away, q.shape)
@@ -103,8 +104,8 @@ def test_one_inverse_reaches_its_target_on_the_nearest_branch(kind, away):
         there, here = scale.to_unit(found[known]), scale.to_unit(near[known])
         return np.linalg.norm(scale.difference(there, here), axis=1)
 
-    spare = len(lower) > len(model.axes)  # these slide until a step is a small share of the range
-    assert (far(alone) <= far(together) + (2e-2 if spare else 1e-6)).mean() > 0.98
+    slack = 2e-2 if spare else 1e-6  # spare joints slide until a step is a small share of the range
+    assert (far(alone) <= far(together) + slack).mean() > 0.98
 
 
 @needs_compiler
