@@ -160,7 +160,7 @@ def advice(model: Model, errors: Errors) -> list[str]:
         return [f"limited by maps that stand alone; {more} and a larger --size help most"]
     if simulated:
         if mean < _EXACT * float(np.linalg.norm(model.sensory.scale.span)):
-            return []
+            return ["limited by rounding alone: the model holds all that was simulated"]
         return ["limited by the simulated noise and changes; more samples (-n) help most"]
     q = np.random.default_rng(0).uniform(about.lower, about.upper, (_ASKED, len(about.lower)))
     bound = model.expected_error(q)
