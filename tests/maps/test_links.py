@@ -6,6 +6,7 @@ from scipy.sparse import csr_array
 
 from calib.common.scale import TURN, Scale
 from calib.errors import OptionError
+from calib.maps.association import Association
 from calib.maps.lattice import Lattice
 from calib.maps.links import BANDWIDTH, NEAREST, WIRINGS, Wiring, wiring_of
 from calib.maps.map import Map
@@ -166,7 +167,7 @@ def test_links_learned_part_by_part_are_those_of_all_samples_at_once(name, monke
     u, v = rng.random((2, 500, 2))
     wiring = WIRINGS[name]
     at_once = wiring.link(wiring.activity(maps[0], u), wiring.activity(maps[1], v))
-    monkeypatch.setattr("calib.maps.links._AT_ONCE", 130)
-    parts = wiring.linked((a, b) for _, a, b in wiring.parts(maps[0], u, maps[1], v))
+    monkeypatch.setattr("calib.maps.association._AT_ONCE", 130)
+    parts = Association.learn(maps[0], u, maps[1], v, wiring).links
     assert at_once.nnz > 100
     np.testing.assert_allclose(parts.toarray(), at_once.toarray(), rtol=1e-6, atol=1e-12)
