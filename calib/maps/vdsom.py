@@ -27,7 +27,6 @@ from .epoch import Epoch
 from .lattice import Lattice
 from .links import Wiring
 from .map import Map, nearest_nodes, search_tree
-from .neighbourhood import around
 
 ALPHA = 0.5
 """Learning rate of the maps at the start, alpha_init of eq. 4."""
@@ -174,7 +173,7 @@ class VDSOM:
                         h = np.asarray((t / rho) ** 4 * np.exp(-t / sigma**2))  # eq. 8, printed
                         step = np.minimum(alpha * h, 1.0)
                     else:
-                        near, h = around(layer.lattice, i, sigma)  # eq. 3
+                        near, h = layer.lattice.around(i, sigma)  # eq. 3
                         grid = grid[(slice(None), *near)]
                         # stable: eq. 8 weighs the sample (g), and eq. 3 says how far it reaches;
                         # beyond 1 the nodes around a winner would all jump to the sample

@@ -5,11 +5,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from calib.maps.batch import learn_batch
-from calib.maps.lattice import Lattice
-from calib.maps.neighbourhood import REACH, moved, spread
+from calib.maps.batch import learn_batch, moved, spread, spread_out
+from calib.maps.lattice import REACH, Lattice
 from calib.maps.schedule import Stage
-from calib.maps.start import spread_out
 
 shapes = st.lists(st.integers(2, 30), min_size=1, max_size=4).map(tuple)
 
@@ -80,7 +78,7 @@ def test_only_how_the_weights_of_samples_compare_matters(factor, step):
 
 def test_the_order_of_the_samples_does_not_matter():
     u = random(500, 2)
-    stages = [Stage(Lattice((6, 6)), np.geomspace(3, 0.5, 10), len(u), final=True)]
+    stages = [Stage(Lattice((6, 6)), np.geomspace(3, 0.5, 10), len(u))]
     a, b = (
         list(learn_batch(v, stages, None, np.random.default_rng(1)))[-1].weights
         for v in (u, u[::-1])

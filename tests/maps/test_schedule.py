@@ -41,7 +41,6 @@ def test_lattices_grow_up_to_the_one_asked_for(shape, varying):
     assert sizes == sorted(sizes)
     if not varying:  # ten, and what rounding to nodes adds
         assert all(b < 15 * a for a, b in pairwise(sizes))
-    assert [s.final for s in stages] == [False] * (len(stages) - 1) + [True]
     assert stages[-1].lattice.shape == shape
     assert all(s.lattice.size < 200 for s in stages[:1])
 
@@ -84,7 +83,6 @@ def test_epochs_or_sigma_train_the_full_lattice_alone(epochs, sigma, radii):
     (stage,) = coarse_to_fine(Lattice((70, 70)), epochs, sigma)
     start, end, n = radii
     assert stage.lattice.shape == (70, 70)
-    assert stage.final
     assert (len(stage.sigma), stage.sigma[0], stage.sigma[-1]) == (
         n,
         pytest.approx(start),
