@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
@@ -90,17 +90,19 @@ class Association:
     def learn(motor: Map, u: Array, sensory: Map, v: Array, wiring: Wiring) -> Association:
         """Link two maps by samples (n, dof) and (n, 2) in their unit boxes."""
         means = MeanPositions(motor), MeanPositions(sensory)
-        together, square = None, [np.zeros(motor.size), np.zeros(sensory.size)]
+        together: Any = 0
+        square: list[Array] = [np.zeros(motor.size), np.zeros(sensory.size)]
         for first in range(0, len(u), _AT_ONCE):
             points = u[first : first + _AT_ONCE], v[first : first + _AT_ONCE]
-            ask = (partial(wiring.activity, *one) for one in zip((motor, sensory), points, strict=True))
+            ask = (
+                partial(wiring.activity, *one) for one in zip((motor, sensory), points, strict=True)
+            )
             active = side_by_side(*ask)
-            product = (active[0].T @ active[1]).tocsr()
-            together = product if together is None else together + product
+            together = (active[0].T @ active[1]).tocsr() + together
             for k, a in enumerate(active):
                 square[k] += squares(a)
                 means[k].add(a, points[k])
-        links = wiring.settled(together, *square)
+        links = wiring.settled(together, square[0], square[1])
         return Association(motor, sensory, links, wiring, means[0].result(), means[1].result())
 
     def forward(self, u: Array, readout: str) -> Array:

@@ -37,7 +37,6 @@ ETA = 0.13
 CHUNK = 250
 """Samples between two looks at the nodes' spacings (eq. 6) and at a gain of the whole lattice."""
 
-_Active = tuple[NDArray[np.intp], Array]
 _SILENT = 7.0  # exponent of eq. 6 beyond which a node is silent: below 1e-3
 _LARGEST = 100_000_000  # links that are held densely, 400 MB
 
@@ -98,13 +97,10 @@ class Layer:
         if self.gain is None or self.gain is as_printed:
             return np.ones(len(x))
         distance, winner = nearest_nodes(search_tree(self.weights), x)
-        visit = Visit(
-            progress, winner[:, 0], distance[:, 0], self.weights, self.lattice,
-            sigma=sigma, per_node=self.per_node,
-        )  # fmt: skip
-        return self.gain(visit)
+        found = winner[:, 0], distance[:, 0], self.weights, self.lattice
+        return self.gain(Visit(progress, *found, sigma=sigma, per_node=self.per_node))
 
-    def active(self, w: Array, x: Array, widths: Array) -> _Active:
+    def active(self, w: Array, x: Array, widths: Array) -> tuple[NDArray[np.intp], Array]:
         """The nodes that are active at a sample, and how much beside the most active (eq. 6)."""
         gap = w - x[:, None]
         if self.scale.periodic.any():
@@ -216,9 +212,9 @@ class VDSOM:
         return np.asarray((self.wiring.bandwidth * spacing) ** 2)
 
 
-def zeta(network: Map, u: Array) -> float:
+def zeta(weights: Array, x: Array) -> float:
     """Distortion of a map: mean squared distance of samples (n, d) to their winners (eq. 9)."""
-    return float(np.mean(network.nearest(u)[0] ** 2))
+    return float(np.mean(nearest_nodes(search_tree(weights), x)[0] ** 2))
 
 
 def passes(

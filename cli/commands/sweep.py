@@ -95,7 +95,7 @@ def sweep(
         cells.append([*options, *(number(e) for e in errors), unit, number(row.seconds)])
     title = f"{readout} readout: mean and largest error of the tip"
     told = f"{f'{output}: ' if output else ''}{len(found.rows)} trainings, {failed} failed"
-    lines = [TextTable(header, cells, title, left=2 + len(tried)), told]
+    lines: list[str | TextTable] = [TextTable(header, cells, title, left=2 + len(tried)), told]
     document = {
         "output": output,
         "trainings": len(found.rows),
