@@ -142,15 +142,6 @@ def test_history_is_kept_inside(tmp_path):
     assert calib.load(tmp_path / "m.calib").history == twice.history
 
 
-def test_same_log_same_bytes():
-    from calib.model_file.storage import to_bytes
-
-    samples = log("elbow.length=+20%", n=60)
-    assert to_bytes(calib.adapt(model(), samples).model) == to_bytes(
-        calib.adapt(model(), samples).model
-    )
-
-
 def test_an_adapted_model_is_calibrated():
     adapted = calib.adapt(model(), log("elbow.length=+20%", n=100)).model
     assert not calib.check(adapted, log("elbow.length=+20%", seed=9)).drifted

@@ -227,18 +227,6 @@ def test_another_robot():
         calib.check(model(), foreign)
 
 
-def test_joints_in_another_order_are_sorted():
-    samples = log()
-    turned = replace(
-        samples,
-        joint_names=("elbow", "shoulder"),
-        q=samples.q[:, ::-1],
-        lower=samples.lower[::-1],
-        upper=samples.upper[::-1],
-    )
-    assert calib.check(model(), turned).score == calib.check(model(), samples).score
-
-
 def test_three_rows():
     with pytest.raises(LogError, match="3 different rows, expected at least 10"):
         calib.check(model(), log(n=3))

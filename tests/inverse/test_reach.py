@@ -73,31 +73,6 @@ def test_at_the_edge_what_is_attainable_is_reached():
     assert answer.distance.max() < 1e-8
 
 
-@pytest.mark.parametrize(
-    ("x", "near", "part"),
-    [
-        ([np.nan, 0.1], None, "not finite"),
-        ([[0.1, 0.2], [np.inf, 0.1]], None, "row 1"),
-        ([0.1, 0.2, 0.3], None, "one column each for x, y"),
-        ([0.3, 0.3], [9.0, 0.0], "shoulder = 9"),
-        ([0.3, 0.3], [0.1], "expected (2,)"),
-        ([[0.3, 0.3]] * 3, [[0.1, 0.1]] * 2, "near has 2 rows for 3 targets"),
-        ("far", None, "expected numbers"),
-    ],
-)
-def test_bad_targets_are_told_in_one_line(x, near, part):
-    with pytest.raises(calib.QueryError) as told:
-        trained("two_link_full").inverse(x, near=near)
-    assert part in str(told.value)
-    assert "\n" not in str(told.value)
-
-
-def test_no_targets_have_no_answers():
-    model = trained("two_link_full")
-    assert model.inverse(np.zeros((0, 2))).shape == (0, 2)
-    assert model.inverse_all(np.zeros((0, 2))) == []
-
-
 @pytest.mark.parametrize("readout", ["local", "activity", "winner"])
 @pytest.mark.parametrize("size", [1e12, 1e200, 1e308])
 def test_targets_of_any_size_have_the_nearest_point_of_their_direction(readout, size):
