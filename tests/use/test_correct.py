@@ -221,6 +221,21 @@ def test_a_free_frame_hides_the_first_joints_offset_until_the_cause_is_said():
         assert geometry.ends[1].max() < 0.05
 
 
+def test_six_joints_keep_the_tools_orientation():
+    model = six()
+    structure, beta = model.body.structure, model.body.beta
+    q = np.array([0.3, -1.2, 1.4, -0.8, 1.2, 0.4])
+    q = q + np.random.default_rng(1).uniform(-0.3, 0.3, (100, 6))
+    found = correct(model, q)
+    assert found.reachable.all()
+    wanted = structure.pose(q, nominal_in_space(structure, beta))
+    reached = structure.pose(found.q, beta)
+    assert np.abs(reached[0] - wanted[0]).max() < 1e-8
+    assert np.abs(reached[1] - wanted[1]).max() < 1e-8
+    assert found.angle.max() < 1e-7
+    assert np.abs(found.change).max() > 1e-4
+
+
 def test_beside_a_wrist_singularity_no_tool_is_tilted_without_a_word():
     """A UR5 with wrist_2 at -0.01 rad was tilted by 5.5 deg with `reachable=1`."""
     model = six()
