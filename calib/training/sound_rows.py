@@ -179,9 +179,10 @@ def _delay(
         q, x = q[known], samples.x[some][known]
         seen, slope = structure.predict_and_slope(q, beta)
         columns = structure.linearise(q, beta, active)[1]
-        part = Trajectory(motion.time[some][known], q, motion.unit)
+        speed = Trajectory(motion.time[some][known], q, motion.unit).velocity
         residual, pull = structure.residual(x, seen), (prior.mean - beta)[active]
-        found = estimate_delay(part, residual, slope, columns, prior.sd[active] ** -2.0, pull)
+        precision = prior.sd[active] ** -2.0
+        found = estimate_delay(q, speed, residual, slope, columns, precision, pull, motion.unit)
         if found is None:
             return None
         step, change = found
