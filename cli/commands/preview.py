@@ -22,9 +22,6 @@ def preview(
         str | None, option("--html FILE", "Write the page, which needs no network, and end.")
     ] = None,
     drawn: Drawn,
-    meshes: Annotated[
-        str | None, option("--meshes FOLDER", "Mesh files of the URDF; none from elsewhere.")
-    ] = None,
     port: Annotated[
         int, Option("--port", metavar="N", min=0, max=65535, help="Port of the page (0: any).")
     ] = 0,
@@ -42,7 +39,7 @@ def preview(
         raise BadOption("--live needs a running preview: expected it without --html")
     check_file(html, (".html", ".htm"), option="--html")
     loaded, log = drawn.load(model)
-    how: dict[str, Any] = {"live": live, "meshes": meshes, "port": port, "browse": not no_open}
+    how: dict[str, Any] = {"live": live, "port": port, "browse": not no_open}
     with show(loaded, html, log, **how) as shown:
         say(shown.notes)
         if html is not None:
