@@ -109,7 +109,7 @@ def seen_forward(model: Model, values: Any, frame: str) -> dict[str, Array]:
     In the base frame x, y, z and their bound [m], and the orientation; in the sensor's the
     orientation, where it was measured.
     """
-    from calib.body.poses import knows_orientation
+    from calib.body.belief import knows_orientation
 
     q = np.asarray(values, dtype=float)
     if frame == "base":

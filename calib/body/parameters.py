@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..common.arrays import Array
+from ..common.frozen import ReadOnly, frozen
 
 Indices = NDArray[np.intp]
 
@@ -146,3 +147,16 @@ class Blocks:
         # freeing sixfold what they are; of a camera's arm they took 2 deg where 0.2 deg was true
         hypers.sort(key=lambda hyper: hyper.name.startswith("placement"))
         return Prior(self.mean(), sd, tuple(hypers))
+
+
+class Gaussian(ReadOnly):
+    """A Gaussian belief over some parameters, kept as the root of a covariance."""
+
+    beta: Array  # (d,)
+    active: Indices  # (k,), those that it is over
+    root: Array  # (k, r), of their covariance
+
+    @cached_property
+    def covariance(self) -> Array:
+        """Covariance (k, k) of the active parameters."""
+        return frozen(self.root @ self.root.T)

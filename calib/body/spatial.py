@@ -15,9 +15,8 @@ from typing import Any
 
 import numpy as np
 
-from ..arm.motion import Deviations, move
-from ..arm.motion import Motion as ChainMotion
-from ..arm.spatial_chain import GRAVITY, SpatialChain
+from ..arm.spatial_chain import GRAVITY, Deviations, SpatialChain, move
+from ..arm.spatial_chain import Motion as ChainMotion
 from ..common.arrays import Array
 from .curves import curve_shape
 from .measurement import Measurement, Moved
@@ -163,7 +162,7 @@ class SpatialStructure(Structure):
 
         Where nothing is known of its masses, there are none.
         """
-        loads = self.chain.torques(q, np.asarray(self.gravity)).T / self.torque
+        loads = self.chain.torques(q, self.gravity).T / self.torque
         return np.ascontiguousarray(loads), np.arange(self.chain.joints)
 
     def coupled(self, own: Array) -> Array:

@@ -23,7 +23,7 @@ from ..common.arrays import Array
 from .curves import HARMONICS, curve_slope, curve_value, powers
 from .derivative import Derivative, Waves
 from .measurement import Measurement, Moved, Sight, TipMotion
-from .parameters import Block, Blocks, Indices, Label, Layout, Part, Prior, ScaleGroup
+from .parameters import Block, Blocks, Gaussian, Indices, Label, Layout, Part, Prior, ScaleGroup
 from .views import VIEWS_OF_BODIES, ViewKind
 
 _STEP = 1e-5  # [rad or m], of differences of loads, which bend by mrad: exact to 1e-12 rad
@@ -318,3 +318,9 @@ class Structure:
     def slope(self, q: Array, beta: Array) -> Array:
         """Derivative (n, m, dof) of the outputs by the joint values."""
         return self.predict_and_slope(q, beta)[1]
+
+
+class OfStructure(Gaussian):
+    """A belief with the structure that its parameters are of."""
+
+    structure: Structure

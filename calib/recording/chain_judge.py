@@ -34,7 +34,7 @@ def fit_timing(
     joints : callable; returns joints (n, dof) at joints' times (n,).
     Returns None where no chain can be fitted.
     """
-    from ..body.fitting import planar_structure
+    from ..body.planar import planar_structure
     from ..body.starts import best_starts  # both bring SciPy's linear algebra
 
     q = joints(time)

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from calib.body.fitting import fit_body
+from calib.body import fitting
 from calib.body.nominal import Nominal
+from calib.body.planar import planar_structure
 from calib.body.telling import warnings_of
 from calib.errors import OptionError
 from calib.model_file.contents import FORMAT
@@ -29,8 +30,8 @@ def rows(n, dof, seed=0, reach=1.5):
 
 
 def fit(q, z, **options):
-    n = q.shape[1]
-    return fit_body(q, z, joint_names=[f"j{i}" for i in range(n)], revolute=[True] * n, **options)
+    names = [f"j{i}" for i in range(q.shape[1])]
+    return fitting.fit(planar_structure(z, names, [True] * len(names), **options), q, z)
 
 
 @pytest.mark.parametrize("dof", [1, 2, 3])
@@ -54,7 +55,8 @@ def test_a_slide_is_found_to_rounding():
         p = np.exp(1j * q[:, 0]) * (0.2 + q[:, 1] * np.exp(0.3j))
         return seen(p + 0.15 * np.exp(1j * (q[:, 0] + q[:, 2])))
 
-    fitted = fit_body(q, arm(q), joint_names="abc", revolute=(True, False, True), simulated=True)
+    structure = planar_structure(arm(q), "abc", (True, False, True), simulated=True)
+    fitted = fitting.fit(structure, q, arm(q))
     ask = rows(50, 3, seed=4)
     assert np.abs(fitted.body.predict(ask) - arm(ask)).max() < 1e-12
 
@@ -202,7 +204,7 @@ def test_odd_input_gives_a_finite_body_whose_bound_covers_its_rows(name, simulat
 def test_an_impossible_view_is_refused_in_one_line(view, match):
     q = np.zeros((5, 2))
     with pytest.raises(OptionError, match=match):
-        fit_body(q, q, joint_names="ab", revolute=(True, True), view=view)
+        planar_structure(q, "ab", (True, True), view=view)
 
 
 @pytest.mark.parametrize(
