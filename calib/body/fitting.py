@@ -187,7 +187,7 @@ def _second(
     (pseudo, rms), hypers = fit.structure.wide, []
     for h in prior.hypers:
         if h.name.startswith("curve"):  # many pseudo-observations of a large one
-            hypers.append(replace(h, pseudo=pseudo, scale=rms / np.sqrt(len(h.indices))))
+            hypers.append(h._replace(pseudo=pseudo, scale=rms / np.sqrt(len(h.indices))))
         elif not np.isin(h.indices, fit.active).any():  # a group that the member left out
             hypers.append(h)
     for h in hypers:

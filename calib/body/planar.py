@@ -26,7 +26,7 @@ from ..errors import OptionError
 from .curves import curve_shape
 from .measurement import Moved
 from .nominal import Complex, Nominal
-from .parameters import Block, Indices, ScaleGroup
+from .parameters import Block, Hyper, Indices
 from .planar_view import PlanarReading
 from .settings import (
     CURVE_RMS,
@@ -172,7 +172,7 @@ class PlanarStructure(Structure):
             *(
                 Block(
                     what, self.of_joints(what, unit), mean, 0.0 if drawn else sd,
-                    (ScaleGroup(what, *scale),) if drawn else (),
+                    (Hyper(what, *scale),) if drawn else (),
                 )
                 for what, unit, mean, sd, scale in joints
             ),
@@ -182,7 +182,7 @@ class PlanarStructure(Structure):
                     (names[i], f"{names[i]}.elastic {wave} {names[j]}", "rad")
                     for (i, j), wave in product(self.pairs, ("cos", "sin"))
                 ),
-                scales=(ScaleGroup("elastic", bent * ELASTIC_FLAT, pseudo=4.0),),
+                scales=(Hyper("elastic", bent * ELASTIC_FLAT, pseudo=4.0),),
             ),
             *self.curves(CURVE_RMS, CURVE_ROWS_FLAT, curve_shape(LONG)),
         )  # fmt: skip

@@ -24,7 +24,6 @@ from ..model.nominal import (
 )
 from ..model.space import REACHED, Space
 from .geometry import fit_geometry, frame_is_free, frames, is_simulated
-from .planar_geometry import PlanarGeometry
 
 
 @dataclass(eq=False)
@@ -76,7 +75,7 @@ def _found(model: Model, view: str, cause: str) -> Wanted:
     if moves_in_space(model):
         return _in_space(model, view, cause, free)
     geometry = fit_geometry(model, view=view, cause=cause) if free else None
-    own = (geometry.frame,) if isinstance(geometry, PlanarGeometry) else ()
+    own = (geometry.frame,) if geometry is not None and geometry.frame is not None else ()
     return Wanted(nominal_arm(model).forward, (*own, *moved), free)
 
 
