@@ -94,16 +94,6 @@ def test_the_same_thing_changed_twice_is_refused():
 
 
 @given(
-    joint=st.text(min_size=1).filter(lambda s: s == s.strip()),
-    what=st.sampled_from(JOINT_CHANGES),
-    value=st.floats(min_value=1e-3, max_value=1e3),
-)
-def test_any_joint_name_and_number_come_back(joint, what, value):
-    change = parse_change(f"{joint}.{what}={value!r}")
-    assert (change.joint, change.what, change.value) == (joint, what, value)
-
-
-@given(
     st.text() | st.builds("{}.{}={}".format, st.text(), st.sampled_from(SENSOR_CHANGES), st.text())
 )
 def test_any_text_is_a_change_or_a_one_line_error(text):

@@ -2,9 +2,7 @@
 
 import io
 import math
-import subprocess
 import sys
-from pathlib import Path
 
 import numpy as np
 import polars as pl
@@ -67,25 +65,6 @@ def test_standard_streams(arm, monkeypatch, capsys):
     assert written.startswith("shoulder,elbow,x,y\n")
     monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(written.encode())))
     assert (read_log("-", arm).q == log.q).all()
-
-
-def test_parquet_from_standard_input(arm, tmp_path, monkeypatch):
-    log = babble(arm, 20)
-    write_log(log, tmp_path / "log.parquet")
-    content = (tmp_path / "log.parquet").read_bytes()
-    monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(content)))
-    assert (read_log("-", arm).x == log.x).all()
-
-
-def test_heavy_libraries_wait_until_they_are_needed():
-    program = (
-        "import sys, calib.samples.logs, calib.samples.babbling\n"
-        "print(sorted({'polars', 'scipy', 'pinocchio', 'yourdfpy'} & set(sys.modules)))"
-    )
-    root = Path(__file__).parents[2]
-    command = [sys.executable, "-c", program]
-    run = subprocess.run(command, capture_output=True, text=True, check=True, cwd=root)
-    assert run.stdout.strip() == "[]"
 
 
 @pytest.mark.parametrize(

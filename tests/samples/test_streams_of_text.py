@@ -9,7 +9,6 @@ import threading
 
 import numpy as np
 import pytest
-from calib_cli.output import TextTable
 
 import calib
 
@@ -85,18 +84,6 @@ def test_names_beyond_the_alphabet_of_a_terminal(tmp_path, encoding):
     assert done.returncode == 0, done.stderr
     text = done.stdout.decode(encoding)
     assert ("肘é" if encoding == "utf-8" else "\\u8098") in text
-
-
-def test_a_table_as_records_names_every_cell():
-    table = TextTable(["joint", "value"], [["a", "1.5" * 40], ["b", "2"]], "title")
-    assert table.lines() == [
-        "title",
-        "joint  a",
-        f"value  {'1.5' * 40}",
-        "",
-        "joint  b",
-        "value  2",
-    ]
 
 
 def test_a_table_that_is_too_wide_for_its_terminal_becomes_records(model):

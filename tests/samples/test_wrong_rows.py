@@ -43,16 +43,6 @@ def test_rows_wrong_by_centimetres_are_found_and_no_others(n, share):
     assert f"{wrong.sum():,} of {n:,} rows" in notes[0]
 
 
-def test_one_wild_row_is_told_in_the_singular():
-    log = log_of("two_link", 200)
-    x = log.x.copy()
-    x[17] = [1e6, -1e6]
-    kept, notes = screen(replace(log, x=x))
-    assert np.flatnonzero(~kept).tolist() == [17]
-    assert notes[0].startswith("1 row of 200 rows contradicts its neighbours")
-    assert notes[0].endswith("row 18")
-
-
 def test_a_corner_where_the_sensor_is_worse_is_no_outlier():
     log = log_of("two_link", 2000)
     corner = (log.q > np.quantile(log.q, 0.7, axis=0)).all(axis=1)

@@ -19,7 +19,7 @@ from calib.maps.map import Map
 from calib.show.error_scale import ErrorScale
 from calib.show.report.maps import hits, u_matrix
 
-FLAT = ["forward", "inverse", "histogram", "lattices", "nodes", "training"]
+FLAT = ["forward", "inverse", "lattices", "nodes", "training"]
 SPACE = ["forward", "inverse", "joints", "curves", *FLAT[2:]]
 
 
@@ -89,7 +89,7 @@ def test_one_small_file_without_addresses_in_the_page_own_ink():
     ):
         assert text in page
     assert not re.search("#010203|#020304", page)
-    assert "sensor noise 1 mm" in page
+    assert "a single reading of its sensor is off by 1.25 mm" in page
     errors = calib.evaluate(noisy()).errors["local"]["forward"]["distance"]
     assert f"{1e3 * errors['mean']:.3g} ({1e3 * errors['max']:.3g})" in read.cells
     assert report(noisy()) == page
@@ -124,8 +124,8 @@ def test_figures_on_paper():
     assert list(drawn) == FLAT
     calib.figures(noisy(), names=["forward"])["forward"].savefig("forward.png")
     assert Path("forward.png").read_bytes().startswith(b"\x89PNG")
-    with pytest.raises(calib.OptionError, match="histogramm"):
-        calib.figures(noisy(), names=["histogramm"])
+    with pytest.raises(calib.OptionError, match="latices"):
+        calib.figures(noisy(), names=["latices"])
 
 
 def test_figures_of_an_arm_in_space():

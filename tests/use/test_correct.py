@@ -16,7 +16,7 @@ from calib.arm.robots import resolve_robot
 from calib.arm.urdf import read_urdf
 from calib.body.spatial import structure_of
 from calib.errors import OptionError, QueryError
-from calib.model.nominal import NominalPose, nominal_in_space
+from calib.model.nominal import nominal_in_space
 from calib.use.correct import correct
 from calib.use.geometry import fit_geometry
 
@@ -227,21 +227,18 @@ def test_a_free_frame_hides_the_first_joints_offset_until_the_cause_is_said():
 
 
 def test_six_joints_keep_the_tools_orientation():
-    arm = calib.load_arm("six_axis")
-    structure, rng = structure_of(arm, "rigid"), np.random.default_rng(0)
-    real = structure.neutral()
-    for group in ("placement", "offset", "elastic", "view.shift"):
-        real[structure.groups[group]] = rng.normal(0, 1e-3, len(structure.groups[group]))
-    nominal = nominal_in_space(structure, real)
-    pose = NominalPose.of(structure, real, nominal)
-    q = np.array([0.3, -1.2, 1.4, -0.8, 1.2, 0.4]) + rng.uniform(-0.3, 0.3, (200, 6))
-    found, left = pose.towards(q)
-    assert left.max() < 1e-9
-    gap = structure.predict(found, real) - structure.predict(q, nominal)
-    assert np.linalg.norm(gap, axis=1).max() < 1e-8
-    assert pose.angle(q, found).max() < 1e-8
-    assert pose.angle(q, q).min() > 1e-4
-    assert NominalPose.of(structure_of(calib.load_arm("spatial_three")), real, real) is None
+    model = six()
+    structure, beta = model.body.structure, model.body.beta
+    q = np.array([0.3, -1.2, 1.4, -0.8, 1.2, 0.4])
+    q = q + np.random.default_rng(1).uniform(-0.3, 0.3, (100, 6))
+    found = correct(model, q)
+    assert found.reachable.all()
+    wanted = structure.pose(q, nominal_in_space(structure, beta))
+    reached = structure.pose(found.q, beta)
+    assert np.abs(reached[0] - wanted[0]).max() < 1e-8
+    assert np.abs(reached[1] - wanted[1]).max() < 1e-8
+    assert found.angle.max() < 1e-7
+    assert np.abs(found.change).max() > 1e-4
 
 
 def test_beside_a_wrist_singularity_no_tool_is_tilted_without_a_word():
