@@ -72,7 +72,7 @@ class SensorPose:
 
         def spread(root: Array, by: Array) -> Array:
             moved = by[:, held] @ root[rows]
-            return np.sqrt((moved**2).sum(axis=1))
+            return np.asarray(np.sqrt((moved**2).sum(axis=1)))
 
         told = 0.0 * body.root
         if not based:
