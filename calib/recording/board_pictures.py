@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arm.rotations import exponential, logarithm, quaternion_of
+from ..arm.rotations import cross_matrix, exponential, logarithm, quaternion_of
 from ..common.arrays import Array, Mask
 from ..common.wording import listed
 from ..errors import LogError
@@ -57,6 +57,7 @@ class BoardPictures:
             self.names,
             self.q,
             np.array([np.concatenate([p.shift, logarithm(p.rotation)]) for p in poses]),
+            np.array([p.covariance[:6, :6] for p in poses]),
             np.repeat(np.arange(len(numbers)), [len(own) for own in numbers]),
             world[np.concatenate(numbers)],
             float(lens.focal.mean()) * lens.undistort(np.concatenate(places)) + lens.centre,
@@ -74,14 +75,16 @@ class BoardPictures:
     def log(self, lens: Lens, in_hand: bool) -> Recorded:
         """The pictures as a log of poses of what is in the hand, in the frame of the other."""
         views, at = self.seen(lens, in_hand), self.looked_at(in_hand)
-        turn = exponential(views.poses[:, 3:])
+        x, covariance = views.positions(at)
         source = {
             "source": "board", "eye": "hand" if in_hand else "base", "board": self.board.text,
             "point": at.tolist(), "size": list(self.size), "lens": lens.to_json(),
         }  # fmt: skip
         return Recorded(
-            self.joint_names, self.q, views.poses[:, :3] + turn @ at, source=source,
-            quaternion=quaternion_of(turn), pictures=self.names, notes=self.notes,
+            self.joint_names, self.q, x, source=source, covariance=covariance,
+            noise=float(np.sqrt(np.einsum("njj->n", covariance[:, :3, :3]).mean() / 3)),
+            quaternion=quaternion_of(exponential(views.poses[:, 3:])), pictures=self.names,
+            notes=self.notes,
             episodes=None if self.episodes is None else self.episodes.astype(float),
         )  # fmt: skip
 
@@ -93,6 +96,7 @@ class BoardViews:
     names: tuple[str, ...]  # of the pictures
     q: Array  # (p, dof) [rad or m]
     poses: Array  # (p, 6), shift [m] and rotation vector
+    covariance: Array  # (p, 6, 6), of a small turn about the sensor's axes and of the shift
     rows: NDArray[np.intp]  # (n,), the picture of each corner
     corners: Array  # (n, 3), in the board's frame [m]
     pixels: Array  # (n, 2), where a lens without distortion shows them
@@ -103,7 +107,21 @@ class BoardViews:
         back = np.swapaxes(exponential(self.poses[:, 3:]), 1, 2)
         shift = -np.einsum("pij,pj->pi", back, self.poses[:, :3])
         poses = np.concatenate([shift, -self.poses[:, 3:]], axis=1)
-        return replace(self, poses=poses, in_hand=not self.in_hand)
+        # a turn w and a shift v turn the other way round by -R'w and shift by R'(w x t - v)
+        change = np.zeros((len(poses), 6, 6))
+        change[:, :3, :3] = change[:, 3:, 3:] = -back
+        change[:, 3:, :3] = -back @ cross_matrix(self.poses[:, :3])
+        covariance = change @ self.covariance @ np.swapaxes(change, 1, 2)
+        return replace(self, poses=poses, covariance=covariance, in_hand=not self.in_hand)
+
+    def positions(self, at: Array) -> tuple[Array, Array]:
+        """Places (p, 3) [m] of a point (3,) in the hand, and covariances (p, 6, 6) of them and of
+        a small turn about the sensor's axes."""
+        arm = exponential(self.poses[:, 3:]) @ at
+        change = np.zeros((len(arm), 6, 6))
+        change[:, :3, :3], change[:, :3, 3:] = -cross_matrix(arm), np.eye(3)
+        change[:, 3:, :3] = np.eye(3)
+        return self.poses[:, :3] + arm, change @ self.covariance @ np.swapaxes(change, 1, 2)
 
     def take(self, kept: Mask) -> BoardViews:
         """The pictures of a mask (p,)."""
@@ -111,7 +129,7 @@ class BoardViews:
         return replace(
             self,
             names=tuple(name for name, stays in zip(self.names, kept, strict=True) if stays),
-            q=self.q[kept], poses=self.poses[kept], rows=(np.cumsum(kept) - 1)[self.rows[own]],
+            q=self.q[kept], poses=self.poses[kept], covariance=self.covariance[kept], rows=(np.cumsum(kept) - 1)[self.rows[own]],
             corners=self.corners[own], pixels=self.pixels[own],
         )  # fmt: skip
 

@@ -28,6 +28,7 @@ from .roles import (
     PIXELS,
     QUATERNION,
     check_names,
+    covariances,
     find_roles,
     from_angles,
     log_columns,
@@ -144,7 +145,10 @@ def read_log(
     lower, upper = np.array([limits for _, limits, _ in settled]).T
     notes += [note for *_, more in settled for note in more]
     x = np.ascontiguousarray(values[:, len(names) : len(names) + len(axes)])
-    orientation = _orientation(values[:, len(names) + len(axes) :], roles.turns, degrees)
+    first = len(names) + len(axes)
+    last = first + len(roles.turns)
+    orientation = _orientation(values[:, first:last], roles.turns, degrees)
+    covariance = covariances(values[:, last:], source.label, rows) if roles.spread else None
     plane = rms = None
     if len(axes) == 3 and wanted != 3 and (wanted is not None or _flat(x)):
         plane, rms = fit_plane(x)
@@ -180,6 +184,7 @@ def read_log(
         plane=plane,
         out_of_plane_rms=rms,
         orientation=None if plane is not None else orientation,
+        covariance=covariance if plane is None else None,
         columns=columns,
         degrees=in_degrees,
         camera=camera,
@@ -207,8 +212,8 @@ def write_log(samples: Samples, path: str | os.PathLike[str]) -> None:
     True
     """
     check_names(samples.joint_names)
-    columns = log_columns(samples.joint_names, samples.q, samples.x, samples.orientation)
-    write_table(path, columns)
+    about = samples.orientation, samples.covariance
+    write_table(path, log_columns(samples.joint_names, samples.q, samples.x, *about))
 
 
 def _diagnosed(samples: Samples, label: str, arm: Arm) -> Samples:
