@@ -116,7 +116,8 @@ class BoardViews:
 
     def positions(self, at: Array) -> tuple[Array, Array]:
         """Places (p, 3) [m] of a point (3,) in the hand, and covariances (p, 6, 6) of them and of
-        a small turn about the sensor's axes."""
+        a small turn about the sensor's axes.
+        """
         arm = exponential(self.poses[:, 3:]) @ at
         change = np.zeros((len(arm), 6, 6))
         change[:, :3, :3], change[:, :3, 3:] = -cross_matrix(arm), np.eye(3)
@@ -129,7 +130,8 @@ class BoardViews:
         return replace(
             self,
             names=tuple(name for name, stays in zip(self.names, kept, strict=True) if stays),
-            q=self.q[kept], poses=self.poses[kept], covariance=self.covariance[kept], rows=(np.cumsum(kept) - 1)[self.rows[own]],
+            q=self.q[kept], poses=self.poses[kept], covariance=self.covariance[kept],
+            rows=(np.cumsum(kept) - 1)[self.rows[own]],
             corners=self.corners[own], pixels=self.pixels[own],
         )  # fmt: skip
 

@@ -170,7 +170,8 @@ def log_columns(
     if quaternion is not None:
         columns |= dict(zip(QUATERNION, quaternion.T, strict=True))
     if covariance is not None:
-        columns |= dict(zip(COVARIANCE, covariance[:, *np.triu_indices(6)].T, strict=True))
+        row, column = np.triu_indices(6)
+        columns |= dict(zip(COVARIANCE, covariance[:, row, column].T, strict=True))
     return columns
 
 
