@@ -65,16 +65,20 @@ class BoardPictures:
         )
         return views.other_way() if in_hand else views
 
-    def looked_at(self, in_hand: bool) -> Array:
-        """The point (3,) [m] that a log tells: ahead of the camera, or the middle of the board."""
-        width, height = self.board.size
-        if in_hand:
-            return np.array([0.0, 0.0, _AHEAD * float(np.hypot(width, height))])
-        return np.array([width / 2, height / 2, 0.0])
+    def lens(self, known: Lens | None) -> tuple[Lens, tuple[str, ...]]:
+        """The camera's lens, calibrated by the same pictures where it is not known; and doubts."""
+        if known is not None:
+            return known, ()
+        return calibrate_lens(self.corners, self.board, self.size)
 
     def log(self, lens: Lens, in_hand: bool) -> Recorded:
-        """The pictures as a log of poses of what is in the hand, in the frame of the other."""
-        views, at = self.seen(lens, in_hand), self.looked_at(in_hand)
+        """The pictures as a log of poses of what is in the hand, in the frame of the other.
+
+        The point that it tells is ahead of the camera, or in the middle of the board.
+        """
+        views, (width, height) = self.seen(lens, in_hand), self.board.size
+        ahead = np.array([0.0, 0.0, _AHEAD * float(np.hypot(width, height))])
+        at = ahead if in_hand else np.array([width / 2, height / 2, 0.0])
         x, covariance = views.positions(at)
         source = {
             "source": "board", "eye": "hand" if in_hand else "base", "board": self.board.text,
@@ -115,9 +119,7 @@ class BoardViews:
         return replace(self, poses=poses, covariance=covariance, in_hand=not self.in_hand)
 
     def positions(self, at: Array) -> tuple[Array, Array]:
-        """Places (p, 3) [m] of a point (3,) in the hand, and covariances (p, 6, 6) of them and of
-        a small turn about the sensor's axes.
-        """
+        """Places (p, 3) [m] of a point (3,) in the hand, and covariances (p, 6, 6) with a turn."""
         arm = exponential(self.poses[:, 3:]) @ at
         change = np.zeros((len(arm), 6, 6))
         change[:, :3, :3], change[:, :3, 3:] = -cross_matrix(arm), np.eye(3)
@@ -150,9 +152,7 @@ def log_board(
     Raises LogError in one line if no log can be made.
     """
     shots = find_board(pictures, table, Board.of(board))
-    doubts: tuple[str, ...] = ()
-    if lens is None:
-        lens, doubts = calibrate_lens(shots.corners, shots.board, shots.size)
+    lens, doubts = shots.lens(lens)
     made = shots.log(lens, eye == "hand")
     return replace(made, notes=(*made.notes, *doubts))
 
@@ -166,18 +166,15 @@ def find_board(
     table : joints, one row for each picture
     Raises LogError if too few show it; what they show instead is told.
     """
-    notes: list[str] = []
+    notes, damaged = list[str](), list[str]()
     if isinstance(pictures, (str, os.PathLike)):
         pairs, notes = match_rows(table, list_pictures(pictures))
-        damaged: list[str] = []
         series = read_series([path for _, path in pairs], damaged)
         shots = ((pairs[k][1].name, pairs[k][0], grey) for k, grey in series)
     else:
         if len(pictures) != len(table.q):
             raise LogError(f"{len(pictures)} pictures and {len(table.q)} rows of joints")
-        damaged = []
-        named = table.pictures or [f"picture {k + 1}" for k in range(len(pictures))]
-        shots = ((named[k], k, grey) for k, grey in enumerate(pictures))
+        shots = ((f"picture {k + 1}", k, grey) for k, grey in enumerate(pictures))
     finder, looked = BoardFinder(board), list[Picture]()
     seen: list[tuple[str, int, dict[int, Array]]] = []
     size = (0, 0)

@@ -80,12 +80,7 @@ def find_dictionary(name: str) -> Any:
 
 
 class TagFinder:
-    """Finds tags of one dictionary.
-
-    dictionary : str; its name.
-    wanted : collection of int; ids to look for; all if not given, which takes ten times as long
-        with OpenCV 5.
-    """
+    """Finds tags of one dictionary: wanted ids, or all, which takes ten times as long."""
 
     def __init__(self, dictionary: str = DICTIONARY, wanted: Collection[int] | None = None) -> None:
         cv2 = opencv()
