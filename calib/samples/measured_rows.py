@@ -94,7 +94,7 @@ def seen_rows(label: str, values: Array, rows: NDArray[np.intp], roles: Roles) -
     if roles.spread:
         variance = values[:, [-21, -15, -10]].sum(axis=1)  # of x, y and z
         unsure = ~np.any([wrong for wrong, _ in kinds], axis=0)
-        unsure &= variance > UNSURE**2 * np.median(variance)
+        unsure &= variance > UNSURE**2 * np.median(np.abs(variance))
         kinds.append((unsure, f"have a covariance over {UNSURE:g} times as wide as usual"))
     notes = [
         f"{int(wrong.sum()):,} of {len(values):,} rows {why}; left out: "
