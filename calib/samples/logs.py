@@ -148,7 +148,9 @@ def read_log(
     first = len(names) + len(axes)
     last = first + len(roles.turns)
     orientation = _orientation(values[:, first:last], roles.turns, degrees)
-    covariance = covariances(values[:, last:], source.label, rows) if roles.spread else None
+    covariance = (
+        covariances(values[:, last:], source.label, rows.tolist()) if roles.spread else None
+    )
     plane = rms = None
     if len(axes) == 3 and wanted != 3 and (wanted is not None or _flat(x)):
         plane, rms = fit_plane(x)

@@ -175,7 +175,7 @@ def log_columns(
     return columns
 
 
-def covariances(values: Array, label: str, rows: Array) -> Array:
+def covariances(values: Array, label: str, rows: Sequence[int]) -> Array:
     """Covariances (n, 6, 6) of their upper triangles (n, 21); `rows` are numbers in the file.
 
     Raises LogError if one is no covariance.
