@@ -9,6 +9,8 @@ import json
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import numpy as np
+
 from ..arm.urdf import parse_urdf
 from ..body.corners import held_of
 from ..body.sensor import SensorPose
@@ -34,17 +36,20 @@ def camera_info(model: Model) -> str:
         raise OptionError(
             "the model has no camera: expected one that was learned from pixels of an arm in space"
         )
-    matrix = [fx, 0.0, u, 0.0, fy, v, 0.0, 0.0, 1.0]
-    projection = [fx, 0.0, u, 0.0, 0.0, fy, v, 0.0, 0.0, 0.0, 1.0, 0.0]
-    eye = [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]
-    return (
-        f"image_width: {width}\nimage_height: {height}\ncamera_name: camera\n"
-        + _matrix("camera_matrix", 3, 3, matrix)
-        + "distortion_model: plumb_bob\n"
-        + _matrix("distortion_coefficients", 1, 5, distortion)
-        + _matrix("rectification_matrix", 3, 3, eye)
-        + _matrix("projection_matrix", 3, 4, projection)
-    )
+    lens = np.array([[fx, 0.0, u], [0.0, fy, v], [0.0, 0.0, 1.0]])
+    matrices = {
+        "camera_matrix": lens,
+        "distortion_coefficients": np.array([distortion]),
+        "rectification_matrix": np.eye(3),
+        "projection_matrix": np.column_stack([lens, np.zeros(3)]),
+    }
+    told = [f"image_width: {width}", f"image_height: {height}", "camera_name: camera"]
+    told.append("distortion_model: plumb_bob")
+    for name, matrix in matrices.items():
+        rows, columns = matrix.shape
+        data = matrix.ravel().tolist()
+        told += [f"{name}:", f"  rows: {rows}", f"  cols: {columns}", f"  data: {data!r}"]
+    return "\n".join(told) + "\n"
 
 
 def static_transform(model: Model) -> str:
@@ -101,7 +106,3 @@ def _stamped(
         "rotation": dict(zip("xyzw", quaternion, strict=True)),
     }
     return {"header": {"frame_id": parent}, "child_frame_id": child, "transform": place}
-
-
-def _matrix(name: str, rows: int, columns: int, data: list[float]) -> str:
-    return f"{name}:\n  rows: {rows}\n  cols: {columns}\n  data: {data!r}\n"

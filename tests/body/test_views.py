@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from calib import load_arm
-from calib.body.fitting import planar_structure
+from calib.body.planar import planar_structure
 from calib.body.spatial import structure_of
 from calib.errors import OptionError
 from calib.inverse.pixel import undistorted
