@@ -29,10 +29,8 @@ class Tag:
     """A tag in a picture; pixel centres have whole coordinates, y runs down."""
 
     number: int  # its id
-    # corners, centre: the black square, clockwise in print from the top left; where its diagonals
-    # cross (4, 2), (2,) [px]
-    corners: Array
-    centre: Array
+    corners: Array  # of the black square, clockwise in print from the top left (4, 2) [px]
+    centre: Array  # where its diagonals cross (2,) [px]
     noise: float = LEAST_NOISE  # standard deviation of the centre along each axis [px]
     sharp: bool = True  # whether the print can be laid over it
 
