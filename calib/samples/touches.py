@@ -67,11 +67,11 @@ def read_touches(
     pairs = [pair for pair, stays in zip(pairs, good, strict=True) if stays]
     sockets = tuple(sorted({pair for pair in pairs if pair[1]}))
     number = np.array([sockets.index(p) if p[1] else -1 for p in pairs], dtype=np.intp)
-    place = [stated[number == k][0] for k in range(len(sockets))]
+    spots = [stated[number == k][0] for k in range(len(sockets))]
     known = tuple(  # distances of points whose coordinates are stated, within each setup
-        Known((i, j), float(np.linalg.norm(place[i] - place[j])))
+        Known((i, j), float(np.linalg.norm(spots[i] - spots[j])))
         for i, j in combinations(range(len(sockets)), 2)
-        if sockets[i][0] == sockets[j][0] and np.isfinite([place[i], place[j]]).all()
+        if sockets[i][0] == sockets[j][0] and np.isfinite([spots[i], spots[j]]).all()
     )
     touches = Touches(number, sockets, known)
     lower, upper, x = q.min(axis=0) - 1e-9, q.max(axis=0) + 1e-9, np.zeros((len(q), 3))
