@@ -1,7 +1,5 @@
 """The fit of a body: exact recovery, signs, mirrors, gate, determinism, odd input."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """A body in a model file: the round trip, hostile headers and arrays, scalar queries."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Most telling poses: the greedy gain of information, against what direct algebra says."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """One maximisation: a step that fails is damped where rows leave a direction open."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from calib.body.derivative import Derivative

@@ -1,7 +1,5 @@
 """Spatial bodies: derivatives, what a fit finds, and what it says that it does not know."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 
@@ -14,7 +12,6 @@ from calib.arm.rotations import exponential, logarithm
 from calib.body import fitting
 from calib.body.belief import Body
 from calib.body.misfit import refuse_pixels
-from calib.body.sensor import SensorPose
 from calib.body.spatial import structure_of, unknown_structure
 from calib.body.starts import candidates
 from calib.errors import LogError
@@ -191,30 +188,6 @@ def test_ten_rows_place_the_sensor_and_leave_the_arm_as_drawn():
     fresh = rows(arm, 100, 2)
     error = np.linalg.norm(body.predict(fresh) - structure.predict(fresh, beta), axis=1)
     assert np.mean(error <= body.bound(fresh)) > 0.93
-
-
-def test_a_camera_finds_itself():
-    arm = load_arm("spatial_three")
-    structure = structure_of(arm, "pinhole", unit="px")
-    groups, rng = structure.groups, np.random.default_rng(0)
-    beta = structure.neutral()
-    eye, ahead = np.array([0.2, -1.2, 0.5]), np.array([0.0, 0.1, 0.2])
-    z = (ahead - eye) / np.linalg.norm(ahead - eye)
-    x = np.cross(z, (0.0, 0.0, 1.0))
-    x /= np.linalg.norm(x)
-    turn = np.stack([x, np.cross(z, x), z])
-    beta[groups["view.rotation"]], beta[groups["view.shift"]] = logarithm(turn), -turn @ eye
-    beta[groups["lens"]] = (830.0, 645.0, 352.0, -0.08)
-    beta[groups["offset"]] = (0.0, 0.05, -0.04)
-    q, fresh = rows(arm, 60, 1), rows(arm, 200, 2)
-    pixels = structure.predict(q, beta) + rng.normal(0, 0.3, (60, 2))
-    body = fitting.fit(replace(structure, extent=spread(pixels)), q, pixels).body
-    error = np.linalg.norm(body.predict(fresh) - structure.predict(fresh, beta), axis=1)
-    assert error.mean() < 0.5
-    camera = SensorPose.of(body)
-    assert np.linalg.norm(camera.position - eye) < 0.01
-    assert np.linalg.norm(logarithm(camera.rotation @ turn)) < 0.02
-    np.testing.assert_allclose(body.beta[groups["offset"]], beta[groups["offset"]], atol=5e-3)
 
 
 def test_without_a_drawing_the_chain_is_found():

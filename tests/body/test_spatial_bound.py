@@ -1,7 +1,5 @@
 """What a spatial body promises: new mountings, few rows, never worse than the drawing."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Kinds of sensors: their lenses bend by their own law, and slopes are differences."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """The URDF that is written of a spatial arm is the fitted geometry, and nothing else changes."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
