@@ -33,12 +33,10 @@ _CORNERED = 4  # most joints whose corners are tried as well
 _AHEAD = 48  # sensory nodes that a single query makes known
 _CHUNK = 512  # sensory nodes at once
 
-_SINGULAR = 0.3
-"""Sine between the motions of both joints below which a fold may be near."""
+FOLDED = 0.05
+"""Share of the Jacobian's sum of squares below which that of its least direction tells a fold."""
 
-_FINE = 0.1  # the same between solutions, for twins of a map whose nodes stand close
-_COARSE = 5.0  # and per node spacing, where they do not
-_PROBE = 1e-4  # of the joints' range: step of the derivative of the determinant
+_PROBE = 1e-4  # of the joints' range: step of the derivative of the least singular value
 _FAR = 0.3  # of the joints' range: a twin is not looked for further away
 
 
@@ -122,8 +120,10 @@ class Starts:
         value, slope = self.newton.task.value_and_slope(u)
         self._u[nodes[row], place], self._value[nodes[row], place] = u, value
         self._inverse[nodes[row], place] = damped_inverse(slope, 1e-4)
-        if slope.shape[1:] == (2, 2):
-            self._folded[nodes[row[singular(slope, _SINGULAR)]]] = True
+        if slope.shape[1] == slope.shape[2]:
+            size = np.linalg.svd(slope, compute_uv=False)
+            flat = size[:, -1] ** 2 <= FOLDED * (size * size).sum(axis=1)
+            self._folded[nodes[row[flat]]] = True
 
     def _distinct(self, table: Array, missed: Array) -> NDArray[np.bool_]:
         """Which of the starts (n, k, dof), best first, are near their node and no repeats."""
@@ -213,39 +213,24 @@ def damped_inverse(slope: Array, share: float) -> Array:
     return np.asarray(np.einsum("nid,nij->ndj", slope, np.linalg.inv(power)))
 
 
-def twins(newton: Newton, u: Array, spacing: float = 0.0) -> tuple[Index, Array]:
-    """Starts (m, 2) for the solutions across a nearby fold of `u` (n, 2), and of which rows (m,).
+def twins(newton: Newton, u: Array, share: float = FOLDED) -> tuple[Index, Array]:
+    """Starts (m, dof) for the solutions across a nearby fold of `u` (n, dof), and of which rows.
 
-    A Jacobian of determinant zero is a fold: two solutions meet there. Along the direction that
-    hardly moves the tip the determinant falls linearly to zero, and the other solution lies about
-    as far beyond as this one lies before. A coarse map, its nodes `spacing` apart in the unit box,
-    overlooks branches that are further apart, so that twins are looked for further away.
+    At a fold, where the Jacobian loses a direction, two solutions meet. Along the direction that
+    hardly moves the tip its least singular value falls linearly to zero, and the other solution
+    lies about as far beyond as this one lies before. Of as many joints as residuals.
     """
     slope = newton.task.value_and_slope(u)[1]
-    share = min(max(_FINE, _COARSE * spacing), _SINGULAR)
-    rows = np.flatnonzero(singular(slope, share))
-    if not len(rows):
-        return rows, u[rows]
-    # the right singular vector of the smaller singular value
-    flat = np.linalg.svd(slope[rows])[2][:, 1]
-    ahead = _determinant(newton.task.value_and_slope(u[rows] + _PROBE * flat)[1])
-    behind = _determinant(newton.task.value_and_slope(u[rows] - _PROBE * flat)[1])
+    sides, size, ways = np.linalg.svd(slope)
+    rows = np.flatnonzero(size[:, -1] ** 2 <= share * (size * size).sum(axis=1))
+    side, flat = sides[rows, :, -1], ways[rows, -1]
+    ahead, behind = (
+        np.einsum(
+            "nm,nmd,nd->n", side, newton.task.value_and_slope(u[rows] + probe * flat)[1], flat
+        )
+        for probe in (_PROBE, -_PROBE)
+    )
     rate = (ahead - behind) / (2 * _PROBE)
-    reach = -2.0 * _determinant(slope[rows]) / np.where(rate == 0.0, np.inf, rate)
+    reach = -2.0 * size[rows, -1] / np.where(rate == 0.0, np.inf, rate)
     near = (np.abs(reach) < _FAR) & (reach != 0.0)
-    rows = rows[near]
-    return rows, newton.clip(u[rows] + reach[near, None] * flat[near])
-
-
-def singular(slope: Array, share: float) -> NDArray[np.bool_]:
-    """Whether both joints move the tip along nearly the same line, (n,).
-
-    The determinant of the Jacobians (n, 2, 2) over the lengths of their columns is the sine
-    of the angle between them.
-    """
-    first, second = np.einsum("nij,nij->jn", slope, slope)
-    return np.asarray(np.abs(_determinant(slope)) < share * np.sqrt(first * second))
-
-
-def _determinant(slope: Array) -> Array:
-    return np.asarray(slope[:, 0, 0] * slope[:, 1, 1] - slope[:, 0, 1] * slope[:, 1, 0])
+    return rows[near], newton.clip(u[rows[near]] + reach[near, None] * flat[near])

@@ -25,15 +25,14 @@ from ..inverse.newton import Newton
 from ..inverse.pixel import on_plane
 from ..inverse.pose import TOLERANCE, Joints, pose_branches
 from ..inverse.self_motions import free_directions
+from ..inverse.starts import twins
 from ..inverse.tasks import Places, Poses, Positions
 from .base import drawn, in_base
 from .parts import Parts
 
 _BESIDE = 0.5  # rad: of joints no further from `near` the other branches are looked for there
-_ACROSS = (-4.0, -2.0, -1.0, 1.0, 2.0, 4.0)  # least singular values to the other side of a fold
-_AROUND = 12  # more starts, within twice the distance from `near`
+_FOLDED = 0.1  # as `FOLDED` of the starts, beside `near`
 _FEW = 12  # of a start that is near
-_CLEAR = 0.3  # share of the least singular value that joints may move by beside `near`
 _STEPS = 40  # of a search whose residual stays
 _TOGETHER = 50  # targets that are tried again side by side
 #: A pose or a position counts as reached within this share of the arm's length.
@@ -208,29 +207,15 @@ class Space:
         u, left = newton.refine(wish, target)
         if u.shape[1] > 6 or not len(u):
             return np.zeros(len(u), dtype=bool), self._scale.from_unit(u)
+        # another branch is as near only beside a fold
+        row, across = twins(newton, u, _FOLDED)
+        found, now = newton.refine(across, target[row], steps=_FEW)
+        owner = np.append(np.arange(len(u)), row)
+        every, now = np.concatenate([u, found]), np.append(left, now)
+        best = newton.best(owner, every, now, wish[owner])
+        u, left = every[best], now[best]
         moved = np.abs(self._scale.difference(u, wish) * span).max(axis=1)
         beside = (left <= TOLERANCE * self.length) & (moved <= _BESIDE)
-        # another branch is as near only beside a fold, where the Jacobian loses a direction
-        slope = self.evaluate(self._scale.from_unit(u))[2].copy()
-        slope[:, :3] /= self.length
-        least, lost = (part[:, -1] for part in np.linalg.svd(slope)[1:])
-        rows = np.flatnonzero(beside & (moved > _CLEAR * least))
-        if len(rows):  # across the fold, and as near all around
-            across = least[rows, None, None] * np.array(_ACROSS)[:, None] * lost[rows, None]
-            around = np.random.default_rng(0).uniform(-2, 2, (_AROUND, u.shape[1]))
-            starts = np.concatenate(
-                [
-                    u[rows, None] + across / span,
-                    wish[rows, None] + moved[rows, None, None] * around / span,
-                ],
-                axis=1,
-            )
-            owner = np.repeat(rows, starts.shape[1])
-            tried = newton.clip(starts.reshape(-1, u.shape[1]))
-            found, now = newton.refine(tried, target[owner], steps=_FEW)
-            owner = np.append(rows, owner)
-            every, now = np.concatenate([u[rows], found]), np.append(left[rows], now)
-            u[rows] = every[newton.best(owner, every, now, wish[owner])]
         return beside, self._scale.from_unit(u)
 
     def _again(self, newton: Newton, u: Array, left: Array, target: Array, wish: Array) -> None:

@@ -6,7 +6,7 @@ from closed_arms import TWO, newton_of
 
 from calib.common.scale import TURN
 from calib.inverse.closest import closest
-from calib.inverse.starts import damped_inverse, singular, twins
+from calib.inverse.starts import damped_inverse, twins
 
 
 @pytest.fixture
@@ -36,16 +36,6 @@ def test_on_the_fold_itself_the_twin_is_the_solution():
     newton = newton_of(TWO, [-1.5, -2.7], [1.5, 2.7])
     u = newton.scale.to_unit(np.array([[0.3, 0.0]]))
     np.testing.assert_allclose(twins(newton, u)[1], u[: len(twins(newton, u)[0])], atol=1e-12)
-
-
-def test_singular_is_told_by_the_sine_between_the_joints_motions():
-    angle = np.array([0.05, -0.05, 0.2, np.pi - 0.05])
-    slope = np.zeros((4, 2, 2))
-    slope[:, :, 0] = [3.0, 0.0]
-    slope[:, :, 1] = 0.1 * np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    assert singular(slope, 0.1).tolist() == [True, True, False, True]
-    assert singular(slope, np.sin(0.2) * 1.001).all()
-    assert not singular(slope, np.sin(0.05) * 0.999).any()
 
 
 def test_a_damped_inverse_is_the_textbooks():

@@ -207,19 +207,6 @@ def test_bad_files_are_told_in_one_line(text, code, part, saved, run):
     assert len(done.err.strip().splitlines()) == 1
 
 
-def test_a_way_far_out_of_the_workspace_and_back_takes_few_looks():
-    from calib.inverse.tracking import _shares
-
-    for length in (0.0, 0.01, 1.0, 5.9, 6.1, 1e6, 1e300):
-        shares = _shares(length)
-        assert (shares[0], shares[-1]) == (0.0, 1.0)
-        assert (np.diff(shares) >= 0.0).all()
-        assert len(shares) < 10_000
-    fine = np.array(_shares(1e3)) * 1e3
-    assert np.diff(fine[fine < 2.9]).max() <= np.diff(_shares(5.0)).max() * 5.0 * 1.01
-    assert np.diff(fine[fine > 997.1]).max() <= np.diff(_shares(5.0)).max() * 5.0 * 1.01
-
-
 def test_a_waypoint_far_away_is_left_out_and_told(tmp_path, run):
     """Once a path in space took minutes where one waypoint was nine extents away."""
     model = trained("two_link", 600, 6)
