@@ -55,7 +55,8 @@ def follow_targets(solver: Solver, x: Array, start: Array | None) -> Track:
 def _followed(solver: Solver, x: Array, start: Array | None) -> tuple[Array, list[int]]:
     """Joints (k, dof) for targets that are near what the arm reaches, and the rows of jumps."""
     front = _everywhere(solver, x[0]) if start is None else solver.solve(x[:1], start[None])[0]
-    follower, rows, jumps = _Follower(solver, x), np.empty((0, len(front[0]))), []
+    follower, rows = _Follower(solver, x), np.empty((0, len(front[0])))
+    jumps: list[int] = []
     while True:
         rows = np.concatenate([rows, follower.furthest(len(rows), front)])
         if len(rows) == len(x):
