@@ -83,7 +83,9 @@ class Solver:
             unsure = (distance > CLOSE * self.extent) | (away > _ALIKE * self._spacing)
             rows = np.flatnonzero(unsure)
             if len(rows):
-                self._take_better(u, distance, rows, *self._from_starts(x[rows], near[rows]), near)
+                self.newton.take_better(
+                    u, distance, near, rows, *self._from_starts(x[rows], near[rows])
+                )
         return self._rescued(u, distance, x, near)
 
     def _from_near(self, x: Array, near: Array) -> tuple[Array, Array]:
@@ -125,33 +127,18 @@ class Solver:
         row, column = np.nonzero(other)
         if len(row):
             found = self.newton.settle(start[row, column], x[row], near[row])
-            self._take_better(u, distance, row, *found, near)
+            self.newton.take_better(u, distance, near, row, *found)
         folds = np.flatnonzero(folded)
         if len(folds):
             row, twin = twins(self.newton, u[folds])
             owner = folds[row]
-            self._take_better(u, distance, owner, *self.newton.refine(twin, x[owner]), near)
+            found = self.newton.refine(twin, x[owner])
+            self.newton.take_better(u, distance, near, owner, *found)
         return u, distance
 
     @property
     def _spacing(self) -> float:
         return self.association.motor.spacing
-
-    def _take_better(
-        self,
-        u: Array,
-        distance: Array,
-        rows: Index,
-        found: Array,
-        found_distance: Array,
-        near: Array,
-    ) -> None:
-        """Replace answers in place by better ones; `rows` says to which target each belongs."""
-        asked = np.unique(rows)
-        owner = np.append(asked, rows)
-        every, left = np.concatenate([u[asked], found]), np.append(distance[asked], found_distance)
-        best = self.newton.best(owner, every, left, near[owner])
-        u[asked], distance[asked] = every[best], left[best]
 
     def _rescued(self, u: Array, distance: Array, x: Array, near: Array) -> tuple[Array, Array]:
         """Answers whose targets were missed, tried again from more places."""
@@ -161,7 +148,7 @@ class Solver:
             for target, start in (starts.propose(x[missed], _WIDE), starts.around(x[missed])):
                 row = missed[target]
                 found = self.newton.settle(start, x[row], near[row])
-                self._take_better(u, distance, row, *found, near)
+                self.newton.take_better(u, distance, near, row, *found)
             missed = np.flatnonzero(distance > CLOSE * self.extent)
             u[missed], distance[missed] = closest(self.newton, u[missed], x[missed])
         return u, distance
