@@ -1,8 +1,4 @@
-"""The smooth part of a model: the body of the samples.
-
-Training fits it before the maps learn: the maps may need samples that it imagines, and the
-varying density may need to know where it is wrong.
-"""
+"""The smooth part of a model: the body of the samples, which is fitted before the maps learn."""
 
 from __future__ import annotations
 
@@ -52,6 +48,11 @@ class SmoothPart:
     rows: NDArray[np.intp]  # (k,), rows of the samples that it rests on
     notes: tuple[str, ...] = ()  # what the user should be told besides the notes of the fit
 
+    @property
+    def error(self) -> float:
+        """Mean distance of held-out rows from the body [unit]."""
+        return float(np.linalg.norm(self.fit.held_out, axis=1).mean())
+
 
 def find_smooth_part(samples: Samples, *, view: str = "auto", seed: int) -> SmoothPart:
     """Fit the body of the samples.
@@ -62,25 +63,25 @@ def find_smooth_part(samples: Samples, *, view: str = "auto", seed: int) -> Smoo
     """
     rows = np.arange(0, len(samples), -(-len(samples) // _LEARNED_ROWS))
     q, x = samples.q[rows], samples.x[rows]
-    kind = _fit_in_space if _in_space(samples, view) else _planar
+    kind = _fit_in_space if _in_space(samples, view) else _fit_in_plane
     fit = kind(samples, rows, view, seed)
     scale = Scale.of_range(samples.lower, samples.upper, samples.revolute)
-    error = float(np.linalg.norm(fit.held_out, axis=1).mean())
+    part = SmoothPart(of_body(fit, scale, scale.to_unit(q), x), fit, rows)
     extent = float(np.linalg.norm(np.ptp(x, axis=0)))
-    doubts: tuple[str, ...] = ()
-    if error > NO_ARM * extent and samples.simulation is None:
-        arm = "planar arm" if x.shape[1] == 2 and samples.arm is None else "arm"
-        space = ", and whether the arm moves in space (then give its URDF)" if arm != "arm" else ""
-        doubts = (
-            f"no {arm} explains the positions: held-out rows are missed by "
-            f"{100 * error / extent:.2g} % of their extent; check that `joints` names all that "
-            f"moved, base to tip, and that each row's joints and position are of one moment{space};"
-            " maps and links alone learn what is no arm: `body='none'`",
-        )
-    return SmoothPart(of_body(fit, scale, scale.to_unit(q), x), fit, rows, doubts)
+    if part.error <= NO_ARM * extent or samples.simulation is not None:
+        return part
+    arm = "planar arm" if x.shape[1] == 2 and samples.arm is None else "arm"
+    space = ", and whether the arm moves in space (then give its URDF)" if arm != "arm" else ""
+    doubt = (
+        f"no {arm} explains the positions: held-out rows are missed by "
+        f"{100 * part.error / extent:.2g} % of their extent; check that `joints` names all that "
+        f"moved, base to tip, and that each row's joints and position are of one moment{space};"
+        " maps and links alone learn what is no arm: `body='none'`"
+    )
+    return replace(part, notes=(doubt,))
 
 
-def _planar(samples: Samples, rows: NDArray[np.intp], view: str, seed: int) -> BodyFit:
+def _fit_in_plane(samples: Samples, rows: NDArray[np.intp], view: str, seed: int) -> BodyFit:
     """Fit the body of a planar arm to some rows of samples, a log's with its URDF as prior."""
     simulated = samples.simulation is not None
     arm, known = samples.arm, (samples.lower, samples.upper, samples.revolute)
@@ -104,9 +105,8 @@ def _planar(samples: Samples, rows: NDArray[np.intp], view: str, seed: int) -> B
 
 def wrong_around(part: SmoothPart, scale: Scale, samples: Samples, u: Array) -> Array | None:
     """How wrong (k,) the body is around points `u` (k, dof), None within noise."""
-    rows, held_out = part.rows, part.candidate.held_out
-    extent = float(np.linalg.norm(np.ptp(samples.x[rows], axis=0)))
-    return misfit(scale, scale.to_unit(samples.q[rows]), held_out, extent, u)
+    q, extent = samples.q[part.rows], float(np.linalg.norm(np.ptp(samples.x[part.rows], axis=0)))
+    return misfit(scale, scale.to_unit(q), part.candidate.held_out, extent, u)
 
 
 def taught(samples: Samples, part: SmoothPart | None, options: TrainingOptions) -> bool:
@@ -127,8 +127,7 @@ def to_learn(
 ) -> tuple[Array, Array, Array | None]:
     """What the maps learn from: some rows of the samples, and what the body of `part` imagines.
 
-    Returns u, x : (k, dof), (k, m), joints in the unit box and positions; five imagined ones for
-        each motor node
+    Returns u, x : (k, dof), (k, m), joints in the unit box and positions
     Returns wrong : (k,), how wrong the body is there, None within noise
     """
     u, x = scale.to_unit(samples.q[rows]), samples.x[rows]
@@ -144,10 +143,7 @@ def to_learn(
 
 
 def _in_space(samples: Samples, view: str) -> bool:
-    """Whether samples are of an arm in space, seen as positions or by a pinhole camera.
-
-    Raises OptionError if `view` is not one of such samples.
-    """
+    """Whether samples are of an arm in space; OptionError if `view` is not one of such samples."""
     pixels = samples.camera is not None and isinstance(samples.arm, SpatialArm)
     positions = not pixels and samples.x.shape[1] == 3
     kinds = _VIEWS if positions else [v for v in VIEWS if v == "auto" or is_camera(v) == pixels]
@@ -163,11 +159,7 @@ def _in_space(samples: Samples, view: str) -> bool:
 
 
 def _fit_in_space(samples: Samples, rows: NDArray[np.intp], view: str, seed: int) -> BodyFit:
-    """Fit the body of an arm in space to some rows of samples.
-
-    A log's URDF is the prior of its geometry; without one, and in simulation, a chain of
-    which only the joints are known is found from the rows.
-    """
+    """Fit the body of an arm in space to some rows; only a log's URDF is a prior."""
     q, x = samples.q[rows], samples.x[rows]
     extent = float(np.sqrt(((x - x.mean(axis=0)) ** 2).sum(axis=1).mean()))  # of the noise's floor
     notes = warnings_of(q, samples.joint_names, samples.revolute, x, samples.lower, samples.upper)

@@ -51,15 +51,6 @@ def test_camera_and_board_are_found_with_an_arm_that_is_off(in_hand, known):
     assert np.linalg.norm(sensor.position - there) < 3e-3
 
 
-def test_poses_are_predicted_by_the_belief_that_is_left():
-    rig = Rig(True, seed=1)
-    _, body = fitted(rig)
-    exact = rig.structure.predict(rig.q, rig.beta)
-    off = body.structure.residual(exact, body.predict(rig.q))
-    assert np.linalg.norm(off[:, :3], axis=1).mean() < 0.4e-3
-    assert np.linalg.norm(off[:, 3:], axis=1).mean() < np.radians(0.05)
-
-
 @pytest.mark.parametrize("in_hand", [True, False])
 def test_the_hand_is_told_as_the_last_encoder_says(in_hand):
     rig = Rig(in_hand, seed=4, pictures=16, last=True, off=2.0)

@@ -61,14 +61,6 @@ def test_adapt_as_json_and_output(folder, run, tmp_path):
     assert calib.load(out).history[0]["samples"] == done.document["samples"]
 
 
-def test_an_adapted_model_keeps_its_name(folder, run):
-    path = folder / "n.adapted.calib"
-    model().save(path)
-    done = run("adapt", path, "--data", folder / "new.csv", "--json")
-    assert done.document["model"] == str(path)
-    assert len(calib.load(path).history) == 1
-
-
 def test_no_improvement_writes_nothing(folder, run, tmp_path):
     out = tmp_path / "o.calib"
     done = run("adapt", folder / "m.calib", "--data", folder / "same.csv", "-o", out, "--json")
@@ -151,16 +143,6 @@ def test_other_column_names_degrees_order_and_holes(folder, run, tmp_path):
     truth = samples.simulation.exact(arm().lower[None] + 0.3)
     said = calib.load(tmp_path / "a.calib").forward(arm().lower[None] + 0.3)
     assert np.abs(said - truth).max() < 2e-3
-
-
-def test_degrees_by_mistake(folder, run, tmp_path):
-    samples = log(n=60)
-    path = tmp_path / "deg.csv"
-    table = np.hstack([np.rad2deg(samples.q), samples.x])
-    np.savetxt(path, table, delimiter=",", header="shoulder,elbow,x,y", comments="")
-    done = run("adapt", folder / "m.calib", "--data", path)
-    assert done.code == 1
-    assert "--degrees" in done.err
 
 
 def test_wrong_rows_are_counted_alike_by_all_commands(tmp_path, run):

@@ -5,9 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from calib.maps.lattice import Lattice
-from calib.maps.neighbourhood import REACH, moved, spread
-from calib.maps.start import spread_out
+from calib.maps.batch import moved, spread, spread_out
+from calib.maps.lattice import REACH, Lattice
 
 shapes = st.lists(st.integers(2, 30), min_size=1, max_size=4).map(tuple)
 

@@ -37,7 +37,6 @@ def test_epochs_or_sigma_train_the_full_lattice_alone(epochs, sigma, radii):
     (stage,) = coarse_to_fine(Lattice((70, 70)), epochs, sigma)
     start, end, n = radii
     assert stage.lattice.shape == (70, 70)
-    assert stage.final
     assert (len(stage.sigma), stage.sigma[0], stage.sigma[-1]) == (
         n,
         pytest.approx(start),

@@ -11,7 +11,6 @@ from calib.errors import OptionError
 from calib.maps.density import READINGS, Visit
 from calib.maps.lattice import Lattice
 from calib.maps.links import WIRINGS
-from calib.maps.map import Map
 from calib.maps.vdsom import CHUNK, VDSOM, Layer, Rates, zeta
 from calib.paper.setting import Setting
 from calib.paper.trial import Schedule, activity_errors, association
@@ -132,8 +131,8 @@ def test_a_link_whose_motor_node_is_silent_is_forgotten():
 
 
 def test_zeta_is_the_mean_square_distance_to_the_winner():
-    network = Map(np.array([[0.0, 0.0], [1.0, 1.0]]), Lattice((2,)), BOX, np.zeros((0, 4)))
-    assert zeta(network, np.array([[0.3, 0.0], [1.0, 0.9]])) == pytest.approx((0.09 + 0.01) / 2)
+    nodes = np.array([[0.0, 0.0], [1.0, 1.0]])
+    assert zeta(nodes, np.array([[0.3, 0.0], [1.0, 0.9]])) == pytest.approx((0.09 + 0.01) / 2)
 
 
 def test_online_and_batch_are_equally_precise_on_the_papers_arm():

@@ -55,19 +55,6 @@ def test_later_commands_need_no_option(camera, run):
     assert run("evaluate", "camera.calib", "--data", "plain.csv", "--radians").code == 0
 
 
-def test_json_stays_in_si_units_and_says_so(camera, run, model):
-    done = run("query", "forward", model, "30", "60", "--degrees", "--json")
-    assert done.document["joints"]["shoulder"] == pytest.approx(np.radians(30))
-    units = {"joints": {"shoulder": "rad", "elbow": "rad"}, "positions": "m", "seconds": "s"}
-    assert done.document["units"] == units
-    for words in (
-        ["query", "inverse", model, "0.2", "0.3", "--json"],
-        ["evaluate", model, "--json"],
-        ["info", model, "--json"],
-    ):
-        assert run(*words).document["units"] == units, words
-
-
 def test_a_file_is_named_after_robot_else_the_log(tmp_path, monkeypatch, run):
     monkeypatch.chdir(tmp_path)
     urdf = calib.load_arm("two_link").urdf

@@ -8,13 +8,10 @@ import numpy as np
 import pytest
 
 pytest.importorskip("cv2")
-from calib_cli.app import app
-from calib_cli.photo import Drawn, photo_of_log
 from matplotlib.quiver import Quiver
 from PIL import Image
 from rendering import Camera, Desk
 from scenes import data_of, objects, page_of
-from typer.testing import CliRunner
 
 import calib
 from calib.errors import CalibError
@@ -155,28 +152,3 @@ def test_the_map_is_drawn_over_the_photo(made):
     # the picture's first row is up, seen from where the camera of the page is
     left, _, _, above = objects(data)["Photo/picture"]["points"]
     assert above[1] > left[1]
-
-
-def test_the_commands_remember_it_unless_told_not_to(made, tmp_path):
-    folder, model, _ = made
-    data, seen, path = folder / "log.csv", str(folder / "seen.png"), str(tmp_path / "m.calib")
-    log = calib.read_log(data, joints=["a", "b"])
-    assert photo_of_log(model, log, str(data)).photo is not None
-    outside = replace(log, source={**SOURCE, "photo": "../seen.png"})
-    assert photo_of_log(model, outside, str(data)).photo is None
-    assert photo_of_log(model, log, "-").photo is None
-    metres = replace(model, about=replace(model.about, unit="m"))
-    for spoilt in ({"photo": "a\0b"}, {"photo": 7}, {"size": 7}, {"reference": 7, "unit": "m"}):
-        odd = replace(log, source=SOURCE | spoilt)
-        assert photo_of_log(metres, odd, str(data)).photo is None
-    model.save(path)
-    assert Drawn(photo=seen, no_photo=True).load(path)[0].photo is not None
-    assert calib.load(path).photo is None
-    assert Drawn(photo=seen).load(path)[0].photo is not None
-    kept = calib.load(path)
-    assert kept.photo is not None
-    assert Drawn(no_photo=True).load(path)[0].photo is None
-    assert Drawn().load(path)[0].photo == kept.photo
-    photo = ("--photo", seen, "--no-photo")
-    line = ("train", "--data", data, "--joints", "a,b", "-o", path, *photo)
-    assert CliRunner().invoke(app, list(map(str, line))).exit_code == 2

@@ -174,12 +174,6 @@ def test_orientations_of_poses_become_columns(tmp_path, run):
     assert "no tf" in refused.err
 
 
-def test_an_mcap_file_on_its_own(tmp_path):
-    folder = write(tmp_path / "a", "mcap")
-    file = next(folder.glob("*.mcap"))
-    assert len(read_bag(file).q) == 298
-
-
 def test_gaps_are_not_bridged(tmp_path):
     found = read_bag(write(tmp_path / "a", hole=(2.0, 3.0)), max_gap=0.1)
     inside = (found.time > 2.05) & (found.time < 2.9)

@@ -89,9 +89,9 @@ def test_mujoco_bodies_and_ur_entries_are_where_the_arm_is():
 
 def test_the_command_writes_them(tmp_path, run):
     log, names = tmp_path / "log.csv", calib.load_arm("six_axis").joint_names
-    assert run("babble", "six_axis", "-n", "200", "-o", log).code == 0
+    assert run("babble", "six_axis", "-n", "60", "-o", log).code == 0
     model = tmp_path / "arm.calib"
-    done = run("train", "six_axis", "--data", log, "--size", "8", "-o", model)
+    done = run("train", "six_axis", "--data", log, "--size", "3", "-o", model)
     assert done.code == 0, done.err
     motors = dict.fromkeys(names, MOTORS["elbow_flex"])
     (tmp_path / "old.json").write_text(json.dumps(motors))

@@ -13,7 +13,7 @@ from calib.arm.loading import arm_from_urdf
 from calib.errors import OptionError, RobotError
 from calib.use.geometry import fit_geometry
 from calib.use.planar_geometry import PlanarGeometry, fit_in_plane, in_plane
-from calib.use.urdf import corrected_urdf, edited
+from calib.use.urdf import corrected_urdf
 
 
 def exported(tmp_path, adapted):
@@ -122,27 +122,6 @@ def test_a_diff_shows_the_changed_attributes_alone():
 def two_link_changed(a, b, first):
     ends = first * np.exp(1j * a) + 0.25 * np.exp(1j * (a + b))
     return [ends.real, ends.imag]
-
-
-def test_an_origin_that_is_missing_is_added_where_it_belongs():
-    text = (
-        '<robot name="r"><link name="a"/><link name="b"/>'
-        '<joint name="j" type="revolute"><parent link="a"/><child link="b"/></joint></robot>'
-    )
-    new = edited(text, {"j": {"xyz": np.array([1.0, 0.0, 0.5])}})
-    assert new == text.replace('"revolute">', '"revolute"><origin xyz="1.0 0.0 0.5"/>')
-    again = edited(new, {"j": {"rpy": np.array([0.1, 0.0, 0.0])}})
-    assert again.count("<origin") == 1
-    assert 'rpy="0.1 0.0 0.0"' in again
-    assert 'xyz="1.0 0.0 0.5"' in again
-
-
-def test_a_second_reader_finds_what_was_written(monkeypatch):
-    adapted = calib.adapt(model(), log("elbow.length=+4%", n=100, noise=0.0)).model
-    geometry = fit_geometry(adapted, cause="joints")
-    monkeypatch.setattr("calib.use.urdf.edited", lambda text, _: text)  # loses the change
-    with pytest.raises(RobotError, match="yourdfpy reads another origin"):
-        corrected_urdf(geometry)
 
 
 def test_what_geometry_does_not_explain_is_not_written(tmp_path, run):
