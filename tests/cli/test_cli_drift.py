@@ -1,7 +1,5 @@
 """The commands check and adapt, and what they refuse."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -158,3 +156,21 @@ def test_wrong_rows_are_counted_alike_by_all_commands(tmp_path, run):
     for command in ("check", "evaluate", "adapt"):
         told = run(command, saved, "--data", fresh, "--json")
         assert told.document["left_out"] == 2, command
+
+
+def test_a_bumped_camera_is_not_told_as_a_bent_one():
+    """It was also "bent, as by a lens"."""
+
+    def seen(n, seed, turn=0.0, shift=(0.0, 0.0), tilt=0.05):
+        told = calib.babble(arm(), n, seed=seed)
+        c, s = np.cos(turn), np.sin(turn)
+        x = 900.0 * told.x @ np.array([[c, -s], [s, c]]) + (300.0, 200.0) + shift
+        x = x / (1.0 + told.x @ (tilt, 0.02))[:, None]
+        x = x + np.random.default_rng(seed).normal(0.0, 0.3, x.shape)
+        return replace(told, x=x, unit="px", simulation=None)
+
+    known = calib.train(seen(200, 0), size=6)
+    for seed, tilt in ((1, 0.06), (3, 0.05)):
+        drift = calib.check(known, seen(60, seed, 0.01, (12.0, -7.0), tilt))
+        assert drift.causes[0].cause == "sensor"
+        assert "bent" not in " ".join(drift.explanations)

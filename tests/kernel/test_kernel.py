@@ -1,7 +1,5 @@
 """Single queries by a model's own compiled C are those of the batch, and safe to ask for."""
 
-from __future__ import annotations
-
 import gc
 import os
 import pickle

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from models import measured, trained
+from models import draw, measured, six, trained
 
 from calib.common.scale import TURN, Scale
 from calib.maps.lattice import Lattice

@@ -1,7 +1,5 @@
 """Report: what it holds, what it measures, and that it is one file."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 from html.parser import HTMLParser

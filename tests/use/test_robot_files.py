@@ -1,7 +1,5 @@
 """The corrected arm in the files of others."""
 
-from __future__ import annotations
-
 import json
 from xml.etree import ElementTree
 
@@ -11,6 +9,7 @@ from scipy.spatial.transform import Rotation
 
 import calib
 from calib.errors import LogError, OptionError
+from calib.samples.tables import write_table
 from calib.use.lerobot import homed, read_calibration
 from calib.use.robot_files import CorrectedArm, mjcf_text, ur_kinematics
 
@@ -104,3 +103,16 @@ def test_the_command_writes_them(tmp_path, run):
     assert (
         run("export", model, "--lerobot", tmp_path / "old.json", "--ur", paths["ur.yaml"]).code == 2
     )
+
+
+def test_the_child_of_a_transform_is_the_frame_that_the_log_names(run, tmp_path):
+    """It was called `sensor_frame` although the bag said `tracker`."""
+    arm = calib.load_arm("spatial_three")
+    log = calib.babble(arm, 60, noise=1e-4)
+    columns = dict(zip([*arm.joint_names, *"xyz"], np.column_stack([log.q, log.x]).T, strict=True))
+    write_table(tmp_path / "log.csv", columns, about={"unit": "m", "frame": "tracker"})
+    model, out = tmp_path / "m.calib", tmp_path / "t.json"
+    train = ("train", "spatial_three", "--data", tmp_path / "log.csv", "--size", 4, "-o", model)
+    assert run(*train).code == 0
+    assert run("export", model, "--transform", out).code == 0
+    assert json.loads(out.read_text())["child_frame_id"] == "tracker"
