@@ -86,7 +86,7 @@ def _target(path: str | os.PathLike[str]) -> tuple[Path, int | None]:
     except FileNotFoundError:
         mode = None
     if mode is not None and stat.S_ISDIR(mode):
-        raise OSError(errno.EISDIR, "it is a folder")
+        raise OSError(errno.EISDIR, "it is a folder, no file")
     # /dev/stdout may be a pipe, which has no other name
     regular = mode is None or stat.S_ISREG(mode)
     target = Path(os.path.realpath(path)) if regular else Path(path)

@@ -139,7 +139,7 @@ class ClockPair:
         A chain has a dozen parameters, so ten postures say what three hundred must say to a fit
         without one: of half a minute of a planar arm 3 ms instead of 38.
         """
-        from ..body.fitting import planar_structure
+        from ..body.planar import planar_structure
         from ..body.starts import best_starts  # both bring SciPy's linear algebra
 
         q, seen, when = self.matched(start, _ROWS[2])

@@ -1,7 +1,5 @@
 """Which arm of a robot is chosen, and what is told where none can be."""
 
-from __future__ import annotations
-
 import sys
 
 import numpy as np
@@ -92,14 +90,11 @@ def test_a_tip_may_be_named_by_its_joint():
         ({"joints": ["sholder", "elbow"]}, ["'sholder'", "did you mean shoulder?"]),
         ({"joints": ["shoulder", "tip_mount"]}, ["'tip_mount' is fixed", "shoulder, elbow"]),
         ({"joints": ["elbow"]}, ["two or more"]),
-        ({"joints": []}, ["two or more"]),
         ({"joints": ["elbow", "elbow"]}, ["'elbow' twice"]),
         ({"tip": "tp"}, ["'tp'", "did you mean tip?"]),
-        ({"tip": "upper_arm"}, ["'upper_arm'", "shoulder"]),
         ({"joints": ["shoulder", "elbow"], "tip": "upper_arm"}, ["'elbow'", "'upper_arm'"]),
         ({"joints": ["shoulder", "elbow"], "tip": "forearm"}, ["'elbow'", "'forearm'", "axis"]),
         ({"lock": {"nope": 1}}, ["`lock`", "'nope'"]),
-        ({"lock": {"elbow": np.inf}, "joints": ["shoulder", "elbow"]}, ["elbow", "inf"]),
         ({"lock": {"elbow": 1.0}, "joints": ["shoulder", "elbow"]}, ["active and locked"]),
         ({"lock": {"elbow": 1.0}}, ["no planar arm", "shoulder, elbow"]),
     ],

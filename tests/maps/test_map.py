@@ -5,7 +5,6 @@ import sys
 import numpy as np
 import pytest
 
-import calib
 from calib.common.scale import TURN, Scale
 from calib.maps.lattice import Lattice
 from calib.maps.map import Map, nearest_points, search_tree
@@ -105,19 +104,3 @@ def test_coordinates_that_round_up_to_a_whole_turn_are_found_at_its_start():
     assert index[1:].tolist() == [3, 1]
     assert index[0] in (0, 2)
     np.testing.assert_allclose(distance, [0.0, 0.01, 0.1], atol=1e-12)
-
-
-def test_what_a_model_holds_is_read_only():
-    model = calib.train(calib.babble(calib.load_arm("two_link"), 400), size=8)
-    held = {
-        "weights": model.motor.weights,
-        "units": model.sensory.units,
-        "history": model.motor.history,
-        "links": model.links.data,
-        "bounds": model.bounds,
-        "visited": model.visited,
-    }
-    for name, array in held.items():
-        with pytest.raises(ValueError, match="read-only"):
-            array[0] = 0
-        assert not array.flags.writeable, name

@@ -24,9 +24,9 @@ def spoiled(log, share, size=0.05, seed=7):
     return replace(log, x=log.x + wrong[:, None] * step), wrong
 
 
-@pytest.mark.parametrize("robot", ["two_link", "two_link_full", "three_link", "scara"])
+@pytest.mark.parametrize("robot", ["two_link_full", "three_link"])
 @pytest.mark.parametrize("noise", [0.0, 1e-3])
-@pytest.mark.parametrize("n", [20, 50, 140, 600])
+@pytest.mark.parametrize("n", [20, 140, 400])
 def test_clean_logs_lose_no_row(robot, noise, n):
     for seed in (1, 2):
         kept, notes = screen(log_of(robot, n, noise, seed))

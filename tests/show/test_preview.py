@@ -1,7 +1,5 @@
 """Preview: what its page draws, its server, its command, and meshes from a stranger's URDF."""
 
-from __future__ import annotations
-
 import json
 import os
 import re

@@ -1,7 +1,5 @@
 """Report: what it holds, what it measures, and that it is one file."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 from html.parser import HTMLParser
@@ -16,7 +14,6 @@ from calib.body.curves import curve_value
 from calib.common.scale import Scale
 from calib.maps.lattice import Lattice
 from calib.maps.map import Map
-from calib.show.error_scale import ErrorScale
 from calib.show.report.maps import hits, u_matrix
 
 FLAT = ["forward", "inverse", "lattices", "nodes", "training"]
@@ -164,18 +161,6 @@ def test_u_matrix_and_hits_of_a_map_made_by_hand():
     u = np.array([[0.1, 0.1], [0.0, 0.0], [0.4, 0.9]])
     assert hits(part, u).tolist() == [2, 0, 0, 1]
     assert np.isnan(hits(part, np.empty((0, 2)))).all()
-
-
-def test_error_scales():
-    rounding = ErrorScale.of(np.array([1e-13, 3e-12]), "m", 0.5)
-    assert rounding.ticks() == [(0.0, "below 1 nm everywhere")]
-    assert rounding.share(np.array([1e-13])).tolist() == [0.0]
-    assert "px" in ErrorScale.of(np.array([1e-8]), "px", 600.0).ticks()[0][1]
-    narrow = ErrorScale.of(np.linspace(0.9, 1.0, 100) * 1e-3, "m", 0.5)
-    wide = ErrorScale.of(np.geomspace(1e-6, 1e-3, 100), "m", 0.5)
-    assert (narrow.log, wide.log) == (False, True)
-    ends = np.array([wide.low, np.sqrt(wide.low * wide.high), wide.high])
-    np.testing.assert_allclose(wide.share(ends), [0.0, 0.5, 1.0], atol=1e-9)
 
 
 def test_command(run, models: Path, model: Path, log: Path, tmp_path: Path):
