@@ -100,7 +100,10 @@ def test_a_quick_run_writes_tables_and_one_json_document(run, tmp_path):
 
 def test_another_arm_has_its_own_lengths_and_ranges_and_no_printed_figures():
     setting = Setting.of(
-        quick=True, robot="two_link_full", ranges=(("elbow", (0.2, 1.7)),), lengths=(("elbow", 0.4),)
+        quick=True,
+        robot="two_link_full",
+        ranges=(("elbow", (0.2, 1.7)),),
+        lengths=(("elbow", 0.4),),
     )
     assert tuple(setting.arm.link_lengths.values())[1] == pytest.approx(0.4)
     samples = setting.babble(0, 300)
