@@ -58,7 +58,7 @@ def _view_of(model: Model) -> dict[str, Any]:
     body = model.body
     if body is None:
         return {"kind": None}
-    from calib.body.poses import knows_orientation
+    from calib.body.belief import knows_orientation
     from calib.body.sensor import SensorPose
     from calib.body.views import is_camera
 

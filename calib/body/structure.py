@@ -23,9 +23,21 @@ from ..common.arrays import Array
 from .curves import HARMONICS, curve_slope, curve_value, powers
 from .derivative import Derivative, Waves
 from .measurement import Measurement, Moved, Sight, TipMotion
-from .parameters import Block, Blocks, Indices, Label, Layout, Part, Prior, ScaleGroup
+from .parameters import (
+    Block,
+    Gaussian,
+    Hyper,
+    Indices,
+    Label,
+    Layout,
+    Part,
+    Prior,
+    layout_of,
+    prior_of,
+)
 from .views import VIEWS_OF_BODIES, ViewKind
 
+_ROWS = 1024  # whose loads are asked for at once
 _STEP = 1e-5  # [rad or m], of differences of loads, which bend by mrad: exact to 1e-12 rad
 
 Ladder = tuple[tuple[str, tuple[str, ...]], ...]
@@ -113,14 +125,14 @@ class Structure:
     # Parameters.
 
     @cached_property
-    def parameters(self) -> Blocks:
+    def _blocks(self) -> tuple[Block, ...]:
         """The blocks of the sensor, the geometry and the joints."""
-        return Blocks((*self._sensor, *self.geometry()))
+        return (*self._sensor, *self.geometry())
 
-    @property
+    @cached_property
     def layout(self) -> Layout:
         """Where each parameter stands, and what it is."""
-        return self.parameters.layout
+        return layout_of(tuple((block.name, block.parts) for block in self._blocks))
 
     @property
     def groups(self) -> Mapping[str, Indices]:
@@ -138,11 +150,14 @@ class Structure:
 
     def neutral(self) -> Array:
         """Parameters (d,) at the mean of the prior."""
-        return self.parameters.mean()
+        out = np.empty(self.size)
+        for block in self._blocks:
+            out[self.groups[block.name]] = block.mean
+        return out
 
     def prior(self, free: Sequence[str]) -> Prior:
         """Prior that frees the blocks of `free`; ``"curve"`` stands for all joints' curves."""
-        return self.parameters.prior(free)
+        return prior_of(self._blocks, self.layout, self.neutral(), free)
 
     def of_joints(self, what: str, *units: str) -> tuple[Part, ...]:
         """One parameter of each joint, in a unit that all share or each has."""
@@ -155,9 +170,7 @@ class Structure:
         for k, (name, turns) in enumerate(zip(self.joint_names, self.revolute, strict=True)):
             waves = product(("cos", "sin"), range(1, HARMONICS + 1 if turns else 1))
             parts = tuple((name, f"{name}.curve {wave} {order}", "rad") for wave, order in waves)
-            scale = ScaleGroup(
-                f"curve.{k}", rms / np.sqrt(2 * HARMONICS), pseudo=pseudo, shape=shape
-            )
+            scale = Hyper(f"curve.{k}", rms / np.sqrt(2 * HARMONICS), pseudo=pseudo, shape=shape)
             yield Block(f"curve.{k}", parts, scales=(scale,) if turns else ())
 
     # Predictions.
@@ -167,16 +180,21 @@ class Structure:
         groups = self.groups
         gain = beta[groups["gain"]] * self.directions
         own = np.ascontiguousarray(q.T) * gain[:, None] + self.offsets(beta)[:, None]
-        for k in range(self.dof):
-            curve = groups[f"curve.{k}"]
-            if len(curve) and beta[curve].any():
-                own[k] += curve_value(q[:, k], beta[curve])
+        bent, curves = self._curves(beta)
+        if len(bent):  # all at once: of one row each operation costs as much as of a hundred
+            own[bent] += curve_value(q.T[bent], curves)
         values, elastic = self.coupled(own), beta[groups["elastic"]]
         if elastic.any():
             loads, joints = self.known_loads(q)
             for e in np.flatnonzero(elastic):
                 values[joints[e]] += elastic[e] * loads[e]
         return values
+
+    def _curves(self, beta: Array) -> tuple[list[int], Array]:
+        """Joints that have an error curve, and the curves (k, 96)."""
+        each = [beta[self.groups[f"curve.{k}"]] for k in range(self.dof)]
+        bent = [k for k, curve in enumerate(each) if curve.any()]
+        return bent, np.array([each[k] for k in bent])
 
     def offsets(self, beta: Array) -> Array:
         """What is added to the joints' values (dof,)."""
@@ -286,7 +304,13 @@ class Structure:
     def load_slopes(self, q: Array) -> Array:
         """Derivatives (e, dof, n) of the loads by the joint values, as central differences."""
         steps = _STEP * np.eye(self.dof)
-        return np.stack([self.loads(q + s)[0] - self.loads(q - s)[0] for s in steps], 1) / 2 / _STEP
+        if len(q) > _ROWS:
+            parts = np.array_split(q, -(-len(q) // _ROWS))
+            return np.concatenate([self.load_slopes(part) for part in parts], axis=-1)
+        rows = np.concatenate([q + step for step in (*steps, *-steps)])
+        loads = self.loads(rows)[0]
+        ahead, behind = np.split(loads.reshape(len(loads), 2 * self.dof, len(q)), 2, axis=1)
+        return np.asarray(ahead - behind) / 2 / _STEP
 
     def led(self, chained: Array) -> Array:
         """How outputs move with each logged joint (dof, m, n), from the chain's (c, m, n)."""
@@ -301,20 +325,27 @@ class Structure:
         motion, sight = self.seen(q, beta)
         chained = sight.push(*motion.joints())
         led, groups = self.led(chained), self.groups
-        rates = beta[groups["gain"]] * self.directions
+        rates = np.repeat((beta[groups["gain"]] * self.directions)[:, None], len(q), axis=1)
+        bent, curves = self._curves(beta)
+        if len(bent):
+            rates[bent] += curve_slope(q.T[bent], curves)
         elastic = beta[groups["elastic"]]
         out = np.empty((*sight.values.shape, self.dof))
         slopes = elastic[:, None, None] * self.load_slopes(q) if elastic.any() else None
+        bending = chained[self.known_loads(self.apart(q)[0])[1]] if slopes is not None else chained
         for k, rate in enumerate(rates):
-            curve = groups[f"curve.{k}"]
-            bent = len(curve) and beta[curve].any()
-            moved = led[k] * (rate + curve_slope(q[:, k], beta[curve]) if bent else rate)
+            moved = led[k] * rate
             if slopes is not None:
-                joints = self.loads(q[:1])[1]
-                moved = moved + np.einsum("emn,en->mn", chained[joints], slopes[:, k])
+                moved = moved + np.einsum("emn,en->mn", bending, slopes[:, k])
             out[:, :, k] = moved.T
         return sight.values, out
 
     def slope(self, q: Array, beta: Array) -> Array:
         """Derivative (n, m, dof) of the outputs by the joint values."""
         return self.predict_and_slope(q, beta)[1]
+
+
+class OfStructure(Gaussian):
+    """A belief with the structure that its parameters are of."""
+
+    structure: Structure

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..arm.rotations import quaternion_of
-from ..body.poses import knows_orientation
+from ..body.belief import knows_orientation
 from ..common.arrays import Array, Mask
 from ..errors import LogError
 from ..model.model import Model

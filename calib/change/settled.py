@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..body.belief import Body
-from ..body.fitting import fit_structure
+from ..body.fitting import fit
 from ..common.arrays import Array
 from ..errors import CalibError
 from ..maps.association import Association
@@ -110,14 +110,14 @@ def _with_body(model: Model, motor: Map, u: Array, x: Array) -> _Refit | None:
     seen = u, x
     u, x = u[::every], x[::every]
     try:
-        fit = fit_structure(
+        found = fit(
             model.body.structure, scale.from_unit(u), x, simulated=simulated, seed=about.seed
         )
     except CalibError:  # too few rows, or too close to each other
         return None
-    selected = select(motor, u, of_body(fit, scale, u, x))
+    selected = select(motor, u, of_body(found, scale, u, x))
     if len(seen[0]) < _FEW_ROWS:  # too few for links of their own
         drawn = np.random.default_rng(about.seed).random((IMAGINED, u.shape[1]))
         seen = drawn, selected.predictor.value(drawn)
     kept = np.arange(0, len(u) * every, every)[selected.rows]
-    return _Refit(selected.predictor, fit.body, kept, selected.errors, *seen)
+    return _Refit(selected.predictor, found.body, kept, selected.errors, *seen)

@@ -10,8 +10,8 @@ import numpy as np
 from ..arm.rotations import exponential, logarithm, nearest_rotation
 from ..body.belief import Body
 from ..body.corners import fit_corners
+from ..body.fitting import BodyFit
 from ..body.parameters import Indices
-from ..body.posterior import BodyFit
 from ..body.spatial import SpatialStructure
 from ..common.arrays import Array, Mask
 from ..common.rows import thinned

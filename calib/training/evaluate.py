@@ -10,7 +10,7 @@ import numpy as np
 
 from ..arm.loading import arm_from_urdf
 from ..arm.rotations import logarithm, matrix_of, similarity
-from ..body.poses import knows_orientation
+from ..body.belief import knows_orientation
 from ..common.arrays import Array
 from ..common.parallel import side_by_side
 from ..common.wording import for_people

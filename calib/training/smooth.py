@@ -11,11 +11,10 @@ from numpy.typing import NDArray
 
 from ..arm.arm import SpatialArm
 from ..arm.rotations import logarithm, matrix_of
-from ..body.fitting import fit_body
+from ..body.fitting import BodyFit, fit
 from ..body.misfit import refuse_pixels
 from ..body.nominal import nominal_of
-from ..body.poses import positions_of
-from ..body.posterior import BodyFit, fit_structure
+from ..body.planar import planar_structure
 from ..body.sensor import doubtful_depth
 from ..body.spatial import structure_of, unknown_structure
 from ..body.telling import warnings_of
@@ -58,15 +57,15 @@ def find_smooth_part(samples: Samples, *, view: str = "auto", seed: int) -> Smoo
     """Fit the body of the samples.
 
     samples : joint values and positions
-    view : what the sensor measures, see :func:`calib.body.fitting.fit_body`
+    view : what the sensor measures, see :data:`calib.body.views.PLANAR` and `SPATIAL`
     seed : chooses rows where there are many
     """
     rows = np.arange(0, len(samples), -(-len(samples) // _LEARNED_ROWS))
     q, x = samples.q[rows], samples.x[rows]
     kind = _fit_in_space if _in_space(samples, view) else _fit_in_plane
-    fit = kind(samples, rows, view, seed)
+    found = kind(samples, rows, view, seed)
     scale = Scale.of_range(samples.lower, samples.upper, samples.revolute)
-    part = SmoothPart(of_body(fit, scale, scale.to_unit(q), x), fit, rows)
+    part = SmoothPart(of_body(found, scale, scale.to_unit(q), x), found, rows)
     extent = float(np.linalg.norm(np.ptp(x, axis=0)))
     if part.error <= NO_ARM * extent or samples.simulation is not None:
         return part
@@ -95,12 +94,12 @@ def _fit_in_plane(samples: Samples, rows: NDArray[np.intp], view: str, seed: int
             "view 'base' needs a measured log and the planar robot that it is of: give both, or "
             "another view"
         )
-    return fit_body(
-        samples.q[rows], samples.x[rows], joint_names=samples.joint_names,
-        revolute=samples.revolute, nominal=nominal,
-        view=view, unit=samples.unit, simulated=simulated, lower=samples.lower,
-        upper=samples.upper, seed=seed,
-    )  # fmt: skip
+    q, x = samples.q[rows], samples.x[rows]
+    notes = warnings_of(q, samples.joint_names, samples.revolute, x, samples.lower, samples.upper)
+    structure = planar_structure(
+        x, samples.joint_names, samples.revolute, nominal, view, samples.unit, simulated
+    )
+    return fit(structure, q, x, seed=seed, notes=notes)
 
 
 def wrong_around(part: SmoothPart, scale: Scale, samples: Samples, u: Array) -> Array | None:
@@ -169,10 +168,10 @@ def _fit_in_space(samples: Samples, rows: NDArray[np.intp], view: str, seed: int
         template = structure_of(
             arm, kind, unit="px", extent=extent, lens=camera.lens, lens_sd=camera.lens_sd
         )
-        fit = fit_structure(template, q, x, seed=seed, notes=notes)
-        refuse_pixels(fit.body, q, x)
-        doubts = doubtful_depth(fit.body, q)
-        return replace(fit, notes=(*fit.notes, *doubts))
+        found = fit(template, q, x, seed=seed, notes=notes)
+        refuse_pixels(found.body, q, x)
+        doubts = doubtful_depth(found.body, q)
+        return replace(found, notes=(*found.notes, *doubts))
     metre = METRES.get(samples.unit, 1.0)
     simulated = samples.simulation is not None
     if isinstance(arm, SpatialArm) and not simulated:
@@ -182,12 +181,12 @@ def _fit_in_space(samples: Samples, rows: NDArray[np.intp], view: str, seed: int
         if samples.orientation is not None and posed:
             turns = samples.orientation[rows]
             poses = np.hstack([x, logarithm(matrix_of(turns))])
-            found = fit_structure(template.with_view(posed), q, poses, seed=seed, notes=notes)
+            found = fit(template.with_view(posed), q, poses, seed=seed, notes=notes)
             if found.body.structure.view == "base target":
                 last = f"its turn cannot be told from the offset of {samples.joint_names[-1]}"
                 turned = f"the orientations are of a target that is turned against the tip: {last}"
                 found = replace(found, notes=(*found.notes, turned))
-            return positions_of(found)
+            return found.of_positions()
         if samples.orientation is not None:
             notes = (*notes, f"orientations are not used with the view {kind!r}")
     else:
@@ -196,4 +195,4 @@ def _fit_in_space(samples: Samples, rows: NDArray[np.intp], view: str, seed: int
         template = unknown_structure(
             samples.joint_names, samples.revolute, extent, samples.unit, metre
         )
-    return fit_structure(template, q, x, simulated=simulated, seed=seed, notes=notes)
+    return fit(template, q, x, simulated=simulated, seed=seed, notes=notes)

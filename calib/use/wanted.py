@@ -18,7 +18,6 @@ from ..model.model import Model
 from ..model.nominal import moves_in_space, nominal_arm, nominal_in_plane, nominal_in_space
 from ..model.space import REACHED, Space
 from .geometry import fit_geometry, frame_is_free, frames, is_simulated
-from .planar_geometry import PlanarGeometry
 
 _POSED = 6  # joints from which on a tool's orientation can be kept
 
@@ -103,5 +102,5 @@ def _found(model: Model, view: str, cause: str) -> Wanted:
         beta = nominal_in_space(fit.structure, fit.beta)
         return Wanted(partial(fit.structure.predict, beta=beta), moved, free)
     geometry = fit_geometry(model, view=view, cause=cause) if free and not in_space else None
-    behind = [geometry.frame] if isinstance(geometry, PlanarGeometry) else []
-    return Wanted(nominal_arm(model).forward, [*behind, *moved], free)
+    seen = None if geometry is None else geometry.frame
+    return Wanted(nominal_arm(model).forward, [*([seen] if seen else []), *moved], free)

@@ -69,7 +69,6 @@ def export(
             say(["the ends of the motors' ranges move with their zeros: drive to them with care"])
     if output is not None and lerobot is None:
         header = c_header(loaded, prefix=prefix, single=single)
-        say(header.notes)
         document |= {"bytes": len(header.text), "table_bytes": header.tables}
         size = f"tables of {header.tables / 1024:.1f} kB, {len(header.text) / 1e3:.0f} kB text"
         made["output"] = header.text, f"{'float' if single else 'double'}, {size}"

@@ -100,7 +100,7 @@ def _told(query: Query, q: Any, readout: str | None) -> dict[str, Array]:
     x = model.forward(q, readout)
     told = dict(zip(model.axes, x.T, strict=True))
     if len(model.axes) == 3:
-        from calib.body.poses import knows_orientation
+        from calib.body.belief import knows_orientation
 
         if knows_orientation(model.body):
             turns = model.pose(rows)[1].reshape(*x.shape[:-1], 4)

@@ -1,7 +1,5 @@
 """Planar arms: kinematics against closed forms, Pinocchio and finite differences."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from chains import SLIDE, chain_urdf, turning

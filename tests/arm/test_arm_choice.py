@@ -1,7 +1,5 @@
 """Which arm of a robot is chosen, and what is told where none can be."""
 
-from __future__ import annotations
-
 import sys
 
 import numpy as np

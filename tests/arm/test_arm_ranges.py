@@ -1,7 +1,5 @@
 """Ranges of an arm's joints: limits, turns, locked values."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from calib_cli.translation import as_typed

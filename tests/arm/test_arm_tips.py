@@ -1,7 +1,5 @@
 """Which tip of a robot is followed, and which like arms are named beside it."""
 
-from __future__ import annotations
-
 import pytest
 from chains import branching
 

@@ -1,7 +1,5 @@
 """URDF input that cannot be used: one line each, naming the value and the remedy."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

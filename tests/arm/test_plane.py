@@ -1,7 +1,5 @@
 """Planes: the axis rule, the fit, and the way there and back."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given

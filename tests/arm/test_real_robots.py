@@ -1,7 +1,5 @@
 """Real robots from example-robot-data (PyPI): they load as they are, or say why not."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The bundled robots: what issue and tables promise about them."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Spatial arms: what is chosen, and kinematics that agree with Pinocchio."""
 
-from __future__ import annotations
-
 import numpy as np
 import pinocchio as pin
 import pytest

@@ -1,7 +1,5 @@
 """URDF text that is accepted: what is read from it, and what is mended aloud."""
 
-from __future__ import annotations
-
 import numpy as np
 import pinocchio as pin
 import pytest

@@ -1,7 +1,5 @@
 """The direction of approach, and bounds that cover what no encoder reads."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 

@@ -1,7 +1,5 @@
 """The bound: closed forms, leave-block-out against refits, coverage of a known case."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

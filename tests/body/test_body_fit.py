@@ -1,12 +1,11 @@
 """The fit of a body: exact recovery, signs, mirrors, gate, determinism, odd input."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
-from calib.body.fitting import fit_body
+from calib.body import fitting
 from calib.body.nominal import Nominal
+from calib.body.planar import planar_structure
 from calib.body.telling import warnings_of
 
 LENGTHS = np.array([0.3, 0.25, 0.15])
@@ -27,8 +26,8 @@ def rows(n, dof, seed=0, reach=1.5):
 
 
 def fit(q, z, **options):
-    n = q.shape[1]
-    return fit_body(q, z, joint_names=[f"j{i}" for i in range(n)], revolute=[True] * n, **options)
+    names = [f"j{i}" for i in range(q.shape[1])]
+    return fitting.fit(planar_structure(z, names, [True] * len(names), **options), q, z)
 
 
 @pytest.mark.parametrize("dof", [1, 2, 3])
@@ -52,7 +51,8 @@ def test_a_slide_is_found_to_rounding():
         p = np.exp(1j * q[:, 0]) * (0.2 + q[:, 1] * np.exp(0.3j))
         return seen(p + 0.15 * np.exp(1j * (q[:, 0] + q[:, 2])))
 
-    fitted = fit_body(q, arm(q), joint_names="abc", revolute=(True, False, True), simulated=True)
+    structure = planar_structure(arm(q), "abc", (True, False, True), simulated=True)
+    fitted = fitting.fit(structure, q, arm(q))
     ask = rows(50, 3, seed=4)
     assert np.abs(fitted.body.predict(ask) - arm(ask)).max() < 1e-12
 

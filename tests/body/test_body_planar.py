@@ -1,7 +1,5 @@
 """The planar structure: closed forms, derivatives by finite differences, invariants."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -79,20 +77,6 @@ def test_derivatives_by_finite_differences(revolute, view, signs, mirror):
         step[k] = h
         slope = (s.predict(q + step, beta) - s.predict(q - step, beta)) / (2 * h)
         assert np.allclose(by_joint[:, :, k], slope, atol=1e-7)
-
-
-def test_turning_every_joint_the_other_way_is_a_mirror():
-    one, other = structure(), structure(signs=(-1, -1), mirror=-1)
-    beta = some_beta(one)
-    flipped = beta.copy()
-    for group in ("offset", "elastic", "curve.0", "curve.1"):
-        flipped[one.groups[group]] *= -1
-    # sin of the nominal angles changes sign with them
-    flipped[one.groups["elastic"][1::2]] *= -1
-    for each in (beta, flipped):
-        each[2:4] = each[6:11] = 0.0  # a rigid view
-    q = np.random.default_rng(4).uniform(-1, 1, (6, 2))
-    assert np.allclose(one.predict(q, beta), other.predict(q, flipped), atol=1e-14)
 
 
 def test_a_rotated_sensor_is_an_offset_of_the_first_joint():

@@ -1,15 +1,14 @@
 """A body in a model file: the round trip, hostile headers and arrays, scalar queries."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np
 import pytest
 
+from calib.body import fitting
 from calib.body.belief import Body
-from calib.body.fitting import fit_body
 from calib.body.nominal import Nominal
+from calib.body.planar import planar_structure
 from calib.model_file.contents import FORMAT
 
 
@@ -25,9 +24,8 @@ def a_log(n=60):
 @pytest.fixture(scope="module")
 def body() -> Body:
     q, z = a_log(150)
-    fitted = fit_body(
-        q, z, joint_names=("a", "b"), revolute=(True, True), nominal=Nominal((0.3, 0.25), (0, 0))
-    )
+    structure = planar_structure(z, ("a", "b"), (True, True), Nominal((0.3, 0.25), (0, 0)))
+    fitted = fitting.fit(structure, q, z)
     assert fitted.body.second is not None
     return fitted.body
 

@@ -1,7 +1,5 @@
 """Corners of a board: the camera in the hand, the board in the hand, against a known truth."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,13 +1,12 @@
 """Most telling poses: the greedy gain of information, against what direct algebra says."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
-from calib.body.fitting import fit_body
+from calib.body import fitting
 from calib.body.likeness import lengths_of, matern
 from calib.body.most_telling import most_telling
+from calib.body.planar import planar_structure
 
 NONE = np.zeros((0, 2))
 
@@ -20,7 +19,7 @@ def body():
     angle = np.cumsum(q, axis=1)
     x = np.stack([np.cos(angle) @ [0.3, 0.25], np.sin(angle) @ [0.3, 0.25]], axis=1)
     x += 2e-4 * rng.standard_normal(x.shape)
-    return fit_body(q, x, joint_names=("a", "b"), revolute=(True, True)).body
+    return fitting.fit(planar_structure(x, ("a", "b"), (True, True)), q, x).body
 
 
 def information(body, q):

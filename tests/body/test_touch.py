@@ -1,7 +1,5 @@
 """Touches: an arm whose tip was in the same sockets again and again, against a known truth."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from touching import MM, World

@@ -1,7 +1,5 @@
 """Check: what undisturbed and changed arms look like to a model."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from functools import cache

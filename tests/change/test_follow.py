@@ -1,7 +1,5 @@
 """Maps that follow a stream: the online rule, its schedules, and what it stores."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import partial
 

@@ -1,7 +1,5 @@
 """Online adaptation: the paper's eq. 9 to 12 on a stream."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -11,7 +9,6 @@ from drifting import arm, error, log, model
 import calib
 from calib.change.follow import BLOCK, OnlineAdapter, follow
 from calib.errors import OptionError
-from calib.maps import dsom
 from calib.maps.graph import Graph
 
 HORIZON = 3000
@@ -60,17 +57,6 @@ def test_nodes_that_are_no_longer_visited_lose_their_links():
     strength = np.asarray(followed.links.sum(axis=0)).ravel()
     assert (strength[far] == 0).all()
     assert np.isnan(followed.inverse(model().forward([0.3, 0.3]))).all()
-
-
-def test_a_dsom_follows_by_its_own_rule():
-    about = replace(model().about, options={**model().about.options, "map": "dsom"})
-    samples, before = log("elbow.length=+20%", n=BLOCK, noise=0.0), model().sensory
-    adapter = OnlineAdapter(replace(model(), about=about), HORIZON, force=True)
-    adapter.feed(samples.q, samples.x)
-    weights = before.units.copy()
-    dsom.present_dsom(weights, before.lattice, before.scale.to_unit(samples.x))
-    assert np.array_equal(adapter.model().sensory.units, weights)
-    assert np.abs(weights - before.units).max() > 1e-3
 
 
 def test_a_growing_gas_says_why_it_does_not_follow():

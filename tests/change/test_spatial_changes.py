@@ -1,7 +1,5 @@
 """An arm in space: `check` and `adapt` name what changed, in numbers and words."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The commands check and adapt, and what they refuse."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

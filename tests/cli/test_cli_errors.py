@@ -1,7 +1,5 @@
 """Bad input: one clear line on standard error, nothing on standard output, no file."""
 
-from __future__ import annotations
-
 import json
 import re
 from pathlib import Path

@@ -1,7 +1,5 @@
 """`calib train`, `evaluate`, `info`, `babble` and `robots`: what they write and print."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

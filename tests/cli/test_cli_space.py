@@ -1,7 +1,5 @@
 """Arms in space before a camera, on the command line, against a projection of its own."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The command `calib plan`."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Ctrl-C and SIGTERM, at every stage: no traceback, no result, nothing left, the old file whole."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess

@@ -1,7 +1,5 @@
 """Logs: damaged and odd tables, whose accepted rows have to be what a plain reader finds."""
 
-from __future__ import annotations
-
 import csv
 import io
 import math

@@ -1,7 +1,5 @@
 """Steps in joint space: the rate and the slide along the self-motion, by the textbook."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from models import trained

@@ -159,17 +159,6 @@ def test_command_writes_what_python_answers(saved, run):
     assert done.out == ""
 
 
-def test_command_starts_where_it_is_told(saved, run):
-    for degrees, start in (((), "-0.1,1.5"), (("--degrees",), "10,80")):
-        done = run(
-            *("query", "path", saved / "full.calib", "--input", saved / "way.csv"),
-            *("--step", "inf", "--json", "--from", start if degrees else "0.1,1.5", *degrees),
-        )
-        assert done.code == 0, done.err
-        assert done.document["rows"] == 4
-        assert min(done.document["path"]["elbow"]) > 0
-
-
 def test_command_says_no_where_there_is_no_way(saved, run):
     far = saved / "far.csv"
     far.write_text("x,y\n0.3,0.3\n0.6,0.6\n")
@@ -177,25 +166,6 @@ def test_command_says_no_where_there_is_no_way(saved, run):
     assert done.code == 3
     assert done.document["out_of_reach"]
     assert "out of reach" in done.err
-
-
-@pytest.mark.parametrize(
-    ("text", "code", "part"),
-    [
-        ("", 1, "empty"),
-        ("x,y\n", 1, "2 waypoints or more, got 0"),
-        ("x,y\n0.3,0.3\n", 1, "2 waypoints or more, got 1"),
-        ("x,z\n1,2\n", 1, "y"),
-        ("x,y\n0.3,0.3\nnan,0\n0.3,0.35\n", 1, "row 2 of 3"),
-    ],
-)
-def test_bad_files_are_told_in_one_line(text, code, part, saved, run):
-    bad = saved / "bad.csv"
-    bad.write_text(text)
-    done = run("query", "path", saved / "full.calib", "--input", bad, "--output", saved / "o.csv")
-    assert done.code == code
-    assert part in done.err
-    assert len(done.err.strip().splitlines()) == 1
 
 
 def test_a_waypoint_far_away_is_left_out_and_told(tmp_path, run):

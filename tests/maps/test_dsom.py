@@ -77,13 +77,3 @@ def test_rules_of_single_samples_show_all_of_them_so_often_unless_told(name, pas
     )
     assert usual.units.tobytes() == told.units.tobytes() != more.units.tobytes()
     assert len(usual.history) == passes
-
-
-def test_a_model_of_dsoms_answers_and_survives_a_file(tmp_path):
-    log = calib.babble(calib.load_arm("two_link"), 1500, seed=0)
-    model = calib.train(log, size=10, map="dsom")
-    model.save(tmp_path / "m.calib")
-    again = calib.load(tmp_path / "m.calib")
-    assert model.about.errors["activity"]["forward"]["distance"]["mean"] < 0.04
-    q = log.q[:5]
-    assert again.forward(q, "activity") == pytest.approx(model.forward(q, "activity"), nan_ok=True)

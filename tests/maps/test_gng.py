@@ -67,18 +67,6 @@ def test_a_gas_leaves_a_hole_empty_that_a_lattice_crosses():
     assert gap["gng"] == 0 < gap["som"]
 
 
-def test_a_model_of_gases_survives_a_file(tmp_path):
-    log = calib.babble(calib.load_arm("two_link"), 1500, seed=0)
-    model = calib.train(log, size=10, map="gng")
-    model.save(tmp_path / "m.calib")
-    again = calib.load(tmp_path / "m.calib")
-    assert (again.motor.edges == model.motor.edges).all()
-    assert again.motor.lattice.shape == (model.motor.size,)
-    assert model.about.errors["activity"]["forward"]["distance"]["mean"] < 0.03
-    q = log.q[:5]
-    np.testing.assert_array_equal(again.forward(q), model.forward(q))
-
-
 def test_a_node_without_an_edge_hands_its_turn_to_the_worst_edge():
     weights = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [5.0, 5.0]])
     g = Gas(weights, np.array([1.0, 2.0, 4.0, 9.0]), np.array([[0, 1], [0, 2]]), np.zeros(2))

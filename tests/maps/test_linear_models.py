@@ -7,7 +7,7 @@ from calib.common.choices import MAP_READOUTS
 from calib.common.scale import Scale
 from calib.maps.association import Association
 from calib.maps.lattice import Lattice
-from calib.maps.linear_models import LinearModels, regress
+from calib.maps.linear_models import regress
 from calib.maps.links import WIRINGS
 from calib.maps.map import Map
 from calib.maps.som import SOM
@@ -91,13 +91,3 @@ def test_the_regression_is_that_of_the_normal_equations():
     power = z.T @ (w[:, None] * z)
     power += 1e-2 * np.trace(power) / 2 * np.eye(2)
     np.testing.assert_allclose(slope[0], np.linalg.solve(power, z.T @ (w[:, None] * value[0])))
-
-
-def test_a_node_without_links_goes_on_from_its_neighbour():
-    motor = grid(5)
-    strength = np.ones(25)
-    strength[:10] = 0.0
-    activity = WIRINGS["reciprocal"].activity(motor, motor.units)
-    models = LinearModels.of(motor, motor.units, plane(motor.units), strength, activity)
-    assert np.isfinite(models.values).all()
-    np.testing.assert_allclose(models.values, plane(motor.units), atol=0.02)

@@ -1,7 +1,5 @@
 """The radius that a stream starts again from (eq. 10): where training had the same error."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """The paper's algorithm: every equation against plain NumPy, and what it reaches."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """The same seed gives the same bytes: in two processes, with one thread or more."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess
@@ -13,6 +11,7 @@ import pytest
 RECIPES = {
     "two links": {},
     "two links, online rule": {"rule": "online"},
+    "two links, dsom": {"map": "dsom", "n": 200, "size": 4},
     "two links, growing neural gas": {"map": "gng", "n": 300, "size": 5},
     "three links": {"robot": "three_link", "size": 4, "n": 300},
     "a log": {"log": 60, "size": 4},

@@ -1,7 +1,5 @@
 """What a model remembers of its log, how its file is named, and how it is shown."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The manual: its commands and code run, its links lead somewhere, its references are current."""
 
-from __future__ import annotations
-
 import importlib.util
 import re
 import shutil

@@ -1,7 +1,5 @@
 """Logs from videos, and the commands: right where they are made, one line where they are not."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 

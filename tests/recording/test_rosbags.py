@@ -1,7 +1,5 @@
 """Bags: ROS 1, ROS 2 and MCAP recordings become logs."""
 
-from __future__ import annotations
-
 import sys
 
 import numpy as np

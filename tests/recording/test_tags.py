@@ -1,7 +1,5 @@
 """Tags and boards in rendered pictures, against the renderer's own projection."""
 
-from __future__ import annotations
-
 import re
 import subprocess
 import sys
@@ -15,13 +13,12 @@ import cv2
 from rendering import Camera, Desk, board, board_shots, tag
 
 from calib.errors import OptionError
-from calib.recording.board import Board, BoardFinder, parse_length
+from calib.recording.board import Board, BoardFinder
 from calib.recording.lens import Lens, calibrate_lens, read_lens
 from calib.recording.patterns import crossing
 from calib.recording.printing import print_board, print_tag
-from calib.recording.reference import PlaneReference, find_pose, square_pose
 from calib.recording.setting import load_lens
-from calib.recording.tags import TagFinder, dictionary_names, find_dictionary, tag_cells
+from calib.recording.tags import TagFinder, find_dictionary, tag_cells
 
 SMALL = Camera(size=(640, 480), focal=600.0)
 BOARD = Board.parse("7x5:24mm:18mm:5x5_100")
@@ -97,23 +94,6 @@ def test_diagonals_cross_at_the_middle_under_any_perspective():
         middle = H @ [0, 0, 1]
         found = crossing(100 * seen[:, :2] / seen[:, 2:])
         assert np.allclose(found, 100 * middle[:2] / middle[2], atol=1e-9)
-
-
-def test_dictionaries_are_found_by_any_of_their_names():
-    assert find_dictionary("36h11") is find_dictionary("36h11")
-    for name in ("apriltag_36h11", "DICT_APRILTAG_36H11", "36h11"):
-        assert len(find_dictionary(name).bytesList) == 587
-    assert "5x5_100" in dictionary_names()
-    with pytest.raises(OptionError, match="did you mean"):
-        find_dictionary("apriltag_36h12")
-    with pytest.raises(OptionError, match="expected 0 to 586"):
-        TagFinder(wanted=[587])
-
-
-@pytest.mark.parametrize("text", ["24", "-3mm", "24 km", "nan mm"])
-def test_a_length_needs_a_number_and_a_unit(text):
-    with pytest.raises(OptionError, match="such as 24mm"):
-        parse_length(text)
 
 
 @pytest.mark.parametrize(
@@ -196,33 +176,6 @@ def test_a_folder_of_pictures_becomes_a_lens_that_is_kept(tmp_path):
     again, none = load_lens(tmp_path / "lens.json", None)
     assert none == ()
     assert (again.parameters == lens.parameters).all()
-
-
-def test_a_ray_is_cut_with_the_plane_of_the_tag():
-    camera = Camera()
-    rng = np.random.default_rng(7)
-    world = np.c_[rng.uniform([0, -0.1], [0.4, 0.3], (50, 2)), np.zeros(50)]
-    lens = true_lens(camera)
-    pose = find_pose(lens, BOARD.corners(), camera.project(BOARD.corners()))
-    assert pose.rms < 1e-6
-    assert np.allclose(pose.camera, camera.position, atol=1e-6)
-    flat, raised = PlaneReference(lens, pose), PlaneReference(lens, pose, 0.025)
-    assert np.allclose(flat.positions(camera.project(world)), world[:, :2], atol=1e-8)
-    high = world + np.array([0.0, 0.0, 0.025])
-    assert np.allclose(raised.positions(camera.project(high)), high[:, :2], atol=1e-8)
-    wrong = flat.positions(camera.project(high))  # the height not given
-    assert np.linalg.norm(wrong - high[:, :2], axis=1).max() > 0.01
-
-
-def test_pose_of_a_tag():
-    camera = Camera()
-    sticker = tag(7, 0.04, (0.2, 0.1, 0.03, 0.8), tilt=(0.3, -0.2, 0.1))
-    turn, at = sticker.frame
-    half = 0.02
-    square = np.array([[-half, half, 0], [half, half, 0], [half, -half, 0], [-half, -half, 0]])
-    pose = square_pose(true_lens(camera), camera.project(square @ turn.T + at), 0.04)
-    assert np.allclose(pose.rotation, camera.rotation @ turn, atol=1e-5)
-    assert np.allclose(pose.shift, camera.rotation @ (at - camera.position), atol=1e-6)
 
 
 def rasterised(svg, per_mm):

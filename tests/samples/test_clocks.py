@@ -1,14 +1,10 @@
 """Clocks of a camera and of joints: what is accepted is right, what is doubtful is refused."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
 from calib.recording.clocks import SURE, ClockError, align_clocks, joints_at
 from calib.recording.track import (
-    Judge,
-    harmonics,
     row_shift,
     stuck,
 )
@@ -93,19 +89,6 @@ def test_a_frame_rate_that_is_far_off_is_refused():
         align_clocks(time, x, joint_time, q)
 
 
-def test_blocks_held_out_in_closed_form_are_those_left_out():
-    rng = np.random.default_rng(6)
-    q, x = rng.uniform(-1, 1, (40, 2)), rng.normal(size=(40, 2))
-    x -= x.mean(0)
-    miss = Judge(q, blocks=4, soft=1e-2).miss(x)
-    rest = np.r_[0:10, 20:40]
-    K = harmonics(q, q) + 1.0
-    predicted = K[10:20][:, rest] @ np.linalg.solve(
-        K[np.ix_(rest, rest)] + 1e-2 * np.eye(30), x[rest]
-    )
-    assert np.allclose(miss[10:20], x[10:20] - predicted)
-
-
 @pytest.mark.parametrize("shift", [-2, -1, 1, 2])
 def test_a_shift_of_rows_is_noticed(shift):
     rng = np.random.default_rng(8)
@@ -133,10 +116,3 @@ def test_a_second_tag_is_told_from_the_tip():
     hidden = [3, 17, 30, 44]
     x[hidden] = rng.normal([100.0, 200.0], 0.05, (4, 2))
     assert np.flatnonzero(stuck(q, x)).tolist() == hidden
-
-
-def test_an_arm_that_comes_back_to_a_posture_is_not_stuck():
-    rng = np.random.default_rng(10)
-    q = rng.uniform(-1, 1, (40, 2))
-    q[10:40:5] = q[10]
-    assert not stuck(q, pixels(q)).any()

@@ -1,7 +1,5 @@
 """What a log of a known robot shows to be wrong: units, columns, mirrors, lags, planes."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings

@@ -13,7 +13,7 @@ from log_files import GOOD, refused
 
 from calib import train
 from calib.arm.loading import load_arm
-from calib.errors import CalibError, LogError, OptionError
+from calib.errors import CalibError, LogError
 from calib.samples.babbling import babble
 from calib.samples.locked import locked_from_log
 from calib.samples.logs import read_log, write_log
@@ -121,36 +121,6 @@ def test_parquet_of_other_types(tmp_path):
     refused(path, "row 2, column 'b': 'two'")
 
 
-@given(st.data())
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=60)
-def test_a_damaged_parquet_file_is_a_log_or_a_one_line_error(arm, tmp_path, data):
-    """Polars may print a trace of its own on standard error besides."""
-    path = tmp_path / "log.parquet"
-    write_log(babble(arm, 50), path)
-    content = bytearray(path.read_bytes())
-    for _ in range(data.draw(st.integers(1, 5))):
-        content[data.draw(st.integers(4, len(content) - 1))] ^= data.draw(st.integers(1, 255))
-    path.write_bytes(content[: data.draw(st.integers(4, len(content)))])
-    error = ""
-    try:
-        assert np.isfinite(read_log(path, arm).q).all()
-    except CalibError as caught:
-        error = str(caught)
-    assert len(error.splitlines()) <= 1
-
-
-@given(st.binary(max_size=200) | st.text(alphabet="a,bxy\n10.-\"'", max_size=200).map(str.encode))
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
-def test_any_bytes_are_a_log_or_a_one_line_error(file, content):
-    for start in (b"", b"a,b,x,y\n", b"PAR1"):
-        error = ""
-        try:
-            assert np.isfinite(read_log(file(start + content), joints=["a", "b"]).q).all()
-        except CalibError as caught:
-            error = str(caught)
-        assert len(error.splitlines()) <= 1
-
-
 def test_positions_in_space_get_their_plane(file):
     rng = np.random.default_rng(0)
     q, flat = rng.random((200, 2)), rng.random((200, 2))
@@ -181,17 +151,6 @@ def test_locked_joints_are_the_medians_of_their_columns(file):
     assert locked_from_log(path, ["other"]) == ({}, ())
     with pytest.raises(LogError, match="no column 'pam': did you mean 'pan'"):
         locked_from_log(path, ["w"], columns={"w": "pam"})
-
-
-def test_columns_may_name_locked_joints_too(tmp_path):
-    arm = load_arm("three_link", joints=["shoulder", "elbow"])
-    path = tmp_path / "log.parquet"
-    state = [[0.1, 0.5, 0.3], [0.2, 0.7, 0.3], [0.4, 0.6, 0.3]]
-    pl.DataFrame({"s": state, "x": [1, 2, 4], "y": [1, 3, 4]}).write_parquet(path)
-    columns = {"shoulder": "s[0]", "elbow": "s[1]", "wrist": "s[2]"}
-    assert read_log(path, arm, columns=columns).q.tolist() == [row[:2] for row in state]
-    assert locked_from_log(path, ["wrist"], columns=columns) == ({"wrist": 0.3}, ())
-    refused(path, "choices: .*wrist", OptionError, arm=arm, joints=None, columns={"wrst": "s[2]"})
 
 
 def test_a_batch_keeps_its_order_and_names_its_bad_rows(file):

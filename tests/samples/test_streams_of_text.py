@@ -1,7 +1,5 @@
 """Streams: pipes as logs, small alphabets and narrow terminals; see also tests/hostile."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """Preview: what its page draws, its server, its command."""
 
-from __future__ import annotations
-
 import json
 import os
 import re

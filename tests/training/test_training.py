@@ -8,7 +8,6 @@ from models import draw, log, measured, no_arm, papers, trained, two_link
 from planar import chain_urdf
 
 import calib
-from calib.samples.simulation import Simulation
 from calib.training.map_choice import resolved
 
 MM = 1e-3
@@ -99,13 +98,6 @@ def test_blocks_held_out_are_contiguous():
     assert 0.9 * shift < errors["max"] < 1.1 * shift
 
 
-def test_three_joints_get_a_lattice_of_three_axes():
-    assert len(trained("three_link").motor.lattice.shape) == 3
-    assert trained("three_link").sensory.lattice.shape == (20, 20)
-    samples = calib.babble(calib.load_arm("three_link"), 20_000)
-    assert resolved(samples, calib.TrainingOptions())[0].shapes == ((17, 17, 17), (70, 70))
-
-
 def test_an_arm_whose_limits_no_sample_came_near_is_learned(tmp_path):
     # nothing can be said about the joints' limits there, which is no reason to say nothing
     path = tmp_path / "chain.urdf"
@@ -117,15 +109,6 @@ def test_an_arm_whose_limits_no_sample_came_near_is_learned(tmp_path):
     assert known.mean() > 0.5
     gap = np.linalg.norm(answers - samples.x, axis=1)
     assert (gap <= model.expected_error(samples.q))[known].mean() > 0.8
-
-
-def test_a_changed_arm_is_learned_as_it_is():
-    arm = calib.load_arm("two_link")
-    changes = ["elbow.length=+20%", "sensor.mirror=x"]
-    model = calib.train(calib.babble(arm, 1500, changes=changes), size=10)
-    q = draw(model, 200, seed=1)
-    truth = Simulation(arm, changes=changes).exact(q)
-    assert np.abs(model.forward(q) - truth).max() < 1e-6
 
 
 def test_ripples_of_a_gear_are_learned_by_the_local_models():

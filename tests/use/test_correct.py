@@ -1,7 +1,5 @@
 """Correct: the compensation that a controller takes."""
 
-from __future__ import annotations
-
 import csv
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """The exported C header answers as the model does, as C99 and as C++17, in double and float."""
 
-from __future__ import annotations
-
 import re
 import shutil
 import subprocess

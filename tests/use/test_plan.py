@@ -1,7 +1,5 @@
 """Plans: within the limits, spread, in a short order; what is impossible is told."""
 
-from __future__ import annotations
-
 import itertools
 import math
 

@@ -1,7 +1,5 @@
 """The corrected arm in the files of others."""
 
-from __future__ import annotations
-
 import json
 from xml.etree import ElementTree
 
