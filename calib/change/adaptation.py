@@ -1,30 +1,21 @@
-"""An adaptation: what came of a model and a log, and how the paper's rule makes one.
-
-`calib.change.adapt` makes one by a Bayesian update; the paper's rule (eq. 10 to 12) re-forms maps
-and links sample by sample.
-"""
+"""An adaptation: what came of a model and a log, and the new model with its facts."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from ..common.arrays import Array
 from ..common.rows import thinned
-from ..maps.model_selection import better, blocks
-from ..maps.node_bounds import learn_bounds
 from ..model.alignment import Alignment
 from ..model.baseline import learn_baseline
 from ..model.measured import Rows
 from ..model.model import Model
 from ..training.evaluate import error_sizes, evaluate_residuals, summarise
-from ..training.learn import Progress
 from .cause import Cause
-from .causes import find_causes
 from .comparison import Comparison
-from .follow import BLOCK, HORIZON, OnlineAdapter
 
 _BASELINE = 6000  # imagined samples that tell what is usual after an adaptation
 _EVALUATED = 500  # rows that the readouts are evaluated on
@@ -74,7 +65,7 @@ class Adaptation:
     changed: tuple[Cause, ...]
     kept: tuple[str, ...]
     coverage: float
-    notes: tuple[str, ...] = field(default=())
+    notes: tuple[str, ...] = ()
     everywhere: bool = True
     left_out: int = 0
 
@@ -93,40 +84,31 @@ def finished(
     held: Array,
     residual: Array,
     method: str,
-    frame: Alignment | None,
-) -> Model:
-    """The new model with its facts, its baseline and the history of the old one.
+    frame: Alignment | None = None,
+) -> Adaptation:
+    """The adaptation with the new model, its facts, its baseline and the history of the old one.
 
     held, residual : (k, dof) and (k, m) [unit], joints of held-out rows, and how far they are from
         what the others predict
     """
-    old = found.model
+    old, readout = found.model, fresh.default_readout
     some = thinned(len(found.q), _EVALUATED)
     errors = summarise(evaluate_residuals(fresh, found.q[some], found.x[some], None))
     # rows that were held out tell the error of the default readout, and how it keeps its bound
-    readout = fresh.default_readout
     errors = {name: each for name, each in errors.items() if name != "body" or name == readout}
     after = np.linalg.norm(residual, axis=1)
     for axis, part in zip("xyz", residual.T, strict=False):
         errors[readout]["forward"][axis] = error_sizes(part)
     errors[readout]["forward"]["distance"] = error_sizes(after)
-    bound = fresh.expected_error(held)
-    within = {
-        "p95": float(np.quantile(after, 0.95)),
-        "covered": float(np.mean(after <= np.nan_to_num(bound) + 1e-12)),
-    }
+    covered = np.mean(after <= np.nan_to_num(fresh.expected_error(held)) + 1e-12)
     usual = old.about.errors.get(readout, {}).get("forward", {}).get("distance", {})
+    told = ("samples", "outliers", "before", "after", "correction", "coverage")
     event: dict[str, Any] = {
         "event": "adapted",
         "method": method,
-        "samples": made.samples,
-        "outliers": made.outliers,
-        "before": made.before,
-        "after": made.after,
-        "correction": made.correction,
+        **{name: getattr(made, name) for name in told},
         "changed": [c.to_json() for c in made.changed],
         "kept": list(made.kept),
-        "coverage": made.coverage,
         "frame": None if frame is None else frame.to_json(),
         "from": {
             "source": old.about.source,
@@ -137,11 +119,12 @@ def finished(
     }
     about = old.about.measured(
         samples=made.samples, unit=found.unit_seen, errors=errors, notes=made.notes,
-        tested=len(after), left_out=made.left_out, within=within,
+        tested=len(after), left_out=made.left_out,
+        within={"p95": float(np.quantile(after, 0.95)), "covered": float(covered)},
     )  # fmt: skip
     points = np.random.default_rng(0).random((_BASELINE, found.q.shape[1]))
     baseline = learn_baseline(fresh.association, points, fresh.predictor.value(points), after)
-    return replace(
+    model = replace(
         fresh,
         about=about,
         baseline=baseline,
@@ -150,46 +133,4 @@ def finished(
         # a camera that was moved sees another picture
         photo=old.photo if method == "few-shot" and frame is None else None,
     )
-
-
-def adapt_online(found: Comparison, report: Progress) -> Adaptation:
-    """Show a log to the online rule, again and again where it is short."""
-    model, kept = found.model, found.kept
-    u, q, x = found.u[kept], found.q[kept], found.x[kept]
-    # every tenth block is kept apart to judge by
-    held = np.concatenate(blocks(len(u), max(10, len(u) // BLOCK))[4::10])
-    learned = np.setdiff1d(np.arange(len(u)), held)
-    adapter = OnlineAdapter(model, max(HORIZON, len(learned)), force=True)
-    shown = 0
-    while shown < HORIZON:  # a short stream is shown again
-        step = adapter.feed(q[learned], x[learned])
-        shown += len(learned)
-        report(0.9 * min(1.0, shown / HORIZON), "online", step.error)
-    fresh = adapter.model()
-    before = found.missed[kept][held]
-    residual = x[held] - fresh.predictor.value(u[held])
-    after = np.linalg.norm(residual, axis=1)
-    known = np.isfinite(fresh.expected_error(q[held]))
-    notes = found.notes
-    if shown > len(learned):
-        notes.append(f"{len(learned)} samples were shown {shown // len(learned)} times")
-    causes, unsettled = find_causes(found, found.changed or not found.explained)
-    made = Adaptation(
-        model,
-        better(after, before) and bool(known.mean() > 0.5),
-        len(u),
-        found.outliers,
-        error_sizes(before),
-        error_sizes(after),
-        "maps and Hebbian links trained online",
-        tuple(c for c in causes if c.cause != "noise"),
-        (),
-        found.coverage,
-        (*notes, *unsettled),
-        left_out=found.left_out,
-    )
-    if not made.improved:
-        return made
-    bounds = learn_bounds(fresh.motor, u[held], after)
-    fresh = replace(fresh, bounds=bounds, model_bounds=bounds)
-    return replace(made, model=finished(found, made, fresh, q[held], residual, "online", None))
+    return replace(made, model=model)

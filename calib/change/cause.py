@@ -3,34 +3,39 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import asdict, dataclass
+from typing import Any, NamedTuple
 
 from ..body.parameters import Label
 
-AS_ONE = {
-    "view.scale": "the sensor's scale changed",
-    "view.shear": "the sensor's axes are stretched or sheared",
-    "view.tilt": "the camera is tilted",
-    "lens": "the sensor's frame is bent, as by a lens",
-    "elastic": "{joint} bends under load, by up to {size:.3g} deg",
-    "curve": "{joint} has another error curve, by up to {size:.3g} deg",
-}
-"""Groups of which all parameters are told as one cause, in words."""
 
-KEPT = {
-    "view.rotation": "the sensor's frame",
-    "view.scale": "the sensor's scale",
-    "view.tilt": "the camera's tilt",
-    "lens": "the lens",
-    "length": "the links' lengths",
-    "offset": "the joints' offsets",
-    "gain": "the joints' gains",
-    "elastic": "elasticity",
-    "placement": "the joints' placements",
-    "tool": "the tool",
+class Words(NamedTuple):
+    """A group of parameters in words."""
+
+    kept: str  # of what an adaptation leaves as it was; "" where that is not told
+    # of a change; `value` and `half` its interval are in deg or %
+    changed: str = "{name} changed by {raw:.4g} ± {raw_half:.2g} {unit}"
+    whole: bool = False  # whether all of its parameters are one cause
+
+
+_OFF = "{who} is off by {value:+.3g} ± {half:.2g} deg"
+WORDS = {
+    "view.rotation": Words("the sensor's frame"),
+    "view.scale": Words("the sensor's scale", "the sensor's scale changed by {value:+.3g} %", True),
+    "view.shear": Words("", "the sensor's axes are stretched or sheared", True),
+    "view.tilt": Words("the camera's tilt", "the camera is tilted", True),
+    "lens": Words("the lens", "the sensor's frame is bent, as by a lens", True),
+    "length": Words("the links' lengths", "the link of {joint} is {share}{size} {longer}"),
+    "offset": Words("the joints' offsets", _OFF),
+    "gain": Words(
+        "the joints' gains", "{joint} moves {value:+.3g} ± {half:.2g} % further than it says"
+    ),
+    "elastic": Words("elasticity", "{joint} bends under load, by up to {most:.3g} deg", True),
+    "placement": Words("the joints' placements"),
+    "tool": Words("the tool"),
+    "curve": Words("", "{joint} has another error curve, by up to {most:.3g} deg", True),
 }
-"""Groups in the words of what an adaptation leaves as it was."""
+"""What is said of each group; its numbers are those of the posterior."""
 
 
 @dataclass(frozen=True)
@@ -53,31 +58,32 @@ class Cause:
         return Cause(name, group, words, value, (value - half, value + half), unit)
 
     @staticmethod
-    def of_parameter(label: Label, old: float, change: float, sd: float) -> Cause:
-        """A cause that one parameter tells: its old value, its change and that one's sd."""
-        value, half = float(change), 1.96 * float(sd)
-        joint, unit = label.joint or "", label.unit
-        if unit == "rad":
-            words = f"{joint} is off by {math.degrees(value):+.3g} ± {math.degrees(half):.2g} deg"
-        elif label.group == "length":
-            size = f"{100 * abs(value / old) if old else math.nan:.3g} %"
-            if unit == "m":
-                size += f" ({1e3 * abs(value):.3g} ± {1e3 * half:.2g} mm)"
-            words = f"the link of {joint} is {size} {'longer' if value > 0 else 'shorter'}"
-        elif label.group == "gain":
-            words = f"{joint} moves {100 * value:+.3g} ± {100 * half:.2g} % further than it says"
-        else:
-            words = f"{label.name} changed by {value:.4g} ± {half:.2g} {unit}"
-        name = f"{label.group}:{joint}" if joint else label.group
-        return Cause.measured(name, label.group, words, value, half, unit)
+    def of_parameter(
+        label: Label, old: float, change: float, sd: float, most: float = 0.0
+    ) -> Cause:
+        """A cause that one parameter tells: its old value, its change and that one's sd.
+
+        most : the largest change of all parameters of its group and joint
+        """
+        group, joint, half = label.group.partition(".")[0], label.joint or "", 1.96 * sd
+        group = label.group if group in ("view", "tool") else group
+        told = WORDS.get(group, Words(""))
+        if label.unit == "rad" and not told.whole:
+            told = Words("", _OFF)
+        factor = math.degrees(1.0) if label.unit == "rad" else 100.0
+        value = math.expm1(change) if group == "view.scale" else change
+        share = f"{100 * abs(change / old) if old else math.nan:.3g} %"
+        size = f" ({1e3 * abs(change):.3g} ± {1e3 * half:.2g} mm)" if label.unit == "m" else ""
+        words = told.changed.format(
+            joint=joint, name=label.name, who=joint or label.name, unit=label.unit, raw=change,
+            raw_half=half, value=factor * value, half=factor * half, share=share, size=size,
+            longer="longer" if change > 0 else "shorter", most=math.degrees(most),
+        )  # fmt: skip
+        kind = group.removeprefix("view.")
+        return Cause.measured(
+            f"{kind}:{joint}" if joint else kind, label.group, words, change, half, label.unit
+        )
 
     def to_json(self) -> dict[str, Any]:
         """Plain data."""
-        return {
-            "cause": self.cause,
-            "group": self.group,
-            "value": self.value,
-            "interval": None if self.interval is None else list(self.interval),
-            "unit": self.unit,
-            "words": self.words,
-        }
+        return {k: list(v) if isinstance(v, tuple) else v for k, v in asdict(self).items()}

@@ -15,17 +15,12 @@ from ..model.model import Model
 from ..model.trust import MOST_BLENDED
 from .equations import affine_columns
 from .score import groups_of
-from .settings import (
-    CLIP,
-    COLLINEAR,
-    DIRECTIONS,
-    LEAST_NOISE,
-    LONG,
-    MONITOR_ALARM,
-    NUISANCE,
-    WARM,
-    WINDOW,
-)
+from .settings import LEAST_NOISE, LONG, MONITOR_ALARM, NUISANCE, WINDOW
+
+_WARM = 20  # samples before the first judgement
+_DIRECTIONS = 8  # strongest displacements; further ones are nearly sums of these
+_COLLINEAR = 1e-3  # directions that are so much weaker than the strongest are left out
+_CLIP = 8.0  # a residual counts for at most so many times the usual one
 
 
 class State(NamedTuple):
@@ -113,7 +108,7 @@ class Monitor:
         size = float(np.sqrt(residual @ residual))
         usual = max(self._usual, self._noise, bound)
         self._usual += 0.05 * (min(size, 3.0 * usual) - self._usual)
-        limit = CLIP * max(self._usual, self._noise, bound)
+        limit = _CLIP * max(self._usual, self._noise, bound)
         if size > limit:
             residual = residual * (limit / size)
         row = np.concatenate([self._directions.at(q, node), residual[:, None]], axis=1)
@@ -158,7 +153,7 @@ class Monitor:
         variance = max(left, self._noise**2)
         chance = variance * float(self._chance[int(independent)]) / independent
         own = NUISANCE**2 * self._bound / weight + (LEAST_NOISE * self._extent) ** 2
-        score = math.sqrt(explained / (chance + own)) if self._seen >= WARM else 0.0
+        score = math.sqrt(explained / (chance + own)) if self._seen >= _WARM else 0.0
         self._state = State(
             self._seen, score > 1.0, score, self._ratio / weight, math.sqrt(explained),
             math.sqrt(left), ("links",) if score > 1.0 else (),
@@ -201,7 +196,7 @@ class _Directions:
         flat = x.reshape(n * m, k)
         lengths = np.linalg.norm(flat, axis=0) + 1e-300
         _, size, turn = np.linalg.svd(flat / lengths, full_matrices=False)
-        kept = np.flatnonzero(size > COLLINEAR * size[0])[:DIRECTIONS]
+        kept = np.flatnonzero(size > _COLLINEAR * size[0])[:_DIRECTIONS]
         combined = turn[kept].T / size[kept] * np.sqrt(n) / lengths[:, None]
         self._combined = combined
         self.nodes = np.ascontiguousarray(x @ combined)  # (nodes, m, p)

@@ -16,11 +16,15 @@ from ..body.covariance import radius_95, root_of
 from ..body.normal import Factor
 from ..body.parameters import Indices
 from ..common.arrays import Array
-from .equations import Log, OwnResidual, prior_columns, shared_columns
+from .equations import Log, own_columns, prior_columns, shared_columns
 from .explain import Explanation
 from .frame import Reference
-from .settings import BLOCKS, SIMULATED_KAPPA, UPDATED_ROWS
+from .settings import SIMULATED_KAPPA
 
+UPDATED_ROWS = 600
+"""Rows that an update takes: linear in them."""
+
+_BLOCKS = 5  # contiguous ones that are held out in turn
 _ENOUGH = 30  # rows that tell a quantile
 _OUTLIER = 2.5  # 95 % radii from which a row is an outlier
 _STEPS = 4
@@ -41,7 +45,7 @@ def posterior_of(reference: Reference, e: Explanation, log: Log) -> Posterior:
     """Gauss-Newton steps of all parameters from where the explanation ended."""
     structure = reference.structure
     active, ways = prior_columns(reference, e.waves, freed=e.sd)
-    smooth, r = OwnResidual.of(reference, log, e.factor).columns(log.q), ways.shape[1]
+    smooth, r = own_columns(reference, log, e.factor), ways.shape[1]
     weight = np.sqrt(log.weight[:, None] / e.temper) / (e.noise * reference.sizes)
     beta = e.beta.copy()
     normals = np.linalg.lstsq(ways, (e.beta - e.origin)[active], rcond=1e-12)[0]
@@ -62,7 +66,7 @@ def posterior_of(reference: Reference, e: Explanation, log: Log) -> Posterior:
         full[active] = ways @ delta[:r]
         beta, normals = structure.retract(beta, full), normals + delta[:r]
     held = np.empty_like(residual)
-    for block in np.array_split(np.arange(len(residual)), BLOCKS):
+    for block in np.array_split(np.arange(len(residual)), _BLOCKS):
         # without the block's rows the information is a difference: no fit is needed
         flat = (columns[block] * weight[block, :, None]).reshape(-1, len(gram))
         less = Factor(gram - flat.T @ flat)
@@ -70,18 +74,6 @@ def posterior_of(reference: Reference, e: Explanation, log: Log) -> Posterior:
         held[block] = residual[block] - columns[block, :, :r] @ delta[:r]
     spread = ways @ factor.inverse()[:r, :r] @ ways.T
     return Posterior(beta, active, spread, held)
-
-
-def gain_on_held_out(before: Array, after: Array) -> tuple[float, float]:
-    """How much held-out rows gained: mean ratio of errors, and gain over its standard error.
-
-    before, after : (n,) [unit], distances of the same rows from the old prediction, and from the
-        new one without their block
-    """
-    gain = [float(part.mean()) for part in np.array_split(before - after, BLOCKS)]
-    error = float(np.std(gain, ddof=1)) / np.sqrt(len(gain))
-    ratio = float(after.mean() / max(float(before.mean()), 1e-300))
-    return ratio, float(np.mean(gain)) / max(error, 1e-300)
 
 
 def updated(
