@@ -54,25 +54,28 @@ class OnlineAdapter:
     def __init__(self, model: Model, horizon: int = HORIZON, *, force: bool = False) -> None:
         if horizon < 1:
             raise OptionError(f"horizon {horizon}: expected one or more samples")
-        check_followable(model)
-        self._model = model
-        self._horizon = horizon
-        self._force = force
-        rule = str(model.about.options.get("map", "vdsom"))
+        rule, maps = str(model.about.options.get("map", "vdsom")), (model.motor, model.sensory)
         try:
             gain, kind = gain_of(rule), kind_of(rule)
         except OptionError:  # a function that the model file could not keep
             gain, kind = gain_of("vdsom"), "som"
+        self._model, self._horizon, self._force = model, horizon, force
         self._dynamic = kind == "dsom"  # its rate and radius follow the distance, not time
         layers = [
             Layer(part.units, part.lattice, part.scale, gain)
-            for part in (model.motor, model.sensory)
+            for part in maps
             if isinstance(part.lattice, Lattice)
         ]
+        if len(layers) < len(maps):
+            raise OptionError(
+                "online adaptation resets the neighbourhood radius of a lattice (eq. 10), and a "
+                "growing neural gas has neither: its edges age by wins, so that a region which "
+                "is no longer visited keeps its nodes; use method 'few-shot', or train with "
+                "map 'vdsom', 'som' or 'dsom'"
+            )
         self._net = VDSOM(layers, model.association.wiring, model.links.toarray())
         self._idle = np.zeros(model.sensory.size)  # what unvisited nodes should have forgotten
-        self._seen = 0
-        self._since = -1
+        self._seen, self._since = 0, -1
         self._watch = Watch(model)
         self._start = {"motor": _SIGMA_END, "sensory": _SIGMA_END}
         self._q: list[Array] = []
@@ -89,9 +92,8 @@ class OnlineAdapter:
         v = self._model.sensory.scale.to_unit(np.asarray(x, dtype=float))
         if not len(u):
             raise OptionError("no samples: expected one or more rows")
-        for first in range(0, len(u), BLOCK):
-            step = self._feed(u[first : first + BLOCK], v[first : first + BLOCK])
-        return step
+        steps = [self._feed(u[k : k + BLOCK], v[k : k + BLOCK]) for k in range(0, len(u), BLOCK)]
+        return steps[-1]
 
     def _feed(self, u: Array, v: Array) -> Step:
         motor, sensory = self._map("motor"), self._map("sensory")
@@ -102,7 +104,11 @@ class OnlineAdapter:
         self._seen += len(u)
         kept = slice(None)
         if self._since < 0 and (self._force or self._watch.fired(expected)):
-            self._reset()
+            self._since = 0
+            for name in self._start:  # sigma where training had the same distortion (eq. 10)
+                after = max(self._watch.mean[name], self._watch.block[name])
+                sigma = matching_sigma(getattr(self._model, name), math.sqrt(after))
+                self._start[name] = max(_SIGMA_END, sigma)
             if not self._force:  # this block may have begun before the change
                 kept = slice(0)
         sigma, eta, beta = (0.0, 0.0, 0.0) if self._since < 0 else self._learn(u, v, kept)
@@ -158,26 +164,6 @@ class OnlineAdapter:
         network: Map = getattr(self._model, name)
         layer = self._net.layers[name == "sensory"]
         return Map(layer.weights, network.lattice, network.scale, network.history)
-
-    def _reset(self) -> None:
-        """Set sigma to where training had the same distortion (eq. 10)."""
-        self._since = 0
-        for name in self._start:
-            network: Map = getattr(self._model, name)
-            after = max(self._watch.mean[name], self._watch.block[name])
-            self._start[name] = max(_SIGMA_END, matching_sigma(network, math.sqrt(after)))
-
-
-def check_followable(model: Model) -> None:
-    """Refuse a model whose maps have no lattice to re-form."""
-    for part in (model.motor, model.sensory):
-        if not isinstance(part.lattice, Lattice):
-            raise OptionError(
-                "online adaptation resets the neighbourhood radius of a lattice (eq. 10), and a "
-                "growing neural gas has neither: its edges age by wins, so that a region which "
-                "is no longer visited keeps its nodes; use method 'few-shot', or train with "
-                "map 'vdsom', 'som' or 'dsom'"
-            )
 
 
 def follow(

@@ -42,20 +42,14 @@ class Step:
 
 
 class Watch:
-    """Running means of a stream, and what they may be.
+    """Running means of a stream, and what they may be: `model`'s baseline is what is usual.
 
-    model : its baseline is what is usual
-
-    Attributes
-    ----------
-    mean, block : dict of str to float
-        ``motor`` and ``sensory`` distortion and ``error``: running means and those of the
-        latest block.
+    ``mean`` and ``block`` hold ``motor`` and ``sensory`` distortion and ``error``: running means
+    and those of the latest block.
     """
 
     def __init__(self, model: Model) -> None:
-        self._model = model
-        self._seen = 0
+        self._model, self._seen = model, 0
         self.mean: dict[str, float] = {}
         self.block: dict[str, float] = {}
 
@@ -68,32 +62,29 @@ class Watch:
         error : [unit], mean distance of the links' readout
         reformed : whether the maps have re-formed since training
         """
-        model = self._model
+        baseline = self._model.baseline
         self._seen += len(u)
         share = min(1.0, len(u) / _WINDOW)
         distance, winner = (part[:, 0] for part in sensory.nearest(v))
-        self.block = {
-            "motor": float(np.mean(motor.nearest(u)[0] ** 2)),
-            "sensory": float(np.mean(distance**2)),
-            "error": error,
-        }
+        squares = np.mean(motor.nearest(u)[0] ** 2), np.mean(distance**2)
+        self.block = {"motor": float(squares[0]), "sensory": float(squares[1]), "error": error}
         for name, value in self.block.items():
             self.mean[name] = (1 - share) * self.mean.get(name, value) + share * value
-        if model.baseline is None:
+        if baseline is None:
             return math.inf
-        chance = _FIRED * math.sqrt(model.baseline.spread[1] / _WINDOW)
+        chance = _FIRED * math.sqrt(baseline.spread[1] / _WINDOW)
         # distances scale with the lattice: a larger arm's nodes stand further apart
-        size = (sensory.spacing / model.sensory.spacing) ** 2 * (_SETTLED if reformed else 1.0)
-        return float(model.baseline.sensory[winner].mean()) * size * (1.0 + chance)
+        size = (sensory.spacing / self._model.sensory.spacing) ** 2
+        size *= _SETTLED if reformed else 1.0
+        return float(baseline.sensory[winner].mean()) * size * (1.0 + chance)
 
     def fired(self, expected: float) -> bool:
         """Whether the distortion (eq. 9) or the links' residual left what is usual."""
         errors, baseline = self._model.about.errors, self._model.baseline
         usual = errors["activity"]["forward"]["distance"]["mean"] if errors else math.inf
         usual += baseline.noise if baseline else 0.0
-        return self._seen >= _WINDOW / 2 and (
-            self.mean["sensory"] > expected or self.mean["error"] > 2.0 * usual
-        )
+        far = self.mean["sensory"] > expected or self.mean["error"] > 2.0 * usual
+        return self._seen >= _WINDOW / 2 and far
 
 
 def matching_sigma(network: Map, error: float) -> float:
