@@ -17,14 +17,12 @@ from ..model.model import Model
 from ..samples.samples import Samples
 from ..training.evaluate import error_sizes
 from ..training.learn import Progress
-from .adaptation import Adaptation, finished
-from .cause import WORDS, Cause
-from .causes import find_causes, frame_between
+from .adaptation import Adaptation, finished, rebuilt
+from .causes import WORDS, Cause, find_causes, frame_between
 from .comparison import Comparison, compare
 from .decision import Decision, decide
 from .explain import called, likely
 from .follow import BLOCK, HORIZON, OnlineAdapter
-from .rebuilding import rebuilt
 
 _LOUD = ("mirror", "scale", "sign", "lost")
 

@@ -13,8 +13,7 @@ from ..common.parallel import one_blas_thread
 from ..maps.map import Map, search_tree
 from ..model.model import Model
 from ..samples.samples import Samples
-from .cause import Cause
-from .causes import find_causes
+from .causes import Cause, find_causes
 from .comparison import Comparison, compare
 from .decision import decide
 from .orientation import turned_tool

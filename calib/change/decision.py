@@ -12,8 +12,7 @@ import numpy as np
 from ..body.belief import Body
 from ..common.arrays import Array
 from ..common.rows import thinned
-from .cause import Cause
-from .causes import find_causes
+from .causes import Cause, find_causes
 from .comparison import Comparison
 from .explain import Explanation, called, likely, weighed
 from .hypotheses import NOTHING

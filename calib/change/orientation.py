@@ -17,7 +17,7 @@ from ..body.covariance import autocorrelation_time, root_of
 from ..body.poses import knows_orientation
 from ..body.settings import STUDENT
 from ..common.arrays import Array
-from .cause import Cause
+from .causes import Cause
 from .comparison import Comparison
 from .equations import STEPS
 from .settings import FALSE_ALARM

@@ -9,8 +9,7 @@ import pytest
 from drifting import arm, error, log, model
 
 import calib
-from calib.change.follow import BLOCK, OnlineAdapter, follow
-from calib.change.watch import matching_sigma
+from calib.change.follow import BLOCK, OnlineAdapter, follow, matching_sigma
 from calib.errors import OptionError
 from calib.maps import dsom
 from calib.maps.graph import Graph

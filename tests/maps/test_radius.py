@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from calib.change.watch import matching_sigma
+from calib.change.follow import matching_sigma
 from calib.common.scale import Scale
 from calib.maps.lattice import Lattice
 from calib.maps.map import Map
