@@ -114,8 +114,8 @@ def _few_shot(found: Comparison, real: bool, report: Progress) -> Adaptation:
     if not made_of.improved:
         # the bound of an exact simulation says nothing of a real arm
         unreal = real and found.body.simulated
-        told = found.model.expected_error(found.q[found.kept])
-        beyond = unreal and np.mean(found.missed[found.kept] > told) > 0.5
+        bound = found.model.expected_error(found.q[found.kept])
+        beyond = unreal and np.mean(found.missed[found.kept] > bound) > 0.5
         return _doubted(found, made, fresh) if beyond or found.score > 1.0 else made
     if not np.isfinite(fresh.expected_error(found.q)).any():
         told = (

@@ -18,7 +18,7 @@ from .explain import Explanation, called, likely, weighed
 from .hypotheses import NOTHING
 from .orientation import turned_tool
 from .posterior import UPDATED_ROWS, updated
-from .settings import CHANGED, CREEP, REFINED, SURE, UNSURE
+from .settings import CHANGED, CREEP, REFINED, SURE, SURER, UNSURE
 
 _BLOCKS = 5  # contiguous ones, each of which tells a gain
 
@@ -78,12 +78,13 @@ def _improves(found: Comparison, body: Body, changed: bool, before: Array, after
     gain = [float(part.mean()) for part in np.array_split(before - after, _BLOCKS)]
     error = float(np.std(gain, ddof=1)) / np.sqrt(len(gain))
     ratio = float(after.mean() / max(float(before.mean()), 1e-300))
-    if ratio > (CHANGED if changed else REFINED) or np.mean(gain) <= SURE * error:
-        return False
-    if changed:
-        return True
+    sure = float(np.mean(gain)) / max(error, 1e-300)
+    if changed or ratio > REFINED or sure <= SURE:
+        return changed and ratio < CHANGED and sure > SURE
     if found.tested.noisy is not None and found.score <= 1.0:
         return False
+    if float(before.mean()) > float(found.belief.bound(found.q).mean()):
+        return sure > SURER  # rows that the old belief had not thought possible
     # root mean square error [unit] that each belief expects of itself over the learned range
     old = found.belief
     own_part = (old.tau**2 + old.noise**2).sum()

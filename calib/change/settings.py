@@ -44,6 +44,9 @@ REFINED = 0.85
 SURE = 2.0
 """Standard errors by which five held-out blocks must gain."""
 
+SURER = 4.0
+"""The same where rows lie beyond the old belief's bound on average."""
+
 UNSURE = 0.9
 """Share of the error that a belief expects of itself that added rows may leave at most."""
 
