@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -83,10 +83,10 @@ def _improves(found: Comparison, body: Body, changed: bool, before: Array, after
         return changed and ratio < CHANGED and sure > SURE
     if found.tested.noisy is not None and found.score <= 1.0:
         return False
-    if float(before.mean()) > float(found.belief.bound(found.q).mean()):
+    old = found.belief
+    if float(before.mean()) > float(replace(old, second=None).bound(found.q).mean()):
         return sure > SURER  # rows that the old belief had not thought possible
     # root mean square error [unit] that each belief expects of itself over the learned range
-    old = found.belief
     own_part = (old.tau**2 + old.noise**2).sum()
     new_error, old_error = (
         np.trace(b.spread(found.probes), axis1=1, axis2=2).mean() * b.kappa**2 + own_part
