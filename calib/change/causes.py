@@ -242,16 +242,12 @@ def _known(cause: str | None, test: str) -> bool:
 
 def _moved_sensor(found: Comparison, beta: Array, deviation: Array) -> Cause:
     """The sensor's frame as one cause, its rotation as the number."""
-    turn = found.reference.structure.groups["view.rotation"]
-    half = 1.96 * float(np.linalg.norm(deviation[turn]))
-    before, after = _seen_before_and_after(found, beta)
-    if before.shape[1] == 3:
-        value, motion = _rigid_motion(before, after, found.unit_seen)
-    else:
+    turn, moved = found.reference.structure.groups["view.rotation"], frame_between(found, beta)
+    half, value = 1.96 * float(np.linalg.norm(deviation[turn])), moved.angle
+    if len(turn) == 1:  # with its sign, also of a mirrored one
         value = float(beta[turn[0]] - found.belief.beta[turn[0]])
         value = (value + math.pi) % (2 * math.pi) - math.pi
-        motion = Alignment.between(before, after).words(found.unit_seen)
-    words = f"the sensor's frame moved: {motion}"
+    words = f"the sensor's frame moved: {moved.words(found.unit_seen)}"
     if half > _VAGUE:
         words += f" (the turn to ± {math.degrees(half):.2g} deg)"
     return Cause.measured("sensor", "view.rotation", words, value, half, "rad")
@@ -259,35 +255,13 @@ def _moved_sensor(found: Comparison, beta: Array, deviation: Array) -> Cause:
 
 def frame_between(found: Comparison, beta: Array) -> Alignment:
     """The sensor's new frame, of parameters (d,), as an affine map of the old one."""
-    places = slice(found.belief.structure.blocks[0])
-    before, after = _seen_before_and_after(found, beta)
-    return Alignment.between(before[:, places], after[:, places])
-
-
-def _seen_before_and_after(found: Comparison, beta: Array) -> tuple[Array, Array]:
-    """Probes (p, m) as the sensor saw them before and sees them now, the arm unchanged."""
     structure, mixed = found.reference.structure, found.belief.beta.copy()
     for name, ix in structure.groups.items():
         if is_sensors(name):
             mixed[ix] = beta[ix]
-    return found.body.predict(found.probes), structure.predict(found.probes, mixed)
-
-
-def _rigid_motion(before: Array, after: Array, unit: str) -> tuple[float, str]:
-    """Angle [rad] of the rotation that takes positions (p, 3) over, and the motion in words."""
-    from scipy.spatial.transform import Rotation
-
-    middle = before.mean(axis=0)
-    turn, _ = Rotation.align_vectors(after - after.mean(axis=0), before - middle)
-    angle = float(turn.magnitude())
-    factor, name = for_people(unit)
-    axis = np.round(turn.as_rotvec() / max(angle, 1e-300), 2) + 0.0
-    about = ", ".join(f"{part:.2f}" for part in axis.tolist())
-    moved = ", ".join(f"{part:.4g}" for part in factor * (after.mean(axis=0) - middle))
-    return angle, (
-        f"turned {math.degrees(angle):.3g} deg about ({about}), shifted by ({moved}) {name} at "
-        "the middle of the workspace"
-    )
+    before, after = found.body.predict(found.probes), structure.predict(found.probes, mixed)
+    places = slice(structure.blocks[0])
+    return Alignment.between(before[:, places], after[:, places])
 
 
 def _twins(found: Comparison, causes: list[Cause]) -> list[str]:

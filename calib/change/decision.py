@@ -80,7 +80,7 @@ def _improves(found: Comparison, body: Body, changed: bool, before: Array, after
     ratio = float(after.mean() / max(float(before.mean()), 1e-300))
     sure = float(np.mean(gain)) / max(error, 1e-300)
     if changed or ratio > REFINED or sure <= SURE:
-        return changed and ratio < CHANGED and sure > SURE
+        return bool(changed and ratio < CHANGED and sure > SURE)
     if found.tested.noisy is not None and found.score <= 1.0:
         return False
     old = found.belief

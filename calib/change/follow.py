@@ -13,7 +13,7 @@ from typing import Literal
 
 import numpy as np
 
-from ..common.arrays import Array
+from ..common.arrays import Array, Index
 from ..errors import OptionError
 from ..maps import dsom
 from ..maps.density import gain_of, kind_of
@@ -58,52 +58,6 @@ class Step:
     eta: float
     beta: float
     adapting: bool  # whether a change was noticed and the maps are re-forming
-
-
-class Watch:
-    """Running means of a stream, and what they may be: `model`'s baseline is what is usual.
-
-    ``mean`` and ``block`` hold ``motor`` and ``sensory`` distortion and ``error``: running means
-    and those of the latest block.
-    """
-
-    def __init__(self, model: Model) -> None:
-        self._model, self._seen = model, 0
-        self.mean: dict[str, float] = {}
-        self.block: dict[str, float] = {}
-
-    def look(
-        self, motor: Map, sensory: Map, u: Array, v: Array, error: float, reformed: bool
-    ) -> float:
-        """Update the means; return the sensory distortion that is to be expected.
-
-        u, v : (n, dof), (n, m), samples in the unit boxes
-        error : [unit], mean distance of the links' readout
-        reformed : whether the maps have re-formed since training
-        """
-        baseline = self._model.baseline
-        self._seen += len(u)
-        share = min(1.0, len(u) / _WINDOW)
-        distance, winner = (part[:, 0] for part in sensory.nearest(v))
-        squares = np.mean(motor.nearest(u)[0] ** 2), np.mean(distance**2)
-        self.block = {"motor": float(squares[0]), "sensory": float(squares[1]), "error": error}
-        for name, value in self.block.items():
-            self.mean[name] = (1 - share) * self.mean.get(name, value) + share * value
-        if baseline is None:
-            return math.inf
-        chance = _FIRED * math.sqrt(baseline.spread[1] / _WINDOW)
-        # distances scale with the lattice: a larger arm's nodes stand further apart
-        size = (sensory.spacing / self._model.sensory.spacing) ** 2
-        size *= _SETTLED if reformed else 1.0
-        return float(baseline.sensory[winner].mean()) * size * (1.0 + chance)
-
-    def fired(self, expected: float) -> bool:
-        """Whether the distortion (eq. 9) or the links' residual left what is usual."""
-        errors, baseline = self._model.about.errors, self._model.baseline
-        usual = errors["activity"]["forward"]["distance"]["mean"] if errors else math.inf
-        usual += baseline.noise if baseline else 0.0
-        far = self.mean["sensory"] > expected or self.mean["error"] > 2.0 * usual
-        return self._seen >= _WINDOW / 2 and far
 
 
 def matching_sigma(network: Map, error: float) -> float:
@@ -170,7 +124,9 @@ class OnlineAdapter:
         self._net = VDSOM(layers, model.association.wiring, model.links.toarray())
         self._idle = np.zeros(model.sensory.size)  # what unvisited nodes should have forgotten
         self._seen, self._since = 0, -1
-        self._watch = Watch(model)
+        # running means of distortion and error, and those of the latest block
+        self._mean: dict[str, float] = {}
+        self._latest: dict[str, float] = {}
         self._start = {"motor": _SIGMA_END, "sensory": _SIGMA_END}
         self._q: list[Array] = []
         self._x: list[Array] = []
@@ -193,24 +149,50 @@ class OnlineAdapter:
         motor, sensory = self._map("motor"), self._map("sensory")
         some = slice(0, None, _GLANCE)
         gap = (self._net.said(u[some], self._idle) - v[some]) * sensory.scale.span
-        error = float(np.linalg.norm(gap, axis=1).mean())
-        expected = self._watch.look(motor, sensory, u, v, error, self._since >= 0)
+        distance, winner = sensory.nearest(v)
+        self._latest = {
+            "motor": float(np.mean(motor.nearest(u)[0] ** 2)),  # eq. 9
+            "sensory": float(np.mean(distance[:, 0] ** 2)),
+            "error": float(np.linalg.norm(gap, axis=1).mean()),
+        }
+        mean, share = self._mean, min(1.0, len(u) / _WINDOW)
+        for name, value in self._latest.items():
+            mean[name] = (1 - share) * mean.get(name, value) + share * value
+        expected = self._expected(sensory, winner[:, 0])
         self._seen += len(u)
         kept = slice(None)
-        if self._since < 0 and (self._force or self._watch.fired(expected)):
+        if self._since < 0 and (self._force or self._left(expected)):
             self._since = 0
             for name in self._start:  # sigma where training had the same distortion (eq. 10)
-                after = max(self._watch.mean[name], self._watch.block[name])
+                after = max(mean[name], self._latest[name])
                 sigma = matching_sigma(getattr(self._model, name), math.sqrt(after))
                 self._start[name] = max(_SIGMA_END, sigma)
             if not self._force:  # this block may have begun before the change
                 kept = slice(0)
         sigma, eta, beta = (0.0, 0.0, 0.0) if self._since < 0 else self._learn(u, v, kept)
-        mean = self._watch.mean
         return Step(
             self._seen, mean["motor"], mean["sensory"], expected, mean["error"], sigma, eta, beta,
             self.adapting,
         )  # fmt: skip
+
+    def _expected(self, sensory: Map, winner: Index) -> float:
+        """Sensory distortion that samples of some winners exceed by chance next to never."""
+        baseline = self._model.baseline
+        if baseline is None:
+            return math.inf
+        chance = _FIRED * math.sqrt(baseline.spread[1] / _WINDOW)
+        # distances scale with the lattice: a larger arm's nodes stand further apart
+        size = (sensory.spacing / self._model.sensory.spacing) ** 2
+        size *= _SETTLED if self._since >= 0 else 1.0
+        return float(baseline.sensory[winner].mean()) * size * (1.0 + chance)
+
+    def _left(self, expected: float) -> bool:
+        """Whether the distortion (eq. 9) or the links' residual left what is usual."""
+        errors, baseline = self._model.about.errors, self._model.baseline
+        usual = errors["activity"]["forward"]["distance"]["mean"] if errors else math.inf
+        usual += baseline.noise if baseline else 0.0
+        far = self._mean["sensory"] > expected or self._mean["error"] > 2.0 * usual
+        return self._seen >= _WINDOW / 2 and far
 
     def _learn(self, u: Array, v: Array, kept: slice) -> tuple[float, float, float]:
         """Form maps and links by samples; sigma, eta and beta of the last one."""
