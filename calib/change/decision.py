@@ -76,7 +76,7 @@ def decide(found: Comparison) -> Decision:
 def _improves(found: Comparison, body: Body, changed: bool, before: Array, after: Array) -> bool:
     """Whether the update is worth taking: held-out blocks gain, and by more than chance."""
     gain = [float(part.mean()) for part in np.array_split(before - after, _BLOCKS)]
-    error = float(np.std(gain, ddof=1)) / np.sqrt(len(gain))
+    error = float(np.std(gain, ddof=1) / np.sqrt(len(gain)))
     ratio = float(after.mean() / max(float(before.mean()), 1e-300))
     sure = float(np.mean(gain)) / max(error, 1e-300)
     if changed or ratio > REFINED or sure <= SURE:
