@@ -6,8 +6,6 @@ Everything that can be left out is left out in turn: the body, the local models 
 alone), the training of the maps, their varying density.  ``docs/maps.md`` reads the table.
 """
 
-from __future__ import annotations
-
 import argparse
 import itertools
 import time
@@ -122,7 +120,7 @@ class Ground:
     wrong: Array | None
 
     @staticmethod
-    def of(case: Case, seed: int) -> Ground:
+    def of(case: Case, seed: int) -> "Ground":
         """Fit the body of a case."""
         samples = case.samples
         scale = Scale.of_range(samples.lower, samples.upper, samples.revolute)

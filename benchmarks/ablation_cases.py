@@ -4,8 +4,6 @@ Each is a log of two joints with an independent truth, or a real log whose block
 out in turn.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path

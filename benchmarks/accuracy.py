@@ -6,8 +6,6 @@ Needs scikit-learn.  FOLDER holds the laser-tracker logs series_a.csv and series
 (Landgraf et al., CASE 2021); without it those rows are left out, with a note.
 """
 
-from __future__ import annotations
-
 import argparse
 import sys
 import warnings

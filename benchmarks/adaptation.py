@@ -8,8 +8,6 @@ nominal URDF is that of PyPI example-robot-data.  Without them the real arm is l
 aloud.  All figures are in mm and come from fixed seeds.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import sys

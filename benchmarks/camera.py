@@ -5,8 +5,6 @@
 Everything is rendered by tests/rendering.py, 1280x720, and compared with its own projection.
 """
 
-from __future__ import annotations
-
 import argparse
 import sys
 import time

@@ -6,8 +6,6 @@ Everything is rendered by tests/rendering.py, 1280x720, and read by `calib log` 
 Errors are distances to the arm's true position at postures that no picture shows, in mm.
 """
 
-from __future__ import annotations
-
 import argparse
 import sys
 import tempfile

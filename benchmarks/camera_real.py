@@ -7,8 +7,6 @@ users do. Printed are the log's error against the truth, the noise that the log 
 along an axis), rows that were taken, and what was said.
 """
 
-from __future__ import annotations
-
 import argparse
 import sys
 import tempfile

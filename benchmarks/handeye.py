@@ -11,8 +11,6 @@ them (4.x), with the lens known.  `--guard` counts false alarms of `check`, and 
 were bumped by 3 px, in series of 20 pictures.
 """
 
-from __future__ import annotations
-
 import argparse
 import sys
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Honesty about change: false alarms and power of `check`, what `adapt` does elsewhere."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass, replace

@@ -4,8 +4,6 @@ A part of benchmarks/honesty.py.  Truth is the arm that was simulated, at joints
 beside it; a bound covers where the error is below it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Noise is no drift: unchanged arms whose sensor, or one joint's encoder, has become noisier."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any

@@ -1,7 +1,5 @@
 """Honesty on real rows: coverage of the bound, gaps, errors of ten blocks, a corrected URDF."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 import tempfile

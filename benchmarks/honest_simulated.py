@@ -1,7 +1,5 @@
 """Honesty where the truth is known: paths, cameras, exact worlds, noise, times and sizes."""
 
-from __future__ import annotations
-
 import tempfile
 import time
 from collections.abc import Iterator

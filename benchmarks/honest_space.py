@@ -1,7 +1,5 @@
 """Honesty of `adapt` in space: the real UR10's six joints, unchanged and mounted anew."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import cache

@@ -1,7 +1,5 @@
 """Honesty of the monitor: calm streams, real halves, and samples until a change is seen."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path

@@ -4,8 +4,6 @@ The parts of `honesty.py` draw their logs here when they need to know what is re
 Angles are in rad, lengths in m, images in px.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from typing import Any
 

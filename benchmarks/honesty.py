@@ -10,8 +10,6 @@ noisier, encoders, streams (own generators, see honest_worlds.py).
 ``--quick`` takes fewer splits and seeds: each part then ends within about a minute.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import sys

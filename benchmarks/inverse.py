@@ -6,8 +6,6 @@ Branches are counted against the closed form of two links.  `--robots` adds real
 package example-robot-data.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import sys

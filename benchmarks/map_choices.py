@@ -6,8 +6,6 @@ FOLDER holds series_a.csv and series_c.csv of a UR10; two of ten blocks of each 
 uneven logs dwell in a corner and are asked evenly.
 """
 
-from __future__ import annotations
-
 import argparse
 from collections.abc import Iterator
 from dataclasses import replace

@@ -3,8 +3,6 @@
 python benchmarks/map_defects.py [--seeds N] [--fresh FIRST LAST]
 """
 
-from __future__ import annotations
-
 import argparse
 from functools import partial
 

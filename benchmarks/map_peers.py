@@ -5,8 +5,6 @@ options are those that suit it best among the ones that it documents; where a de
 be set through a private name, that is done and said.
 """
 
-from __future__ import annotations
-
 import contextlib
 import io
 import warnings

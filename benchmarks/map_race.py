@@ -5,8 +5,6 @@ The quality is the mean distance of fresh samples to their winners over the boun
 runs in a process of its own, after a tiny one that loads and compiles what there is to load.
 """
 
-from __future__ import annotations
-
 import json
 import statistics
 import sys

@@ -3,8 +3,6 @@
 python benchmarks/map_readouts.py linear|small|rho|rules|joints|time [--samples N] [--seeds N]
 """
 
-from __future__ import annotations
-
 import argparse
 import time
 

@@ -1,7 +1,5 @@
 """Measuring: fresh processes, peak memory, medians, the machine."""
 
-from __future__ import annotations
-
 import json
 import os
 import platform

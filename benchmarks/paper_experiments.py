@@ -3,8 +3,6 @@
 python benchmarks/paper_experiments.py [networks resampling perturbation directions] [--quick]
 """
 
-from __future__ import annotations
-
 import argparse
 import sys
 from dataclasses import replace

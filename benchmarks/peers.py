@@ -4,8 +4,6 @@ Every peer learns from the same rows.  Those that have no inverse of their own l
 joints from positions as a second function, which works because the arm has one branch.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
@@ -46,11 +44,11 @@ class Regression:
     name = ""
     note = ""
 
-    def fit(self, q: Array, x: Array, _log: calib.Samples | None = None) -> Regression:
+    def fit(self, q: Array, x: Array, _log: calib.Samples | None = None) -> "Regression":
         self.there, self.back = self._learn(q, x), self._learn(x, q)
         return self
 
-    def fit_forward(self, q: Array, x: Array, _log: calib.Samples | None = None) -> Regression:
+    def fit_forward(self, q: Array, x: Array, _log: calib.Samples | None = None) -> "Regression":
         self.there = self._learn(q, x)
         return self
 
@@ -179,7 +177,7 @@ class Refit:
     name = "kinematic model, refitted"
     note = "least squares of lengths, base and joint offsets; Pinocchio computes the kinematics"
 
-    def fit(self, q: Array, x: Array, _log: calib.Samples | None = None) -> Refit:
+    def fit(self, q: Array, x: Array, _log: calib.Samples | None = None) -> "Refit":
         # the lengths times the sine and cosine of their offsets, and the base, are linear
         fits = []
         for sign in (1.0, -1.0):
@@ -234,7 +232,7 @@ class Calib:
     name = "calib"
     note = "defaults: VDSOM, readout local"
 
-    def fit(self, _q: Array, _x: Array, log: calib.Samples | None = None) -> Calib:
+    def fit(self, _q: Array, _x: Array, log: calib.Samples | None = None) -> "Calib":
         self.model = calib.train(log)
         return self
 

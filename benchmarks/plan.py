@@ -6,8 +6,6 @@ Prints the tables of docs/plan.md.  Everything is simulated with 1 mm noise per 
 seeds.  What a log tells is measured by the model that is trained on it.
 """
 
-from __future__ import annotations
-
 import argparse
 import sys
 from collections.abc import Callable, Sequence

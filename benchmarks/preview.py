@@ -6,8 +6,6 @@ Frames are drawn one after the other by a headless Chromium with software render
 pixels, each read back so that it is finished before the next begins.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import re

@@ -3,8 +3,6 @@
 Every command is run in turn with that yardstick, so that a drifting machine hits all alike.
 """
 
-from __future__ import annotations
-
 import json
 import statistics
 import subprocess

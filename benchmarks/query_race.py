@@ -4,8 +4,6 @@ With one thread the processor time is what a query takes on an idle machine, and
 on the machine does not disturb it.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import statistics

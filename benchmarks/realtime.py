@@ -10,8 +10,6 @@ Beside `two_link` runs a lean damped least-squares loop on Pinocchio with the no
 (framesForwardKinematics, computeFrameJacobian, a 2x2 solve, at most five steps from near).
 """
 
-from __future__ import annotations
-
 import argparse
 import gc
 import time

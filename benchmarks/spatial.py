@@ -13,8 +13,6 @@ UR10's URDF is example-robot-data's. Other tools have environments of their own:
     ... --part peer --peer robotkinecal=one/bin/python --peer figaroh=two/bin/python
 """
 
-from __future__ import annotations
-
 import argparse
 import subprocess
 import sys

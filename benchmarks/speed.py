@@ -8,8 +8,6 @@ not installed are left out, aloud.  The least training that reaches a quality is
 peer first, up to an hour for all of `map_peers.PEERS`.
 """
 
-from __future__ import annotations
-
 import argparse
 import sys
 from typing import Any

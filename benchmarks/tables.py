@@ -1,7 +1,5 @@
 """Tables: what a script has measured, as Markdown for its page."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable
 from typing import Any

@@ -11,8 +11,6 @@ distance, squared, over six numbers of each joint's origin and the tool, without
 `--postures` instead learns from some of the postures in each socket.
 """
 
-from __future__ import annotations
-
 import argparse
 from dataclasses import replace
 from pathlib import Path

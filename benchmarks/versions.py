@@ -8,8 +8,6 @@ nearly tied may change. Means agree to 1e-6, maxima, which hang on single sample
 is exact up to rounding agrees to 1e-9 m or rad.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import platform

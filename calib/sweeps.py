@@ -85,8 +85,6 @@ def sweep(
 ) -> Sweep:
     """Train with every combination of options; one that fails is a row with its error.
 
-    The numbers depend on the seeds alone, not on how many trainings run at the same time or where.
-
     Parameters
     ----------
     sources : robot, log, or several of them, by name or in a sequence
@@ -95,7 +93,7 @@ def sweep(
         Values to try for attributes of `calib.TrainingOptions` and, for robots, "samples", "noise"
         and "motion" of the babbling.
     seeds : int
-        How many seeds: 0, 1, 2 and so on.
+        How many seeds: 0, 1, 2 and so on; the numbers depend on these alone.
     jobs : int, optional
         How many at the same time: all cores by default, or what `joblib.parallel_config` says:
         `with joblib.parallel_config("dask"):` sends them to the workers of your Dask client.
@@ -116,21 +114,23 @@ def sweep(
             raise OptionError(f"grid: {name!r:.60} is unknown; {suggestion(name, _TRIED)}")
         if isinstance(values, str) or not hasattr(values, "__len__"):
             raise OptionError(f"grid: {name} {values!r:.60}: expected a list of values")
-    named = _named(sources)
-    count = len(named) * seeds * math.prod(map(len, grid.values()))
+    if not isinstance(sources, Mapping):
+        several = [sources] if isinstance(sources, str | Arm | Samples) else sources
+        pairs = [(s if isinstance(s, str) else getattr(s, "name", "log"), s) for s in several]
+    else:
+        pairs = list(sources.items())
+    count = len(pairs) * seeds * math.prod(map(len, grid.values()))
     if not 0 < count <= _MOST:
         raise OptionError(f"{count:,} trainings: expected 1 to {_MOST:,}")
-    if jobs is not None and (isinstance(jobs, bool) or jobs < 1):
-        raise OptionError(f"jobs {jobs!r}: expected a whole number, 1 or more")
     tasks = [
         (Trial(name, dict(zip(grid, chosen, strict=True)), seed), source)
-        for name, source in named.items()
+        for name, source in pairs
         for chosen in itertools.product(*grid.values())
         for seed in range(seeds)
     ]
     rows: list[Trial] = []
     with one_blas_thread():
-        for row in map(_trained, tasks) if jobs == 1 else _side_by_side(tasks, jobs):
+        for row in _side_by_side(tasks, jobs):
             rows.append(row)
             if progress is not None:
                 told = f"{len(rows)} of {len(tasks)} trainings"
@@ -139,7 +139,7 @@ def sweep(
 
 
 def _side_by_side(tasks: Sequence[tuple[Trial, Source]], jobs: int | None) -> Any:
-    if find_spec("joblib") is None:
+    if jobs == 1 or find_spec("joblib") is None:
         return map(_trained, tasks)
     import joblib
 
@@ -162,24 +162,11 @@ def _trained(task: tuple[Trial, Source]) -> Trial:
             raise OptionError(f"{', '.join(babbled)}: for simulated babbling, not for a log")
         samples = arm if isinstance(arm, Samples) else babble(arm, **babbled, seed=row.seed)
         model = train(samples, seed=row.seed, **options)
-    except CalibError as error:
-        return replace(row, error=str(error))
-    except Exception as error:
-        told = one_line(" ".join(f"{type(error).__name__}: {error}".split()))
-        return replace(row, error=told)
+    except Exception as error:  # one that fails is a row, whatever the reason
+        kind = "" if isinstance(error, CalibError) else f"{type(error).__name__}: "
+        return replace(row, error=one_line(kind + str(error)))
     about, seconds = model.about, time.perf_counter() - started
     return replace(row, unit=about.unit, errors=about.errors, seconds=seconds, notes=about.notes)
-
-
-def _named(sources: Any) -> dict[str, Source]:
-    if isinstance(sources, Mapping):
-        return dict(sources)
-    named: dict[str, Source] = {}
-    for source in [sources] if isinstance(sources, str | Arm | Samples) else sources:
-        name = source if isinstance(source, str) else getattr(source, "name", "log")
-        several = sum(known == name or known.startswith(f"{name} (") for known in named)
-        named[f"{name} ({several + 1})" if several else name] = source
-    return named
 
 
 def _typed(value: Any) -> Any:

@@ -7,12 +7,19 @@ __all__ = ["main"]
 
 def main() -> None:
     """Run the command line and end the process with its exit code."""
+    import io
+    import os
     import signal
     import sys
 
-    from . import streams
-
-    streams.prepare()
+    for number, name in enumerate(("stdin", "stdout", "stderr")):
+        stream = getattr(sys, name)
+        if stream is None:
+            # the lowest free number is that of the closed stream: no file shall take its place
+            stream = open(os.devnull, "w" if number else "r", encoding="utf-8")  # noqa: PTH123, SIM115
+            setattr(sys, name, stream)
+        elif number and isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
     # a polite kill ends as Ctrl-C does: what is half written is removed
     signal.signal(signal.SIGTERM, lambda number, _: sys.exit(128 + number))
     try:

@@ -10,44 +10,58 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 import calib
 from calib.common.wording import for_people
 from calib.samples.tables import Batch, read_batch, write_table
 
 from .output import NO, Outcome, TextTable, fixed, note, say
-from .units import JointFormat, PositionFormat, meaning
+from .parsing import TABLES, BadOption, check_file
+from .units import JointFormat, PositionFormat, units_of
 
 BOUNDS = ("expected_error", "model_error")
 UP_TO_SCALE = "expected_error_up_to_scale"
 """Key and column of a bound in a camera's base frame that leaves out the arm's size."""
-LENGTHS = ("x", "y", "z", "distance", *BOUNDS, UP_TO_SCALE)
-"""Columns of answers that have the unit of the positions."""
-
+_LENGTHS = ("x", "y", "z", "distance", *BOUNDS, UP_TO_SCALE)  # have the unit of the positions
 _TOLD = 10  # so many rows are named at most
 
 
 class Query:
-    """A model that is asked, and how its joints and positions are typed and printed."""
+    """A model that is asked, and how its joints and positions are typed and printed.
+
+    Both one query and a table of them are refused, and what is for a table without one.
+    """
 
     def __init__(
-        self, path: str, degrees: bool, frame: str = "sensor", unit: str | None = None
+        self,
+        path: str,
+        degrees: bool,
+        frame: str,
+        unit: str | None,
+        typed: Sequence[float],
+        input_: str | None,
+        columns: object,
+        output: str | None,
     ) -> None:
+        if input_ is not None and typed:
+            raise BadOption(f"--input {input_!r} and {len(typed)} values: expected one of them")
+        for option, value in (("--output", output), ("--columns", columns)):
+            if value is not None and input_ is None:
+                raise BadOption(f"{option} is for many queries: expected --input FILE too")
+        check_file(output, TABLES, stream=True)
         self.model, self.frame = calib.load(path), frame
-        self.joints = JointFormat(self.model.about, degrees)
-        self.positions = PositionFormat(self.model.about, frame, unit)
-
-    @property
-    def meaning(self) -> dict[str, Any]:
-        """What the numbers of an answer mean, for JSON."""
-        return meaning(self.model.about, self.frame)
-
-    @property
-    def bounds(self) -> tuple[str, ...]:
-        """Bounds that are printed: of a simulation, and in the base frame, both are the same."""
-        both = self.model.about.source == "log" and self.frame == "sensor"
-        return BOUNDS if both else BOUNDS[:1]
+        about = self.model.about
+        self.joints = JointFormat(about, degrees)
+        self.positions = PositionFormat(about, frame, unit)
+        base = frame == "base"
+        units = units_of(about) | {"positions": self.positions.unit}
+        bound = "true position" if base else about.bound_of
+        told = {"unit": self.positions.unit, "bound_of": bound, "units": units}
+        # what the numbers of an answer mean, for JSON
+        self.meaning: dict[str, Any] = {"frame": frame, **told} if base else told
+        # of a simulation, and in the base frame, both bounds are the same: one is printed
+        self.bounds = BOUNDS if about.source == "log" and not base else BOUNDS[:1]
 
     def documents(self, q: Any, **quantities: Any) -> list[dict[str, Any]]:
         """Return a document for each answer, of joints (n, dof) and quantities of n rows each."""
@@ -89,7 +103,7 @@ class Query:
     ) -> Batch:
         """Read a table of queries; its positions come in the model's unit."""
         batch = read_batch(source, names, more, columns or {})
-        lengths = [name in LENGTHS and name not in self.joints.names for name in batch.names]
+        lengths = [name in _LENGTHS and name not in self.joints.names for name in batch.names]
         return replace(batch, values=batch.values / np.where(lengths, self.positions.typed, 1.0))
 
     def write(
@@ -113,13 +127,14 @@ class Query:
         if columns is None:
             return Outcome(document, lines, code=code)
         written = {
-            name: np.asarray(column, float) * by if by != 1.0 and name in LENGTHS else column
+            name: np.asarray(column, float) * by if by != 1.0 and name in _LENGTHS else column
             for name, column in columns.items()
         }
         if to_file:
             write_table(str(output), written)
             return Outcome(document, lines, code=code)
-        document[key] = self.joints.in_si(columns)
+        factors = dict(zip(self.joints.names, self.joints.typed, strict=True))
+        document[key] = {k: v / factors[k] if k in factors else v for k, v in columns.items()}
         return Outcome(document, lines, result=(), columns=written, code=code)
 
     def answer(
@@ -156,14 +171,26 @@ def over_all_rows(valid: NDArray[np.bool_], columns: Mapping[str, Any]) -> dict[
     return found
 
 
-def numbered(numbers: Sequence[int]) -> str:
-    """Name rows by their numbers, the first few of them."""
-    shown = ", ".join(map(str, numbers[:_TOLD]))
-    more = f" and {len(numbers) - _TOLD} more" if len(numbers) > _TOLD else ""
-    return f"row{'s' if len(numbers) > 1 else ''} {shown}{more}"
-
-
 def say_rows(numbers: Sequence[int], of: int, what: str) -> None:
-    """Say what is the matter with some rows, if there are any."""
+    """Say what is the matter with some rows, the first of which are named, if there are any."""
     if numbers:
-        note(f"{numbered(numbers)} of {of}: {what}")
+        shown = ", ".join(map(str, numbers[:_TOLD]))
+        more = f" and {len(numbers) - _TOLD} more" if len(numbers) > _TOLD else ""
+        note(f"row{'s' if len(numbers) > 1 else ''} {shown}{more} of {of}: {what}")
+
+
+def up_to_scale(model: calib.Model, q: ArrayLike) -> dict[str, Any]:
+    """The bound (n,) in the base frame of a camera [m], but for the arm's size; else nothing."""
+    from calib.model.space import Space
+
+    space = Space.of(model)
+    return {UP_TO_SCALE: space.bound(q, size=False)} if space.camera else {}
+
+
+def say_size(bound: float | None) -> None:
+    """Say what of a bound [m] in the base frame of a camera is the arm's size."""
+    if bound is not None and np.isfinite(bound):
+        note(
+            "one camera cannot tell the size of the arm: but for it, the expected error is "
+            f"{1e3 * bound:.2g} mm"
+        )

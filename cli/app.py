@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from importlib import import_module
@@ -23,8 +22,7 @@ from typer.main import get_command
 from calib.common.wording import one_line
 from calib.errors import CalibError
 
-from .output import NO, begin, note, plain, print_json, rendered
-from .streams import silence
+from .output import NO, begin, note, plain, print_json, rendered, silence
 from .translation import as_typed, option_of
 
 COMMANDS = {
@@ -62,11 +60,8 @@ _PLAIN: dict[str, Any] = {"add_completion": False, "rich_markup_mode": None}
 @cache
 def load_command(name: str) -> Any:
     """Import the module of a command, and return its command."""
-    parts, made = (
-        QUERIES if name == "query" else (name,),
-        typer.Typer(**_PLAIN, help=COMMANDS[name]),
-    )
-    for part in parts:
+    made = typer.Typer(**_PLAIN, help=COMMANDS[name])
+    for part in QUERIES if name == "query" else (name,):
         command = getattr(import_module(f".commands.{part}", __package__), part)
         # -0.1 is a number, not an option
         numbers = {"ignore_unknown_options": True} if part in ("forward", "inverse") else {}
@@ -104,20 +99,14 @@ class CalibGroup(TyperGroup):
             silence(sys.stdout)
             return 0
 
-    def main(
-        self,
-        args: Sequence[str] | None = None,
-        prog_name: str | None = None,
-        complete_var: str | None = None,
-        standalone_mode: bool = True,
-        windows_expand_args: bool = True,
-        **extra: Any,
+    def main(  # type: ignore[override]
+        self, args: Any = None, *, standalone_mode: bool = True, **more: Any
     ) -> Any:
         """Run a command line; see `typer.core.TyperGroup.main` for the parameters."""
         begin()
         try:
             # not standalone: Click would print its own errors in several lines and exit
-            code = super().main(args, prog_name, complete_var, False, windows_expand_args, **extra)
+            code = super().main(args, standalone_mode=False, **more)
             sys.stdout.flush()
         except BrokenPipeError:  # only now, by the flush
             silence(sys.stdout)
@@ -178,8 +167,11 @@ def describe_error(error: BaseException) -> ErrorReport:
         # clocks that no offset brings together are an answer about the recording
         code, option = NO if kind == "ClockError" else 1, option_of(error.parameter)
         return ErrorReport(kind, as_typed(error.message), code, hint, option, error.value)
-    if _interrupted(error):
-        return ErrorReport(kind, "interrupted", INTERRUPTED)
+    behind: BaseException | None = error  # Ctrl-C may come while Python makes a class
+    while behind is not None:
+        if isinstance(behind, (KeyboardInterrupt, typer.Abort)):
+            return ErrorReport(kind, "interrupted", INTERRUPTED)
+        behind = behind.__cause__
     if hasattr(error, "format_message"):  # an error of usage, told by Typer
         context = getattr(error, "ctx", None)
         see = f" (see {context.command_path} --help)" if context else ""
@@ -198,15 +190,6 @@ def describe_error(error: BaseException) -> ErrorReport:
     elif isinstance(error, RecursionError):
         text = "the input is nested too deeply; simplify it"
     return ErrorReport(kind, text)
-
-
-def _interrupted(error: BaseException | None) -> bool:
-    """Whether Ctrl-C is behind an error, as where it comes while Python makes a class."""
-    while error is not None:
-        if isinstance(error, (KeyboardInterrupt, typer.Abort)):
-            return True
-        error = error.__cause__
-    return False
 
 
 def _print_version(wanted: bool) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -15,7 +14,7 @@ from calib.common.choices import DICTIONARY, PICTURES, VIDEOS, Eye
 from . import options as opt
 from .boards import record_board
 from .options import flag, option
-from .output import note, say
+from .output import say
 from .parsing import BadOption
 
 if TYPE_CHECKING:
@@ -58,10 +57,7 @@ class Shooting:
     picture: Annotated[
         str | None, option("--picture seen.png", "Draw the detections over a photo.")
     ] = None
-    camera: Annotated[
-        str | None,
-        option("--camera DEVICE", "Take pictures now, with joints on stdin; or a dataset's."),
-    ] = None
+    camera: opt.DatasetCamera = None
     eye: Annotated[
         Eye | None, flag("--eye", "Of a board alone; hand: the camera is on the arm; base: stands.")
     ] = None
@@ -77,9 +73,7 @@ class Shooting:
         from calib.recording.setting import Setup, load_lens
         from calib.recording.watch import read_layout
 
-        if self.camera is not None and self.joints_file is not None:
-            raise BadOption("--camera reads joints from standard input, not from --joints-file")
-        if self.tag is None or (self.joints_file is None and self.camera is None):
+        if self.tag is None or self.joints_file is None:
             missing = "--tag ID" if self.tag is None else "--joints-file FILE"
             raise BadOption(f"{missing} is missing: pictures and videos need both")
         board = Board.parse(self.board) if self.board is not None else None
@@ -123,14 +117,10 @@ class Shooting:
         from calib.recording.pictures import list_pictures
         from calib.samples.tables import read_about
 
-        setting, file = self.setting(output), str(self.joints_file)
+        setting = self.setting(output)
         first, source = Path(sources[0]), sources[0] if len(sources) == 1 else sources
-        if self.camera is not None:
-            from calib.recording.live import record_live
-
-            file = str(record_live(self.camera, sys.stdin, first, setting, note))
         chosen = list(joints) if joints else None
-        table = read_joints(file, chosen, degrees=degrees, prismatic=prismatic)
+        table = read_joints(str(self.joints_file), chosen, degrees=degrees, prismatic=prismatic)
         earlier = read_about(self.since) if self.since is not None else None
         if first.is_file() and first.suffix.lower() not in PICTURES:
             if len(sources) > 1:

@@ -8,22 +8,22 @@ from __future__ import annotations
 
 import json
 import math
+import os
 import shutil
 import sys
 import textwrap
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
-from dataclasses import dataclass, field, is_dataclass
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, is_dataclass
 from functools import wraps
 from inspect import Parameter, Signature, signature
-from typing import Annotated, Any
+from typing import Annotated, Any, ClassVar, TextIO
 
 import typer
 
 from calib.common.wording import one_line, printable
 
 from .parsing import BadOption
-from .streams import silence
 from .translation import as_typed
 
 # what is below a nanometre or a millionth of a degree is rounding
@@ -57,17 +57,13 @@ class TextTable:
         ]
         room = shutil.get_terminal_size().columns if sys.stdout.isatty() else _WIDTH
         if max(map(len, lines)) > room:
-            lines = self._records(cells)
+            wide, lines = max(map(len, cells[0])), []
+            for row in cells[1:]:
+                pairs = zip(cells[0], row, strict=True)
+                lines += ["", *(f"{name:<{wide}}  {cell}".rstrip() for name, cell in pairs if cell)]
+            del lines[0]
         title = [printable(self.title)] if self.title else []
         return [*title, *lines, *textwrap.wrap(printable(self.foot), _WIDTH)]
-
-    def _records(self, cells: Sequence[Sequence[str]]) -> list[str]:
-        header, *rows = cells
-        width, lines = max(map(len, header)), list[str]()
-        for row in rows:
-            pairs = zip(header, row, strict=True)
-            lines += [*(f"{name:<{width}}  {cell}".rstrip() for name, cell in pairs if cell), ""]
-        return lines[:-1]
 
 
 def fact_lines(pairs: Mapping[str, str]) -> list[str]:
@@ -99,14 +95,14 @@ class Outcome:
             print_json(self.document)
             return
         shown = [*self.lines, *(self.more if verbose else ())]
-        if _spoken.quiet:
+        if _Spoken.quiet:
             shown = list(self.lines[:1] if self.result is None else self.result)
         if self.columns is not None:
             from calib.samples.tables import write_table
 
             write_table("-", self.columns)
         if self.columns is not None or self.to_stderr:
-            for line in () if _spoken.quiet else shown:
+            for line in () if _Spoken.quiet else shown:
                 note(str(line))
             return
         for line in shown:
@@ -116,17 +112,10 @@ class Outcome:
                 print(one_line(as_typed(line)))
 
 
-_SHOWN = {
-    "as_json": Annotated[
-        bool, typer.Option("--json", help="One JSON document on standard output, in SI units.")
-    ],
-    "verbose": Annotated[
-        bool, typer.Option("--verbose", "-v", help="Print what the answer rests on too.")
-    ],
-    "quiet": Annotated[
-        bool, typer.Option("--quiet", "-q", help="Print the result alone, without notes.")
-    ],
-}
+_JSON = typer.Option("--json", help="One JSON document on standard output, in SI units.")
+_VERBOSE = typer.Option("--verbose", "-v", help="Print what the answer rests on too.")
+_QUIET = typer.Option("--quiet", "-q", help="Print the result alone, without notes.")
+_SHOWN = {"as_json": _JSON, "verbose": _VERBOSE, "quiet": _QUIET}
 
 
 def rendered(command: Callable[..., Outcome]) -> Callable[..., None]:
@@ -143,14 +132,15 @@ def rendered(command: Callable[..., Outcome]) -> Callable[..., None]:
             options |= signature(groups[name], eval_str=True).parameters
         else:
             options[name] = taken
-    for name, kind in _SHOWN.items():
+    for name, shown in _SHOWN.items():
+        kind = Annotated[bool, shown]
         options[name] = Parameter(name, Parameter.KEYWORD_ONLY, default=False, annotation=kind)
 
     @wraps(command)
     def run(*, as_json: bool, verbose: bool, quiet: bool, **typed: Any) -> None:
         if as_json and "-" in (typed.get("output"), typed.get("transform")):
             raise BadOption("--json and '-' both want standard output: expected one of them")
-        _spoken.quiet = quiet
+        _Spoken.quiet = quiet
         for name, kind in groups.items():
             typed[name] = kind(**{part: typed.pop(part) for part in signature(kind).parameters})
         outcome = command(**typed)
@@ -161,28 +151,24 @@ def rendered(command: Callable[..., Outcome]) -> Callable[..., None]:
     return run
 
 
-@dataclass
 class _Spoken:
     """What one command line has said on standard error."""
 
-    quiet: bool = False
-    notes: set[str] = field(default_factory=set)
-
-
-_spoken = _Spoken()
+    quiet = False
+    notes: ClassVar[set[str]] = set()
 
 
 def begin() -> None:
     """Forget what an earlier command line of this process has said."""
-    _spoken.quiet = False
-    _spoken.notes.clear()
+    _Spoken.quiet = False
+    _Spoken.notes.clear()
 
 
 def say(notes: Iterable[str]) -> None:
     """Say notes on standard error, each once, unless the result alone is wanted."""
     for text in notes:
-        if text not in _spoken.notes and not _spoken.quiet:
-            _spoken.notes.add(text)
+        if text not in _Spoken.notes and not _Spoken.quiet:
+            _Spoken.notes.add(text)
             note(f"note: {text}")
 
 
@@ -194,6 +180,12 @@ def note(text: str) -> None:
         raise
     except OSError:  # a full disk: nobody is told, but the exit code stays the command's
         silence(sys.stderr)
+
+
+def silence(stream: TextIO) -> None:
+    """Point a stream at nothing, so that no later flush, Python's last one too, fails."""
+    with suppress(OSError, ValueError):  # no real stream, as in tests
+        os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
 
 def print_json(document: Any) -> None:
@@ -253,15 +245,14 @@ def progress_bar(unit: str) -> Iterator[Callable[[float, str, float], None] | No
     Yields what takes the share of the work that is done, the stage and its error [unit]; None
     where standard error is no terminal.
     """
-    if not sys.stderr.isatty() or _spoken.quiet:
-        yield None
-        return
 
     def report(share: float, stage: str, error: float) -> None:
         shown = f", error {error:.3g} {unit}" if math.isfinite(error) else ""
         print(f"\r{100 * share:3.0f} % {stage}{shown}\033[K", end="", file=sys.stderr, flush=True)
 
+    shows = sys.stderr.isatty() and not _Spoken.quiet
     try:
-        yield report
+        yield report if shows else None
     finally:
-        print("\r\033[K", end="", file=sys.stderr, flush=True)
+        if shows:
+            print("\r\033[K", end="", file=sys.stderr, flush=True)

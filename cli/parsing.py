@@ -57,14 +57,13 @@ def reader(
 
     def told(text: str) -> _T:
         try:
-            value = read(text)
+            if good(value := read(text)):
+                return value
         except _ExpectedError:
             raise
         except ValueError:
-            raise _ExpectedError(expected) from None
-        if not good(value):
-            raise _ExpectedError(expected)
-        return value
+            pass
+        raise _ExpectedError(expected)
 
     return told
 
@@ -128,20 +127,6 @@ def finite_number(text: str) -> float:
     return float(text)
 
 
-above_zero = reader("a number above zero", finite_number, lambda value: value > 0.0)
-not_negative = reader("a number, zero or more", finite_number, lambda value: value >= 0.0)
-count = reader("a whole number, 1 or more", whole_number, lambda value: value >= 1)
-reals = reader(
-    "numbers with commas between them such as 0.5,-1",
-    lambda text: tuple(map(finite_number, text.split(","))),
-)
-sigma = reader(
-    "START:END above zero such as 5:0.5 [nodes]",
-    lambda text: tuple(map(above_zero, text.split(":", 1))),
-    lambda ends: len(ends) == 2,
-)
-
-
 def any_number(text: str) -> float:
     """Read a finite number; an option that does not exist is told as one."""
     if text.startswith("-") and not text[1:2].isdigit() and not text.startswith("-."):
@@ -169,17 +154,11 @@ def several(read: Reader[_T]) -> Reader[tuple[_T, ...]]:
     return reader("each value once", read_all, lambda values: len(set(values)) == len(values))
 
 
-names = several(reader("names with commas between them such as a,b", str, bool))
-
-
 def _sides(text: str) -> int | tuple[int, ...]:
     sides = tuple(map(whole_number, text.strip().lower().split("x")))
     if min(sides) < 2:
         raise ValueError(text)
     return sides[0] if len(sides) == 1 else sides
-
-
-size = reader("whole numbers of 2 or more such as 70 or 70x70", _sides)
 
 
 def typed_columns(text: str) -> dict[str, str]:
@@ -189,42 +168,39 @@ def typed_columns(text: str) -> dict[str, str]:
     return parse_columns(text)
 
 
-def _after_name(text: str) -> tuple[str, str]:
+def _named(text: str, *, between: str = "\0") -> tuple[Any, ...]:
+    """Return a joint and its numbers."""
     # from the right: names in URDFs hold what they like, a number no equals sign
-    name, _, value = text.rpartition("=")
+    name, _, numbers = text.rpartition("=")
     if not name.strip():
         raise ValueError(text)
-    return name.strip(), value
+    return name.strip(), *map(finite_number, numbers.split(between))
 
 
-def _value(text: str) -> tuple[str, float]:
-    joint, value = _after_name(text)
-    return joint, finite_number(value)
-
-
-def _range(text: str) -> tuple[str, float, float]:
-    joint, limits = _after_name(text)
-    low, high = map(finite_number, limits.split(":"))
-    return joint, low, high
-
-
-def _height(text: str) -> float:
-    axis, value = _after_name(text)
-    if axis != "z":
-        raise ValueError(text)
-    return finite_number(value)
-
-
+above_zero = reader("a number above zero", finite_number, lambda value: value > 0.0)
+not_negative = reader("a number, zero or more", finite_number, lambda value: value >= 0.0)
+count = reader("a whole number, 1 or more", whole_number, lambda value: value >= 1)
+reals = reader(
+    "numbers with commas between them such as 0.5,-1",
+    lambda text: tuple(map(finite_number, text.split(","))),
+)
+sigma = reader(
+    "START:END above zero such as 5:0.5 [nodes]",
+    lambda text: tuple(map(above_zero, text.split(":", 1))),
+    lambda ends: len(ends) == 2,
+)
+names = several(reader("names with commas between them such as a,b", str, bool))
+size = reader("whole numbers of 2 or more such as 70 or 70x70", _sides)
 # numbers of joints in rad, m, or deg as typed
-joint_value = reader("JOINT=VALUE such as wrist=0.5", _value)
+joint_value = reader("JOINT=VALUE such as wrist=0.5", _named)
 joint_range = reader(
     "JOINT=LOW:HIGH with LOW below HIGH such as elbow=0.5:1.5",
-    _range,
-    lambda found: found[1] < found[2],
+    lambda text: _named(text, between=":"),
+    lambda found: len(found) == 3 and found[1] < found[2],
 )
-height = reader("a height of the base frame in m such as z=0.02", _height)
-
-
+height = reader(
+    "a height of the base frame in m such as z=0.02", _named, lambda found: found[0] == "z"
+)
 offset_or_auto = reader(
     "a number of seconds, or auto",
     lambda text: None if text.strip() == "auto" else finite_number(text),
@@ -237,17 +213,6 @@ def check_count(typed: Sequence[float], names: Sequence[str], what: str) -> None
         raise BadOption(
             f"{len(typed)} {what}s: expected {len(names)}, one each for {', '.join(names)}"
         )
-
-
-def check_streams(
-    typed: Sequence[float], input_: str | None, output: str | None, columns: object
-) -> None:
-    """Refuse both one query and a table of them, and what is for a table without one."""
-    if input_ is not None and typed:
-        raise BadOption(f"--input {input_!r} and {len(typed)} values: expected one of them")
-    for option, value in (("--output", output), ("--columns", columns)):
-        if value is not None and input_ is None:
-            raise BadOption(f"{option} is for many queries: expected --input FILE too")
 
 
 def check_file(

@@ -18,6 +18,8 @@ if TYPE_CHECKING:
 
 def photo_of_log(model: Model, log: Samples, data: str) -> Model:
     """Return a model with the picture that its log names, if it lies beside or below the log."""
+    from calib.errors import CalibError
+
     named = log.source.get("photo")
     if not isinstance(named, str) or data == "-":
         return model
@@ -25,15 +27,11 @@ def photo_of_log(model: Model, log: Samples, data: str) -> Model:
     # a log may come from a stranger: it must not bring files from elsewhere into a model
     try:
         path = (folder / named).resolve()
-        there = path.is_relative_to(folder) and path.is_file()
+        if not (path.is_relative_to(folder) and path.is_file()):
+            return model
+        made = with_photo(model, str(path), log)
     except (OSError, ValueError):  # no name of a file
         return model
-    if not there:
-        return model
-    from calib.errors import CalibError
-
-    try:
-        made = with_photo(model, str(path), log)
     except CalibError as error:
         say([f"no photo is kept in the model: {error}"])
         return model
@@ -73,6 +71,5 @@ def with_photo(model: Model, path: str, log: Samples | None) -> Model:
 
     if len(model.axes) != 2:
         raise BadOption("--photo: positions in space are not drawn over a photo")
-    about = None if log is None else log.source
-    unit = model.about.unit
+    about, unit = None if log is None else log.source, model.about.unit
     return replace(model, photo=take_photo(path, model.sensory.weights, unit, about))

@@ -125,13 +125,9 @@ def babbled_samples(
         changes = parse_changes(babbling.change or (), degrees=turning * selection.degrees)
     except OptionError as error:
         raise BadOption(f"--{error}") from None
+    n, noise, method = babbling.samples or _SAMPLES, babbling.noise or 0.0, babbling.motion
     log = calib.babble(
-        arm,
-        n=babbling.samples or _SAMPLES,
-        seed=seed,
-        noise=babbling.noise or 0.0,
-        changes=changes,
-        method=babbling.motion or "uniform",
+        arm, n=n, seed=seed, noise=noise, changes=changes, method=method or "uniform"
     )
     say(log.notes)
     return log
@@ -153,7 +149,7 @@ def measured_samples(
     turns = {name: name not in (logged.prismatic or ()) for name in selection.joints or ()}
     source = open_source(path)  # once: it may be a pipe
     if robot is not None:
-        arm = _arm_of_log(robot, selection, source, logged.columns)
+        arm = _arm_of_log(robot, selection, source, logged.columns or {})
         say(arm.notes)
         turns = dict(zip(arm.joint_names, arm.revolute, strict=True))
     glass = None
@@ -179,12 +175,12 @@ def measured_samples(
 
 
 def _arm_of_log(
-    robot: str, selection: Selection, source: Source, columns: Mapping[str, str] | None
+    robot: str, selection: Selection, source: Source, columns: Mapping[str, str]
 ) -> Arm:
     """Load the arm with its other joints where the log says that they stood."""
     from calib.samples.locked import locked_from_log
 
-    header = {*source.header, *(columns or {})}
+    header = {*source.header, *columns}
     arm = selection.load(robot, columns=header)
     # its locked joints turn the last link of a planar arm about its joint, as an offset does
     if selection.tip is None and arm.outputs == 2 and arm.locked:
@@ -197,7 +193,7 @@ def _arm_of_log(
     held, told = locked_from_log(
         source,
         others,
-        columns={name: column for name, column in (columns or {}).items() if name in others},
+        columns={name: column for name, column in columns.items() if name in others},
         degrees=selection.degrees,
         prismatic=[name for name in others if not turns.get(name, True)],
     )

@@ -58,7 +58,7 @@ def _view_of(model: Model) -> dict[str, Any]:
     body = model.body
     if body is None:
         return {"kind": None}
-    from calib.body.poses import knows_orientation
+    from calib.body.belief import knows_orientation
     from calib.body.sensor import SensorPose
     from calib.body.views import is_camera
 
@@ -89,18 +89,20 @@ _TERMS = (
 )
 
 
-def best_readout(errors: Errors) -> str:
-    """Return the readout that answers queries."""
-    return next(readout for readout in READOUTS if readout in errors)
+def _best(errors: Errors) -> Any:
+    """Errors of the readout that answers queries."""
+    return next(errors[readout] for readout in READOUTS if readout in errors)
 
 
 def accuracy(
     model: Model, errors: Errors, within: Mapping[str, float], rows: str, left_out: int
 ) -> str:
     """Return in one line how far predictions are from where the tip is or is measured."""
-    found = errors[best_readout(errors)]["forward"]["distance"]
-    factor, unit = for_people(model.about.unit)
-    told = f"{number(found['mean'] * factor)} {unit} on average"
+    mean, (factor, unit) = (
+        _best(errors)["forward"]["distance"]["mean"],
+        for_people(model.about.unit),
+    )
+    told = f"{number(mean * factor)} {unit} on average"
     if within:
         told += f", 95 % within {number(within['p95'] * factor)} {unit}"
         told += f"; the 95 % bound covers {100 * within['covered']:.0f} %"
@@ -110,14 +112,15 @@ def accuracy(
 
 def answers_back(model: Model, errors: Errors) -> str:
     """Return in one line how far the joints of inverse queries are from the right ones."""
-    about, found = model.about, errors[best_readout(errors)]["inverse"]
-    told = []
-    for name, unit in (*zip(about.joint_names, about.units_of_joints, strict=True),):
+    about, found = model.about, _best(errors)["inverse"]
+
+    def told(name: str, unit: str) -> str:
         factor, shown = for_people(unit)
-        told.append(f"{name} {number(found[name]['mean'] * factor)} {shown}")
-    factor, shown = for_people(about.unit)
-    there = number(found["distance"]["mean"] * factor)
-    return f"inverse: {there} {shown} from the target on average; {', '.join(told)}"
+        return f"{number(found[name]['mean'] * factor)} {shown}"
+
+    joints = zip(about.joint_names, about.units_of_joints, strict=True)
+    off = ", ".join(f"{name} {told(name, unit)}" for name, unit in joints)
+    return f"inverse: {told('distance', about.unit)} from the target on average; {off}"
 
 
 def error_table(model: Model, errors: Errors, title: str) -> TextTable:
@@ -150,14 +153,15 @@ def advice(model: Model, errors: Errors) -> list[str]:
     """Return in one line what limits the accuracy, and the one thing that would help most."""
     import numpy as np
 
-    about = model.about
-    mean = errors[best_readout(errors)]["forward"]["distance"]["mean"]
-    extent = float(np.linalg.norm(model.sensory.scale.span))
-    if about.source == "simulation" and model.body is not None and mean < _EXACT * extent:
-        return ["limited by rounding alone: nothing was simulated that the model does not hold"]
-    more = "more samples (-n)" if about.source == "simulation" else "more rows"
+    about, mean = model.about, _best(errors)["forward"]["distance"]["mean"]
+    simulated = about.source == "simulation"
     if model.body is None:
+        more = "more samples (-n)" if simulated else "more rows"
         return [f"limited by maps that stand alone; {more} and a larger --size help most"]
+    if simulated:
+        if mean < _EXACT * float(np.linalg.norm(model.sensory.scale.span)):
+            return ["limited by rounding alone: the model holds all that was simulated"]
+        return ["limited by the simulated noise and changes; more samples (-n) help most"]
     q = np.random.default_rng(0).uniform(about.lower, about.upper, (_ASKED, len(about.lower)))
     bound = model.expected_error(q)
     known = np.isfinite(bound)
@@ -170,8 +174,6 @@ def advice(model: Model, errors: Errors) -> list[str]:
     if high > _UNEVEN * low:
         span = f"{number(factor * low)} to {number(factor * high)} {unit}"
         return [f"limited by few rows in parts of the range (bound {span}); {plan}"]
-    if about.source == "simulation":
-        return [f"limited by the simulated noise and changes; {more} help most"]
     return [
         f"limited by what rows leave unexplained ({number(factor * mean)} {unit}), noise of the "
         "readings or more; poses measured twice tell which, rows at rest (--still) help most"

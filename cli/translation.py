@@ -51,8 +51,8 @@ def _option(match: re.Match[str]) -> str:
     option = _OPTIONS.get(name)
     if option is None or value in (None, "True"):
         return option or match[0]
-    value = re.sub(r"\(([^()]*)\)", lambda pair: pair[1].replace(", ", ":"), value)
-    typed = re.sub(r"[][{}'\"]", "", value).replace(": ", "=").replace(", ", ",")
+    pairs = re.sub(r"\(([^()]*)\)", lambda pair: pair[1].replace(", ", ":"), value)
+    typed = re.sub(r"[][{}'\"]", "", pairs).replace(": ", "=").replace(", ", ",")
     # an option for each entry of a mapping
-    several = match[2].startswith("{") and name != "columns"
+    several = value.startswith("{") and name != "columns"
     return " ".join(f"{option} {part}" for part in (typed.split(",") if several else [typed]))

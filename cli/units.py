@@ -18,22 +18,10 @@ if TYPE_CHECKING:
     from calib.model.model import Model
 
 
-def units_of(about: About, frame: str = "sensor") -> dict[str, Any]:
-    """Units of the numbers in a JSON document; positions of the base frame are in m.
-
-    Errors, bounds and distances have the unit of the positions, times are in seconds.
-    """
+def units_of(about: About) -> dict[str, Any]:
+    """Units of the numbers in a JSON document; errors and bounds have that of the positions."""
     joints = dict(zip(about.joint_names, about.units_of_joints, strict=True))
-    unit = "m" if frame == "base" else about.unit
-    return {"joints": joints, "positions": unit, "seconds": "s"}
-
-
-def meaning(about: About, frame: str = "sensor") -> dict[str, Any]:
-    """What the numbers of an answer mean, for JSON: their units, and what a bound is of."""
-    units, base = units_of(about, frame), frame == "base"
-    bound = "true position" if base else about.bound_of
-    told = {"unit": units["positions"], "bound_of": bound, "units": units}
-    return {"frame": frame, **told} if base else told
+    return {"joints": joints, "positions": about.unit, "seconds": "s"}
 
 
 class PositionFormat:
@@ -80,14 +68,6 @@ class JointFormat:
         """Factors from SI units to what is typed, and written to tables of answers."""
         self._units = [unit for _, unit in units]
         self._printed = [for_people(unit) if unit == "m" else (by, unit) for by, unit in units]
-
-    def in_si(self, columns: Mapping[str, Any]) -> dict[str, Any]:
-        """Columns of a table of answers in SI units, as a JSON document holds them."""
-        factors = dict(zip(self.names, self.typed, strict=True))
-        return {
-            name: column / factors[name] if name in factors else column
-            for name, column in columns.items()
-        }
 
     @property
     def header(self) -> list[str]:

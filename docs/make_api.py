@@ -179,6 +179,10 @@ def chapter(name: str) -> Iterator[str]:
         yield signature(f"calib.{name}", thing)
         yield "```"
         yield ""
+    if name in BRIEF:
+        yield inline(" ".join(doc.split("\n\n", maxsplit=1)[0].split()))
+        yield ""
+        return
     yield from body(doc)
     if inspect.isclass(thing):
         for written, text in members(thing):
@@ -194,6 +198,10 @@ def chapter(name: str) -> Iterator[str]:
 
 #: Classes that users make themselves; the others come out of functions.
 MADE_BY_USERS = ("SOM", "Samples", "Simulation")
+
+
+#: Classes that few users look into: `help()` has all of them.
+BRIEF = ("Map", "Pair", "Association", "Visit", "Trial", "Simulation", "Path")
 
 
 #: Classes whose methods are told in full, those of the others in a line.

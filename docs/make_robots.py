@@ -146,10 +146,10 @@ def short(said: tuple[str, ...]) -> str:
 
 
 def rows(outcomes: list[Outcome]) -> Iterator[str]:
-    """Yield the table, a row for each file."""
+    """Yield the table, a row for each file that was not trained at once."""
     yield "| file | at once | in | joints | tip |"
     yield "|---|---|---|---:|---|"
-    for found in outcomes:
+    for found in (found for found in outcomes if found.said):
         name, first = f"`{found.name}`", f"{short(found.said)}"
         if not found.trained:
             yield f"| {name} | {first} | | | |"

@@ -37,7 +37,7 @@ ROOMS = (
     ("cli", "the command line"),
 )
 
-DOORS = "calib/model/saving.py:"
+DOORS = "calib/model/model.py:"
 """The one method of a model that calls a room above when it is called."""
 
 WIDTH, ROW, LEFT = 860, 34, 300

@@ -1,7 +1,5 @@
 """Arms that see a board, or hold one before a camera, whose truth is known."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

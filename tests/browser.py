@@ -1,7 +1,5 @@
 """A real browser without a window and without a network, for the tests of pages."""
 
-from __future__ import annotations
-
 import io
 import os
 import re

@@ -1,7 +1,5 @@
 """URDF texts of small chains, for the tests of arms."""
 
-from __future__ import annotations
-
 
 def chain_urdf(*joints: str, tip: str = "0.2 0 0") -> str:
     """A serial robot: joints j1, j2, ... given by the inside of their elements, and a tip."""

@@ -1,7 +1,5 @@
 """The bundled six-axis arm's inverse in closed form: up to eight branches of a UR-like arm."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from calib.arm.rotations import exponential

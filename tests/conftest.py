@@ -1,7 +1,5 @@
 """Fixtures that tests share: commands, small models and logs, one thread."""
 
-from __future__ import annotations
-
 import io
 import json
 import os

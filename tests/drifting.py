@@ -1,7 +1,5 @@
 """Models and logs that the tests of drift and adaptation share."""
 
-from __future__ import annotations
-
 from functools import cache
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Trained models and closed forms that several test files share; each is trained once."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 

@@ -1,7 +1,5 @@
 """Pages of the manual: their blocks, how they run, where their links lead."""
 
-from __future__ import annotations
-
 import hashlib
 import os
 import re

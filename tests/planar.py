@@ -1,7 +1,5 @@
 """Closed forms of planar arms with two and three links, and URDFs of chains."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from calib.arm.arm import PlanarArm

@@ -1,7 +1,5 @@
 """References that the tests compare with: Pinocchio itself, on the URDF's own text."""
 
-from __future__ import annotations
-
 import numpy as np
 import pinocchio as pin
 

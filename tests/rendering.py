@@ -5,8 +5,6 @@ camera is a pinhole with a radial lens; pictures have shadows, blur, noise and J
 Nothing here is shared with `calib.recording`: projection and printing are written anew.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property

@@ -1,7 +1,5 @@
 """Pages of a preview, read back by the tests."""
 
-from __future__ import annotations
-
 import base64
 import json
 import math

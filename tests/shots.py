@@ -1,7 +1,5 @@
 """Pictures and a film of an arm with a tag on its tip, rendered, for the tests of recordings."""
 
-from __future__ import annotations
-
 import shutil
 from types import SimpleNamespace
 

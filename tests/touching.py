@@ -1,7 +1,5 @@
 """An arm whose tip touches sockets, whose truth is known."""
 
-from __future__ import annotations
-
 import numpy as np
 
 import calib

@@ -1,7 +1,5 @@
 """Arms as Pinocchio moves them, for logs whose truth is known."""
 
-from __future__ import annotations
-
 import csv
 import io
 from pathlib import Path

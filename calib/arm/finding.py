@@ -77,7 +77,7 @@ def find_arm(
         idle = [j.name for j in urdf.joints if j.movable and j.name not in choice.columns]
         excluded = excluded.union(idle)
     whole = _chains(urdf, posture, choice.tip, excluded)
-    flat = choice.planar or bool(whole and _is_flat(urdf, posture, whole[0]))
+    flat = choice.planar or bool(whole and is_flat(urdf, posture, whole[0].joints, whole[0].tip))
     planar = _planar_parts(urdf, posture, choice.tip, excluded)
     found = planar if flat else whole
     if not found:
@@ -122,25 +122,17 @@ def find_tip(urdf: Urdf, link: str) -> str:
         link = below[0].child
 
 
-def is_planar(urdf: Urdf, posture: Posture, joints: Sequence[Joint], tip: str) -> bool:
-    """Whether joints move a tip within one plane, and no mimic joint follows any of them."""
+def is_flat(urdf: Urdf, posture: Posture, joints: Sequence[Joint], tip: str) -> bool:
+    """Whether joints move a tip within one plane, or along a line; no mimic joint follows any."""
+    axes = np.array([posture.axes[joint.name] for joint in joints])
+    slides = not any(joint.revolute for joint in joints)
+    if slides and np.linalg.norm(np.cross(axes, axes[0]), axis=1).max() < PARALLEL:
+        return True
     try:
         common_normal(joints, posture)
     except RobotError:
         return False
     return not followers(urdf, urdf.path(tip), joints)
-
-
-def in_line(joints: Sequence[Joint], posture: Posture) -> bool:
-    """Whether joints do no more than slide along one line."""
-    axes = np.array([posture.axes[joint.name] for joint in joints])
-    slides = not any(joint.revolute for joint in joints)
-    return slides and bool(np.linalg.norm(np.cross(axes, axes[0]), axis=1).max() < PARALLEL)
-
-
-def _is_flat(urdf: Urdf, posture: Posture, chain: _Chain) -> bool:
-    joints = chain.joints
-    return is_planar(urdf, posture, joints, chain.tip) or in_line(joints, posture)
 
 
 def _of(chains: Sequence[_Chain], most: int = 6) -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import xml.etree.ElementTree as ET
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -44,12 +43,12 @@ def folded(
     following: _Following,
     tip: str,
     posture: Posture,
-    *masses: Array,
+    urdf: Urdf | None,
 ) -> SpatialChain:
     """Return the chain of an arm; `posture` has its moving joints at zero.
 
-    `moving` are the active joints and their followers, base to tip; `masses` those that they
-    carry and their centres, see `carried`, none where gravity does not matter.
+    `moving` are the active joints and their followers, base to tip; `urdf` states
+    the masses that they carry, None where gravity does not matter.
     """
     columns = {joint.name: k for k, joint in enumerate(active)}
     coupling, bias = np.zeros((len(moving), len(active))), np.zeros(len(moving))
@@ -64,40 +63,11 @@ def folded(
         tuple(joint.revolute for joint in moving),
         coupling,
         bias,
-        *masses,
+        *(_carried(urdf, posture, moving) if urdf else ()),
     )
 
 
-#: A link heavier than this [kg] is a mistake in the file, not an arm's link.
-_HEAVIEST = 1e5
-
-
-def _link_masses(text: str) -> dict[str, tuple[float, Array]]:
-    """Mass [kg] and centre (3,) [m], in the link's frame, of each link that states them.
-
-    What is no positive finite number is left out: the file still describes a chain.
-    """
-    found: dict[str, tuple[float, Array]] = {}
-    for link in ET.fromstring(text).findall("link"):  # noqa: S314 - parse_urdf refused entities
-        inertial = link.find("inertial")
-        mass = None if inertial is None else inertial.find("mass")
-        if inertial is None or mass is None:
-            continue
-        origin = inertial.find("origin")
-        place = "0 0 0" if origin is None else origin.get("xyz", "0 0 0")
-        try:
-            value = float(mass.get("value", "nan"))
-            centre = np.array([float(part) for part in place.split()])
-        except ValueError:
-            continue
-        if 0 < value < _HEAVIEST and centre.shape == (3,) and np.isfinite(centre).all():
-            found[link.get("name", "")] = (value, centre)
-    return found
-
-
-def carried(
-    text: str, urdf: Urdf, posture: Posture, joints: Sequence[Joint]
-) -> tuple[Array, Array]:
+def _carried(urdf: Urdf, posture: Posture, joints: Sequence[Joint]) -> tuple[Array, Array]:
     """Lump the masses beyond each joint of a chain, up to the next joint of the chain.
 
     Links beside the chain (fingers, covers) hang on the last chain joint below them and do not
@@ -109,12 +79,12 @@ def carried(
     """
     order = {joint.name: k for k, joint in enumerate(joints)}
     masses, moments = np.zeros(len(joints)), np.zeros((len(joints), 3))
-    for link, (mass, centre) in _link_masses(text).items():
+    for link, (mass, centre) in urdf.masses.items():
         below = [order[joint.name] for joint in urdf.path(link) if joint.name in order]
-        if not below or link not in posture.links:
-            continue
-        masses[below[-1]] += mass
-        moments[below[-1]] += mass * (posture.links[link] + posture.rotations[link] @ centre)
+        if below:
+            masses[below[-1]] += mass
+            place = posture.links[link] + posture.rotations[link] @ np.array(centre)
+            moments[below[-1]] += mass * place
     if not masses.any():
         return np.zeros(0), np.zeros((0, 3))
     points = np.array([posture.points[joint.name] for joint in joints])

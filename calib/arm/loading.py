@@ -16,8 +16,8 @@ import numpy as np
 from ..common.wording import listed, one_line, quoted, suggestion
 from ..errors import OptionError, RobotError
 from .arm import PlanarArm, SpatialArm
-from .finding import MOST_JOINTS, Choice, find_arm, find_tip, in_line, is_planar
-from .folding import carried, folded, followers
+from .finding import MOST_JOINTS, Choice, find_arm, find_tip, is_flat
+from .folding import folded, followers
 from .plane import check_tip, common_normal, plane_of
 from .posture import Kinematics, Posture
 from .ranges import Range, check_joint_limits, full_range, neutral, travel, unit_of
@@ -140,8 +140,7 @@ def arm_from_urdf(
         "notes": tuple(map(one_line, notes)),
         "limits": tuple(travel(joint) for joint in active),
     }
-    masses = () if flat else carried(text, urdf, posture, moving)
-    shared["chain"] = folded(moving, active, following, tip, posture, *masses)
+    shared["chain"] = folded(moving, active, following, tip, posture, None if flat else urdf)
     if flat:
         check_tip(active[-1], tip, urdf, posture)
         plane = plane_of(common_normal(active, posture), posture.links[tip])
@@ -177,7 +176,7 @@ def _select(
                 f"do: {listed(j.name for j in path if j.movable)}"
             )
     active = [joint for joint in path if joint in active]
-    flat = choice.planar or is_planar(urdf, posture, active, tip) or in_line(active, posture)
+    flat = choice.planar or is_flat(urdf, posture, active, tip)
     if flat:
         common_normal(active, posture)
     elif len(active) > MOST_JOINTS:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -56,6 +57,7 @@ class Urdf:
     links: tuple[str, ...]
     joints: tuple[Joint, ...]
     notes: tuple[str, ...]
+    masses: Mapping[str, tuple[float, Vector]]  # [kg] of links, and their centres [m]
 
     def joint(self, name: str) -> Joint | None:
         """Return the joint of that name, or None."""

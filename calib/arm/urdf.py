@@ -10,6 +10,8 @@ from __future__ import annotations
 import math
 import re
 import xml.etree.ElementTree as ET
+from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 
 from ..common.wording import listed, quoted, suggestion
@@ -20,6 +22,7 @@ MAX_BYTES = 50_000_000
 MAX_JOINTS = 1_000  # Pinocchio recurses along the chain and overflows its stack beyond
 _MAX_OFFSET = 1e6  # [m]; further out a double has no micrometres left
 _LONGEST_AXIS = 1e6  # Pinocchio squares it
+_HEAVIEST = 1e5  # [kg]; heavier is a mistake in the file, not an arm's link
 
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
 _INFINITE = re.compile(r"([+-]?)inf(inity)?", re.IGNORECASE)
@@ -81,7 +84,8 @@ def parse_urdf(text: str, name: str = "robot") -> Urdf:
                 "which does not exist: it is held where it is"
             )
     root = _find_root(links, joints)
-    return Urdf(own_name or name, root, tuple(links), joints, tuple(notes))
+    masses = dict(_masses(robot))
+    return Urdf(own_name or name, root, tuple(links), joints, tuple(notes), masses)
 
 
 def _parse_xml(text: str) -> ET.Element:
@@ -224,6 +228,17 @@ def _number(text: str, where: str, *, infinite: bool = False) -> float:
     if not (math.isfinite(value) or (infinite and math.isinf(value))):
         raise RobotError(f"{where} is {quoted(text)}, expected a finite number")
     return value
+
+
+def _masses(robot: ET.Element) -> Iterator[tuple[str, tuple[float, Vector]]]:
+    """Masses and centres of links; what is no positive finite number is left out."""
+    for link in robot.findall("link"):
+        origin, mass = link.find("inertial/origin"), link.find("inertial/mass")
+        if mass is not None:
+            with suppress(RobotError):
+                value = _number(mass.get("value", ""), "mass")
+                if 0 < value < _HEAVIEST:
+                    yield link.get("name", ""), (value, _vector(origin, "xyz", "mass", (0, 0, 0)))
 
 
 def _find_root(links: list[str], joints: tuple[Joint, ...]) -> str:

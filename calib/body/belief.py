@@ -10,11 +10,10 @@ import numpy as np
 
 from ..common.arrays import TRIANGLE, Array, Own, Shape
 from .covariance import radius_95, spread_of
-from .gaussian import Gaussian, OfStructure
-from .parameters import Indices
+from .parameters import Gaussian, Indices
 from .sensor import SensorPose
 from .settings import SHARED
-from .structure import Structure
+from .structure import OfStructure, Structure
 from .views import is_camera
 
 _CHUNK = 2000
@@ -173,3 +172,10 @@ class Body(OfStructure):
             "parameters": [vars(p) for p in self.parameters()],
             "words": list(self.describe()),
         }
+
+
+def knows_orientation(body: Body | None) -> bool:
+    """Whether a body was learned from orientations too."""
+    if body is None or body.structure.kind != "spatial":
+        return False
+    return bool(np.isin(body.structure.groups["tool.rotation"], body.active).all())

@@ -20,9 +20,9 @@ import numpy as np
 from ..arm.rotations import exponential, logarithm, quaternion_of
 from ..common.arrays import Array
 from .belief import Body
+from .fitting import BodyFit, fit
 from .measurement import Measurement
 from .parameters import Block, Indices
-from .posterior import BodyFit, fit_structure
 from .settings import FINE_SCALES
 from .spatial import SpatialStructure
 from .spatial_start import frame
@@ -127,14 +127,14 @@ def fit_corners(
     reading = Corners(pose, in_hand, begin)
     extent = float(np.sqrt(((seen - seen.mean(axis=0)) ** 2).sum(axis=1).mean()))
     camera = structure.with_view("board", unit="px", extent=extent, reading=reading)
-    fit = fit_structure(camera, np.column_stack([q[rows], corners]), seen)
+    found = fit(camera, np.column_stack([q[rows], corners]), seen)
     # as poses: noise of a pixel at the boards' distance stands for that of a position
-    focal = fit.body.beta[camera.groups["lens"]][0]
-    off = fit.body.noise[0] / focal
+    focal = found.body.beta[camera.groups["lens"]][0]
+    off = found.body.noise[0] / focal
     noise = np.repeat([off * float(np.median(np.abs(poses[:, 2]))), off], 3)
     nil = np.zeros(6)
-    body = replace(fit.body, noise=noise, tau=nil, residual=nil, second=None)
-    return fit, restated(body, structure)
+    body = replace(found.body, noise=noise, tau=nil, residual=nil, second=None)
+    return found, restated(body, structure)
 
 
 @dataclass(frozen=True, eq=False)

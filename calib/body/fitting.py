@@ -1,96 +1,203 @@
-"""Fit the body of a planar arm to rows: structure, start, gate, bound."""
+"""The one fit of a body: start, gate, final step over all rows, second fit, bound.
+
+`fit` takes any structure, which is a chain, what is measured of it, and their prior.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ..common.arrays import Array
-from ..common.scale import METRES
-from ..errors import OptionError
-from .nominal import Nominal
+from .belief import Body, Second
+from .covariance import as_kept
+from .fit import MANY, Fit, maximise
+from .gate import Passed, pass_gate
+from .held_out import leave_blocks_out, own_ratio
+from .parameters import Prior
 from .planar import PlanarStructure
-from .posterior import BodyFit, fit_structure
-from .settings import DOUBTED
-from .telling import warnings_of
-from .views import PLANAR
+from .settings import (
+    DOUBTED,
+    GUARD_LENS,
+    GUARDED_ROWS,
+    LEAST_SHARE,
+    LOG_FLOOR,
+    NO_CURVES,
+    REPEATS,
+    SAME_POSE,
+    SETTLED,
+    SHARED_ROWS,
+    SIMULATED_FLOOR,
+    STUDENT,
+)
+from .starts import best_starts
+from .structure import Structure
 
-__all__ = ["BodyFit", "fit_body", "fit_structure", "planar_structure"]
+
+@dataclass(frozen=True)
+class BodyFit:
+    """A fitted body and how it was found."""
+
+    body: Body
+    held_out: Array  # (n, m), residuals of contiguous blocks predicted from the others
+    notes: tuple[str, ...]  # what the rows cannot tell
+    turned: Array | None = None  # (n,), held-out errors of orientation, where they were measured
+
+    def of_positions(self) -> BodyFit:
+        """A fit to poses as one of positions, with the orientations' errors beside it.
+
+        The parameters that the orientations told are kept, the tool's rotation among them.
+        """
+        body = self.body
+        three = {name: getattr(body, name)[:3] for name in ("noise", "tau", "residual")}
+        second = body.second and replace(body.second, noise=body.second.noise[:3])
+        view = "base" if body.structure.view.startswith("base") else "rigid"
+        structure = replace(body.structure, view=view)  # type: ignore[type-var]
+        body = replace(body, structure=structure, second=second, **three)
+        turned = np.linalg.norm(self.held_out[:, 3:], axis=1)
+        return replace(self, body=body, held_out=self.held_out[:, :3], turned=turned)
 
 
-def fit_body(
+def fit(
+    structure: Structure,
     q: Array,
     z: Array,
     *,
-    joint_names: Sequence[str],
-    revolute: Sequence[bool],
-    nominal: Nominal | None = None,
-    view: str = "auto",
-    unit: str = "m",
-    simulated: bool = False,
-    lower: Array | None = None,
-    upper: Array | None = None,
+    simulated: bool | None = None,
     seed: int = 0,
+    notes: Sequence[str] = (),
 ) -> BodyFit:
-    """Fit the body of a planar arm.
+    """Fit a structure to rows.
 
-    q : (n, dof), joint values as they are logged [rad or m]
-    z : (n, 2), positions that the sensor saw [unit]
-    joint_names, revolute : names of the joints and which of them turn
-    nominal : geometry of a URDF as prior; with logs only
-    view : {"auto", "base", "rigid", "similarity", "affine", "homography"}, ``auto`` is rigid for
-        lengths, homography otherwise
-    unit : unit of positions
-    simulated : whether the rows are samples of a simulation: Gaussian weights, a lower noise floor
-    lower, upper : (dof,), joint ranges, for what the rows cannot tell
-    seed : chooses the rows of the gate where there are more than 3,000
-    Raises OptionError if the view is unknown or needs a nominal geometry.
+    structure : its signs and mirror are found, and without a drawing its chain
+    q : (n, dof), joint values as they are logged [rad or m]; further columns are the measurement's
+    z : (n, m), what the sensor saw
+    simulated : whether the rows are samples of a simulation: Gaussian weights, a lower noise
+        floor; by default what the structure says
+    seed : chooses the rows of the gate where there are many
+    notes : passed on
     """
     q, z = np.asarray(q, dtype=float), np.asarray(z, dtype=float)
-    template = planar_structure(z, joint_names, revolute, nominal, view, unit, simulated)
-    notes = warnings_of(q, template.joint_names, template.revolute, z, lower, upper)
-    fitted = fit_structure(template, q, z, seed=seed, notes=notes)
-    if nominal is None or view == "base":
-        return fitted
-    error = _typical(fitted.held_out)
-    if error < DOUBTED * template.extent:
-        return fitted
-    free = fit_structure(replace(template, nominal=None), q, z, seed=seed)
-    if not _typical(free.held_out) < error / 2:
-        return fitted
+    found = _fitted(structure, q, z, simulated, seed, tuple(notes))
+    if not isinstance(structure, PlanarStructure) or structure.nominal is None:
+        return found
+    if structure.view == "base" or _typical(found) < DOUBTED * structure.extent:
+        return found
+    free = _fitted(replace(structure, nominal=None), q, z, simulated, seed, found.notes)
+    if not _typical(free) < _typical(found) / 2:
+        return found
     note = "the nominal geometry does not fit the rows, even with its frame free: it is not used"
-    return replace(free, notes=(*notes, note))
+    return replace(free, notes=(*found.notes, note))
 
 
-def _typical(residual: Array) -> float:
-    """Median length of residuals (n, m)."""
-    return float(np.median(np.linalg.norm(residual, axis=1)))
+def _typical(found: BodyFit) -> float:
+    """Median length of held-out residuals."""
+    return float(np.median(np.linalg.norm(found.held_out, axis=1)))
 
 
-def planar_structure(
+def _fitted(
+    structure: Structure,
+    q: Array,
     z: Array,
-    joint_names: Sequence[str],
-    revolute: Sequence[bool],
-    nominal: Nominal | None,
-    view: str,
-    unit: str,
-    simulated: bool,
-) -> PlanarStructure:
-    """The structure that the rows and options ask for, signs and mirror still open."""
-    names, turns = tuple(joint_names), tuple(bool(r) for r in revolute)
-    if view not in ("auto", *PLANAR):
-        raise OptionError(f"view {view!r}, expected one of auto, {', '.join(PLANAR)}")
-    if view == "base" and nominal is None:
-        raise OptionError("view 'base' needs the nominal geometry of a robot; give nominal")
-    if view == "auto":
-        view = "rigid" if unit in METRES else "homography"
-    centre = z.mean(axis=0)
-    extent = float(np.sqrt(((z - centre) ** 2).sum(axis=1).mean()))
-    extent = max(extent, 1e-9 * (1e-3 + float(np.abs(z).max())))
-    return PlanarStructure(
-        names, turns, view, unit, METRES.get(unit, 1.0), PLANAR[view].lens,
-        signs=nominal.signs if nominal else (1,) * len(names), mirror=1, extent=extent,
-        centre=(float(centre[0]), float(centre[1])), nominal=nominal, simulated=simulated,
+    simulated: bool | None,
+    seed: int,
+    notes: tuple[str, ...],
+) -> BodyFit:
+    simulated = structure.simulated if simulated is None else simulated
+    floor = (SIMULATED_FLOOR if simulated else LOG_FLOOR) * structure.extents
+    nu = np.inf if simulated else STUDENT
+    members = structure.members()
+    chain = next((free for name, free in members if name == "chain"), members[0][1])
+    some_q, some_z, few = q, z, len(q) <= structure.gate_rows
+    if not few:  # a draw in the order of the log
+        rows = np.sort(np.random.default_rng(seed).permutation(len(q))[: structure.gate_rows])
+        some_q, some_z = q[rows], z[rows]
+    passed = max(
+        (
+            pass_gate(start, chain, some_q, some_z, nu, floor)
+            for start in best_starts(structure, q, z, chain)
+        ),
+        key=lambda each: each.fit.evidence,
+    )
+    whole = passed.fit if few else _over_all_rows(passed, q, z, floor)
+    held, own = leave_blocks_out(whole), whole.structure
+    repeat, second = 0.0, None
+    if not simulated:
+        repeat = repeatability(q, z[:, : own.blocks[0]])
+        second = _second(passed, chain, some_q, some_z, floor)
+    body = Body(
+        own, whole.beta, whole.active, as_kept(whole.covariance), whole.noise,
+        kappa=max(1.0, held.ratio(), own_ratio(whole)), tau=held.tau(whole.noise, own.blocks),
+        residual=np.zeros(own.outputs), nu=nu, autocorrelation=whole.autocorrelation,
+        scales=passed.fit.scales, rows=len(z), simulated=simulated, member=passed.name,
+        second=second, repeat=repeat,
     )  # fmt: skip
+    # Where the other blocks determine nothing, they predict their mean.
+    residual = np.where(np.isfinite(held.residual), held.residual, z - z.mean(axis=0))
+    return BodyFit(body, residual, notes)
+
+
+def repeatability(q: Array, z: Array) -> float:
+    """Sd of readings `z` (n, p) [unit] along an axis where joints (n, dof) are the same; else 0."""
+    _, pose, count = np.unique(
+        np.round(q / SAME_POSE), axis=0, return_inverse=True, return_counts=True
+    )
+    freedom = int((count - 1).sum())
+    if freedom < REPEATS:
+        return 0.0
+    means = np.zeros((len(count), z.shape[1]))
+    np.add.at(means, pose.ravel(), z)
+    away = z - (means / count[:, None])[pose.ravel()]
+    return float(np.sqrt((away**2).sum() / (freedom * z.shape[1])))
+
+
+def _over_all_rows(passed: Passed, q: Array, z: Array, floor: Array) -> Fit:
+    """The member's fit carried on over all rows, with its prior scales kept."""
+    fit = passed.fit
+    sd = np.zeros(len(fit.beta))
+    sd[fit.active] = fit.sd
+    learn = bool((fit.noise > floor).any())  # exact rows leave nothing to learn of their noise
+    return maximise(
+        fit.structure, q, z, fit.beta, Prior(fit.mean, sd), nu=fit.nu, floor=floor, noise=fit.noise,
+        learn=learn, steps=4 if len(fit.active) > MANY else 10, tolerance=SETTLED,
+    )  # fmt: skip
+
+
+def _second(
+    passed: Passed, chain: tuple[str, ...], q: Array, z: Array, floor: Array
+) -> Second | None:
+    """What the member left out, for the bound: the whole chain, curves under a wider hyperprior.
+
+    None where the member has the chain and the rows speak against curves.
+    """
+    fit, groups = passed.fit, passed.fit.structure.groups
+    bends = "curve" in passed.free or passed.against("curves") < NO_CURVES
+    guarded = [name for name in ("elastic", "lens") if len(groups.get(name, ()))]
+    more = guarded if len(q) >= GUARDED_ROWS else []
+    if not bends and {*chain, *more} <= set(passed.free):
+        return None
+    free = tuple(dict.fromkeys((*passed.free, *chain, *more, *(("curve",) if bends else ()))))
+    prior = fit.structure.prior(free)
+    sd = prior.sd.copy()
+    if "lens" in more and fit.structure.kind == "planar":
+        sd[groups["lens"]] = GUARD_LENS, 0.0, 0.0
+    sd[fit.active] = fit.sd
+    (pseudo, rms), hypers = fit.structure.wide, []
+    for h in prior.hypers:
+        if h.name.startswith("curve"):  # many pseudo-observations of a large one
+            hypers.append(h._replace(pseudo=pseudo, scale=rms / np.sqrt(len(h.indices))))
+        elif not np.isin(h.indices, fit.active).any():  # a group that the member left out
+            hypers.append(h)
+    for h in hypers:
+        sd[h.indices] = h.scale * np.sqrt(h.shape)
+    made = maximise(
+        fit.structure, q, z, fit.beta, Prior(prior.mean, sd, tuple(hypers)),
+        nu=fit.nu, floor=floor, noise=fit.noise, steps=4, begun=fit,
+    )  # fmt: skip
+    # Few rows of an arm in space tell how large its curves are altogether, if not where.
+    few = len(q) < SHARED_ROWS and fit.structure.kind == "spatial"
+    share = np.clip(leave_blocks_out(made).ratio(), LEAST_SHARE, 1.0) if few else 1.0
+    root = as_kept(float(share) ** 2 * made.covariance)
+    return Second(made.beta, made.active, root, made.noise)

@@ -8,9 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..common.arrays import Array
-from .fit import Fit, maximise
+from .fit import BLOCKS, Fit, maximise
 from .held_out import HeldOut, leave_blocks_out
-from .search import BLOCKS
 from .settings import NATS, SETTLED
 from .starts import Start
 
@@ -66,26 +65,22 @@ def pass_gate(
     floor : (m,), least noise; nothing richer is tried where samples of a simulation reach it
     """
     structure, gaussian = start.structure, not np.isfinite(nu)
-    members = structure.members()
     known: list[tuple[set[str], Fit]] = []
 
     def fit(free: tuple[str, ...]) -> Fit:
         within = [made for groups, made in known if groups <= set(free)]
-        starts = [start.beta]
-        if within:
-            starts = [max(within, key=lambda made: made.evidence).beta]
-            if gaussian and within[0].beta is not starts[0]:
-                starts.append(within[0].beta)  # what passed may have bent the arm for the sensor
-        made = max(
-            (
-                maximise(
-                    structure, q, z, beta, structure.prior(free), nu=nu, floor=floor,
-                    tolerance=1e-3 if gaussian else SETTLED, steps=20 if gaussian else 10,
-                )
-                for beta in starts
-            ),
-            key=lambda made: made.evidence,
-        )  # fmt: skip
+        best = max(within, key=lambda made: made.evidence, default=None)
+        starts = [start if best is None else best]
+        if best is not None and gaussian and within[0] is not best:
+            starts.append(within[0])  # what passed may have bent the arm for the sensor
+        every = [
+            maximise(
+                structure, q, z, each.beta, structure.prior(free), nu=nu, floor=floor,
+                tolerance=1e-3 if gaussian else SETTLED, steps=20 if gaussian else 10,
+            )
+            for each in starts
+        ]  # fmt: skip
+        made = max(every, key=lambda made: made.evidence)
         if set(chain) <= set(free):
             known.append((set(free), made))
         return made
@@ -95,6 +90,7 @@ def pass_gate(
 
     best: Passed | None = None
     tried: dict[str, float] = {}
+    members = structure.members()
     names = {frozenset(groups): name for name, groups in members}
     seen: list[set[str]] = []
     for own, groups in members:

@@ -13,7 +13,6 @@ from scipy.linalg.lapack import dpotrf, dpotri, dtrtri
 from ..common.arrays import Array
 from .derivative import Derivative
 from .parameters import Indices
-from .structure import Structure
 
 
 class Factor:
@@ -150,6 +149,19 @@ def first_noise(r: Array, floor: Array, blocks: tuple[int, ...]) -> Array:
     return np.maximum(noise, floor)
 
 
+def student_scale(r: Array, extents: Array, blocks: tuple[int, ...], nu: float) -> Array:
+    """Maximum-likelihood Student scale (m,) of residuals, at least 1e-7 of the extents."""
+    sigma = np.empty(r.shape[1])
+    for part in slices(blocks):
+        p, least = part.stop - part.start, 1e-14 * extents[part.start] ** 2
+        e2 = (r[:, part] ** 2).sum(axis=1)
+        s2 = float(np.median(e2)) / p + least
+        for _ in range(12):
+            s2 = float(((nu + p) / (nu + e2 / s2) * e2).mean()) / p + least
+        sigma[part] = np.sqrt(s2)
+    return sigma
+
+
 def negative_log_likelihood(r: Array, noise: Array, nu: float, blocks: tuple[int, ...]) -> float:
     """Negative logarithm of the likelihood of residuals (n, m), up to a constant."""
     total = 0.0
@@ -162,14 +174,6 @@ def negative_log_likelihood(r: Array, noise: Array, nu: float, blocks: tuple[int
         else:
             total += 0.5 * float(e2.sum())
     return total
-
-
-def information_factor(structure: Structure, nu: float) -> float:
-    """Share of the weighted normal equations that is information under Student noise."""
-    if not np.isfinite(nu):
-        return 1.0
-    p = structure.blocks[0]
-    return (nu + p) / (nu + p + 2)
 
 
 def linear_evidence(gram: Array, moment: Array, start: Array, sd: Array) -> float:

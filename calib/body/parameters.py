@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..common.arrays import Array
+from ..common.frozen import ReadOnly, frozen
 
 Indices = NDArray[np.intp]
 
@@ -27,15 +28,20 @@ class Label(NamedTuple):
     unit: str  # ``"rad"``, ``"1"``, the unit of positions
 
 
-class ScaleGroup(NamedTuple):
-    """Parameters of a block of which the evidence chooses the prior sd."""
+class Hyper(NamedTuple):
+    """Parameters whose common prior scale is chosen by evidence.
 
-    name: str
-    sd: float  # where the evidence starts; also the sd of the pseudo-observations
-    choices: tuple[float, ...] = ()  # factors that are compared; none: the sd moves freely by EM
-    pseudo: float = 0.0  # number of pseudo-observations that hold it where it moves
-    within: Sequence[int] | Indices | None = None  # parameters of the block; None: all
-    shape: Array | None = None  # (g,), relative variances; None: all alike
+    The prior variance of parameter ``indices[k]`` is ``scale**2 * shape[k]``.
+    """
+
+    name: str  # name of the scale, as `Body.scales` keeps it: ``"length"``, ``"curve.0"``
+    scale: float  # where the evidence starts; also the scale of the pseudo-observations
+    choices: tuple[float, ...] = ()  # factors that are compared; none: it moves freely by EM
+    # number of pseudo-observations at `scale` (an inverse-gamma hyperprior) where it moves
+    pseudo: float = 0.0
+    # the parameters, in a block those of the block (None: all of it), in a prior (g,) of all
+    indices: Any = None
+    shape: Any = None  # (g,), relative variances; None: all alike
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,31 +52,12 @@ class Block:
     parts: tuple[Part, ...]
     mean: Array | float = 0.0  # prior mean
     sd: Array | float = 0.0  # prior sd where the block is freed; 0 holds a parameter at its mean
-    scales: tuple[ScaleGroup, ...] = ()  # whose sd the evidence chooses instead
+    scales: tuple[Hyper, ...] = ()  # whose sd the evidence chooses instead
 
     @staticmethod
-    def of(
-        name: str, unit: str, names: Sequence[str], sd: float, mean: Array | float = 0.0
-    ) -> Block:
+    def of(name: str, unit: str, names: Sequence[str], sd: Any, mean: Any = 0.0) -> Block:
         """Parameters of no joint, in one unit."""
         return Block(name, tuple((None, each, unit) for each in names), mean, sd)
-
-
-@dataclass(frozen=True)
-class Hyper:
-    """Parameters whose common prior scale is chosen by evidence.
-
-    The prior variance of parameter ``indices[k]`` is ``scale**2 * shape[k]``.
-    """
-
-    name: str  # name of the scale, as `Body.scales` keeps it: ``"length"``, ``"curve.0"``
-    indices: Indices  # (g,), the parameters
-    shape: Array  # (g,), relative variances (mean 1 for curves)
-    scale: float  # starting scale; also the scale of the pseudo-observations
-    # number of pseudo-observations at `scale` (an inverse-gamma hyperprior); used by EM
-    pseudo: float = 0.0
-    # factors on `scale` that are compared by evidence; empty: the scale moves freely by EM
-    choices: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -105,44 +92,37 @@ class Layout:
         self.size = start
 
 
-_layout_of = lru_cache(maxsize=64)(Layout)  # variants of a structure share theirs
+layout_of = lru_cache(maxsize=64)(Layout)  # variants of a structure share theirs
 
 
-class Blocks:
-    """The blocks of a structure: layout, prior means, and the prior of those that are freed."""
+def prior_of(blocks: Sequence[Block], layout: Layout, mean: Array, free: Sequence[str]) -> Prior:
+    """Prior that frees the blocks of `free`; ``"curve"`` stands for all joints' curves."""
+    sd, hypers = np.zeros(layout.size), []
+    for block in blocks:
+        if block.name not in free and block.name.partition(".")[0] not in {"curve"} & {*free}:
+            continue
+        own = layout.groups[block.name]
+        sd[own] = block.sd
+        for each in block.scales:
+            indices = own if each.indices is None else own[each.indices]
+            shape = np.ones(len(indices)) if each.shape is None else each.shape
+            sd[indices] = each.scale * np.sqrt(shape)
+            if len(indices):
+                hypers.append(each._replace(indices=indices, shape=shape))
+    # offsets before the placements: turned and shifted origins would explain an offset too, by
+    # freeing sixfold what they are; of a camera's arm they took 2 deg where 0.2 deg was true
+    hypers.sort(key=lambda hyper: hyper.name.startswith("placement"))
+    return Prior(mean, sd, tuple(hypers))
 
-    def __init__(self, blocks: Sequence[Block]) -> None:
-        self._blocks = tuple(blocks)
+
+class Gaussian(ReadOnly):
+    """A Gaussian belief over some parameters, kept as the root of a covariance."""
+
+    beta: Array  # (d,)
+    active: Indices  # (k,), those that it is over
+    root: Array  # (k, r), of their covariance
 
     @cached_property
-    def layout(self) -> Layout:
-        """Where each parameter stands, and what it is."""
-        return _layout_of(tuple((block.name, block.parts) for block in self._blocks))
-
-    def mean(self) -> Array:
-        """Prior means (d,)."""
-        out = np.empty(self.layout.size)
-        for block in self._blocks:
-            out[self.layout.groups[block.name]] = block.mean
-        return out
-
-    def prior(self, free: Sequence[str]) -> Prior:
-        """Prior that frees the blocks of `free`; ``"curve"`` stands for all joints' curves."""
-        sd, hypers = np.zeros(self.layout.size), []
-        for block in self._blocks:
-            if block.name not in free and block.name.partition(".")[0] not in {"curve"} & {*free}:
-                continue
-            own = self.layout.groups[block.name]
-            sd[own] = block.sd
-            for scale in block.scales:
-                indices = own if scale.within is None else own[scale.within]
-                shape = np.ones(len(indices)) if scale.shape is None else scale.shape
-                sd[indices] = scale.sd * np.sqrt(shape)
-                if len(indices):
-                    hypers.append(
-                        Hyper(scale.name, indices, shape, scale.sd, scale.pseudo, scale.choices)
-                    )
-        # offsets before the placements: turned and shifted origins would explain an offset too, by
-        # freeing sixfold what they are; of a camera's arm they took 2 deg where 0.2 deg was true
-        hypers.sort(key=lambda hyper: hyper.name.startswith("placement"))
-        return Prior(self.mean(), sd, tuple(hypers))
+    def covariance(self) -> Array:
+        """Covariance (k, k) of the active parameters."""
+        return frozen(self.root @ self.root.T)

@@ -21,10 +21,12 @@ from itertools import product
 import numpy as np
 
 from ..common.arrays import Array
+from ..common.scale import METRES
+from ..errors import OptionError
 from .curves import curve_shape
 from .measurement import Moved
 from .nominal import Complex, Nominal
-from .parameters import Block, Indices, ScaleGroup
+from .parameters import Block, Hyper, Indices
 from .planar_view import PlanarReading
 from .settings import (
     CURVE_RMS,
@@ -170,7 +172,7 @@ class PlanarStructure(Structure):
             *(
                 Block(
                     what, self.of_joints(what, unit), mean, 0.0 if drawn else sd,
-                    (ScaleGroup(what, *scale),) if drawn else (),
+                    (Hyper(what, *scale),) if drawn else (),
                 )
                 for what, unit, mean, sd, scale in joints
             ),
@@ -180,7 +182,7 @@ class PlanarStructure(Structure):
                     (names[i], f"{names[i]}.elastic {wave} {names[j]}", "rad")
                     for (i, j), wave in product(self.pairs, ("cos", "sin"))
                 ),
-                scales=(ScaleGroup("elastic", bent * ELASTIC_FLAT, pseudo=4.0),),
+                scales=(Hyper("elastic", bent * ELASTIC_FLAT, pseudo=4.0),),
             ),
             *self.curves(CURVE_RMS, CURVE_ROWS_FLAT, curve_shape(LONG)),
         )  # fmt: skip
@@ -236,3 +238,30 @@ class PlanarStructure(Structure):
             ("curves and elastic", (*chain, "elastic", "curve"), turns),
         )
         return tuple((name, groups) for name, groups, wanted in ladder if wanted)
+
+
+def planar_structure(
+    z: Array,
+    joint_names: Sequence[str],
+    revolute: Sequence[bool],
+    nominal: Nominal | None = None,
+    view: str = "auto",
+    unit: str = "m",
+    simulated: bool = False,
+) -> PlanarStructure:
+    """The structure that the rows and options ask for, signs and mirror still open."""
+    names, turns = tuple(joint_names), tuple(bool(r) for r in revolute)
+    if view not in ("auto", *PLANAR):
+        raise OptionError(f"view {view!r}, expected one of auto, {', '.join(PLANAR)}")
+    if view == "base" and nominal is None:
+        raise OptionError("view 'base' needs the nominal geometry of a robot; give nominal")
+    if view == "auto":
+        view = "rigid" if unit in METRES else "homography"
+    centre = z.mean(axis=0)
+    extent = float(np.sqrt(((z - centre) ** 2).sum(axis=1).mean()))
+    extent = max(extent, 1e-9 * (1e-3 + float(np.abs(z).max())))
+    return PlanarStructure(
+        names, turns, view, unit, METRES.get(unit, 1.0), PLANAR[view].lens,
+        signs=nominal.signs if nominal else (1,) * len(names), mirror=1, extent=extent,
+        centre=(float(centre[0]), float(centre[1])), nominal=nominal, simulated=simulated,
+    )  # fmt: skip

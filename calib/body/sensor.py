@@ -16,8 +16,8 @@ import numpy as np
 from ..arm.rotations import cross_matrix, quaternion_of
 from ..common.arrays import Array
 from ..errors import LogError
-from .gaussian import Gaussian, OfStructure
-from .parameters import Indices
+from .parameters import Gaussian, Indices
+from .structure import OfStructure
 
 _TELLING = 0.8
 """Share of a position's spread below which it is told what is left without the gauge."""

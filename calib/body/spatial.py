@@ -15,13 +15,12 @@ from typing import Any
 
 import numpy as np
 
-from ..arm.motion import Deviations, move
-from ..arm.motion import Motion as ChainMotion
-from ..arm.spatial_chain import GRAVITY, SpatialChain
+from ..arm.spatial_chain import GRAVITY, Deviations, SpatialChain, move
+from ..arm.spatial_chain import Motion as ChainMotion
 from ..common.arrays import Array
 from .curves import curve_shape
 from .measurement import Measurement, Moved
-from .parameters import Block, Indices, ScaleGroup
+from .parameters import Block, Hyper, Indices
 from .settings import (
     CURVE_RMS,
     CURVE_ROWS,
@@ -113,8 +112,8 @@ class SpatialStructure(Structure):
         choices = self.measurement.scales
         places = list(product((("shift", "m"), ("turn", "rad")), "xyz"))
         drawn = (
-            ScaleGroup("placement.shift", SHIFT, choices, within=placed[:, 0].ravel()),
-            ScaleGroup("placement.turn", TURN, choices, within=placed[:, 1].ravel()),
+            Hyper("placement.shift", SHIFT, choices, indices=placed[:, 0].ravel()),
+            Hyper("placement.turn", TURN, choices, indices=placed[:, 1].ravel()),
         )
         return (
             Block(
@@ -137,17 +136,17 @@ class SpatialStructure(Structure):
             Block(
                 "offset", self.of_joints("offset", *("rad" if t else "m" for t in turning)),
                 scales=(
-                    ScaleGroup("offset", TURN, OFFSET_SCALES, within=turned),
-                    ScaleGroup("offset.slide", SHIFT, SCALES, within=slid),
+                    Hyper("offset", TURN, OFFSET_SCALES, indices=turned),
+                    Hyper("offset.slide", SHIFT, SCALES, indices=slid),
                 ),
             ),
             Block(
                 "gain", self.of_joints("gain", "1"), 1.0,
-                scales=(ScaleGroup("gain", GAIN, SCALES),),
+                scales=(Hyper("gain", GAIN, SCALES),),
             ),
             Block(
                 "elastic", tuple((name, f"{name}.elastic", "rad") for name in weighted),
-                scales=(ScaleGroup("elastic", ELASTIC, pseudo=1.0),),
+                scales=(Hyper("elastic", ELASTIC, pseudo=1.0),),
             ),
             *self.curves(CURVE_RMS, CURVE_ROWS, curve_shape()),
         )  # fmt: skip
@@ -163,7 +162,7 @@ class SpatialStructure(Structure):
 
         Where nothing is known of its masses, there are none.
         """
-        loads = self.chain.torques(q, np.asarray(self.gravity)).T / self.torque
+        loads = self.chain.torques(q, self.gravity).T / self.torque
         return np.ascontiguousarray(loads), np.arange(self.chain.joints)
 
     def coupled(self, own: Array) -> Array:
@@ -246,8 +245,10 @@ def _axes(rotation: Array) -> Array:
     return np.swapaxes(rotation, -3, -2)
 
 
-def structure_of(arm: Any, view: str = "rigid", **options: Any) -> SpatialStructure:
-    """Return the structure of a `SpatialArm` and a view of it, its URDF being the prior.
+def structure_of(
+    arm: Any, view: str = "rigid", kind: type[SpatialStructure] | None = None, **options: Any
+) -> SpatialStructure:
+    """Return the structure of an arm and a view of it, its URDF being the prior.
 
     `options` are further attributes: unit, metre, extent, lens, lens_sd, gravity.
     """
@@ -257,9 +258,8 @@ def structure_of(arm: Any, view: str = "rigid", **options: Any) -> SpatialStruct
         name = arm.joint_names[leader]
         names.append(name if name not in names else f"{name}.mimic{i}")
     options.setdefault("extent", max(chain.reach, 1e-9) * options.get("metre", 1.0))
-    return SpatialStructure(
-        chain, tuple(arm.joint_names), tuple(names), tuple(arm.revolute), view, **options
-    )
+    kind = kind or SpatialStructure
+    return kind(chain, tuple(arm.joint_names), tuple(names), tuple(arm.revolute), view, **options)
 
 
 def unknown_structure(

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..common.arrays import Array
+from .fit import Fit
 from .planar import PlanarStructure
 from .planar_start import planar_starts
-from .settings import APART, RIVAL_START
-from .settle import settle
+from .settings import APART, RIVAL_START, STUDENT
 from .spatial import SpatialStructure
 from .spatial_start import spatial_starts
 from .structure import Structure
@@ -22,9 +22,6 @@ _ROWS = 400
 _KEPT = 8
 """Runs that are carried on after the first six steps."""
 
-_ASKED = 100
-"""Places where two starts are compared."""
-
 
 @dataclass(frozen=True)
 class Start:
@@ -32,8 +29,8 @@ class Start:
 
     structure: Structure  # with its signs and mirror
     beta: Array  # (d,)
-    cost: float  # negative log posterior at the start's own noise
-    noise: float  # share of the extents that the residuals have
+    cost: float = 0.0  # negative log posterior at the start's own noise
+    noise: float = 0.0  # share of the extents that the residuals have
 
 
 def candidates(structure: Structure, q: Array, z: Array) -> Sequence[tuple[Structure, Array]]:
@@ -54,29 +51,27 @@ def best_starts(
     Rows along a path can be explained by two arms, of which joint curves may prefer the wrong
     one; the gate then decides with the curves.
 
-    q : (n, dof)
-    z : (n, m)
+    q, z : (n, dof) and (n, m)
     free : groups that the runs fit; the gate's chain
     """
-    box = q.min(axis=0), np.ptp(q, axis=0)
+    rng = np.random.default_rng(0)
+    ask = q.min(axis=0) + rng.random((100, q.shape[1])) * np.ptp(q, axis=0)
     if len(q) > _ROWS:
         rows = np.sort(np.random.default_rng(0).permutation(len(q))[:_ROWS])
         q, z = q[rows], z[rows]
-    found = candidates(structure, q, z)
-    if len(found) == 1:  # nothing to choose from: the gate goes on from here
-        return (Start(found[0][0], found[0][1], 0.0, 0.0),)
+    runs = [Start(*found) for found in candidates(structure, q, z)]
+    if len(runs) == 1:  # nothing to choose from: the gate goes on from here
+        return tuple(runs)
 
-    def refined(each: Structure, beta: Array, steps: int) -> Start:
-        return Start(each, *settle(each, q, z, beta, each.prior(free), steps))
+    def refined(run: Start, steps: int) -> Start:
+        still, prior = np.zeros(structure.outputs), run.structure.prior(free)
+        fit = Fit(run.structure, q, z, run.beta, prior, STUDENT, still)
+        return Start(run.structure, *fit.settle(steps))
 
-    runs = [refined(each, beta, 6) for each, beta in found]
-    runs.sort(key=lambda run: run.cost)
-    runs = [refined(run.structure, run.beta, 40) for run in runs[:_KEPT]]
-    best = runs[0]
-    for run in runs:
-        if run.cost < best.cost - 1e-9 * abs(best.cost):
-            best = run
-    ask = box[0] + np.random.default_rng(0).random((_ASKED, q.shape[1])) * box[1]
+    runs = sorted((refined(run, 6) for run in runs), key=lambda run: run.cost)
+    runs = [refined(run, 40) for run in runs[:_KEPT]]
+    least = min(run.cost for run in runs)
+    best = next(run for run in runs if run.cost <= least + 1e-9 * abs(least))
     there = best.structure.predict(ask, best.beta)
     for run in sorted(runs, key=lambda run: run.cost):
         if run.noise > RIVAL_START * best.noise or not np.isfinite(run.cost):

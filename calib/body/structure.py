@@ -23,7 +23,18 @@ from ..common.arrays import Array
 from .curves import HARMONICS, curve_slope, curve_value, powers
 from .derivative import Derivative, Waves
 from .measurement import Measurement, Moved, Sight, TipMotion
-from .parameters import Block, Blocks, Indices, Label, Layout, Part, Prior, ScaleGroup
+from .parameters import (
+    Block,
+    Gaussian,
+    Hyper,
+    Indices,
+    Label,
+    Layout,
+    Part,
+    Prior,
+    layout_of,
+    prior_of,
+)
 from .views import VIEWS_OF_BODIES, ViewKind
 
 _STEP = 1e-5  # [rad or m], of differences of loads, which bend by mrad: exact to 1e-12 rad
@@ -113,14 +124,14 @@ class Structure:
     # Parameters.
 
     @cached_property
-    def parameters(self) -> Blocks:
+    def _blocks(self) -> tuple[Block, ...]:
         """The blocks of the sensor, the geometry and the joints."""
-        return Blocks((*self._sensor, *self.geometry()))
+        return (*self._sensor, *self.geometry())
 
-    @property
+    @cached_property
     def layout(self) -> Layout:
         """Where each parameter stands, and what it is."""
-        return self.parameters.layout
+        return layout_of(tuple((block.name, block.parts) for block in self._blocks))
 
     @property
     def groups(self) -> Mapping[str, Indices]:
@@ -138,11 +149,14 @@ class Structure:
 
     def neutral(self) -> Array:
         """Parameters (d,) at the mean of the prior."""
-        return self.parameters.mean()
+        out = np.empty(self.size)
+        for block in self._blocks:
+            out[self.groups[block.name]] = block.mean
+        return out
 
     def prior(self, free: Sequence[str]) -> Prior:
         """Prior that frees the blocks of `free`; ``"curve"`` stands for all joints' curves."""
-        return self.parameters.prior(free)
+        return prior_of(self._blocks, self.layout, self.neutral(), free)
 
     def of_joints(self, what: str, *units: str) -> tuple[Part, ...]:
         """One parameter of each joint, in a unit that all share or each has."""
@@ -155,9 +169,7 @@ class Structure:
         for k, (name, turns) in enumerate(zip(self.joint_names, self.revolute, strict=True)):
             waves = product(("cos", "sin"), range(1, HARMONICS + 1 if turns else 1))
             parts = tuple((name, f"{name}.curve {wave} {order}", "rad") for wave, order in waves)
-            scale = ScaleGroup(
-                f"curve.{k}", rms / np.sqrt(2 * HARMONICS), pseudo=pseudo, shape=shape
-            )
+            scale = Hyper(f"curve.{k}", rms / np.sqrt(2 * HARMONICS), pseudo=pseudo, shape=shape)
             yield Block(f"curve.{k}", parts, scales=(scale,) if turns else ())
 
     # Predictions.
@@ -318,3 +330,9 @@ class Structure:
     def slope(self, q: Array, beta: Array) -> Array:
         """Derivative (n, m, dof) of the outputs by the joint values."""
         return self.predict_and_slope(q, beta)[1]
+
+
+class OfStructure(Gaussian):
+    """A belief with the structure that its parameters are of."""
+
+    structure: Structure

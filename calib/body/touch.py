@@ -21,10 +21,10 @@ from ..common.arrays import Array
 from ..samples.sockets import Known
 from .belief import Body
 from .covariance import as_kept
+from .fit import BLOCKS
+from .fitting import BodyFit, fit
 from .measurement import Measurement
 from .parameters import Block, Indices
-from .posterior import BodyFit, fit_structure
-from .search import BLOCKS
 from .settings import FREE, STATED, TOUCH_SCALES
 from .spatial import SpatialStructure
 from .spatial_view import InSpace
@@ -171,26 +171,26 @@ def fit_touches(
 
     def fitted(touch: Touch) -> BodyFit:
         seen = structure.with_view(view, reading=touch, extent=extent)
-        return fit_structure(seen, rows, np.zeros((len(rows), 3)), seed=seed)
+        return fit(seen, rows, np.zeros((len(rows), 3)), seed=seed)
 
-    fit = fitted(touch)
-    misjudged = abs(np.log(float(fit.body.noise[0]) / STATED)) > np.log(_ALIKE)
+    found = fitted(touch)
+    misjudged = abs(np.log(float(found.body.noise[0]) / STATED)) > np.log(_ALIKE)
     if (len(rows) > len(q) and misjudged) or (point < 0).any():
         # distances weigh as they were stated, and positions as they are, beside touches' own noise
-        off = fit.body.structure.predict(rows, fit.body.beta)[: len(q)][point < 0]
+        off = found.body.structure.predict(rows, found.body.beta)[: len(q)][point < 0]
         sensor = 1.48 * float(np.median(np.abs(off))) if len(off) else STATED
-        noise = float(fit.body.noise[0])
-        fit = fitted(replace(touch, noise=noise, sensor=max(sensor, noise / 10)))
-    points = fit.body.beta[fit.body.structure.groups["point"]].reshape(-1, 3)
-    body = restated(fit.body, structure)
+        noise = float(found.body.noise[0])
+        found = fitted(replace(touch, noise=noise, sensor=max(sensor, noise / 10)))
+    points = found.body.beta[found.body.structure.groups["point"]].reshape(-1, 3)
+    body = restated(found.body, structure)
     if structure.view == "base":
         range_of = np.random.default_rng(seed).random((_POSTURES, q.shape[1]))
         body = anchored(body, lower + range_of * (upper - lower))
     else:
         sensor_at = structure.sensor(body.beta)
         points = points @ sensor_at.rotation.T + sensor_at.shift
-    held = _scattered(fit.held_out, point, len(rows))[: len(q)]
-    return TouchFit(replace(fit, body=body, held_out=held), points)
+    held = _scattered(found.held_out, point, len(rows))[: len(q)]
+    return TouchFit(replace(found, body=body, held_out=held), points)
 
 
 def _scattered(residual: Array, point: NDArray[np.intp], rows: int) -> Array:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from .parameters import ScaleGroup
+from .parameters import Hyper
 from .settings import SCALES, SOCKET, TAG
 
 
@@ -17,7 +17,7 @@ class ViewKind:
     least: int = 2  # fewest rows that place the sensor in front of an arm in space
     lens: bool = False  # whether the gate may fit a planar arm's lens by default
     # what is known of the tool where there is a drawing; None: nothing
-    tool: ScaleGroup | None = None
+    tool: Hyper | None = None
 
     @property
     def scaled(self) -> bool:
@@ -31,7 +31,7 @@ class ViewKind:
 
 
 _FRAME = ("view.rotation", "view.shift")
-_SOCKET = ScaleGroup("tool", SOCKET, (1.0,))
+_SOCKET = Hyper("tool", SOCKET, (1.0,))
 _AFFINE = (*_FRAME, "view.scale", "view.shear")
 
 PLANAR = {
@@ -51,7 +51,7 @@ SPATIAL = {
     "base pose": ViewKind(("tool", "tool.rotation"), 6, least=3),
     "base target": ViewKind(("tool", "tool.rotation"), 6, least=3),
     "pose": ViewKind((*_FRAME, "tool", "tool.rotation"), 6, least=3),
-    "pinhole": ViewKind((*_FRAME, "tool"), 2, least=6, tool=ScaleGroup("tool", TAG, SCALES)),
+    "pinhole": ViewKind((*_FRAME, "tool"), 2, least=6, tool=Hyper("tool", TAG, SCALES)),
     "touch": ViewKind(("tool", "point"), 3, least=8, tool=_SOCKET),
     "touch and rigid": ViewKind((*_FRAME, "tool", "point"), 3, least=8, tool=_SOCKET),
     "board": ViewKind((*_FRAME, "tool", "tool.rotation"), 2, least=6),

@@ -9,7 +9,7 @@ from itertools import combinations
 import numpy as np
 
 from ..arm.rotations import quaternion_of
-from ..body.poses import knows_orientation
+from ..body.belief import knows_orientation
 from ..common.arrays import Array
 from ..errors import LogError
 from ..model.model import Model

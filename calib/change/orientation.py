@@ -12,9 +12,8 @@ from typing import Any
 import numpy as np
 
 from ..arm.rotations import exponential, logarithm, matrix_of
-from ..body.belief import Body
+from ..body.belief import Body, knows_orientation
 from ..body.covariance import autocorrelation_time, root_of
-from ..body.poses import knows_orientation
 from ..body.settings import STUDENT
 from ..common.arrays import Array
 from .causes import Cause

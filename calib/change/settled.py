@@ -12,8 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..body.fitting import fit_structure
-from ..body.posterior import BodyFit
+from ..body.fitting import BodyFit, fit
 from ..common.arrays import Array, Index
 from ..errors import CalibError
 from ..maps.association import Association
@@ -49,9 +48,9 @@ def settled_model(
     first = np.sort(np.unique(np.hstack([q, x]), axis=0, return_index=True)[1])
     u, x = motor.scale.to_unit(q[first]), x[first]
     every, wiring = -(-len(u) // _ROWS), model.association.wiring
-    fit, seen = _body_of(model, motor.scale.from_unit(u[::every]), x[::every]), (u, x)
-    if fit is not None:
-        selected = select(motor, u[::every], of_body(fit, motor.scale, u[::every], x[::every]))
+    found, seen = _body_of(model, motor.scale.from_unit(u[::every]), x[::every]), (u, x)
+    if found is not None:
+        selected = select(motor, u[::every], of_body(found, motor.scale, u[::every], x[::every]))
         predictor, rows, errors = selected.predictor, selected.rows * every, selected.errors
         if len(u) < _FEW_ROWS:
             drawn = np.random.default_rng(model.about.seed).random((_IMAGINED, u.shape[1]))
@@ -61,14 +60,14 @@ def settled_model(
     else:
         v = sensory.scale.to_unit(seen[1])
         association = Association.learn(motor, seen[0], sensory, v, wiring)
-    if fit is None:  # maps and links, without anything else
+    if found is None:  # maps and links, without anything else
         predictor = Predictor(motor, association.linear, NO_MODELS)
         rows, errors = _held_out(association, u, x)
     made = replace(
         model,
         association=association,
         predictor=predictor,
-        body=None if fit is None else fit.body,
+        body=None if found is None else found.body,
         visited=np.bincount(motor.nearest(u)[1][:, 0], minlength=motor.size) > 0,
         rows=Rows.of(motor.scale.from_unit(u), x) if model.rows is not None else None,
     )
@@ -82,7 +81,7 @@ def _body_of(model: Model, q: Array, x: Array) -> BodyFit | None:
     if model.body is None:
         return None
     try:
-        return fit_structure(
+        return fit(
             model.body.structure, q, x, simulated=model.body.simulated, seed=model.about.seed
         )
     except CalibError:  # too few rows, or too close to each other

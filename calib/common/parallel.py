@@ -13,14 +13,10 @@ _T = TypeVar("_T")
 
 
 def side_by_side(aside: Callable[[], _S], here: Callable[[], _T]) -> tuple[_S, _T]:
-    """Results of two independent tasks that run at the same time.
+    """Results of two independent tasks that run at the same time; an error of either is raised.
 
     `aside` runs in a thread, `here` in the calling one, so that only the latter may report
-    progress and that Ctrl-C ends the work at once: a thread that it leaves behind ends by itself
-    and never keeps the program alive.  NumPy's and SciPy's loops release the interpreter's
-    lock, so two cores are used.  What each computes cannot depend on the other's pace.
-
-    An error of either is raised.
+    progress and is where Ctrl-C arrives.
     """
     task: Future[_S] = Future()
 
@@ -38,15 +34,12 @@ def side_by_side(aside: Callable[[], _S], here: Callable[[], _T]) -> tuple[_S, _
     except Exception:
         thread.join()  # nothing goes on behind an error, under limits that others have lifted
         raise
-    thread.join()
     return task.result(), result
 
 
-class _Limit:
-    """The one limit of this process."""
-
-    lock = threading.Lock()
-    holds = False
+_lock = threading.Lock()
+_limits: list[Any] = []
+"""The one limit of this process, while it holds."""
 
 
 @contextmanager
@@ -57,31 +50,25 @@ def one_blas_thread() -> Iterator[None]:
     lock and then the interpreter's, an import in another thread takes them the other way
     round, and both wait for ever: who starts threads opens a block before.
     """
-    limits = _limit()
+    first = keep_one_blas_thread()
     try:
         yield
     finally:
-        if limits is not None:
-            with _Limit.lock:
-                limits.restore_original_limits()
-                _Limit.holds = False
+        if first:
+            with _lock:
+                _limits.pop().restore_original_limits()
 
 
-def keep_one_blas_thread() -> None:
-    """Multiply matrices in one thread from now on: for a worker that does nothing else."""
-    _limit()
-
-
-def _limit() -> Any:
-    """Set the limit; how to lift it, None if it is not the first."""
-    with _Limit.lock:  # imports as well: another thread's would be in the way
-        if _Limit.holds:
-            return None
+def keep_one_blas_thread() -> bool:
+    """Multiply matrices in one thread from now on; whether they were not before."""
+    with _lock:  # imports as well: another thread's would be in the way
+        if _limits:
+            return False
         import scipy.linalg  # noqa: F401 - brings a BLAS of its own, to be found as well
         from threadpoolctl import threadpool_limits
 
-        _Limit.holds = True
-        return threadpool_limits(1, user_api="blas")
+        _limits.append(threadpool_limits(1, user_api="blas"))
+        return True
 
 
 def in_turn(first: Callable[[], _S], second: Callable[[], _T]) -> tuple[_S, _T]:

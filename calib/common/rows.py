@@ -16,6 +16,11 @@ from ..errors import CalibError, OptionError, QueryError
 from .arrays import Array
 from .wording import listed, quoted, suggestion
 
+_NO_NUMBERS = dict.fromkeys("mM", "dates or times") | {
+    "c": "complex numbers",
+    "b": "true and false",
+}
+
 
 def number_rows(
     values: Any, names: Sequence[str], what: str, error: type[CalibError] = QueryError
@@ -37,16 +42,15 @@ def number_rows(
     >>> number_rows([0.5, 1.0], ("shoulder", "elbow"), "joint values")
     (array([[0.5, 1. ]]), True)
     """
-    # a table's columns may stand in any order: NumPy would take them as they stand
-    there = _columns(values)
-    if there is not None:
-        missing = [name for name in names if name not in there]
-        if missing:
-            raise error(
-                f"{what}: no column {quoted(missing[0])} among {listed(map(repr, there))}",
-                hint=suggestion(missing[0], [str(name) for name in there]),
-                value=missing[0],
-            )
+    there = column_names(values)
+    if there:  # they may stand in any order: NumPy would take them as they stand
+        for name in names:
+            if name not in there:
+                raise error(
+                    f"{what}: no column {quoted(name)} among {listed(map(repr, there))}",
+                    hint=suggestion(name, [str(name) for name in there]),
+                    value=name,
+                )
         parts = [_numbers(values[name], f"{what}, column {quoted(name)}", error) for name in names]
         if len({part.shape for part in parts}) > 1 or parts[0].ndim > 1:
             raise error(f"{what}: expected columns of numbers of one length")
@@ -54,15 +58,12 @@ def number_rows(
     else:
         rows = _numbers(values, what, error)
     single = rows.ndim == 1
-    if single:
-        rows = rows[None]
-    if rows.ndim != 2 or rows.shape[1] != len(names):
-        shape = rows.shape[1:] if single else rows.shape
+    if rows.ndim not in (1, 2) or rows.shape[-1] != len(names):
         raise error(
-            f"{what} of shape {shape}: expected ({len(names)},) or (n, {len(names)}), "
+            f"{what} of shape {rows.shape}: expected ({len(names)},) or (n, {len(names)}), "
             f"one column each for {listed(names)}"
         )
-    return rows, single
+    return np.atleast_2d(rows), single
 
 
 def checked_rows(values: Any, names: Sequence[str], what: str) -> tuple[Array, bool]:
@@ -93,20 +94,14 @@ def each_joint(name: str, value: Any, joints: Sequence[str], *, zero: bool = Tru
 
 def column_names(values: Any) -> list[Any]:
     """Return the names of the columns, none for an array without."""
-    return _columns(values) or []
-
-
-def _columns(values: Any) -> list[Any] | None:
     if isinstance(values, np.ndarray):
-        return list(values.dtype.names) if values.dtype.names else None
+        return list(values.dtype.names or ())
     if isinstance(values, Mapping):
         return list(values)
     columns = getattr(values, "columns", None)
-    if columns is None or callable(columns):
-        return None
-    names = list(columns)
+    names = [] if columns is None or callable(columns) else list(columns)
     # pandas numbers the columns of a table that was made without names
-    return None if names == list(range(len(names))) else names
+    return [] if names == list(range(len(names))) else names
 
 
 def _numbers(values: Any, what: str, error: type[CalibError]) -> Array:
@@ -118,12 +113,8 @@ def _numbers(values: Any, what: str, error: type[CalibError]) -> Array:
         )
     try:
         array = np.asarray(values)
-        if array.dtype.kind in "mM":
-            raise error(f"{what}: dates or times ({array.dtype}), expected numbers")
-        if array.dtype.kind == "c":
-            raise error(f"{what}: complex numbers, expected real ones")
-        if array.dtype.kind == "b":
-            raise error(f"{what}: true and false, expected numbers")
+        if array.dtype.kind in _NO_NUMBERS:
+            raise error(f"{what}: {_NO_NUMBERS[array.dtype.kind]}, expected real numbers")
         return np.array(array, dtype=np.float64, order="C")
     except (TypeError, ValueError) as problem:
         raise error(f"{what}: expected numbers, got {values!r:.60}") from problem

@@ -50,11 +50,8 @@ def quoted(name: str) -> str:
 def listed(names: Iterable[str], most: int = 12) -> str:
     """Names in one line, long ones cut, and cut after `most` of them."""
     items = list(names)
-    if not items:
-        return "(none)"
-    shown = map(clipped, items[:most])
     more = f", ... ({len(items)} in all)" if len(items) > most else ""
-    return ", ".join(shown) + more
+    return (", ".join(map(clipped, items[:most])) or "(none)") + more
 
 
 def suggestion(name: str, names: Iterable[str]) -> str:

@@ -11,9 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from ..arm.motion import Placements, placements
 from ..arm.rotations import exponential
-from ..arm.spatial_chain import SpatialChain
+from ..arm.spatial_chain import Placements, SpatialChain
 from ..body.curves import HARMONICS, curve_value
 from ..body.spatial_view import LEAST_DEPTH
 from ..common.arrays import Array
@@ -139,7 +138,7 @@ def _spatial(structure: Any, beta: Array) -> KernelArm:
     elastic = beta[groups["elastic"]]
     return KernelArm(
         np.asarray(chain.revolute, dtype=float), chain.axes,
-        placements(chain, structure.deviations(beta)), chain.coupling, chain.bias,
+        chain.placements(structure.deviations(beta)), chain.coupling, chain.bias,
         beta[groups["gain"]], beta[groups["offset"]], sensor.scale * sensor.rotation,
         sensor.shift, sensor.rotation, min(structure.outputs, 3), sensor.lens,
         LEAST_DEPTH, structure.outputs == 2, _curves(structure, beta),

@@ -25,6 +25,7 @@ _FOLDED = 0.1  # share of the Jacobian's power below which a fold may be near
 _BEYOND = 0.3  # of the joints' range: the other side of a fold is not looked for further away
 _BESIDE = 0.005  # of the joints' range: an answer so near is on the same branch
 _SURELY = 0.3  # the same, of redundant joints and of poses
+_TRIES = 24  # starts; out of reach all of them are tried, else a third
 _MARGIN = 0.1  # of the joints' range: by so much a start may be further away than its answer
 
 
@@ -126,6 +127,7 @@ class Kernel:
             "beside": _BESIDE,
             "surely": _SURELY,
             "margin": _MARGIN,
+            "tries": _TRIES,
             "corrected": self.nominal is not None,
             "correcting": self.correcting,
         }

@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
-from typing import TYPE_CHECKING, cast
+from functools import cached_property, partial
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
 from ..common.arrays import Array, Index
 from ..common.choices import READOUTS
 from ..common.frozen import freeze, frozen
+from ..common.parallel import side_by_side
 from ..errors import OptionError
 from .compressed import Compressed
 from .linear_models import LinearModels, MeanPositions, regress
-from .links import WIRINGS, Wiring
+from .links import WIRINGS, Wiring, squares
 from .map import Map, nearest_points
 
 if TYPE_CHECKING:
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
 _JOINED = 1.9  # nodes closer than so many spacings belong to one cluster
 _CORE = 6.0  # reach of a cluster around its strongest node [spacings]
 _MOST = 6  # clusters that are kept of each sensory node
+_AT_ONCE = 50_000  # samples whose activities are held together
 
 
 def check_readout(name: str) -> None:
@@ -88,14 +90,19 @@ class Association:
     def learn(motor: Map, u: Array, sensory: Map, v: Array, wiring: Wiring) -> Association:
         """Link two maps by samples (n, dof) and (n, 2) in their unit boxes."""
         means = MeanPositions(motor), MeanPositions(sensory)
-
-        def parts() -> Iterator[tuple[csr_array, csr_array]]:
-            for rows, a, b in wiring.parts(motor, u, sensory, v):
-                means[0].add(a, u[rows])
-                means[1].add(b, v[rows])
-                yield a, b
-
-        links = wiring.linked(parts())
+        together: Any = 0
+        square: list[Array] = [np.zeros(motor.size), np.zeros(sensory.size)]
+        for first in range(0, len(u), _AT_ONCE):
+            points = u[first : first + _AT_ONCE], v[first : first + _AT_ONCE]
+            ask = (
+                partial(wiring.activity, *one) for one in zip((motor, sensory), points, strict=True)
+            )
+            active = side_by_side(*ask)
+            together = (active[0].T @ active[1]).tocsr() + together
+            for k, a in enumerate(active):
+                square[k] += squares(a)
+                means[k].add(a, points[k])
+        links = wiring.settled(together, square[0], square[1])
         return Association(motor, sensory, links, wiring, means[0].result(), means[1].result())
 
     def forward(self, u: Array, readout: str) -> Array:

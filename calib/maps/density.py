@@ -1,10 +1,9 @@
 """Varying density: what eq. 7 and 8 can mean, one gain each; none but `as_printed` is eq. 8 itself.
 
-With a gain g the fixed points of eq. 2 are means of samples weighted by g h.  A gain is a factor
-on each sample's update.  Samples with a large gain draw more nodes to
-where they are.  Every gain starts at 1, so that the map orders itself undisturbed, and
-grows with the training's progress, as the paper asks.  ``docs/paper.md`` says which
-sentence or equation each reading comes from and how they compare.
+A gain g is a factor on each sample's update, 1 at the start, so that the map orders itself.  The
+batch rule goes to the fixed points of eq. 2 with eq. 8 as that factor, where each node is the mean
+of all samples weighted by g h.  `python benchmarks/map_readouts.py rules --samples 20000`, 30x30
+nodes, maps and links: border 0.34 s, sample by sample 20.8 s, 60 times as long.
 """
 
 from __future__ import annotations
@@ -84,14 +83,13 @@ def border(visit: Visit, share: float = 1.0) -> Array:
     """Gain of nodes "with a small number of neighbors", corners and edges: what the paper means.
 
     g = exp(p min(1, 3/2 t/T) (1 - neighbours / most neighbours)), p a `share` of
-    :func:`border_strength`.  It needs no distances, has no feedback and cannot tear the map; the
-    last third of the training, at the full gain, brings the map to rest.
+    :func:`border_strength`.  It has no feedback and cannot tear the map; the last third of the
+    training, at the full gain, brings the map to rest.
     """
     lonely = 1.0 - visit.lattice.neighbours()
     ramp = share * min(1.0, visit.progress / _FULL)
     strength = border_strength(visit.lattice, visit.per_node)
-    gain: Array = np.exp(strength * ramp * lonely)[visit.winners]
-    return gain
+    return np.asarray(np.exp(strength * ramp * lonely)[visit.winners])
 
 
 def as_printed(_visit: Visit) -> Array:
@@ -105,11 +103,7 @@ def as_printed(_visit: Visit) -> Array:
 
 
 def error(visit: Visit) -> Array:
-    """Gain of samples that the map represents badly.
-
-    g = (d^2 / mean d^2)^(t/T), d the distance to the winner: density follows the
-    error, which is what the abstract promises.
-    """
+    """Gain of samples that the map represents badly: (d^2 / mean d^2)^(t/T), d to the winner."""
     square = visit.distances**2
     mean = float(square.mean())
     if mean == 0.0:
@@ -136,20 +130,15 @@ def rho(visit: Visit) -> Array:
 def residual(visit: Visit) -> Array:
     """Gain of samples where a smooth model is wrong, times that of the border: the default.
 
-    g = border (r / mean r)^(min(1, 3/2 t/T)), r / mean r within 1/20 and 50, less where
-    samples are few for the nodes, see :func:`rationed`, and r the mean square of
-    the model's held-out residuals around a sample, see
-    :func:`calib.maps.misfit.misfit`; "concentration of nodes in regions with large
-    transformation errors".  The border's gain has two thirds of its strength; without residuals
-    it is all there is.
+    g = border (r / mean r)^(min(1, 3/2 t/T)), r of :func:`calib.maps.misfit.misfit`, rationed by
+    :func:`rationed`; "concentration of nodes in regions with large transformation errors".  The
+    border's gain has two thirds of its strength; without residuals it is all there is.
     """
     gain = border(visit, 2 / 3)
     if visit.residual is None:
         return gain
-    ramp = min(1.0, visit.progress / _FULL)
-    return np.asarray(
-        gain * rationed(visit.residual, visit.per_node, visit.weights.shape[1]) ** ramp
-    )
+    share = rationed(visit.residual, visit.per_node, visit.weights.shape[1])
+    return np.asarray(gain * share ** min(1.0, visit.progress / _FULL))
 
 
 def rationed(residual: Array, per_node: float, dim: int) -> Array:
@@ -187,20 +176,13 @@ def checked_gain(gain: Gain) -> Gain:
         try:
             found = np.asarray(given, dtype=float)
         except (TypeError, ValueError):
-            raise OptionError(f"the gain returned {given!r:.60}, expected an array") from None
-        if found.shape != shape:
+            found = np.zeros(0)
+        if found.shape != shape or not (np.isfinite(found) & (found >= 0)).all() or not found.any():
+            told = " ".join(f"{given!r:.100}".split())
             raise OptionError(
-                f"the gain returned an array of shape {found.shape}, expected {shape}: one factor "
-                "for each sample"
+                f"the gain returned {told}: expected an array of shape {shape}, a factor for "
+                "each sample, finite, 0 or more and not all 0"
             )
-        bad = found[~(np.isfinite(found) & (found >= 0.0))]
-        if len(bad):
-            raise OptionError(
-                f"the gain returned {bad[0]:g} for {len(bad)} of {len(found)}: expected finite "
-                "numbers, 0 or more"
-            )
-        if not found.any():
-            raise OptionError("the gain returned zeros alone: no sample would be learned")
         return found
 
     return ask

@@ -15,7 +15,6 @@ import numpy as np
 from ..common.arrays import Array
 from .epoch import Epoch
 from .lattice import Lattice
-from .neighbourhood import around
 
 _ELASTICITY = 3.0
 """How far a sample's pull reaches: 1 to 3 in the source."""
@@ -68,7 +67,7 @@ def present_dsom(
         distances.append(distance)
         if distance == 0.0:
             continue  # the source: h is zero where the winner stands on the sample
-        window, h = around(lattice, winner, *_widths(lattice, distance, dim, elasticity))
+        window, h = lattice.around(winner, *_widths(lattice, distance, dim, elasticity))
         near = grid[window]
         away = x - near
         own = np.sqrt(np.einsum("...i,...i->...", away, away)) / diagonal

@@ -16,6 +16,8 @@ from ..errors import OptionError
 MAX_NODES = 4_000_000
 """Largest lattice that is built: some 2 GB while training."""
 
+REACH = 4.0
+"""The neighbourhood of eq. 3 is cut beyond so many sigma, where it is below exp(-8)."""
 
 Size = int | str | Sequence[int]
 """Nodes along each axis as users give them: 10 or "10" for 10x10, "5x8", (5, 5, 5)."""
@@ -77,11 +79,7 @@ class Lattice:
         return np.indices(self.shape, dtype=float).reshape(self.dim, -1).T
 
     def neighbours(self) -> Array:
-        """Fraction of the lattice neighbours that each node has, (size,), 1 inside.
-
-        Diagonal neighbours count: inside a plane lattice a node has 8, on an edge 5,
-        in a corner 3.
-        """
+        """Fraction of the lattice neighbours, diagonal ones included, of each node, (size,)."""
         # a block of 3 nodes along each axis, 2 at an end, less the node itself
         counts = np.ones(self.shape)
         for axis, n in enumerate(self.shape):
@@ -89,6 +87,22 @@ class Lattice:
             along[[0, -1]] = 2.0
             counts *= along.reshape([-1 if a == axis else 1 for a in range(self.dim)])
         return (counts.ravel() - 1.0) / (3.0**self.dim - 1.0)
+
+    def around(self, winner: int, *widths: float) -> tuple[tuple[slice, ...], Array]:
+        """The nodes around a winner, and h at each of them (eq. 3).
+
+        widths : sigma [nodes], or one for each axis
+        """
+        widths = widths * self.dim if len(widths) == 1 else widths
+        reach = int(REACH * max(widths)) + 1
+        window, h = [], np.ones(())
+        places = np.unravel_index(winner, self.shape)
+        for n, place, width in zip(self.shape, map(int, places), widths, strict=True):
+            part = slice(max(0, place - reach), min(n, place + reach + 1))
+            steps = np.arange(part.start - place, part.stop - place)
+            h = np.multiply.outer(h, np.exp(steps**2 / (-2.0 * width * width)))
+            window.append(part)
+        return tuple(window), h
 
     def beside(self, i: int) -> NDArray[np.intp]:
         """Nodes around node `i`, diagonal ones included, (k,): O of eq. 7."""

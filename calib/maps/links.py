@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..common.arrays import Array
-from ..common.parallel import side_by_side
 from ..errors import OptionError
 from .map import Map
 
@@ -26,7 +23,6 @@ NEAREST = 12
 
 _WEAK = 0.02  # links below this share of the strongest of their node are let go
 _NOTHING = 1e-6  # and those below this share of the strongest of all
-_AT_ONCE = 50_000  # samples whose activities are held together
 
 
 @dataclass(frozen=True)
@@ -61,44 +57,31 @@ class Wiring:
     def link(self, a_motor: csr_array, a_sensory: csr_array, beta: float = 1.0) -> csr_array:
         """Links at the fixed point of Oja's rule (eq. 5, with the forgetting factor of eq. 11).
 
-        Where the mean change of eq. 11 vanishes, c_ij = <a_i a_j> / (beta <a_j^2>), or with both
-        sides <a_i a_j> / (beta (<a_i^2> <a_j^2>)^(1/2)).  A node that was hardly ever active has
-        not come that far: its links stand at the share 1 - exp(-beta sum a_j^2) of it that the
-        rule, at a learning rate of one, has reached.
-
         a_motor, a_sensory : csr_array of shape (n, nodes), activities of both maps for the same
             samples
         beta : forgetting factor
         Returns csr_array of shape (motor nodes, sensory nodes), weak links are left out.
         """
-        return self.linked([(a_motor, a_sensory)], beta)
+        together = (a_motor.T @ a_sensory).tocsr()
+        return self.settled(together, squares(a_motor), squares(a_sensory), beta)
 
-    def parts(
-        self, motor: Map, u: Array, sensory: Map, v: Array
-    ) -> Iterator[tuple[slice, csr_array, csr_array]]:
-        """Rows of samples (n, dof), (n, 2) and the activities of both maps, part after part.
+    def settled(
+        self, together: csr_array, motor: Array, sensory: Array, beta: float = 1.0
+    ) -> csr_array:
+        """Links at rest from sums over samples.
 
-        However many samples there are, the activities of only some are held at once.
+        Where the mean change of eq. 11 vanishes, c_ij = <a_i a_j> / (beta <a_j^2>), or with both
+        sides <a_i a_j> / (beta (<a_i^2> <a_j^2>)^(1/2)).  A node that was hardly ever active has
+        not come that far: its links stand at the share 1 - exp(-beta sum a_j^2) of it that the
+        rule, at a learning rate of one, has reached.
+
+        together : (motor nodes, sensory nodes), sum of a_i a_j
+        motor, sensory : (nodes,), sum of a^2 of each node
         """
-        for first in range(0, len(u), _AT_ONCE):
-            rows = slice(first, first + _AT_ONCE)
-            both = ((motor, u[rows]), (sensory, v[rows]))
-            yield rows, *side_by_side(*(partial(self.activity, *one) for one in both))
-
-    def linked(self, parts: Iterable[tuple[csr_array, csr_array]], beta: float = 1.0) -> csr_array:
-        """Links from the activities of both maps, part after part, see :meth:`link`."""
-        together: csr_array | None = None
-        square: list[Array | float] = [0.0, 0.0]
-        for a_motor, a_sensory in parts:
-            product = (a_motor.T @ a_sensory).tocsr()
-            together = product if together is None else together + product
-            for k, a in enumerate((a_motor, a_sensory)):
-                square[k] = square[k] + np.asarray(a.multiply(a).sum(axis=0), dtype=float).ravel()
-        assert together is not None  # noqa: S101
         rows = np.repeat(np.arange(together.shape[0]), np.diff(together.indptr))
-        scale = _settled(np.asarray(square[1]), beta)[together.indices]
+        scale = _reached(sensory, beta)[together.indices]
         if self.mutual:
-            scale = np.sqrt(scale * _settled(np.asarray(square[0]), beta)[rows])
+            scale = np.sqrt(scale * _reached(motor, beta)[rows])
         together.data *= scale
         return without_weak(together)
 
@@ -135,8 +118,12 @@ def without_weak(links: csr_array | Array) -> csr_array:
     return links
 
 
-def _settled(square: Array, beta: float) -> Array:
+def squares(activity: csr_array) -> Array:
+    """Sum of a^2 of each node, (nodes,), over samples (n, nodes)."""
+    return np.asarray(activity.multiply(activity).sum(axis=0), dtype=float).ravel()
+
+
+def _reached(square: Array, beta: float) -> Array:
     """Where Oja's rule has come, over <a_i a_j>, from sum a_j^2 of each node, (nodes,)."""
     exposure = beta * square
-    reached = -np.expm1(-exposure)
-    return np.divide(reached, exposure, out=np.zeros_like(square), where=exposure > 0)
+    return np.divide(-np.expm1(-exposure), exposure, out=np.zeros_like(square), where=exposure > 0)

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from ..body.posterior import BodyFit
+from ..body.fitting import BodyFit
 from ..common.arrays import Array, Index, Mask
 from ..common.scale import Scale
 from . import local_models as local

@@ -18,17 +18,15 @@ def decay(start: float, end: float, n: int) -> NDArray[np.float64]:
 
 @dataclass(frozen=True)
 class Stage:
-    """Some epochs on one lattice."""
+    """Some epochs on one lattice; the last stage trains the one that is kept."""
 
-    lattice: Lattice  # the lattice that is trained
+    lattice: Lattice
     sigma: NDArray[np.float64]  # (epochs,) [nodes], neighbourhood radius of each epoch
     samples: int  # at most so many samples are shown per epoch
-    final: bool  # whether this is the lattice that is kept
     # the nodes follow the winners' steps, times this (below 2, which would overshoot); without it
-    # Kohonen's batch rule, see :func:`~calib.maps.neighbourhood.moved`
+    # Kohonen's batch rule, see :func:`~calib.maps.batch.moved`
     step: float | None = None
     # t / T of a varying density before and after this stage; without it the density does not vary
-    # here
     progress: tuple[float, float] | None = None
 
 
@@ -52,27 +50,26 @@ def coarse_to_fine(
 ) -> list[Stage]:
     """Stages that order a coarse lattice and refine it up to `lattice`.
 
-    A coarse lattice settles with far less work and fewer folds than a fine one;
-    the finer one then starts from its interpolation with a small radius.  On the way the
-    nodes follow the winners' steps, which leaves the border where it belongs; the last
-    stage is eq. 2 in any case.  Where the user gives `epochs` or `sigma` it is the only
-    one, from a random start.
-
-    Where the density is `varying`, the last radius is wider: a smooth map whose border
-    the gain holds in place is more accurate than one that follows each sample.
+    A coarse lattice settles with less work and fewer folds than a fine one, which starts from its
+    interpolation with a small radius.  On the way the nodes follow the winners' steps, which leaves
+    the border where it belongs; the last stage is eq. 2.  With `epochs` or `sigma` that is the only
+    one, from a random start.  Where the density is `varying`, the last radius is wider: a smooth
+    map whose border the gain holds in place is more accurate than one that follows each sample.
     """
     last = _LAST_VARYING if varying else _LAST
     if epochs is not None or sigma is not None:
         start, end = sigma or (max(max(lattice.shape) / 2, last), last)
-        radii = decay(start, end, epochs or 20)
-        return [Stage(lattice, radii, _ALL, final=True, progress=(0.0, 1.0))]
+        return [Stage(lattice, decay(start, end, epochs or 20), _ALL, progress=(0.0, 1.0))]
+    growth = lattice.size / _COARSEST
+    levels = math.ceil(math.log(growth, _GROWTH)) if growth >= 2 else 0
+    coarser = [shrunk(lattice, _COARSEST * growth ** (k / levels)) for k in range(levels)]
     stages: list[Stage] = []
     # a varying density starts with so wide a radius that one coarse lattice will do
-    for small in _coarser(lattice)[: 1 if varying else None]:
+    for small in [s for s in coarser if s.size < lattice.size][: 1 if varying else None]:
         samples = _PER_NODE * small.size
         if not stages:
-            stages.append(Stage(small, decay(2.0, 0.7, 8), samples, final=False))
-        stages.append(Stage(small, decay(2.0, 1.5, 6), samples, False, _STEP))
+            stages.append(Stage(small, decay(2.0, 0.7, 8), samples))
+        stages.append(Stage(small, decay(2.0, 1.5, 6), samples, _STEP))
     if not stages:
         start = max(max(lattice.shape) / 2, 1.0)
         radii = decay(start, min(last, start), 20)
@@ -80,9 +77,9 @@ def coarse_to_fine(
         # the gain draws nodes to the border: that takes wide radii and more epochs
         radii = decay(max(2 * last, max(lattice.shape) / 5), last, 14)
     else:
-        stages.append(Stage(lattice, np.array([1.5]), _ALL, False, _STEP))
+        stages.append(Stage(lattice, np.array([1.5]), _ALL, _STEP))
         radii = decay(1.0, last, 3)
-    return [*stages, Stage(lattice, radii, _ALL, final=True, progress=(0.0, 1.0))]
+    return [*stages, Stage(lattice, radii, _ALL, progress=(0.0, 1.0))]
 
 
 def growing(
@@ -90,38 +87,23 @@ def growing(
 ) -> list[Stage]:
     """Stages of the default varying density: those of a plain map, with the gain in each.
 
-    The gain grows on the coarse lattices, where an epoch costs little, and is full at the
-    last radius.  On a small lattice that radius is a plain map's: half a node more would
-    cost more inside than the gain wins at the border.
+    The gain grows on the coarse lattices, where an epoch costs little, and is full at the last
+    radius: 0.4 nodes up to 20 a side, where half a node more would cost more inside than the gain
+    wins at the border, 0.8 at 70.
     """
     if epochs is not None or sigma is not None:
         return coarse_to_fine(lattice, epochs, sigma, varying=True)
-    stages = coarse_to_fine(lattice)
-    if stages[0].final:
-        return [replace(stages[0], progress=(0.0, 1.0))]
-    first, *coarse = stages[:-1]
-    share = np.linspace(0.0, _GROWN, len(coarse) + 1)
+    first, *coarse = coarse_to_fine(lattice)
+    if not coarse:
+        return [first]
+    share = np.linspace(0.0, _GROWN, len(coarse)).tolist()
     varying = [
-        replace(stage, progress=(float(share[k]), float(share[k + 1])))
-        for k, stage in enumerate(coarse)
+        replace(stage, progress=(share[k], share[k + 1])) for k, stage in enumerate(coarse[:-1])
     ]
-    radii = decay(_FIRST_GROWING, _last_growing(lattice), _EPOCHS_GROWING)
-    last = Stage(lattice, radii, _ALL, final=True, progress=(_GROWN, 1.0))
-    return [first, *varying, last]
-
-
-def _last_growing(lattice: Lattice) -> float:
-    """Last radius of the default varying density [nodes]: 0.4 up to 20 a side, 0.8 at 70."""
     side = lattice.size ** (1 / lattice.dim)
-    return float(np.clip(_LAST + 0.22 * math.log2(side / 20), _LAST, 0.8))
-
-
-def _coarser(lattice: Lattice) -> list[Lattice]:
-    """Lattices of the same proportions, from some 64 nodes up, each below `lattice`."""
-    growth = lattice.size / _COARSEST
-    levels = math.ceil(math.log(growth, _GROWTH)) if growth >= 2 else 0
-    sizes = [_COARSEST * growth ** (level / levels) for level in range(levels)]
-    return [small for small in (shrunk(lattice, n) for n in sizes) if small.size < lattice.size]
+    last = float(np.clip(_LAST + 0.22 * math.log2(side / 20), _LAST, 0.8))
+    radii = decay(_FIRST_GROWING, last, _EPOCHS_GROWING)
+    return [first, *varying, Stage(lattice, radii, _ALL, progress=(_GROWN, 1.0))]
 
 
 def total_work(stages: list[Stage], n: int) -> int:

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..common.arrays import Array
 from ..common.choices import RULES
@@ -21,16 +22,17 @@ from .epoch import Epoch
 from .gas import learn_gas
 from .gng import learn_gng, samples_shown
 from .lattice import Lattice, Size, shape_of
-from .links import wiring_of
+from .links import wiring_of, without_weak
 from .map import Map
-from .pair import CURVE, Pair, develop
-from .schedule import Stage, coarse_to_fine, growing, total_work
-from .vdsom import VDSOM, Layer, passes
+from .pair import CURVE, Pair
+from .schedule import coarse_to_fine, growing, total_work
+from .vdsom import VDSOM, Layer, Rates, passes, zeta
 
 _Progress = Callable[[float, float], None]
 """Called with the share of the work done and the current quantization error."""
 
 _MOST_EPOCHS = 1_000_000
+_GLANCE = 5  # one sample in so many tells the error of a curve
 
 
 @dataclass(frozen=True)
@@ -147,10 +149,8 @@ class SOM:
         if not np.isfinite(x).all():
             row = int(np.argmin(np.isfinite(x).all(axis=1)))
             raise LogError(f"sample {row} is {x[row]}: expected finite numbers, drop such rows")
-        gain = self._gain()
         scale = scale or Scale.of_data(x)
-        u = scale.to_unit(x)
-        epochs, work = self._training(u, scale, gain, residual)
+        epochs, work = self._training(scale.to_unit(x), scale, residual)
         history, done = [], 0
         # small products of matrices: threads would only wait for each other
         with one_blas_thread():
@@ -186,7 +186,6 @@ class SOM:
         q, x = np.asarray(q, dtype=float), np.asarray(x, dtype=float)
         if q.ndim != 2 or x.ndim != 2 or len(q) != len(x) or len(q) < 2:
             raise LogError(f"samples of shapes {q.shape} and {x.shape}: expected (n, d) and (n, k)")
-        wiring = wiring_of(self.links)
         scales = (Scale.of_data(q), Scale.of_data(x))
         u, v = scales[0].to_unit(q), scales[1].to_unit(x)
         if self.rule == "online" and kind_of(self.map) == "som":
@@ -197,8 +196,8 @@ class SOM:
             replace(self, seed=seed).fit(rows, scale=scale)
             for seed, rows, scale in zip(seeds, (q, x), scales, strict=True)
         )
-        association = Association.learn(motor, u, sensory, v, wiring)
-        return Pair(association, np.zeros((0, len(CURVE))))
+        found = Association.learn(motor, u, sensory, v, wiring_of(self.links))
+        return Pair(found, np.zeros((0, len(CURVE))))
 
     def developed(
         self,
@@ -207,69 +206,78 @@ class SOM:
         shapes: tuple[Size, Size] | None = None,
         tell: _Progress | None = None,
     ) -> Pair:
-        """Maps and links that develop together by the online rule.
+        """Maps and links that develop together, one sample at a time (eq. 1 to 8).
 
         points : (n, d), (n, k), paired samples in the unit boxes of the `scales`
         shapes : of the two lattices, where they differ
         """
-        wiring = wiring_of(self.links)
-        rng, lattices = np.random.default_rng(self.seed), shapes or (self.size, self.size)
+        wiring, epochs, rng = wiring_of(self.links), self._passes, np.random.default_rng(self.seed)
         layers = [
             self._layer(Lattice(shape_of(shape)), scale, p, rng)
-            for shape, scale, p in zip(lattices, scales, points, strict=True)
+            for shape, scale, p in zip(shapes or (self.size,) * 2, scales, points, strict=True)
         ]
-        sigma = self._online_sigma(layers[0].lattice)
-        return develop(layers, points, self._passes(), sigma, wiring, rng, tell)
+        net, curve, history = VDSOM(layers, wiring), [], []
+
+        def look(rows: NDArray[np.intp], done: int, rates: Rates) -> None:
+            error = float("nan")  # there are no links yet
+            if done > len(rows):
+                some = rows[::_GLANCE]
+                gap = (net.said(points[0][some]) - points[1][some]) * scales[1].span
+                error = float(np.linalg.norm(gap, axis=1).mean())
+            found = [zeta(layer.weights, p[rows]) for layer, p in zip(layers, points, strict=True)]
+            curve.append((done, float(rates.sigma[1][-1]), *found, error))
+
+        with one_blas_thread():
+            sigma = self._online_sigma(layers[0].lattice)
+            for told in passes(net, points, epochs, sigma, rng, look):
+                history.append(told)
+                if tell is not None:
+                    tell(len(history) / epochs, told[1].error)
+        motor, sensory = (
+            Map(layer.weights, layer.lattice, layer.scale, np.array([e[k].row for e in history]))
+            for k, layer in enumerate(layers)
+        )
+        links = without_weak(net.links)
+        return Pair(Association(motor, sensory, links, wiring), np.array(curve))
 
     def _layer(self, lattice: Lattice, scale: Scale, u: Array, rng: np.random.Generator) -> Layer:
         """A map at its random start."""
         weights = rng.random((lattice.size, u.shape[1]))
-        per_node = len(u) / lattice.size
-        return Layer(weights, lattice, scale, self._gain(), per_node)
+        return Layer(weights, lattice, scale, self._gain, len(u) / lattice.size)
 
+    @property
     def _gain(self) -> Gain | None:
         return gain_of(self.map) if isinstance(self.map, str) else checked_gain(self.map)
 
     def _online_sigma(self, lattice: Lattice) -> tuple[float, float]:
         return self.sigma or (max(lattice.shape) / 2, 0.5 if self.map == "som" else 1.5)
 
+    @property
     def _passes(self) -> int:
         """Passes over the samples of the rules that do not go from coarse to fine."""
         return self.epochs or {"gas": 8, "gng": 10}.get(kind_of(self.map), 5)
 
-    @property
-    def shape(self) -> tuple[int, ...]:
-        """Nodes along each lattice axis."""
-        return shape_of(self.size)
-
-    def _stages(self) -> list[Stage]:
-        lattice, how = Lattice(self.shape), (self.epochs, self.sigma)
-        if self.map == "vdsom:residual":
-            return growing(lattice, *how)
-        return coarse_to_fine(lattice, *how, varying=self.map != "som")
-
     def _training(
-        self,
-        u: Array,
-        scale: Scale,
-        gain: Gain | None,
-        residual: Array | None,
+        self, u: Array, scale: Scale, residual: Array | None
     ) -> tuple[Iterator[Epoch], int]:
         """The epochs that train, and how many samples they show in all."""
-        rng = np.random.default_rng(self.seed)
-        kind, lattice, n, epochs = kind_of(self.map), Lattice(self.shape), len(u), self._passes()
+        rng, lattice = np.random.default_rng(self.seed), Lattice(shape_of(self.size))
+        kind, n, epochs = kind_of(self.map), len(u), self._passes
         if kind in untrained.KINDS:
             return untrained.place(kind, u, lattice, rng), n
         if kind == "gas":
             return learn_gas(u, lattice.size, epochs, rng), n * epochs
         if kind == "gng":
             shown = samples_shown(n, lattice.size)
-            return learn_gng(u, lattice.size, gain, epochs, rng, self.error), shown * epochs
+            return learn_gng(u, lattice.size, self._gain, epochs, rng, self.error), shown * epochs
         if kind == "dsom":
             return learn_dsom(u, lattice, epochs, rng), n * epochs
         if self.rule == "online":
             net = VDSOM([self._layer(lattice, scale, u, rng)])
             every = passes(net, [u], epochs, self._online_sigma(lattice), rng)
             return (epoch for (epoch,) in every), n * epochs
-        stages = self._stages()
-        return learn_batch(u, stages, gain, rng, residual), total_work(stages, n)
+        how = lattice, self.epochs, self.sigma
+        stages = coarse_to_fine(*how, varying=self.map != "som")
+        if self.map == "vdsom:residual":
+            stages = growing(*how)
+        return learn_batch(u, stages, self._gain, rng, residual), total_work(stages, n)

@@ -27,7 +27,6 @@ from .epoch import Epoch
 from .lattice import Lattice
 from .links import Wiring
 from .map import Map, nearest_nodes, search_tree
-from .neighbourhood import around
 
 ALPHA = 0.5
 """Learning rate of the maps at the start, alpha_init of eq. 4."""
@@ -38,7 +37,6 @@ ETA = 0.13
 CHUNK = 250
 """Samples between two looks at the nodes' spacings (eq. 6) and at a gain of the whole lattice."""
 
-_Active = tuple[NDArray[np.intp], Array]
 _SILENT = 7.0  # exponent of eq. 6 beyond which a node is silent: below 1e-3
 _LARGEST = 100_000_000  # links that are held densely, 400 MB
 
@@ -99,13 +97,10 @@ class Layer:
         if self.gain is None or self.gain is as_printed:
             return np.ones(len(x))
         distance, winner = nearest_nodes(search_tree(self.weights), x)
-        visit = Visit(
-            progress, winner[:, 0], distance[:, 0], self.weights, self.lattice,
-            sigma=sigma, per_node=self.per_node,
-        )  # fmt: skip
-        return self.gain(visit)
+        found = winner[:, 0], distance[:, 0], self.weights, self.lattice
+        return self.gain(Visit(progress, *found, sigma=sigma, per_node=self.per_node))
 
-    def active(self, w: Array, x: Array, widths: Array) -> _Active:
+    def active(self, w: Array, x: Array, widths: Array) -> tuple[NDArray[np.intp], Array]:
         """The nodes that are active at a sample, and how much beside the most active (eq. 6)."""
         gap = w - x[:, None]
         if self.scale.periodic.any():
@@ -174,7 +169,7 @@ class VDSOM:
                         h = np.asarray((t / rho) ** 4 * np.exp(-t / sigma**2))  # eq. 8, printed
                         step = np.minimum(alpha * h, 1.0)
                     else:
-                        near, h = around(layer.lattice, i, sigma)  # eq. 3
+                        near, h = layer.lattice.around(i, sigma)  # eq. 3
                         grid = grid[(slice(None), *near)]
                         # stable: eq. 8 weighs the sample (g), and eq. 3 says how far it reaches;
                         # beyond 1 the nodes around a winner would all jump to the sample
@@ -217,9 +212,9 @@ class VDSOM:
         return np.asarray((self.wiring.bandwidth * spacing) ** 2)
 
 
-def zeta(network: Map, u: Array) -> float:
+def zeta(weights: Array, x: Array) -> float:
     """Distortion of a map: mean squared distance of samples (n, d) to their winners (eq. 9)."""
-    return float(np.mean(network.nearest(u)[0] ** 2))
+    return float(np.mean(nearest_nodes(search_tree(weights), x)[0] ** 2))
 
 
 def passes(

@@ -16,7 +16,7 @@ from ..maps.association import check_readout
 from .parts import Parts
 
 _REACHED = 1e-9  # share of the workspace's extent that always counts as reached
-_SURE = 1e-2  # of the extent: a larger expected error does not make a target reachable
+SURE = 1e-2  # of the extent: a larger expected error does not make a target reachable
 _IN_SIGHT = 1e6  # extents of the workspace
 _LONGEST = 0.1  # of the joints' range: no step of a servo is longer
 
@@ -127,7 +127,7 @@ def answer(model: Parts, u: Array, x: Array, position: Array | None = None) -> A
 def _within_reach(model: Parts, bound: Array) -> Array:
     """Distance (n,) to a target at which it counts as reached [unit]."""
     extent = model.solver.extent
-    return np.maximum(np.minimum(bound, _SURE * extent), _REACHED * extent)
+    return np.maximum(np.minimum(bound, SURE * extent), _REACHED * extent)
 
 
 def forward_bounds(

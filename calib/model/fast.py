@@ -18,6 +18,8 @@ from ..kernel.compiled import Compiled, compile_source
 from ..kernel.header import Kernel
 from ..maps.local_models import NO_MODELS
 from ..maps.predictor import BodyInBox
+from ..samples.roles import ROUNDING
+from .answers import SURE
 from .nominal import moves_in_space, nominal_arm, nominal_in_plane, nominal_in_space
 from .parts import Parts
 from .trust import ROUNDED
@@ -78,8 +80,11 @@ def compiled_of(model: Parts) -> tuple[Compiled | None, str]:
     except CalibError as error:
         return None, f"single queries are answered by the batch: {error}"
     words: dict[str, Any] = {
-        "placed": kernel.arm.outputs == 3,
+        "placed": kernel.arm.outputs == 3 and getattr(model.body.structure, "informed", False),
         "corrected": kernel.nominal is not None,
+        "sure": SURE,
+        "extent": kernel.extent,
+        "rounding": ROUNDING,
     }
     made = compile_source(text, words, len(kernel.limit), kernel.arm.outputs)
     if isinstance(made, str):

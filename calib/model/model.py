@@ -13,9 +13,10 @@ from ..common.rows import checked_rows
 from . import answers
 from .answers import Answer
 from .parts import Parts
-from .saving import Saving
 
 if TYPE_CHECKING:
+    import os
+
     from .paths import Path
 
 FUNCTIONS = (
@@ -24,9 +25,11 @@ FUNCTIONS = (
 )
 """What is done with a model, rather than asked of it, is a function of the package."""
 
+_NOTHING = 3  # what the compiled kernel says of a position that nothing reaches
+
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Model(Parts, Saving):
+class Model(Parts):
     """A calibrated arm.
 
     Attributes
@@ -65,6 +68,12 @@ class Model(Parts, Saving):
             """Name the function where a method is asked for that is none."""
             hint = f": call `calib.{name}(model, ...)`" if name in FUNCTIONS else ""
             raise AttributeError(f"a model has no attribute {name!r}{hint}")
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write the model into one file, whole or not at all."""
+        from ..model_file.storage import save
+
+        save(self, path)
 
     def _repr_html_(self) -> str:
         """What it is and how well it does, as a small table for notebooks."""
@@ -125,9 +134,9 @@ class Model(Parts, Saving):
         array([0.281, 0.393])
         """
         if self.kernel is not None and readout in (None, "local") and approach is None:
-            found = self.kernel.forward(q)
-            if found is not None and (found[1] or self.sure):
-                return found[0]
+            quick = self._quickly("forward", q)
+            if quick is not None:
+                return quick
         readout = self._readout(readout)
         q, single = checked_rows(q, self.about.joint_names, "joint values")
         side, moved = answers.sides(self, approach, len(q)), q
@@ -135,6 +144,13 @@ class Model(Parts, Saving):
             moved = self.approach.effective(q, side)
         x = self.answered(q, readout, moved)
         return x[0] if single else x
+
+    def _quickly(self, name: str, q: ArrayLike) -> Array | None:
+        """What the compiled kernel answers; None where the batch has to."""
+        assert self.kernel is not None  # noqa: S101
+        found = self.kernel.ask(name, q)
+        answer: Array | None = None if found is None else found[0]
+        return answer if found is not None and (found[1] or self.sure) else None
 
     def inverse(
         self,
@@ -163,9 +179,9 @@ class Model(Parts, Saving):
         (n, dof) or (dof,) array [rad or m]
         """
         if self.kernel is not None and readout in (None, "local") and near is not None:
-            joints = self.kernel.inverse(x, near)
-            if joints is not None:
-                return joints
+            found = self.kernel.ask("inverse", near, x)
+            if found is not None and found[1] and not (nearest and found[1] == _NOTHING):
+                return np.asarray(found[0])
         readout = self._readout(readout)
         if readout == "local":
             rows, single = checked_rows(x, self.axes, "positions")
@@ -221,9 +237,9 @@ class Model(Parts, Saving):
 
     def _bound(self, q: ArrayLike, which: str) -> Array:
         if self.kernel is not None:
-            found = self.kernel.bound(q, "bound" if which == "bounds" else "model_bound")
-            if found is not None and (found[1] or self.sure):
-                return found[0]  # type: ignore[return-value]
+            quick = self._quickly(which, q)
+            if quick is not None:
+                return quick
         q, single = checked_rows(q, self.about.joint_names, "joint values")
         bound = self.bounded(q, which)
         return bound[0] if single else bound
@@ -277,12 +293,13 @@ class Model(Parts, Saving):
             Of several solutions the nearest to these joints answers.
         frame : {"sensor", "base"}
         """
-        from .poses import solve_poses, solve_quickly
+        from .poses import solve_poses
 
-        if self.kernel is not None and quaternion is not None and near is not None:
-            quick = solve_quickly(self, position, quaternion, near) if frame == "sensor" else None
-            if quick is not None:
-                return quick
+        quick = self.kernel is not None and self.kernel.has("inverse_pose") and frame == "sensor"
+        if self.kernel is not None and quick and quaternion is not None and near is not None:
+            answer = self.kernel.ask("inverse_pose", near, position, quaternion)
+            if answer is not None and answer[1]:
+                return np.asarray(answer[0])
         found = solve_poses(self, position, quaternion, near, frame=frame)
         q = np.where(found.reachable[:, None], found.q, np.nan)
         return q[0] if np.ndim(position) == 1 else q
@@ -293,9 +310,9 @@ class Model(Parts, Saving):
         NaN where there is no position.
         """
         if self.kernel is not None:
-            found = self.kernel.jacobian(q)
-            if found is not None and (found[1] or self.sure):
-                return found[0]
+            quick = self._quickly("jacobian", q)
+            if quick is not None:
+                return quick
         rows, single = checked_rows(q, self.about.joint_names, "joint values")
         u, scale = self.motor.scale.to_unit(rows), self.motor.scale
         inside = self.trust.covers(u)

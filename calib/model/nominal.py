@@ -7,21 +7,17 @@ therefore in the arm and never in the sensor's frame.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from ..arm.arm import PlanarArm, SpatialArm
 from ..arm.loading import arm_from_urdf
-from ..arm.rotations import exponential, logarithm
 from ..body.nominal import nominal_of
 from ..body.planar import PlanarStructure
 from ..body.spatial import SpatialStructure
 from ..common.arrays import Array
 from ..errors import OptionError
-from ..inverse.newton import Newton
-from ..inverse.pose import Joints
-from ..inverse.tasks import Poses
 from .parts import Parts
 
 
@@ -83,52 +79,3 @@ def nominal_arm(model: Parts) -> PlanarArm | SpatialArm:
         )
     planar = not moves_in_space(model)
     return arm_from_urdf(about.urdf, about.joint_names, about.tip, lock=about.locked, planar=planar)
-
-
-@dataclass(frozen=True, eq=False)
-class NominalPose:
-    """Poses of the real and of the nominal arm, both in the root link's frame."""
-
-    structure: SpatialStructure  # seen by a sensor in the root link's frame
-    # (d,), parameters
-    real: Array
-    nominal: Array
-
-    @staticmethod
-    def of(structure: SpatialStructure, real: Array, nominal: Array) -> NominalPose | None:
-        """The poses of a body; None where there are too few joints to keep an orientation."""
-        if structure.dof < 6:
-            return None
-        root = replace(structure, view="pose", metre=1.0, unit="m")
-        still = [indices for name, indices in root.groups.items() if name.startswith("view.")]
-        parts = []
-        for beta in (real, nominal):
-            own = beta.copy()
-            own[np.concatenate(still)] = 0.0
-            parts.append(own)
-        return NominalPose(root, *parts)
-
-    def towards(self, q: Array) -> tuple[Array, Array]:
-        """Joints (n, dof) near `q` that give the real tool the nominal pose at `q`.
-
-        Also what is left (n,), as a share of the arm's length: a radian of turn counts as 1.
-        """
-        position, rotation = self.structure.pose(q, self.nominal)
-        # of many steps: two or three suffice but beside singular poses
-        length = max(self.structure.chain.reach, 1e-9)
-        joints = Joints(q.min(axis=0) - 1.0, q.max(axis=0) + 1.0, self.structure.revolute)
-        scale, target = joints.turning, Poses.target(position, rotation)
-        newton = Newton(Poses(self._real, scale, length), scale, length)
-        u, left = newton.refine(scale.to_unit(q), target, 1e-12)
-        way = scale.difference(u, scale.to_unit(q)) * scale.span  # on q's own turn
-        return q + way, left / length
-
-    def angle(self, q: Array, corrected: Array) -> Array:
-        """Angle (n,) [rad] between the nominal tool at `q` and the real one at other joints."""
-        wanted = self.structure.pose(q, self.nominal)[1]
-        turned = self.structure.pose(corrected, self.real)[1]
-        return np.asarray(np.linalg.norm(logarithm(turned @ np.swapaxes(wanted, 1, 2)), axis=1))
-
-    def _real(self, q: Array) -> tuple[Array, Array, Array]:
-        seen, slope = self.structure.predict_and_slope(q, self.real)
-        return seen[:, :3], exponential(seen[:, 3:]), slope

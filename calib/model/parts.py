@@ -61,7 +61,8 @@ class Parts:
 
     def __getstate__(self) -> dict[str, Any]:
         """What was compiled for single queries stays behind when a model is pickled."""
-        return {name: value for name, value in vars(self).items() if name != "kernel"}
+        kept = {"kernel", "remembered"}
+        return {name: value for name, value in vars(self).items() if name not in kept}
 
     def __repr__(self) -> str:
         """Say in three lines what it is a model of, what it has learned and how well."""
@@ -91,6 +92,11 @@ class Parts:
     def links(self) -> csr_array:
         """Oja-Hebbian links, (motor nodes, sensory nodes)."""
         return self.association.links
+
+    @cached_property
+    def remembered(self) -> dict[str, Any]:
+        """What functions of a model found once and keep for their next call."""
+        return {}
 
     @cached_property
     def solver(self) -> Solver:

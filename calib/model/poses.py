@@ -44,31 +44,6 @@ def forward_poses(model: Parts, q: Array) -> tuple[Array, Array]:
     return position, np.where(known, quaternion_of(space.sensor[0] @ turns), np.nan)
 
 
-def solve_quickly(
-    model: Parts, position: ArrayLike, quaternion: ArrayLike, near: ArrayLike
-) -> Array | None:
-    """Joints (dof,) for one pose by the compiled kernel; None where the batch has to answer."""
-    kernel, structure = model.kernel, getattr(model.body, "structure", None)
-    if kernel is None or not kernel.has("inverse_pose"):
-        return None
-    if not getattr(structure, "informed", False):
-        return None  # its base frame is that of the drawing
-    p, turn = np.asarray(position), np.asarray(quaternion)
-    if p.shape != (3,) or turn.shape != (4,) or turn.dtype != float:
-        return None
-    x, y, z, w = turn.tolist()
-    size = x * x + y * y + z * z + w * w
-    if not abs(size - 1.0) <= ROUNDING:
-        return None
-    s = 2.0 / size
-    rotation = np.array([
-        1 - s * (y * y + z * z), s * (x * y - z * w), s * (x * z + y * w),
-        s * (x * y + z * w), 1 - s * (x * x + z * z), s * (y * z - x * w),
-        s * (x * z - y * w), s * (y * z + x * w), 1 - s * (x * x + y * y),
-    ])  # fmt: skip
-    return kernel.inverse_pose(p, rotation, near)
-
-
 def solve_poses(
     model: Parts,
     position: ArrayLike,

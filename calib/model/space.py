@@ -143,6 +143,12 @@ class Space:
         placed = own.structure.sensor(own.beta)
         return placed.rotation, placed.shift, placed.scale
 
+    def beside(self, p: Array, r: Array | None, near: Array) -> tuple[Array, Array]:
+        """Joints (n, dof) beside `near` for places (n, 3), or poses with `r`, and what is left."""
+        newton = self._placing if r is None else self._posing
+        u, left = newton.refine(self._unit(near), p if r is None else Poses.target(p, r))
+        return self._scale.from_unit(u), left
+
     def at_positions(self, p: Array, near: Array, *, keep: bool = False) -> Array:
         """Joints (n, dof) nearest to `near` (n, dof) for positions (n, 3) of the base frame [m].
 

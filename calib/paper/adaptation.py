@@ -71,7 +71,7 @@ def _episode(setting: Setting, change: str) -> Episode:
     }
     errors["rule"] = {**errors["activity"], "adapted": _error(rule, q, x, "activity")}
     distortion = {
-        state: zeta(model.sensory, model.sensory.scale.to_unit(at))
+        state: zeta(model.sensory.units, model.sensory.scale.to_unit(at))
         for state, (model, at) in states.items()
     }
     return Episode(before, after, tuple(steps), q, x, errors, distortion)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -12,13 +10,15 @@ import numpy as np
 from ..arm.rotations import exponential, logarithm, nearest_rotation
 from ..body.belief import Body
 from ..body.corners import fit_corners
+from ..body.fitting import BodyFit
 from ..body.parameters import Indices
-from ..body.posterior import BodyFit
 from ..body.spatial import SpatialStructure
 from ..common.arrays import Array, Mask
 from ..common.rows import thinned
 from ..common.wording import listed
 from ..errors import LogError, OptionError
+from ..samples.diagnosis import Reading, readings
+from ..samples.settings import MOST_ORDERED
 from .board import Board
 from .board_pictures import LEAST, BoardViews
 
@@ -99,7 +99,6 @@ def _left_out(structure: SpatialStructure, views: BoardViews, found: Explained) 
         return ()
     names = [views.names[k] for k in gone]
     still, hand = ("board", "camera") if views.in_hand else ("camera", "board")
-    at_end = gone[-1] == len(views.q) - 1
     why = f"the {still} stood elsewhere, or the joints are not theirs"
     at_end = gone[-1] == len(views.q) - 1
     if len(gone) > 1 and gone[-1] - gone[0] + 1 == len(gone) and (at_end or gone[0] == 0):
@@ -146,15 +145,25 @@ def _refuse_readings(structure: SpatialStructure, views: BoardViews, board: Boar
             )  # fmt: skip
         some = np.zeros(len(views.q), bool)
         some[thinned(len(views.q), _TRIED)] = True
-        few = views.take(some)
-        for readings in _readings(structure, views.q):
-            tried = [
-                (_closed_form(structure, q[some], few)[0], words, hint)
-                for q, words, hint in readings
-            ]
-            left, words, hint = min(tried, default=(np.inf, "", ""))
-            if left < _CLEAR * own:
-                raise LogError(f"the pictures fit the joints only if {words}", hint=hint)
+        few, q, names = views.take(some), views.q, structure.joint_names
+        late = (
+            Reading(
+                np.roll(q, k, axis=0), "late",
+                f"they are {abs(k)} row{'s' * (abs(k) > 1)} late or early",
+                "check which row is of which picture", "joints", k,
+            )
+            for k in (-2, -1, 1, 2)
+        )  # fmt: skip
+        units, orders, *signs = readings(
+            q, names, structure.revolute, any_order=len(names) <= MOST_ORDERED
+        )
+        # the simplest first
+        for others in (units, late, *signs, orders):
+            tried = [(_closed_form(structure, r.q[some], few)[0], r) for r in others]
+            left, best = min(tried, key=lambda each: each[0], default=(np.inf, None))
+            if best is not None and left < _CLEAR * own:
+                hint = "correct the header of the joints" if best.kind == "exchanged" else best.hint
+                raise LogError(f"the pictures fit the joints only if {best.words}", hint=hint)
     if abs(inverse - 1.0) > _SIZED + _SURE * sd:
         raise LogError(
             f"the board's squares measure {1e3 * board.square / inverse:.4g} mm by the arm's "
@@ -189,40 +198,3 @@ def _closed_form(
     inverse = float(tip @ told) / square
     noise = max(float(((told - inverse * tip) ** 2).mean()), _BUILT**2)
     return float(np.median(miss + bent)), inverse, float(np.sqrt(noise / square))
-
-
-def _readings(structure: SpatialStructure, q: Array) -> Iterator[list[tuple[Array, str, str]]]:
-    """Other readings of joint values, the simplest first."""
-    names, joints = structure.joint_names, range(structure.dof)
-    turning = np.asarray(structure.revolute)
-    yield [
-        (np.where(turning, q * f, q), f"they are {unit}", hint)
-        for f, unit, hint in (
-            (np.pi / 180, "degrees", "give `degrees=True`"),
-            (180 / np.pi, "radians", "leave out `degrees`"),
-        )
-    ]
-    yield [
-        (np.roll(q, k, axis=0), f"they are {abs(k)} row{'s' * (abs(k) > 1)} late or early", hint)
-        for hint in ("check which row is of which picture",)
-        for k in (-2, -1, 1, 2)
-    ]
-    for count in (1, 2):
-        yield [
-            (
-                q * np.where(np.isin(joints, some), -1.0, 1.0),
-                f"{listed(names[k] for k in some)} counts the other way",
-                "change the sign of its column",
-            )
-            for some in itertools.combinations(joints, count)
-        ]
-    orders = itertools.permutations(joints) if structure.dof <= 6 else iter(())
-    yield [
-        (
-            q[:, list(order)],
-            f"columns are exchanged: {listed(f'{names[j]} holds {names[k]}' for k, j in pairs)}",
-            "correct the header of the joints",
-        )
-        for order in orders
-        if (pairs := [(k, j) for k, j in enumerate(order) if k != j])
-    ]

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..arm.rotations import quaternion_of
-from ..common.arrays import Array, Mask
+from ..common.arrays import Array
 from ..common.parallel import one_blas_thread
 from ..errors import LogError
 from ..samples.recorded import Recorded, told
@@ -20,7 +19,7 @@ from .reference import PlaneReference, PositionReference, square_pose
 from .setting import Setup
 from .sight import LOOKS, sight
 from .tags import Tag
-from .track import astray, check_motion, row_shift, stuck, unrelated
+from .track import check_motion, row_shift, stuck
 from .watch import motion, watch
 
 
@@ -54,18 +53,14 @@ def log_pictures(
         check_motion(q, pixels, setting.tag, f"{len(q)} pictures")
     reference, off = watch(setting.layout, seen.marks, setting.lens, setting.tag_height)
     with one_blas_thread():
-        notes += _check_order(q, pixels, [names[number] for number in seen.numbers])
-        doubts: dict[str, Callable[[NDArray[np.intp]], Mask]] = {
-            "at one place while the joints move: a second tag?": lambda k: stuck(q[k], pixels[k]),
-            "the reference is elsewhere in them: camera bumped, shaken, refocused?": (
-                lambda k: np.isin(seen.numbers[k], list(off))
-            ),
-            "far from where the joints put the tip": lambda k: astray(q[k], pixels[k]),
-        }
-        rows = np.arange(len(q))
-        for why, find in doubts.items():
-            wrong = find(rows)
-            reasons[why], rows = int(wrong.sum()), rows[~wrong]
+        _check_order(q, pixels, [names[number] for number in seen.numbers])
+    # single rows that contradict the others are found by those who learn from the log
+    twin, bumped = stuck(q, pixels), np.isin(seen.numbers, list(off))
+    reasons["at one place while the joints move: a second tag?"] = int(twin.sum())
+    reasons["the reference is elsewhere in them: camera bumped, shaken, refocused?"] = int(
+        (bumped & ~twin).sum()
+    )
+    rows = np.flatnonzero(~twin & ~bumped)
     return assemble(
         setting,
         reference,
@@ -120,20 +115,16 @@ def assemble(
     )
 
 
-def _check_order(q: Array, pixels: Array, pictures: Sequence[str]) -> list[str]:
-    """Refuse joints that are shifted against the pictures; doubt those that say nothing of them."""
+def _check_order(q: Array, pixels: Array, pictures: Sequence[str]) -> None:
+    """Refuse joints that are shifted against the pictures."""
     start, shift, own, other = row_shift(q, pixels)
     if shift:
-        where = f"{abs(shift)} row{'s' if abs(shift) > 1 else ''} further "
-        where += "down" if shift > 0 else "up"
+        where = f"{abs(shift)} row{'s' * (abs(shift) > 1)} further {'down' if shift > 0 else 'up'}"
         raise LogError(
             f"the joints are shifted against the pictures from {pictures[start]} on: those {where} "
             f"predict the tag to {other:.2g} px, a picture's own to {own:.2g} px; is one missing "
             "there?"
         )
-    if not unrelated(q, pixels):
-        return []
-    return ["the joints predict the tag no better than those of other pictures: of another run?"]
 
 
 def _poses(

@@ -24,6 +24,7 @@ from .board import LEAST_CORNERS, Board
 from .opencv import opencv
 
 _LEAST_PICTURES = 4  # of a board that a calibration needs
+_DOUBT = 0.03  # share of the focal length that its sd may be
 _TANGENTIAL = 10  # pictures from which a lens that sits askew can be told
 
 
@@ -125,9 +126,8 @@ def calibrate_lens(
 ) -> tuple[Lens, tuple[str, ...]]:
     """Fit a lens to pictures of a board held at different angles; notes say what makes it doubtful.
 
-    corners : sequence of mapping of int to (2,) array [px]; corners that each picture shows, as
-        `BoardFinder.find` returns them.
-    size : (int, int) [px]; width and height of the pictures.
+    corners : places (2,) [px] by number that each picture shows, as of `BoardFinder.find`
+    size : width and height of the pictures [px]
     Raises LogError if too few pictures show the board, or it was never tilted.
     """
     cv2 = opencv()
@@ -145,12 +145,7 @@ def calibrate_lens(
     lens, doubt = None, np.inf
     with suppress(cv2.error):
         lens, doubt = _fit(objects, images, size)
-    if (
-        lens is None
-        or not np.isfinite(lens.parameters).all()
-        or doubt > 0.03
-        or lens.focal.max() > 50 * max(size)
-    ):
+    if lens is None or not doubt <= _DOUBT or not lens.focal.max() <= 50 * max(size):
         raise LogError(
             f"the pictures of the board determine the focal length to {100 * doubt:.2g} % only, "
             "3 % expected: tilt the board this way and that between them"
@@ -166,12 +161,10 @@ def calibrate_lens(
 def _fit(
     objects: Sequence[Any], images: Sequence[Any], size: tuple[int, int]
 ) -> tuple[Lens, float]:
-    """Fit lenses of one, two and four terms; a further term must lower Schwarz's criterion.
+    """Fit lenses of one, two and four terms; the best, and the sd of its focal length, a share.
 
-    Terms that the pictures do not need are free near the border, where no board was.
-
-    Returns lens : Lens; the best.
-    Returns doubt : float; standard deviation of its focal length, as a share of it.
+    Terms that the pictures do not need are free near the border, where no board was: a further term
+    must lower Schwarz's criterion.
     """
     cv2 = opencv()
     one = cv2.CALIB_FIX_K3 | cv2.CALIB_ZERO_TANGENT_DIST | cv2.CALIB_FIX_K2

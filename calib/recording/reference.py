@@ -9,13 +9,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arm.rotations import exponential, logarithm
+from ..arm.rotations import cross_matrix, exponential, logarithm
 from ..common.arrays import Array
 from ..errors import LogError
 from .lens import Lens
 from .opencv import opencv
 
 _LEAST_NOISE = 0.01  # [px]; corners are credited with no less
+_STEPS, _SOFT = 40, 0.5  # of a pose; [px], misses beyond it count by their size, not its square
 _HALF = np.array([[0.5, 0.0], [0.0, 0.5]])  # [px], steps of a finite difference
 
 
@@ -43,21 +44,17 @@ class Pose:
     @property
     def doubt(self) -> tuple[float, float]:
         """Standard deviations of the turn [rad] and of the camera's place [m], all axes."""
-        turn, (x, y, z) = self.covariance[:3, :3], self.shift
         # a turn of the frame by w moves the camera in it by shift x w
-        A = np.c_[[[0, -z, y], [z, 0, -x], [-y, x, 0]], np.eye(3)]
+        A = np.c_[cross_matrix(self.shift), np.eye(3)]
         place = A @ self.covariance[:6, :6] @ A.T
-        return float(np.sqrt(np.trace(turn))), float(np.sqrt(np.trace(place)))
+        return float(np.sqrt(np.trace(self.covariance[:3, :3]))), float(np.sqrt(np.trace(place)))
 
 
 def find_pose(lens: Lens, points: Array, pixels: Array) -> Pose:
-    """Fit the pose of a flat frame to points of it and their pixels, outliers weighed down.
+    """Fit the pose of a flat frame to points (n, 3) [m] of it and their pixels (n, 2), n >= 4.
 
-    points : (n, 3) array [m]; points of the plane z = 0, four or more.
-    pixels : (n, 2) array [px]; where they appear.
+    Of the two poses of a plane seen from afar the better one; outliers are weighed down.
     """
-    from scipy.optimize import least_squares
-
     cv2 = opencv()
     flat = lens.undistort(pixels)
     found, turns, shifts, _ = cv2.solvePnPGeneric(
@@ -66,30 +63,35 @@ def find_pose(lens: Lens, points: Array, pixels: Array) -> Pose:
     if not found:
         raise LogError("the reference's points lie on a line or in one place: no pose fits them")
 
-    def miss(p: Array, start: Array) -> Array:
-        seen = points @ (exponential(p[:3]) @ start).T + p[3:]
-        return np.asarray((lens.distort(seen[:, :2] / seen[:, 2:]) - pixels).ravel())
+    def refined(turn: Array, shift: Array) -> tuple[float, Array, Array, Array, Array, Array]:
+        """Cost, rotation, shift, miss (n, 2), derivatives by the pose and by the lens."""
+        rotation = exponential(np.ravel(turn))
+        shift = np.ravel(shift)
+        for _ in range(_STEPS):
+            seen, slopes = cv2.projectPoints(
+                points, logarithm(rotation), shift, lens.matrix, lens.distortion
+            )
+            miss = pixels - seen.reshape(-1, 2)
+            by = slopes[:, 3:6].reshape(-1, 2, 3)
+            own = np.concatenate([-by @ cross_matrix(points @ rotation.T), by], axis=2)
+            square = (miss / _SOFT) ** 2
+            root = (1.0 + square.ravel()) ** -0.25  # of soft L1's weights
+            J = own.reshape(-1, 6)
+            step = np.linalg.lstsq(J * root[:, None], miss.ravel() * root, rcond=None)[0]
+            rotation, shift = exponential(step[:3]) @ rotation, shift + step[3:]
+            if np.abs(step).max() < 1e-10:
+                break
+        cost = float((np.sqrt(1.0 + square) - 1.0).sum())
+        return cost, rotation, shift, miss, J * root[:, None], slopes[:, 6:15] * root[:, None]
 
-    fits = []
-    for turn, shift in zip(turns, shifts, strict=True):
-        start = exponential(np.ravel(turn))
-        fit = least_squares(
-            miss, np.r_[np.zeros(3), np.ravel(shift)], args=(start,), loss="soft_l1", f_scale=0.5
-        )
-        fits.append((fit, start))
-    # a plane seen from afar fits two poses almost alike: the better one counts
-    fit, start = min(fits, key=lambda each: float(each[0].cost))
-    residual = fit.fun.reshape(-1, 2)
-    rms = float(np.sqrt((residual**2).sum(1).mean()))
-    variance = float((residual**2).sum()) / max(residual.size - 6, 1)
-    slopes = np.asarray(fit.jac)
-    spread = np.linalg.pinv(slopes.T @ slopes) * max(variance, _LEAST_NOISE**2)
+    fits = [refined(turn, shift) for turn, shift in zip(turns, shifts, strict=True)]
+    _, rotation, shift, miss, slopes, bent = min(fits, key=lambda fit: fit[0])
+    rms = float(np.sqrt((miss**2).sum(1).mean()))
+    variance = float((miss**2).sum()) / max(miss.size - 6, 1)
     # where the lens is not as it was taken to be, the pose follows it
-    rotation, shift = exponential(fit.x[:3]) @ start, fit.x[3:].copy()
-    seen = cv2.projectPoints(points, logarithm(rotation), shift, lens.matrix, lens.distortion)
-    bent = seen[1][:, 6:15]
     jacobian = np.vstack([-np.linalg.lstsq(slopes, bent, rcond=None)[0], np.eye(9)])
     covariance = jacobian @ lens.covariance @ jacobian.T
+    spread = np.linalg.pinv(slopes.T @ slopes) * max(variance, _LEAST_NOISE**2)
     covariance[:6, :6] += spread
     return Pose(rotation, shift, covariance, rms)
 
@@ -99,9 +101,8 @@ def square_pose(lens: Lens, corners: Array, size: float) -> Pose:
 
     Its frame: origin in the middle, x to the right, y up, z out of the paper.
     """
-    half = size / 2.0
-    points = np.array([[-half, half, 0], [half, half, 0], [half, -half, 0], [-half, -half, 0]])
-    return find_pose(lens, points, corners)
+    signs = np.array([[-1, 1, 0], [1, 1, 0], [1, -1, 0], [-1, -1, 0]])
+    return find_pose(lens, 0.5 * size * signs, corners)
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,11 +133,7 @@ class PlaneReference:
             return self.lens.distort(seen[:, :2] / seen[:, 2:])
 
     def noise(self, pixels: Array) -> tuple[Array, Array]:
-        """Return the scale of a pixel (n,), and what pose and lens leave open (n,) [m].
-
-        The latter is a standard deviation along each axis, which all positions of a recording
-        share.
-        """
+        """Return the scale of a pixel (n,), and the sd (n,) [m] that pose and lens make for all."""
         base = self.positions(pixels)
         variance = np.zeros(len(base))
         values, vectors = np.linalg.eigh(self.pose.covariance)
@@ -208,7 +205,7 @@ def fit_flat(pixels: Array, points: Array) -> FlatReference:
     """Fit the plane-to-plane map from pixels (n, 2) to points (n, 2) [m], n >= 4.
 
     Normalised direct linear transform (Hartley and Zisserman, section 4.4).  OpenCV's
-    `findHomography` rounds to single precision and answers for points on a line too.
+    `findHomography` answers for points on a line too.
     """
     maps = []
     for values in (pixels, points):

@@ -12,15 +12,9 @@ from ..common.arrays import Array, Mask
 from ..common.rows import thinned
 from ..errors import LogError
 
-_JUDGED_ROWS = 240
-"""Rows that are judged at once; of more, so many are taken evenly."""
-
 _SEARCHED = 120  # rows that each of some eighty shifts is judged by
 _SOFT = (1e-6, 1e-4, 1e-2)  # ridge, relative to the kernel's one
-
-
-_STILL = 2.0
-"""A tag that moves less than this over a recording does not move [px]."""
+_STILL = 2.0  # [px]; a tag that moves less over a recording does not move
 
 
 def harmonics(q: Array, other: Array) -> Array:
@@ -82,10 +76,8 @@ def row_shift(q: Array, x: Array, most: int = 3) -> tuple[int, int, float, float
 
     A picture that is missing leaves the rows before it right, so that every row may be the first.
 
-    Returns start, shift : int; that row, and how many rows further down its joints are; 0 where
-        rows fit as they are.
-    Returns own, other : float [unit of x]; mean distances that blocks of rows are predicted to, as
-        they are and shifted.
+    Returns that row, and how many rows further down its joints are, 0 where rows fit as they are;
+    then mean distances [unit of x] that blocks of rows are predicted to, as they are and shifted.
     """
     n = len(q)
 
@@ -109,28 +101,11 @@ def row_shift(q: Array, x: Array, most: int = 3) -> tuple[int, int, float, float
     start, shift = min(tried, key=lambda case: tried[case])
     # of the same rows: one wrong row at the end is not mended by leaving it out
     other, own = tried[start, shift], error(start, shift, moved=False)
-    return (start, shift, own, other) if other < 0.4 * own else (0, 0, own, other)
-
-
-def unrelated(q: Array, x: Array) -> bool:
-    """Whether joints predict what was seen no better than those of other rows would.
-
-    Less than ten rows for each joint may be too few to tell.  From there on six joints at 60
-    random postures miss by 0.8 of what the joints of other rows do, the worst of 45 such arms.
-    """
-    some = thinned(len(q), _JUDGED_ROWS)
-    q, x = q[some], x[some]
-    if len(q) < 10 * q.shape[1]:
-        return False
-    own, other = (misses(joints, x).mean() for joints in (q, np.roll(q, len(q) // 2, axis=0)))
-    return bool(own > 0.9 * other)
+    return start, shift if other < 0.4 * own else 0, own, other
 
 
 def check_motion(q: Array, pixels: Array, tag: int, what: str) -> None:
-    """Refuse a recording in which the arm, or the tag alone, stands still.
-
-    Raises LogError with the place of a tag that stays while joints move.
-    """
+    """Raise LogError for a recording in which the arm, or the tag alone, stands still."""
     moved = float(np.linalg.norm(np.ptp(pixels, axis=0)))
     if np.ptp(q, axis=0).max() < 2e-3:
         raise LogError(f"the arm never moves in {what}: nothing to learn from")
@@ -143,11 +118,11 @@ def check_motion(q: Array, pixels: Array, tag: int, what: str) -> None:
 
 
 def stuck(q: Array, pixels: Array) -> Mask:
-    """Find rows where the tag is again at one place although the joints are elsewhere.
+    """Find rows (n,) where the tag is again at one place although the joints are elsewhere.
 
     A second tag of the same id lies still, and is seen where the first is hidden: three rows or
     more at one place, to half a pixel, whose joints differ by far more than those of rows that a
-    working arm brings there.  Joints (n, joints) and pixels (n, 2) give a mask (n,).
+    working arm brings there.
     """
     n = len(pixels)
     result = np.zeros(n, bool)
@@ -162,28 +137,6 @@ def stuck(q: Array, pixels: Array) -> Mask:
         if moved > 0.1 and scale > 20.0:
             result |= near
     return result if result.mean() < 0.5 else np.zeros(n, bool)
-
-
-def astray(q: Array, pixels: Array) -> Mask:
-    """Find single rows far from where the others say that the joints put the tag.
-
-    Rows go one after another, the worst first, at most a tenth of them.
-    """
-    n = len(q)
-    result = np.zeros(n, bool)
-    if not 15 <= n <= _JUDGED_ROWS:
-        return result
-    spread = float(np.linalg.norm(pixels.std(axis=0)))
-    for _ in range(n // 10):
-        rows = np.flatnonzero(~result)
-        distance = misses(q[rows], pixels[rows], blocks=len(rows))
-        worst = int(np.argmax(distance))
-        rest = np.delete(rows, worst)  # which it spoils as long as it is among them
-        typical = float(np.median(misses(q[rest], pixels[rest], blocks=len(rest))))
-        if distance[worst] < max(25.0 * typical, 0.2 * spread):
-            break
-        result[rows[worst]] = True
-    return result
 
 
 def jumps(pixels: Array, half: int = 3) -> Mask:

@@ -33,35 +33,18 @@ def babble(
 ) -> Samples:
     """Move the simulated arm through its range and record joints and positions.
 
-    Parameters
-    ----------
-    arm : Arm
-        The arm, from `calib.load_arm`.
-    n : int
-        Number of samples.
-    seed : int
-        Seed of the random numbers. Joint values, noise and outliers draw from streams of
-        their own, so that other noise leaves the joint values as they are.
-    noise : float [m]
-        Standard deviation of the sensor along each axis.
-    method : {"uniform", "halton", "sobol", "smooth"}
-        How the joints move: independently and uniformly; in one of two low-discrepancy
-        sequences, which cover the range more evenly; or along a continuous trajectory
-        such as a real arm can execute (see `smooth_points` for its largest step).
-    changes : iterable of str or Change
-        What differs from the arm as described, such as `"elbow.length=+20%"`.
-    ranges : mapping of str to (float, float), optional [rad or m]
-        Babble only this part of a joint's range.
-
-    Returns
-    -------
-    Samples
-        Rows in the order of motion.
-
-    Raises
-    ------
-    OptionError
-        If an argument is outside of what is possible.
+    arm : the arm, from `calib.load_arm`
+    n : number of samples
+    seed : of the random numbers. Joint values, noise and outliers draw from streams of their own,
+        so that other noise leaves the joint values as they are.
+    noise : standard deviation of the sensor along each axis [m]
+    method : how the joints move, independently and ``"uniform"``; ``"halton"`` or ``"sobol"``, low
+        discrepancy sequences, which cover the range more evenly; or ``"smooth"``, a trajectory
+        such as a real arm can execute (see `smooth_points` for its largest step)
+    changes : what differs from the arm as described, such as `"elbow.length=+20%"`
+    ranges : babble only this part of a joint's range [rad or m]
+    Returns samples in the order of motion.
+    Raises OptionError if an argument is outside of what is possible.
 
     Examples
     --------

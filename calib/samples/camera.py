@@ -20,14 +20,8 @@ from ..errors import LogError
 
 #: Widths and heights [px] that a camera's pictures usually have.
 _SIZES = (
-    (640, 480),
-    (800, 600),
-    (1280, 720),
-    (1280, 960),
-    (1920, 1080),
-    (2560, 1440),
-    (3840, 2160),
-)
+    (640, 480), (800, 600), (1280, 720), (1280, 960), (1920, 1080), (2560, 1440), (3840, 2160),
+)  # fmt: skip
 #: A lens that nobody calibrated: mean and sd of the focal length, sd of the centre [widths], of k1.
 FOCAL, FOCAL_SD, CENTRE_SD, K1_SD = 0.7, 0.24, 0.04, 0.3
 #: A calibrated lens that bends otherwise than k1 can say by more than this [px] is fitted again.

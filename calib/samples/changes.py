@@ -11,6 +11,7 @@ from ..common.checks import LARGEST
 from ..errors import OptionError
 
 _RELATIVE = ("length", "gear", "scale")  # +20% means times 1.2
+_ANGLES = ("offset", "noise", "backlash", "lock")  # of a joint that is typed in degrees
 _FORMS = {
     ("joint", "length"): "+20% or 0.3 [m]",
     ("joint", "offset"): "0.05 [rad or m]",
@@ -25,6 +26,7 @@ _FORMS = {
     ("sensor", "shift"): "0.03,-0.02 [m]",
     ("sensor", "outliers"): "0.05, a share of the rows",
 }
+_PAIRS = (("tip", "offset"), ("sensor", "shift"))  # of two numbers
 
 JOINT_CHANGES = tuple(what for part, what in _FORMS if part == "joint")
 SENSOR_CHANGES = tuple(what for part, what in _FORMS if part == "sensor")
@@ -77,27 +79,28 @@ def parse_change(text: str, *, degrees: Collection[str] = ()) -> Change:
         raise OptionError(
             f"change {text!r} is not WHO.WHAT=VALUE such as elbow.length=+20%; choices: {_CHOICES}"
         )
-    part = _part(text, target, what, value)
-    relative = value.endswith("%") and what in _RELATIVE
+    part: Literal["joint", "tip", "sensor"] = "joint"
+    if target == "sensor" and what in SENSOR_CHANGES:
+        part = "sensor"
+    elif target == "tip" and what == "offset" and "," in value:
+        part = "tip"
+    elif what not in JOINT_CHANGES:
+        choices = ", ".join(SENSOR_CHANGES if target == "sensor" else JOINT_CHANGES)
+        more = " (or tip.offset=DX,DY)" if target == "tip" else ""
+        raise OptionError(f"change {text!r}: {target!r} has no {what!r}; choices: {choices}{more}")
     values = _values(text, part, what, value)
-    _check(text, what, values[0])
     joint = target if part == "joint" else ""
-    if joint and joint in degrees and what in ("offset", "noise", "backlash", "lock"):
+    if joint and joint in degrees and what in _ANGLES:
         values = (math.radians(values[0]),)
         text = f"{target}.{what}={values[0]!r}"
+    relative = value.endswith("%") and what in _RELATIVE
     return Change(part, joint, what, values, relative, text.strip())
 
 
 def parse_changes(
     changes: Iterable[str | Change], *, degrees: Collection[str] = ()
 ) -> tuple[Change, ...]:
-    """Read several changes; the same thing changed twice is refused. See `parse_change`.
-
-    Examples
-    --------
-    >>> [c.what for c in parse_changes(["elbow.offset=0.05", "sensor.scale=2"])]
-    ['offset', 'scale']
-    """
+    """Read several changes; the same thing changed twice is refused. See `parse_change`."""
     if isinstance(changes, str):
         changes = (changes,)
     parsed: dict[tuple[str, str, str], Change] = {}
@@ -112,30 +115,12 @@ def parse_changes(
     return tuple(parsed.values())
 
 
-def _part(text: str, target: str, what: str, value: str) -> Literal["joint", "tip", "sensor"]:
-    if target == "sensor" and what in SENSOR_CHANGES:
-        return "sensor"
-    if target == "tip" and what == "offset" and "," in value:
-        return "tip"
-    if what in JOINT_CHANGES:
-        return "joint"
-    choices = SENSOR_CHANGES if target == "sensor" else JOINT_CHANGES
-    raise OptionError(
-        f"change {text!r}: {target!r} has no {what!r}; choices: {', '.join(choices)}"
-        + (" (or tip.offset=DX,DY)" if target == "tip" else "")
-    )
-
-
 def _values(text: str, part: str, what: str, value: str) -> tuple[float, ...]:
-    expected = OptionError(f"change {text!r}: expected a value such as {_FORMS[part, what]}")
-    if what == "mirror":
-        if value not in ("x", "y"):
-            raise expected
+    """The numbers of a change; OptionError if they are impossible."""
+    if what == "mirror" and value in ("x", "y"):
         return (-1.0, 1.0) if value == "x" else (1.0, -1.0)
-    percent = value.endswith("%")
-    if percent and what not in (*_RELATIVE, "outliers"):
-        raise expected
-    if percent and what == "length" and value[0] not in "+-":
+    percent, signed = value.endswith("%"), value[0] in "+-"
+    if percent and what == "length" and not signed:
         raise OptionError(
             f"change {text!r}: expected +{value} to lengthen by it, -{value} to shorten, "
             "or a length such as 0.3 [m]"
@@ -143,26 +128,25 @@ def _values(text: str, part: str, what: str, value: str) -> tuple[float, ...]:
     try:
         values = tuple(float(number) for number in value.removesuffix("%").split(","))
     except ValueError:
-        raise expected from None
-    pair = (part, what) in (("tip", "offset"), ("sensor", "shift"))
-    if len(values) != (2 if pair else 1) or not all(abs(v) < LARGEST for v in values):
-        raise expected
-    if not percent:
-        return values
-    share = values[0] / 100.0
-    # +20% is 1.2 and -20% is 0.8, but 105% without a sign 1.05, and a share of rows itself
-    return (1.0 + share if value[0] in "+-" and what != "outliers" else share,)
-
-
-def _check(text: str, what: str, value: float) -> None:
-    wrong = ""
-    if what in ("length", "scale") and value <= 0.0:
-        wrong = f"the {what} must stay above zero"
-    elif what == "gear" and value == 0.0:
-        wrong = "a gear of 0 moves nothing; use lock to hold a joint"
-    elif what in ("noise", "backlash") and value < 0.0:
-        wrong = f"the {what} cannot be negative"
-    elif what == "outliers" and not 0.0 <= value < 1.0:
-        wrong = "expected a share of the rows from 0 to below 1"
-    if wrong:
-        raise OptionError(f"change {text!r}: {wrong}")
+        values = ()
+    count = 2 if (part, what) in _PAIRS else 1
+    typed = what != "mirror" and (not percent or what in (*_RELATIVE, "outliers"))
+    if len(values) != count or not typed or not all(abs(v) < LARGEST for v in values):
+        raise OptionError(f"change {text!r}: expected a value such as {_FORMS[part, what]}")
+    if percent:
+        # +20% is 1.2 and -20% is 0.8, but 105% without a sign 1.05, and a share of rows itself
+        share = values[0] / 100.0
+        values = (1.0 + share if signed and what != "outliers" else share,)
+    first = values[0]
+    refusals = {
+        f"the {what} must stay above zero": what in ("length", "scale") and first <= 0.0,
+        "a gear of 0 moves nothing; use lock to hold a joint": what == "gear" and first == 0.0,
+        f"the {what} cannot be negative": what in ("noise", "backlash") and first < 0.0,
+        "expected a share of the rows from 0 to below 1": (
+            what == "outliers" and not 0.0 <= first < 1.0
+        ),
+    }
+    for words, wrong in refusals.items():
+        if wrong:
+            raise OptionError(f"change {text!r}: {words}")
+    return values

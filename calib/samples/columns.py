@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from ..common.arrays import Array
 from ..common.wording import clipped, listed, printable, quoted
-from ..errors import LogError, OptionError
+from ..errors import LogError
 
 if TYPE_CHECKING:
     import polars as pl
@@ -37,7 +37,6 @@ KEY = "calib"
 """Names the entry of a Parquet file's metadata that says the same."""
 
 _LONGEST_LINE = 1 << 20  # characters; a file without line ends must not fill the memory
-_ELEMENT = re.compile(r"(.+)\[(.*)\]", re.DOTALL)
 _MISSING = ("", "na", "n/a", "nan", "null", "none", "-", "?")
 
 
@@ -76,31 +75,27 @@ def open_source(path: str | os.PathLike[str] | Source) -> Source:
     if isinstance(path, Source):
         return path
     name, keep = os.fspath(path), None
-    label = "standard input" if name == "-" else printable(name)
+    label, file = "standard input" if name == "-" else printable(name), Path(name)
+    recorded = f"make a log of it: calib log {label} -o log.csv"
     try:
-        file = Path(name)
+        if file.is_dir():
+            bag = any(each.suffix.lower() in RECORDINGS for each in file.iterdir())
+            raise LogError(
+                f"{label} is a folder, expected a CSV or Parquet file",
+                hint=recorded if bag else None,
+            )
         # what is no regular file (a pipe, /dev/stdin) can be read only once
-        regular = file.is_file() or file.is_dir()
-        if name == "-" or (file.exists() and not regular):
+        if name == "-" or (file.exists() and not file.is_file()):
             file, keep = _spooled(file)
         with file.open("rb") as opened:
             parquet = opened.read(4) == b"PAR1"
-    except IsADirectoryError:
-        inside = (each.suffix.lower() in RECORDINGS for each in file.iterdir())
-        raise LogError(
-            f"{label} is a folder, expected a CSV or Parquet file",
-            hint=f"if it is a bag, make a log of it: calib log {label} -o log.csv"
-            if any(inside)
-            else None,
-        ) from None
     except FileNotFoundError:
         raise LogError(f"there is no file {label!r}") from None
     except (OSError, ValueError) as error:
         raise LogError(f"cannot read {label!r}: {error}") from None
     if not parquet and file.suffix.lower() in RECORDINGS:
         raise LogError(
-            f"{label} is a recording of messages, expected a CSV or Parquet file",
-            hint=f"make a log of it: calib log {label} -o log.csv",
+            f"{label} is a recording of messages, expected a CSV or Parquet file", hint=recorded
         )
     if not parquet and file.suffix.lower() in PARQUET:
         raise LogError(f"{label} is not a Parquet file; rename it to .csv if it is CSV")
@@ -135,18 +130,18 @@ def read_rows(
     if drawn:
         some = np.sort(np.random.default_rng(seed).choice(total, most, replace=False))
         rows = rows.join(pl.LazyFrame({"row": some.astype(np.uint32)}), on="row", how="semi")
-    numbers = [cell.values.cast(pl.Float64, strict=False) for cell in cells]
+    numbers = [values.cast(pl.Float64, strict=False) for values, _ in cells]
     asked = [column.alias(f"value {k}") for k, column in enumerate(numbers)]
-    asked += [
-        (column.is_null() & ~_lacks(cell.values)).alias(f"bad {k}")
-        for k, (cell, column) in enumerate(zip(cells, numbers, strict=True))
-        if isinstance(cell.dtype, pl.String) and not lenient
+    asked += [  # text in a number's place
+        (numbers[k].is_null() & ~_lacks(values)).alias(f"bad {k}")
+        for k, (values, text) in enumerate(cells)
+        if text and not lenient
     ]
     frame = _collected(source, rows, ["row", *asked]).sort("row")
     for name in frame.columns:
         if name.startswith("bad ") and frame[name].any():
             k, row = int(name[4:]), int(frame["row"][int(frame[name].arg_true()[0])])
-            _refuse_cell(source, names[k], cells[k].values, row)
+            _refuse_cell(source, names[k], cells[k][0], row)
     values = np.empty((frame.height, len(names)))
     for k in range(len(names)):
         values[:, k] = frame[f"value {k}"].fill_null(float("nan")).to_numpy()
@@ -183,33 +178,16 @@ def _collected(
     return frame.drop("nothing").head(something[-1] + 1 if len(something) else 0)
 
 
-class _Cells(NamedTuple):
-    """The values of one name, as Polars finds them."""
-
-    values: pl.Expr
-    dtype: pl.DataType
-
-
 def _find(header: Sequence[str], name: str) -> tuple[str, int | None] | None:
-    """The column of a name, and which element of its lists; a column goes first.
-
-    Raises OptionError if what stands in the brackets is no place in a list.
-    """
+    """The column of a name, and which element of its lists; a column goes first."""
     if name in header:
         return name, None
-    match = _ELEMENT.fullmatch(name)
-    if match is None or match[1] not in header:
-        return None
-    if not re.fullmatch("0|[1-9][0-9]{0,8}", match[2]):
-        raise OptionError(
-            f"{quoted(name)}: {quoted(match[2])} is no place in a list, expected a whole number "
-            "counted from 0"
-        )
-    return match[1], int(match[2])
+    match = re.fullmatch(r"(.+)\[(0|[1-9][0-9]{0,8})\]", name, re.DOTALL)
+    return (match[1], int(match[2])) if match and match[1] in header else None
 
 
-def _cells(source: Source, name: str, schema: pl.Schema) -> _Cells:
-    """Find the values of a name; numbers, or text that is to become numbers."""
+def _cells(source: Source, name: str, schema: pl.Schema) -> tuple[pl.Expr, bool]:
+    """The values of a name, numbers or text that is to become numbers; whether they are text."""
     import polars as pl
 
     found = _find(source.header, name)
@@ -228,37 +206,19 @@ def _cells(source: Source, name: str, schema: pl.Schema) -> _Cells:
         raise LogError(f"{source.label} has {count} columns {quoted(column)}: rename all but one")
     key = str(source.header.index(column))
     values, dtype = pl.col(key), schema[key]
-    if element is not None and dtype != pl.Null:
-        values, dtype = _element(source, column, element, values, dtype)
-    if not (dtype.is_numeric() or isinstance(dtype, (pl.String, pl.Null))):
-        lists = element is None and isinstance(dtype, (pl.List, pl.Array))
-        remedy = f"; name one element, such as {name}[0]" if lists else ""
-        raise LogError(f"{source.label}, column {name!r} holds {dtype}, expected numbers{remedy}")
-    return _Cells(values.str.strip_chars() if isinstance(dtype, pl.String) else values, dtype)
-
-
-def _element(
-    source: Source, column: str, element: int, lists: pl.Expr, dtype: pl.DataType
-) -> tuple[pl.Expr, pl.DataType]:
-    """One element of a column of lists, which are all of one length."""
-    import polars as pl
-
-    where = f"{source.label}, column {column!r} holds"
-    if isinstance(dtype, pl.Array):
-        lists = lists.arr.to_list()
-    elif not isinstance(dtype, pl.List):
-        raise LogError(f"{where} {dtype}, expected lists, as in Parquet files")
-    count = lists.list.len()
-    with _errors(source.label):
-        low, high = source.rows.select(low=count.min(), high=count.max()).collect().row(0)
-    if low != high:
-        raise LogError(f"{where} lists of {low} to {high}; which element is which cannot be told")
-    if high is not None and element >= high:
-        raise LogError(
-            f"{where} lists of {high}, counted from 0: there is no '{column}[{element}]'"
-        )
-    inner: pl.DataType = dtype.inner  # type: ignore[assignment]
-    return lists.list.get(element, null_on_oob=True), inner
+    if element is not None and isinstance(dtype, (pl.List, pl.Array)):
+        plain = values.arr.to_list() if isinstance(dtype, pl.Array) else values
+        # a list that lacks the element misses a value
+        values, dtype = plain.list.get(element, null_on_oob=True), dtype.inner  # type: ignore[assignment]
+        element = None
+    if dtype == pl.Null:
+        element = None
+    if element is not None or not (dtype.is_numeric() or isinstance(dtype, (pl.String, pl.Null))):
+        kind = "numbers" if element is None else "lists, as in Parquet files"
+        remedy = f"; name one element, such as {name}[0]" if isinstance(dtype, pl.List) else ""
+        raise LogError(f"{source.label}, column {name!r} holds {dtype}, expected {kind}{remedy}")
+    text = isinstance(dtype, pl.String)
+    return values.str.strip_chars() if text else values, text
 
 
 def _lacks(text: pl.Expr) -> pl.Expr:

@@ -41,27 +41,19 @@ class Delay:
         """Whether it is sure, and matters."""
         return abs(self.value) > CLEAR_DELAY * self.sd and self.share > DELAY_SHARE
 
-    @property
-    def doubted(self) -> bool:
-        """Whether there may be one, which the rows do not settle."""
-        return not self.clear and abs(self.value) > DOUBTED_DELAY * self.sd and self.share > 0.02
-
-    def words(self) -> str:
-        """Its size and 95 % interval: "20.1 +- 0.3 ms late"."""
-        factor, unit = (1e3, "ms") if self.unit == "s" else (1.0, "rows")
-        side = "late" if self.value > 0 else "early"
-        return f"{factor * abs(self.value):.3g} +- {factor * 1.96 * self.sd:.2g} {unit} {side}"
-
     def note(self) -> str:
         """What the user should be told, empty for nothing."""
+        factor, unit = (1e3, "ms") if self.unit == "s" else (1.0, "rows")
+        side = "late" if self.value > 0 else "early"
+        words = f"{factor * abs(self.value):.3g} +- {factor * 1.96 * self.sd:.2g} {unit} {side}"
         if self.clear:
             return (
-                f"the positions are {self.words()} against the joints: corrected; poses at rest "
+                f"the positions are {words} against the joints: corrected; poses at rest "
                 "(`still`) do not depend on clocks"
             )
-        if self.doubted:
+        if abs(self.value) > DOUBTED_DELAY * self.sd and self.share > 0.02:
             return (
-                f"the positions may be {self.words()} against the joints, which the rows do not "
+                f"the positions may be {words} against the joints, which the rows do not "
                 "settle: not corrected; measure at rest (`still`), or along a path that "
                 "is run in both directions"
             )
@@ -112,15 +104,11 @@ class Trajectory:
 
     def before(self, delay: float) -> Array:
         """Joints (n, dof) at the rows' times less `delay`; NaN where the log has none."""
-        when = self.time - delay
-        order = np.arange(len(self.time))
-        run = np.cumsum(np.r_[0, ~self.joined])
-        result = np.full(self.q.shape, np.nan)
-        for each in range(run[-1] + 1):
-            rows = order[run == each]
+        when, result = self.time - delay, np.full(self.q.shape, np.nan)
+        for rows in np.split(np.arange(len(self.time)), np.flatnonzero(~self.joined) + 1):
             if len(rows) < 3:
                 continue
-            t, low = self.time[rows], 0
+            t = self.time[rows]
             inside = rows[(when[rows] >= t[0]) & (when[rows] <= t[-1])]
             low = np.clip(np.searchsorted(t, when[inside], side="right") - 1, 0, len(t) - 2)
             result[inside] = self._hermite(rows[low], when[inside])
@@ -165,16 +153,25 @@ def with_offset(samples: Samples, offset: float) -> Samples:
 
 
 def estimate_delay(
-    motion: Trajectory, residual: Array, slope: Array, columns: Array, precision: Array, pull: Array
+    q: Array,
+    speed: Array,
+    residual: Array,
+    slope: Array,
+    columns: Array,
+    precision: Array,
+    pull: Array,
+    unit: str = "s",
 ) -> tuple[Delay, Array] | None:
     """Estimate by how much positions are late from what a predictor leaves of them.
 
+    The one estimator of clocks, of logs and of videos (:mod:`calib.recording.clocks`).
+
+    q, speed : (n, dof), joints and their velocities, NaN where they are not known [../unit]
     residual, slope : (n, m), (n, m, dof), measured less predicted, and the prediction's derivative
     columns : (n, m, k), derivative by parameters that are fitted beside the delay
     precision, pull : (k,), their prior precision, and how far they are below their prior mean
     Returns the delay and how the parameters change with it (k,), None where nothing moves.
     """
-    speed = motion.velocity
     rows = np.flatnonzero(np.isfinite(speed).all(axis=1) & np.isfinite(residual).all(axis=1))
     if len(rows) < 20:
         return None
@@ -210,7 +207,7 @@ def estimate_delay(
     blocks = np.array_split((own * W * rest).reshape(n, m).sum(axis=1), DELAY_BLOCKS)
     sd = float(np.sqrt(sum(block.sum() ** 2 for block in blocks))) / information
     # joints with play err by the direction of their motion: the better explanation counts
-    play = (J * directions(motion.q)[rows][:, None]).reshape(n * m, -1)
+    play = (J * directions(q)[rows][:, None]).reshape(n * m, -1)
     by_delay, by_play = explained(late, own), explained(play, beside(play)[1])
     share = by_delay / float(np.sum(W * left**2)) if by_delay > by_play else 0.0
-    return Delay(value, sd, motion.unit, share), (base - taken * value)[:, 0]
+    return Delay(value, sd, unit, share), (base - taken * value)[:, 0]

@@ -2,8 +2,7 @@
 
 Other readings of the rows (another unit, exchanged joints, a joint that counts the other way,
 inverted poses, ...) are tried in turn.  One that a predictor explains far better than the log as it
-stands is a finding.  The predictor is nominal kinematics, or a model; where its frame stands does
-not matter.
+stands is a finding; where the predictor's frame stands does not matter.
 """
 
 from __future__ import annotations
@@ -19,6 +18,7 @@ from ..arm.rotations import logarithm, matrix_of, nearest_rotation, similarity
 from ..common.arrays import Array
 from ..common.rows import thinned
 from ..common.scale import METRES
+from ..common.wording import listed
 from ..errors import LogError
 from .alignment import Predict, agreeing, aligned_misfit, rows_behind
 from .settings import (
@@ -37,6 +37,8 @@ from .settings import (
 PosePredict = Callable[[Array], tuple[Array, Array]]
 """Positions (n, 3) and quaternions (n, 4) at joint values (n, dof)."""
 
+_TOOL_ROWS = 39  # thrice the features of a tool of unknown size
+
 
 @dataclass(frozen=True)
 class Finding:
@@ -49,9 +51,54 @@ class Finding:
     value: Any = None
     mistake: bool = True  # whether it can be nothing else; otherwise it may be intended
 
-    def told(self) -> str:
-        """Say it and the remedy in one line."""
-        return f"{self.words}; {self.hint}" if self.hint else self.words
+
+class Reading(NamedTuple):
+    """Joint values (n, dof) read otherwise, and what that would mean."""
+
+    q: Array
+    kind: str
+    words: str  # "... only if" these hold
+    hint: str
+    parameter: str
+    value: Any
+
+
+def readings(
+    q: Array, names: Sequence[str], revolute: Sequence[bool], *, any_order: bool
+) -> tuple[Iterator[Reading], ...]:
+    """Other readings of joint values (n, dof): their unit, their order, one sign, two signs.
+
+    any_order : whether columns are tried in all orders, not only with two exchanged
+    """
+    joints = range(len(names))
+
+    def units() -> Iterator[Reading]:
+        for factor, words, hint in (
+            (np.pi / 180, "its joint values are degrees", "give `degrees=True`"),
+            (180 / np.pi, "its joint values are radians", "leave out `degrees`"),
+        ):
+            turned = np.where(revolute, q * factor, q)
+            yield Reading(turned, "degrees", words, hint, "degrees", factor > 1)
+
+    def orders() -> Iterator[Reading]:
+        for order in itertools.permutations(joints):
+            pairs = {names[k]: names[j] for k, j in enumerate(order) if k != j}
+            if pairs and (any_order or len(pairs) == 2):
+                told = listed(f"{other} holds {name}" for name, other in pairs.items())
+                words = f"columns are exchanged ({told})"
+                hint = f"give `columns={pairs}`, or correct the header"
+                yield Reading(q[:, list(order)], "exchanged", words, hint, "columns", list(pairs))
+
+    def signs(count: int) -> Iterator[Reading]:
+        for some in itertools.combinations(joints, count):
+            ones = [names[k] for k in some]
+            words = f"{' and '.join(ones)} counts the other way"
+            hint = "its encoder or servo is reversed: change the sign of its column"
+            if len(ones) < len(names):  # all of them turned are a mirror
+                turned = q * np.where(np.isin(joints, some), -1.0, 1.0)
+                yield Reading(turned, "reversed", words, hint, "joints", ones)
+
+    return units(), orders(), signs(1), signs(2)
 
 
 def refuse_mistakes(findings: Sequence[Finding], label: str = "the log") -> list[str]:
@@ -67,7 +114,7 @@ def refuse_mistakes(findings: Sequence[Finding], label: str = "the log") -> list
                 parameter=finding.parameter,
                 value=finding.value,
             )
-    return [f"{label}: {finding.told()}" for finding in findings]
+    return [f"{label}: {'; '.join(filter(None, (f.words, f.hint)))}" for f in findings]
 
 
 def diagnose(
@@ -108,23 +155,24 @@ def diagnose(
     log = _Log(predict, q[rows], x[rows], unit == "px", pose)
     if not log.comparable:
         return ()
-    if unit == "m" and (wrong := _unit_of(log)) is not None:
-        return (wrong,)
-    if (
-        turns is not None
-        and pose is not None
-        and (wrong := _poses(log, pose, turns[rows])) is not None
-    ):
+    wrong = _unit_of(log) if unit == "m" else None
+    if wrong is None and turns is not None and pose is not None:
+        wrong = _poses(log, pose, turns[rows])
+    if wrong is not None:
         return (wrong,)
     found: list[Finding] = []
     if log.own > SMALL * log.size:
+        any_order = log.own > GOOD * log.size and len(names) <= MOST_ORDERED
         # the simplest first; of two that explain the log the first is told
-        orders = _degrees(log, revolute), _orders(log, names)
-        for readings in (*orders, _signs(log, names, 1), _signs(log, names, 2)):
-            fits = [r for r in readings if log.left(r.q, log.x) < FAR_BETTER * log.own]
+        for others in readings(log.q, names, revolute, any_order=any_order):
+            fits = [r for r in others if log.left(r.q, log.x) < FAR_BETTER * log.own]
             if fits:  # a tool of unknown size explains what a mirror does: by the place alone
-                best = min(fits, key=lambda r: log.left(r.q, log.x, tool=False)).finding
-                found.append(best)
+                best = min(fits, key=lambda r: log.left(r.q, log.x, tool=False))
+                # a planar arm's signs may be learned
+                learned = best.kind == "reversed" and log.predicted.shape[1] == 2
+                words = f"the log fits the robot only if {best.words}"
+                hint = "" if learned else best.hint
+                found = [Finding(best.kind, words, hint, *best[4:], mistake=not learned)]
                 break
     if found and found[0].mistake:
         return tuple(found)
@@ -136,20 +184,14 @@ def diagnose(
         found.append(Finding("mirrored", words, mistake=False))
     if shift := rows_behind(predict, q, x, unit):
         side = "follow" if shift > 0 else "precede"
-        apart = "1 row" if abs(shift) == 1 else f"{abs(shift)} rows"
+        apart = f"{abs(shift)} row{'s' * (abs(shift) > 1)}"
         words = f"the positions {side} the joints by {apart}"
         found.append(Finding("late", words, value=shift, mistake=False))
     return tuple(found)
 
 
 def unit_of_ratio(ratio: float) -> str:
-    """Return the unit of which so many are a metre, empty where none fits.
-
-    Examples
-    --------
-    >>> unit_of_ratio(1012.0), unit_of_ratio(900.0)
-    ('mm', '')
-    """
+    """Return the unit of which so many are a metre, empty where none fits."""
     units = (n for n, f in METRES.items() if n != "m")
     return next((n for n in units if abs(ratio / METRES[n] - 1.0) < SAME_UNIT), "")
 
@@ -181,17 +223,14 @@ class _Log:
 
         tool : whether a tool of unknown size may be part of it
         """
-        predicted = self.predict(q)
+        predicted, affine = self.predict(q), self.affine
         known = np.isfinite(predicted).all(axis=1)
         if known.mean() < 0.6:
             return float("inf")
-        if (
-            tool and self.pose is not None and len(q) >= 39
-        ):  # thrice the features: a tool, linear in them
+        if tool and self.pose is not None and len(q) >= _TOOL_ROWS:  # positions are linear in it
             place, turn = self.pose(q)
-            features = np.column_stack([place, matrix_of(turn).reshape(-1, 9)])
-            return aligned_misfit(features[known], x[known], affine=True)
-        return aligned_misfit(predicted[known], x[known], affine=self.affine)
+            predicted, affine = np.column_stack([place, matrix_of(turn).reshape(-1, 9)]), True
+        return aligned_misfit(predicted[known], x[known], affine=affine)
 
     def mirrored(self) -> bool:
         """Whether the rows fit with one axis reversed, but for a tool."""
@@ -199,13 +238,6 @@ class _Log:
         known = np.isfinite(self.predicted).all(axis=1)
         p, x = self.predicted[known], self.x[known]
         return not self.affine and aligned_misfit(p, x * flip) < FAR_BETTER * aligned_misfit(p, x)
-
-
-class _Reading(NamedTuple):
-    """Joint values (n, dof) of a log read otherwise, and what that would mean."""
-
-    q: Array
-    finding: Finding
 
 
 def _spread(x: Array) -> float:
@@ -220,76 +252,13 @@ def _unit_of(log: _Log) -> Finding | None:
     name = unit_of_ratio(ratio)
     if USUAL_SIZE[0] < ratio < USUAL_SIZE[1] or not (name or ratio > PIXELS_RATIO):
         return None
-    other = "for pixels give `unit='px'`, for another unit its name"
-    return Finding(
-        "unit",
+    words = (
         f"the positions extend over {ratio:.4g} times what the robot's links allow for these joint "
-        "values, if they are in m",
-        f"if they are in {name}, give `unit={name!r}`" if name else other,
-        "unit",
-        "m",
+        "values, if they are in m"
     )
-
-
-def _degrees(log: _Log, revolute: Sequence[bool]) -> Iterator[_Reading]:
-    turning = np.asarray(revolute)
-    for factor, other, hint in (
-        (np.pi / 180, "degrees", "give `degrees=True`"),
-        (180 / np.pi, "radians read as degrees", "leave out `degrees`"),
-    ):
-        q = np.where(turning, log.q * factor, log.q)
-        words = f"the log's joint values look like {other}"
-        yield _Reading(q, Finding("degrees", words, hint, "degrees", factor > 1))
-
-
-def _orders(log: _Log, names: Sequence[str]) -> Iterator[_Reading]:
-    """Columns of joints in another order: with two exchanged, or in any where nothing fits."""
-    dof = log.q.shape[1]
-    any_order = log.own > GOOD * log.size and dof <= MOST_ORDERED
-    for order in itertools.permutations(range(dof)) if any_order else _exchanges(dof):
-        if list(order) == list(range(dof)):
-            continue
-        pairs = {names[k]: names[j] for k, j in enumerate(order) if k != j}
-        yield _Reading(
-            log.q[:, list(order)],
-            Finding(
-                "exchanged",
-                "the log fits the robot only if columns of joints are exchanged",
-                f"give `columns={pairs}`, or correct the header",
-                "columns",
-                list(pairs),
-            ),
-        )
-
-
-def _exchanges(dof: int) -> Iterator[tuple[int, ...]]:
-    for j, k in itertools.combinations(range(dof), 2):
-        order = list(range(dof))
-        order[j], order[k] = k, j
-        yield tuple(order)
-
-
-def _signs(log: _Log, names: Sequence[str], count: int) -> Iterator[_Reading]:
-    """So many joints that count the other way; all of them turned are a mirror.
-
-    A planar arm's signs may be learned, so that they are no mistake.
-    """
-    joints = range(log.q.shape[1])
-    for some in itertools.combinations(joints, count):
-        if len(some) == len(joints):
-            continue
-        ones = [names[k] for k in some]
-        sign = np.where(np.isin(joints, some), -1.0, 1.0)
-        planar = log.predicted.shape[1] == 2
-        finding = Finding(
-            "reversed",
-            f"the log fits the robot only if {' and '.join(ones)} counts the other way",
-            "" if planar else "its encoder or servo is reversed: change the sign of its column",
-            "joints",
-            ones,
-            mistake=not planar,
-        )
-        yield _Reading(sign * log.q, finding)
+    other = "for pixels give `unit='px'`, for another unit its name"
+    hint = f"if they are in {name}, give `unit={name!r}`" if name else other
+    return Finding("unit", words, hint, "unit", "m")
 
 
 def _poses(log: _Log, pose: PosePredict, turns: Array) -> Finding | None:
@@ -302,31 +271,30 @@ def _poses(log: _Log, pose: PosePredict, turns: Array) -> Finding | None:
     x, turns = log.x[known], turns[known]
     seen = matrix_of(turns)
 
-    def away(x: Array, seen: Array) -> tuple[float, float]:
+    def away(x: Array, seen: Array) -> Array:
         """Median distance and angle [rad] that the best frames leave of x and seen."""
         frame, shift, scale = similarity(*agreeing(place, x))
         y = nearest_rotation((np.swapaxes(nominal, 1, 2) @ frame.T @ seen).sum(axis=0))
         angle = logarithm(seen @ np.swapaxes(frame @ nominal @ y, 1, 2))
         far = x - scale * place @ frame.T - shift
-        return tuple(float(np.median(np.linalg.norm(v, axis=1))) for v in (far, angle))  # type: ignore[return-value]
+        return np.array([np.median(np.linalg.norm(v, axis=1)) for v in (far, angle)])
 
-    far, own = away(x, seen)
-    if own < TURNED:
+    own = away(x, seen)
+    if own[1] < TURNED:
         return None
     back = np.swapaxes(seen, 1, 2)
-    inverse_far, inverse = away(-(back @ x[:, :, None])[:, :, 0], back)
-    if inverse < FAR_BETTER * own and inverse_far < FAR_BETTER * far:
+    if (away(-(back @ x[:, :, None])[:, :, 0], back) < FAR_BETTER * own).all():
         return Finding(
             "inverted",
             "the poses are inverted: they are those of the sensor in the tool's frame",
             "write the tool's pose in the sensor's frame: -R'x and the conjugate quaternion",
             "columns",
         )
-    if away(x, matrix_of(turns[:, [1, 2, 3, 0]]))[1] < FAR_BETTER * own:
+    if away(x, matrix_of(turns[:, [1, 2, 3, 0]]))[1] < FAR_BETTER * own[1]:
         order = "{'qx': 'qy', 'qy': 'qz', 'qz': 'qw', 'qw': 'qx'}"
         words = "qx, qy, qz, qw are in the order w, x, y, z"
         return Finding("turns", words, f"give `columns={order}`", "columns", ["qx"])
-    if away(x, back)[1] < FAR_BETTER * own:
+    if away(x, back)[1] < FAR_BETTER * own[1]:
         return Finding(
             "inverted",
             "the orientations are inverted: of the sensor in the tool's frame, not of the tool",

@@ -60,14 +60,6 @@ def check_joint_values(
     q : (n, dof) [rad or m], joint values; rows that are not finite are passed over
     lower, upper : (dof,) [rad or m], the joints' learned range
     degrees : whether the values were given in degrees, and converted
-
-    Examples
-    --------
-    >>> check_joint_values(np.array([[1.0]]), ["a"], np.zeros(1), np.ones(1) * 2, [True])
-    >>> check_joint_values(np.array([[90.0]]), ["a"], np.zeros(1), np.ones(1) * 2, [True])
-    Traceback (most recent call last):
-    calib.errors.LogError: joint values, row 1: a is 90 rad, outside of the range 0..2 rad; \
-as degrees it fits: give `degrees=True`
     """
     there = np.isfinite(q).all(axis=1)
     rows = np.flatnonzero(there) + 1
@@ -106,11 +98,6 @@ def directions(q: Array) -> Array:
     """Sign of the last motion of each joint (n, dof), for joint values in the order of motion.
 
     1 or -1; 0 before a joint's first motion, where it is not known.
-
-    Examples
-    --------
-    >>> directions(np.array([[0.0], [1.0], [1.0], [0.5]])).ravel().tolist()
-    [0.0, 1.0, 1.0, -1.0]
     """
     step = np.diff(q, axis=0, prepend=q[:1])
     least = _STILL * np.abs(step).max(axis=0, initial=0.0)

@@ -61,18 +61,28 @@ class LoggedJoint:
 
         rows : (n,), their numbers in the file
         """
+        limits, (low, high) = self.limits, _extremes(values)
+        unknown = limits == UNKNOWN_RANGE
         if self.chosen:
             wrapped = self._wrapped(values)
-            return (
-                np.clip(wrapped, *self.limits),
-                self.limits,
-                self._moved(values, wrapped, self.limits),
-            )
-        if self.limits == UNKNOWN_RANGE:
-            return self._within_data(values)
-        if self.revolute and self.limits[1] - self.limits[0] >= TURN - 1e-9:
-            return self._within_turn(values)
-        return self._within_limits(values, rows)
+            return np.clip(wrapped, *limits), limits, self._moved(values, wrapped, limits)
+        if not unknown and not (self.revolute and limits[1] - limits[0] >= TURN - 1e-9):
+            return self._within_limits(values, rows)
+        if not unknown and limits[0] - 1e-9 <= low and high <= limits[1] + 1e-9:
+            return np.clip(values, *limits), limits, []
+        if self.revolute and many_turns(values):
+            raise self._many_turns(low, high)
+        if not unknown and high - low < TURN - 1e-9:
+            middle = (low + high) / 2.0
+            turn = middle - math.pi, middle + math.pi
+            return values, turn, [f"{self.name}: range {self.show(turn)}, as in the log"]
+        wrapped, turn, gap = one_turn(values)
+        short = high - low < TURN - 0.2 or (high - low <= TURN and gap < _LARGE_GAP)
+        if unknown and (short or not self.revolute):
+            return values, (low, high), []
+        if unknown and gap >= _SMALL_GAP:
+            turn = _extremes(wrapped)
+        return wrapped, turn, self._moved(values, wrapped, turn)
 
     def show(self, limits: Range) -> str:
         """Return a range in the unit of the log."""
@@ -82,30 +92,6 @@ class LoggedJoint:
     def _wrapped(self, values: Array) -> Array:
         return wrap(values, *self.limits) if self.revolute else values
 
-    def _within_data(self, values: Array) -> tuple[Array, Range, list[str]]:
-        low, high = _extremes(values)
-        self._refuse_many_turns(values)
-        if not self.revolute or high - low < TURN - 0.2:
-            return values, (low, high), []
-        wrapped, turn, gap = one_turn(values)
-        if high - low <= TURN and gap < _LARGE_GAP:
-            return values, (low, high), []
-        if gap >= _SMALL_GAP:
-            turn = _extremes(wrapped)
-        return wrapped, turn, self._moved(values, wrapped, turn)
-
-    def _within_turn(self, values: Array) -> tuple[Array, Range, list[str]]:
-        limits, (low, high) = self.limits, _extremes(values)
-        if limits[0] - 1e-9 <= low and high <= limits[1] + 1e-9:
-            return np.clip(values, *limits), limits, []
-        self._refuse_many_turns(values)
-        if high - low < TURN - 1e-9:
-            middle = (low + high) / 2.0
-            turn = middle - math.pi, middle + math.pi
-            return values, turn, [f"{self.name}: range {self.show(turn)}, as in the log"]
-        wrapped, turn, _ = one_turn(values)
-        return wrapped, turn, self._moved(values, wrapped, turn)
-
     def _within_limits(
         self, values: Array, rows: NDArray[np.intp]
     ) -> tuple[Array, Range, list[str]]:
@@ -113,8 +99,7 @@ class LoggedJoint:
         if self.revolute and np.ptp(values) <= TURN + 1e-9 and beyond(values, *limits) > SLACK:
             wrapped = self._wrapped(values)
             if beyond(wrapped, *limits) <= SLACK:
-                notes += self._moved(values, wrapped, self.limits)
-                values = wrapped
+                notes, values = self._moved(values, wrapped, limits), wrapped
         excess = beyond(values, *limits)
         if excess > SLACK:
             raise self._outside(values, rows)
@@ -151,13 +136,10 @@ class LoggedJoint:
             value=self.degrees if parameter == "degrees" else float(values[row]),
         )
 
-    def _refuse_many_turns(self, values: Array) -> None:
-        if not (self.revolute and many_turns(values)):
-            return
-        low, high = _extremes(values)
+    def _many_turns(self, low: float, high: float) -> LogError:
         turn = "(-180, 180)" if self.degrees else "(-3.14159, 3.14159)"
         remedy = "" if self.degrees else "if the log is in degrees, give `degrees=True`; "
-        raise LogError(
+        return LogError(
             f"{self.label}: {self.name} goes {self.show((low, high))}, "
             f"{(high - low) / TURN:.1f} turns",
             hint=f"{remedy}to wrap it into one turn, give `ranges={{{self.name!r}: {turn}}}`",
@@ -166,7 +148,6 @@ class LoggedJoint:
         )
 
     def _moved(self, values: Array, wrapped: Array, turn: Range) -> list[str]:
-        """Say how many values were wrapped."""
         moved = int(np.count_nonzero(np.abs(wrapped - values) > 1.0))
         told = f"{self.name}: {moved} values wrapped by whole turns into {self.show(turn)}"
         return [told] if moved else []
@@ -179,17 +160,13 @@ def _extremes(values: Array) -> Range:
 def one_turn(angles: Array) -> tuple[Array, Range, float]:
     """Wrap angles into one turn that is cut where they leave the largest gap.
 
-    angles : (n,) [rad], any number of turns
-    Returns wrapped : (n,) [rad], the angles; those that lay in the turn already are left as they
-        were
-    Returns turn : [rad], the turn, centred on the angles, or on 0 where they fill the whole circle
-    Returns gap : [rad], the largest gap
+    Returns the angles (n,) [rad], the turn, centred on them or on 0 where they fill the circle, and
+    the largest gap [rad].
 
     Examples
     --------
-    >>> wrapped, turn, gap = one_turn(np.array([3.0, -3.0, 2.0, -2.0]))
-    >>> wrapped.round(2).tolist(), (sum(turn) / 2 / np.pi).__round__(6)
-    ([3.0, 3.28, 2.0, 4.28], 1.0)
+    >>> one_turn(np.array([3.0, -3.0, 2.0, -2.0]))[0].round(2).tolist()
+    [3.0, 3.28, 2.0, 4.28]
     """
     circle = np.sort(np.mod(angles, TURN))
     gaps = np.diff(circle, append=circle[0] + TURN)

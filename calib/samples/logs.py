@@ -37,7 +37,7 @@ from .roles import (
 from .samples import Samples
 from .settings import LARGEST_ARM, OUT_OF_PLANE
 from .tables import read_about, stated_unit, write_table
-from .touches import is_touches, read_touches
+from .touches import read_touches
 
 if TYPE_CHECKING:
     from ..arm.arm import Arm
@@ -71,44 +71,26 @@ def read_log(
     of one with more than `most` rows so many are drawn at random. Rows stay in the order of the
     file.
 
-    Parameters
-    ----------
-    path : path-like
-        CSV or Parquet; `-` reads CSV from standard input.
-    arm : Arm, optional
-        Gives the joints' names and limits; its kinematics tell other units, exchanged columns
-        and a lag, and are never learned from.
-    joints : sequence of str, optional
-        Without an arm: the joints' columns, from base to tip.
-    columns : mapping of str to str, optional
-        Other names of columns: `{"x": "cam_u", "elbow": "joint_2"}`; of a Parquet file's
-        lists one element, counted from 0: `{"elbow": "observation.state[1]"}`.
-    degrees : bool
-        Whether joints that turn are logged in degrees, and `ranges` given in rad still.
-    unit : str, optional
-        Unit of the positions; what the log says of itself if not given, else m.
-    ranges : mapping of str to (float, float), optional [rad or m]
-        The range of a joint; it goes before the arm's limits. Rows outside are left out.
-    prismatic : sequence of str
-        Without an arm: the joints that slide.
-    most, seed : int
-        Rows of a long log that are held; which they are depends on the seed alone.
-    usual : mapping of str to str, optional
-        Names that columns have in other logs of this arm; those that this one lacks are
-        passed over.
-    outputs : {2, 3}, optional
-        Coordinates that a position has, as a model of this arm has them; without it, and
-        without an arm, x, y, z that lie in a plane become two.
-    lens : mapping, optional
-        The calibrated lens of a camera that sees an arm in space, as lens.json holds it.
-    time_offset : float, optional [s]
-        Added to the times of the positions, by the column `time`; without it training estimates
-        how late they are.
-
-    Raises
-    ------
-    LogError, OptionError
-        If the log cannot be used; one line with the row, the column and the remedy.
+    path : CSV or Parquet; `-` reads CSV from standard input
+    arm : gives the joints' names and limits; its kinematics tell other units, exchanged columns and
+        a lag, and are never learned from
+    joints : without an arm, the joints' columns, from base to tip
+    columns : other names of columns, ``{"x": "cam_u", "elbow": "joint_2"}``; of a Parquet file's
+        lists one element, counted from 0, ``{"elbow": "observation.state[1]"}``
+    degrees : whether joints that turn are logged in degrees; `ranges` are in rad still
+    unit : of the positions; what the log says of itself if not given, else m
+    ranges : the range of a joint [rad or m], before the arm's limits; rows outside are left out
+    prismatic : without an arm, the joints that slide
+    most, seed : rows of a long log that are held; which they are depends on the seed alone
+    usual : names that columns have in other logs of this arm; those that this one lacks are passed
+        over
+    outputs : coordinates that a position has, as a model of this arm has them; without it, and
+        without an arm, x, y, z that lie in a plane become two
+    lens : the calibrated lens of a camera that sees an arm in space, as lens.json holds it
+    time_offset : [s], added to the times of the positions, by the column `time`; without it
+        training estimates how late they are
+    Raises LogError or OptionError if the log cannot be used; one line with the row, the column and
+    the remedy.
 
     Notes
     -----
@@ -134,7 +116,7 @@ def read_log(
             value=unit,
         )
     unit = unit or stated_unit(about)
-    if is_touches(source.header, columns):
+    if "point" in {*source.header, *columns}:
         names = arm.joint_names if arm is not None else tuple(joints or ())
         kinds = arm.revolute if arm is not None else (True,) * len(names)
         return read_touches(source, names, arm, columns, revolute=kinds, degrees=degrees, unit=unit)
@@ -151,7 +133,7 @@ def read_log(
     values, rows, dropped, notes = measured_rows(source, roles.columns, known, most, seed)
     values, rows, left_out, more = seen_rows(source.label, values, rows, roles)
     notes += more
-    check_values(source, values, names, axes)
+    check_values(source.label, values, names, axes)
     revolute = tuple(joint.revolute for joint in known)
     in_degrees = degrees and any(revolute)
     # values of a few degrees at most are doubted

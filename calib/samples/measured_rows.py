@@ -16,26 +16,25 @@ from .roles import QUATERNION, ROUNDING, Roles
 from .settings import MOST_WRONG
 from .wrong_rows import placeholders, rows_in_words
 
-_Numbers = NDArray[np.intp]
-
 HELD_ROWS = 200_000
 """Rows of a log that are held in memory; of a longer one so many are drawn."""
+
+_Rows = tuple[Array, NDArray[np.intp], int, list[str]]
+"""Values (n, columns), the rows' numbers (n,) in the file, how many were left out, and notes."""
 
 
 def measured_rows(
     source: Source, columns: Sequence[str], joints: Sequence[LoggedJoint], most: int, seed: int
-) -> tuple[Array, _Numbers, int, list[str]]:
+) -> _Rows:
     """Read the rows of a log that miss no value and lie in the ranges that the user chose.
 
-    columns : what is read, those of the joints first
-    Returns values, numbers : (n, columns), (n,); angles in rad, and the rows' numbers in the file
-    Returns dropped : how many rows miss a value
-    Returns notes : what was left out, and why
+    columns : what is read, those of the joints first; angles are returned in rad
     Raises LogError if no row is left, or a column has no number in any row.
     """
+    label = source.label
     values, numbers, total = read_rows(source, columns, most=most, seed=seed)
     if not total:
-        raise LogError(f"{source.label} has a header and no rows")
+        raise LogError(f"{label} has a header and no rows")
     notes = []
     if len(values) < total:
         notes.append(
@@ -45,11 +44,11 @@ def measured_rows(
     finite = np.abs(values) < LARGEST
     for k, name in enumerate(columns):
         if not finite[:, k].any():
-            raise LogError(f"{source.label}: column {name!r} has no finite value in any row")
+            raise LogError(f"{label}: column {name!r} has no finite value in any row")
     whole = finite.all(axis=1)
     dropped = int((~whole).sum())
     if dropped == len(values):
-        raise LogError(f"{source.label}: each of the {dropped} rows misses a value")
+        raise LogError(f"{label}: each of the {dropped} rows misses a value")
     if dropped:
         row = int(np.argmin(whole))
         notes.append(
@@ -66,7 +65,7 @@ def measured_rows(
             continue
         here, shown = joint.holds(values[:, k]), joint.show(joint.limits)
         if not here.any():
-            raise LogError(f"{source.label}: no value of {joint.name!r} lies in the range {shown}")
+            raise LogError(f"{label}: no value of {joint.name!r} lies in the range {shown}")
         if not here.all():
             outside = f"{joint.name} outside of the range {shown}"
             notes.append(f"{int((~here).sum())} rows dropped: {outside}")
@@ -74,19 +73,18 @@ def measured_rows(
     return values[inside], numbers[inside], dropped, notes
 
 
-def seen_rows(
-    label: str, values: Array, rows: _Numbers, roles: Roles
-) -> tuple[Array, _Numbers, int, list[str]]:
+def seen_rows(label: str, values: Array, rows: NDArray[np.intp], roles: Roles) -> _Rows:
     """Leave out the rows in which the sensor saw nothing: zeros, or a quaternion of no length."""
     dof, axes = len(roles.joints), len(roles.axes)
     lost = placeholders(values[:, :dof], values[:, dof : dof + axes])
     kinds = [(lost, "hold zeros for a position, as where a sensor saw nothing")]
     if roles.turns == QUATERNION:
-        length = np.linalg.norm(values[:, dof + axes :], axis=1)
+        quaternions = values[:, dof + axes : dof + axes + 4]
+        length = np.linalg.norm(quaternions, axis=1)
         unturned = ~lost & (np.abs(length - 1) > ROUNDING)
         if unturned.mean() > MOST_WRONG:
             row = int(np.argmax(unturned))
-            shown = ", ".join(f"{value:.4g}" for value in values[row, dof + axes :])
+            shown = ", ".join(f"{value:.4g}" for value in quaternions[row])
             raise LogError(
                 f"{label}: {int(unturned.sum()):,} of {len(values):,} rows hold no orientation, "
                 f"the first (row {rows[row]}) has qx, qy, qz, qw = {shown} of length "
@@ -103,16 +101,16 @@ def seen_rows(
     return values[kept], rows[kept], int((~kept).sum()), notes
 
 
-def check_values(source: Source, values: Array, names: Sequence[str], axes: Sequence[str]) -> None:
+def check_values(label: str, values: Array, names: Sequence[str], axes: Sequence[str]) -> None:
     """Refuse columns that do not move, or are copies of each other."""
     if len(values) < 2:
-        raise LogError(f"{source.label} has one usable row; learning needs two or more")
-    spread = np.ptp(values, axis=0)
+        raise LogError(f"{label} has one usable row; learning needs two or more")
+    still = np.ptp(values, axis=0) == 0.0
     for k, name in enumerate(names):
-        if spread[k] == 0.0:
+        if still[k]:
             raise LogError(
-                f"{source.label}: joint {name!r} is {values[0, k]:g} in every row; a joint "
-                "that does not move cannot be learned",
+                f"{label}: joint {name!r} is {values[0, k]:g} in every row; a joint that does not "
+                "move cannot be learned",
                 hint="leave it out of `joints`",
                 parameter="joints",
                 value=name,
@@ -120,12 +118,12 @@ def check_values(source: Source, values: Array, names: Sequence[str], axes: Sequ
         for other in range(k):
             if np.array_equal(values[:, k], values[:, other]):
                 raise LogError(
-                    f"{source.label}: joints {names[other]!r} and {name!r} have the same "
+                    f"{label}: joints {names[other]!r} and {name!r} have the same "
                     "values in every row; one of the columns is a copy"
                 )
-    for k, name in enumerate(axes, start=len(names)):
-        if spread[k] == 0.0 and len(axes) == 2:
+    for k, name in enumerate(axes if len(axes) == 2 else (), start=len(names)):
+        if still[k]:
             raise LogError(
-                f"{source.label}: {name} is {values[0, k]:g} in every row; the sensor saw no "
-                "motion along it"
+                f"{label}: {name} is {values[0, k]:g} in every row; the sensor saw no motion "
+                "along it"
             )

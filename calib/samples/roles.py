@@ -101,13 +101,7 @@ def sees_pixels(
 
 
 def parse_columns(text: str) -> dict[str, str]:
-    """Read other names of columns as typed.
-
-    Examples
-    --------
-    >>> parse_columns("x=cam_u,y=cam_v")
-    {'x': 'cam_u', 'y': 'cam_v'}
-    """
+    """Read other names of columns as typed, such as `x=cam_u,y=cam_v`."""
     mapping: dict[str, str] = {}
     for item in text.split(","):
         name, equals, column = (part.strip() for part in item.partition("="))

@@ -29,54 +29,6 @@ class Samples:
     The arrays are checked when made, C-contiguous and read-only. An array that is all of
     this already is shared; any other is copied.
 
-    Attributes
-    ----------
-    q : (n, dof) array [rad or m]
-        Joint values, columns from base to tip.
-    x : (n, 2) or (n, 3) array [unit]
-        Tip positions in the sensor's plane, or in space.
-    joint_names : tuple of str
-        Names of the columns of `q`.
-    lower, upper : (dof,) array [rad or m]
-        Range of each joint that was babbled (the arm's limits or narrower), or for a
-        log without a robot the extremes of its data.
-    revolute : tuple of bool
-        Whether each joint turns (rad) or slides (m).
-    unit : str
-        Unit of the positions: "m", "sensor", or what the user stated.
-    simulation : Simulation or None
-        For simulated samples what is needed to draw fresh exact ones.
-    dropped : int
-        Rows of a log that were left out because a value was missing or not finite.
-    arm : Arm or None
-        The arm that the names and the ranges come from.
-    notes : tuple of str
-        What the user should be told, one line each.
-    plane : Plane or None
-        For a log of x, y, z the plane that was fitted to it.
-    out_of_plane_rms : float or None [unit]
-        Root mean square distance of those x, y, z from that plane.
-    orientation : (n, 4) array or None
-        Of an arm that moves in space, the tip's orientation as qx, qy, qz, qw.
-    columns : dict of str to str
-        Columns of the log that have other names than what they hold.
-    degrees : bool
-        Whether the log has its turning joints in degrees; `q` is in rad all the same.
-    camera : Camera or None
-        Of pixels of an arm that moves in space, what is known of the camera.
-    touch : Touches or None
-        Which socket each row touched, where no sensor measured a position.
-    source : dict
-        What the log says of itself, as `calib log` writes it above the columns.
-    rows : (n,) array or None
-        Numbers of the rows in the log's file, counted below its header from 1.
-    time : (n,) array or None [s]
-        Times of the rows, where the log has a column of them.
-    left_out : int
-        Rows that were left out because they hold what no sensor saw: zeros, or no orientation.
-    in_time : bool
-        Whether the user said how late the positions are: nothing of it is estimated.
-
     Raises
     ------
     LogError
@@ -89,29 +41,39 @@ class Samples:
     (2, 1, [[0.0, 1.0]])
     """
 
-    q: Array
-    x: Array
+    q: Array  # (n, dof), joint values, columns from base to tip [rad or m]
+    x: Array  # (n, 2) or (n, 3), tip positions in the sensor's plane, or in space [unit]
     joint_names: tuple[str, ...]
+    # (dof,), range of each joint that was babbled (the arm's limits or narrower), or for a log
+    # without a robot the extremes of its data [rad or m]
     lower: Array
     upper: Array
-    revolute: tuple[bool, ...]
-    unit: str = "m"
+    revolute: tuple[bool, ...]  # whether each joint turns (rad) or slides (m)
+    unit: str = "m"  # of the positions: "m", "sensor", or what the user stated
+    # for simulated samples what is needed to draw fresh exact ones
     simulation: Simulation | None = field(default=None, repr=False)
-    dropped: int = 0
-    arm: Arm | None = field(default=None, repr=False)
-    notes: tuple[str, ...] = ()
+    dropped: int = 0  # rows of a log that were left out because a value was missing or not finite
+    arm: Arm | None = field(default=None, repr=False)  # that the names and the ranges come from
+    notes: tuple[str, ...] = ()  # what the user should be told, one line each
+    # for a log of x, y, z the plane that was fitted to it, and the rms distance from it [unit]
     plane: Plane | None = field(default=None, repr=False)
     out_of_plane_rms: float | None = None
+    # (n, 4), of an arm that moves in space the tip's orientation as qx, qy, qz, qw
     orientation: Array | None = field(default=None, repr=False)
+    # columns of the log that have other names than what they hold
     columns: Mapping[str, str] = field(default_factory=dict, repr=False)
-    degrees: bool = False
+    degrees: bool = False  # whether the log has its turning joints in degrees; `q` is in rad
+    # of pixels of an arm that moves in space, what is known of the camera
     camera: Camera | None = field(default=None, repr=False)
+    # what the log says of itself, as `calib log` writes it above the columns
     source: Mapping[str, Any] = field(default_factory=dict, repr=False)
+    # which socket each row touched, where no sensor measured a position
     touch: Touches | None = field(default=None, repr=False)
+    # (n,), numbers of the rows in the log's file, counted below its header from 1
     rows: NDArray[np.intp] | None = field(default=None, repr=False)
-    time: Array | None = field(default=None, repr=False)
-    left_out: int = 0
-    in_time: bool = False
+    time: Array | None = field(default=None, repr=False)  # (n,), where the log has them [s]
+    left_out: int = 0  # rows without what a sensor saw: zeros, or no orientation
+    in_time: bool = False  # whether the user said how late positions are: nothing is estimated
 
     def __post_init__(self) -> None:
         axes = ("x", "y", "z") if "z" in column_names(self.x) else ("x", "y")

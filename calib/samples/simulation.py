@@ -32,15 +32,6 @@ class Simulation:
     backlash, or wherever `lock` holds it, and trembles by its `noise`. The sensor sees
     the tip mirrored, scaled, rotated and shifted, in that order, about the plane's origin.
 
-    Attributes
-    ----------
-    arm : Arm
-        The arm as it is described, without the changes.
-    noise : float [m]
-        Standard deviation of the sensor along each axis.
-    changes : tuple of Change
-        What differs from the description.
-
     Examples
     --------
     >>> import calib, numpy as np
@@ -51,9 +42,9 @@ class Simulation:
     (5, 2)
     """
 
-    arm: Arm
-    noise: float = 0.0
-    changes: tuple[Change, ...] = ()
+    arm: Arm  # as it is described, without the changes
+    noise: float = 0.0  # standard deviation of the sensor along each axis [m]
+    changes: tuple[Change, ...] = ()  # what differs from the description
 
     def __post_init__(self) -> None:
         noise = self.noise
@@ -117,14 +108,9 @@ class Simulation:
     def true(self, q: ArrayLike, rng: Generator) -> Array:
         """Return where the tip truly is while the arm goes through `q`, row by row.
 
-        With backlash and noise of the joints, without the sensor's noise and outliers:
-        what a bound on the true position has to cover.  The same as `exact`, whose arguments
-        and answer it has, where nothing is hidden; `rng` gives the joints' noise.
+        As `measure`, without the sensor's noise and outliers: what a bound has to cover.
         """
-        rows = np.atleast_2d(np.asarray(q, dtype=np.float64))
-        if not self.hidden:
-            return self.exact(rows)
-        return self._see(self._moved(rows, rng.spawn(1)[0]))
+        return self._see(self._moved(np.atleast_2d(np.asarray(q, float)), rng.spawn(1)[0]))
 
     def _moved(self, rows: Array, joint_noise: Generator) -> Array:
         """Where the joints stand one after the other, with backlash and noise."""
@@ -143,15 +129,7 @@ class Simulation:
         return theta
 
     def to_json(self) -> dict[str, Any]:
-        """Return the noise and the changes as plain data; the arm is stored elsewhere.
-
-        Examples
-        --------
-        >>> import calib
-        >>> arm = calib.load_arm("two_link")
-        >>> Simulation(arm, 0.001, parse_changes("elbow.offset=0.05")).to_json()
-        {'noise': 0.001, 'changes': ['elbow.offset=0.05']}
-        """
+        """Return the noise and the changes as plain data; the arm is stored elsewhere."""
         return {"noise": self.noise, "changes": [change.text for change in self.changes]}
 
     @classmethod
@@ -222,15 +200,7 @@ class Simulation:
 
 
 def _play(theta: Array, width: float) -> Array:
-    """Let a joint (n,) follow its motor (n,) with backlash: it moves once the play is used up.
-
-    `theta` is in the order of motion; `width` [rad or m] is the play, half to each side.
-
-    Examples
-    --------
-    >>> _play(np.array([0.0, 1.0, 0.9, 0.0]), 0.4).tolist()
-    [0.0, 0.8, 0.8, 0.2]
-    """
+    """Let a joint (n,) follow its motor (n,), in the order of motion, with play [rad or m]."""
     half = width / 2.0
     joint = float(theta[0]) if len(theta) else 0.0
     followed = []

@@ -64,19 +64,15 @@ class Batch:
     def notes(self, added: Sequence[str]) -> list[str]:
         """Say how many columns go along, and which do not."""
         kept = [name for name in self.others if name not in added]
-        notes = []
-        if kept:
-            notes.append(f"{_columns(kept)} copied to the output unchanged: {listed(kept)}")
-        if self.dropped:
-            notes.append(
-                f"{_columns(self.dropped)} left out, without a name of its own: "
-                f"{listed(map(repr, self.dropped))}"
-            )
-        return notes
-
-
-def _columns(names: Sequence[str]) -> str:
-    return f"{len(names)} other column{'s' if len(names) > 1 else ''}"
+        told = {
+            "copied to the output unchanged": kept,
+            "left out, without a name of its own": [repr(name) for name in self.dropped],
+        }
+        return [
+            f"{len(names)} other column{'s' * (len(names) > 1)} {what}: {listed(names)}"
+            for what, names in told.items()
+            if names
+        ]
 
 
 def read_batch(
@@ -127,19 +123,22 @@ def write_table(
 
     series = {k: v if isinstance(v, pl.Series) else np.asarray(v) for k, v in columns.items()}
     frame = pl.DataFrame(series)
+    told = json.dumps(about, sort_keys=True) if about else ""
+    if Path(path).suffix.lower() in PARQUET:
+        # by way of memory: what Polars says of a full disk is no OSError
+        content = io.BytesIO()
+        frame.write_parquet(content, metadata={KEY: told} if told else None)
+        atomic_write(path, content.getvalue())
+        return
+    # Polars spells it "NaN" otherwise
+    text = frame.with_columns(pl.col(pl.Float64).fill_nan(None)).write_csv(null_value="nan")
+    text = f"{COMMENT}{told}\n{text}" if told else text
     if os.fspath(path) == "-":
-        text = _comment(about) + _csv(frame)
         if sys.stdout.isatty():  # a column may have a name that a terminal would obey
             text = "\n".join(map(printable, text.split("\n")))
         sys.stdout.write(text)
-    elif Path(path).suffix.lower() in PARQUET:
-        # by way of memory: what Polars says of a full disk is no OSError
-        content = io.BytesIO()
-        metadata = {KEY: json.dumps(about, sort_keys=True)} if about else None
-        frame.write_parquet(content, metadata=metadata)
-        atomic_write(path, content.getvalue())
     else:
-        atomic_write(path, (_comment(about) + _csv(frame)).encode())
+        atomic_write(path, text.encode())
 
 
 def read_about(table: str | os.PathLike[str] | Source) -> dict[str, Any]:
@@ -156,14 +155,3 @@ def stated_unit(about: Mapping[str, Any]) -> str:
     """Return the unit that a table states for its positions, else "m"; see `read_about`."""
     unit = about.get("unit")
     return unit if isinstance(unit, str) and unit else "m"
-
-
-def _comment(about: Mapping[str, Any] | None) -> str:
-    return f"{COMMENT}{json.dumps(about, sort_keys=True)}\n" if about else ""
-
-
-def _csv(frame: pl.DataFrame) -> str:
-    import polars as pl
-
-    # Polars spells it "NaN" otherwise
-    return frame.with_columns(pl.col(pl.Float64).fill_nan(None)).write_csv(null_value="nan")

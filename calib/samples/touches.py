@@ -25,11 +25,6 @@ _LEAST = 8  # rows that tell a socket well
 _ALIKE = 0.05  # joints that moved less [rad or m] show one posture
 
 
-def is_touches(header: Sequence[str], columns: Mapping[str, str]) -> bool:
-    """Whether a log's columns are those of touches."""
-    return "point" in {*header, *columns}
-
-
 def read_touches(
     source: Source,
     names: Sequence[str],

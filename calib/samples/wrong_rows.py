@@ -62,7 +62,11 @@ def screen(samples: Samples) -> tuple[Mask, list[str]]:
         left = samples.x - aligned(
             samples.arm.forward(samples.q), samples.x, affine=samples.unit == "px"
         )
-    return contradictions(samples, left) if left is not None else (_all(samples), [])
+    return (
+        contradictions(samples, left)
+        if left is not None
+        else (np.ones(len(samples), dtype=bool), [])
+    )
 
 
 def contradictions(samples: Samples, residual: Array) -> tuple[Mask, list[str]]:
@@ -75,7 +79,7 @@ def contradictions(samples: Samples, residual: Array) -> tuple[Mask, list[str]]:
     Returns kept : (n,), False for a row to leave out; all are kept if these were over a quarter
     Returns notes : how many were left out, and which come first
     """
-    kept = _all(samples)
+    kept = np.ones(len(samples), dtype=bool)
     size = np.nan_to_num(np.linalg.norm(residual, axis=1))
     limit = _limit(size, samples.x)
     suspects = np.flatnonzero(size > limit)
@@ -142,20 +146,10 @@ def row_numbers(samples: Samples, rows: _Rows | Mask, most: int = 5) -> str:
 
 
 def rows_in_words(numbers: Sequence[int] | _Rows, most: int = 5) -> str:
-    """Name the first of some numbers of rows.
-
-    Examples
-    --------
-    >>> rows_in_words([7]), rows_in_words([1, 2, 9], most=2)
-    ('row 7', 'rows 1, 2, ...')
-    """
+    """Name the first of some numbers of rows."""
     if len(numbers) == 1:
         return f"row {numbers[0]}"
     return f"rows {', '.join(map(str, numbers[:most]))}{', ...' if len(numbers) > most else ''}"
-
-
-def _all(samples: Samples) -> Mask:
-    return np.ones(len(samples), dtype=bool)
 
 
 def _limit(size: Array, x: Array) -> float:

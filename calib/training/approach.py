@@ -24,10 +24,7 @@ _TREND = 7  # degree of what a joint's value tells of its direction
 
 
 def play_of(samples: Samples, scale: Scale, part: SmoothPart) -> Array | None:
-    """Half the play of each joint (dof,) [rad or m], None where the rows' order shows none.
-
-    `samples` are in the order of motion; `part` predicts without the direction.
-    """
+    """Half the play of each joint (dof,) [rad or m], None where the rows' order shows none."""
     if samples.simulation is not None and not samples.simulation.hidden:
         return None  # nothing that rows could show
     few = max(1, -(-len(part.rows) // _ROWS))

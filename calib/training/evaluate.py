@@ -10,7 +10,7 @@ import numpy as np
 
 from ..arm.loading import arm_from_urdf
 from ..arm.rotations import logarithm, matrix_of, similarity
-from ..body.poses import knows_orientation
+from ..body.belief import knows_orientation
 from ..common.arrays import Array
 from ..common.parallel import side_by_side
 from ..common.wording import for_people
@@ -34,17 +34,14 @@ _STREAM = 4  # the same as in training: the tables agree
 class Residuals:
     """What was predicted less what is true, row by row."""
 
-    # (n, dof), (n, 2), joints and positions that training never saw
-    q: Array
-    x: Array
-    # dict of (n, 2) array [unit], predicted less true position, per readout
+    q: Array  # (n, dof), joints that training never saw
+    x: Array  # (n, m), positions there
+    # of each readout: predicted less true positions (n, m) [unit], answered less true joints
+    # (n, dof) [rad or m], distance (n,) [unit] from each target to where the answer really leads
     forward: dict[str, Array]
-    # dict of (n, dof) array [rad or m], answered less true joints, per readout
     inverse: dict[str, Array]
-    # dict of (n,) array [unit], from each target to where the answered joints really lead, per
-    # readout
     distance: dict[str, Array]
-    joint_names: tuple[str, ...]  # names of the joints
+    joint_names: tuple[str, ...]
     left_out: int  # rows that lie outside of what was learned
 
     @property
@@ -56,11 +53,10 @@ class Residuals:
 def evaluate_residuals(
     model: Model, q: Array, x: Array, truth: Callable[[Array], Array] | None
 ) -> Residuals:
-    """Residuals of all readouts in both directions, at joints and positions training never saw.
+    """Residuals of all readouts in both directions, of the answer nearest to the true joints.
 
-    Joint errors are those of the answer nearest to the true joints. `truth` is the true kinematics;
-    without it (a log) the learned map tells how far the answered joints lead from the recorded
-    ones.
+    `truth` is the true kinematics; without it (a log) the learned map tells how far the answered
+    joints lead from the recorded ones.
     """
     scale, readouts = model.motor.scale, model.readouts
     known = model.trust.covers(scale.to_unit(q))
@@ -92,14 +88,16 @@ def summarise(residuals: Residuals, turned: Array | None = None) -> dict[str, An
     table: dict[str, Any] = {}
     for readout, gap in residuals.forward.items():
         axes = "xyz"[: gap.shape[1]]
-        forward = {axis: error_sizes(part) for axis, part in zip(axes, gap.T, strict=True)}
-        forward["distance"] = error_sizes(np.linalg.norm(gap, axis=1))
+        forward = dict(zip(axes, gap.T, strict=True)) | {"distance": np.linalg.norm(gap, axis=1)}
         if turned is not None and readout in ("local", "body"):
-            forward["orientation"] = error_sizes(turned)
-        joints = zip(residuals.joint_names, residuals.inverse[readout].T, strict=True)
-        inverse = {name: error_sizes(part) for name, part in joints}
-        inverse["distance"] = error_sizes(residuals.distance[readout])
-        table[readout] = {"forward": forward, "inverse": inverse}
+            forward["orientation"] = turned
+        inverse = dict(zip(residuals.joint_names, residuals.inverse[readout].T, strict=True))
+        inverse["distance"] = residuals.distance[readout]
+        sides = {"forward": forward, "inverse": inverse}
+        table[readout] = {
+            side: {name: error_sizes(error) for name, error in errors.items()}
+            for side, errors in sides.items()
+        }
     return table
 
 
@@ -190,23 +188,23 @@ def evaluate(model: Model, samples: Samples | None = None, *, frame: str = "kept
     notes: list[str] = []
     touched: dict[str, Any] = {}
     if samples is not None:
-        given = len(samples) + samples.left_out
+        given, source = len(samples) + samples.left_out, "measured rows of the log"
         if samples.touch is not None:
             samples, touched = in_sockets(model, samples, samples.touch)
         else:
             samples, notes = sound_log(model, samples)
             samples, told = _in_frame(model, samples, free=frame == "free")
-            notes = [*notes, *told]
+            notes += told
         residuals = evaluate_residuals(model, samples.q, samples.x, None)
-        errors, source = summarise(residuals, _turned(model, samples)), "measured rows of the log"
+        turned = _turned(model, samples)
     elif simulation is not None:
         residuals, source = fresh_residuals(model, simulation), "fresh exact samples"
-        errors, given = summarise(residuals), len(residuals.q) + residuals.left_out
+        given, turned = len(residuals.q) + residuals.left_out, None
     else:
-        source = "rows held out in contiguous blocks"
-        errors, within = dict(about.errors), dict(about.within)
-        return Evaluation(errors, about.tested, about.left_out, source, within)
+        source, within = "rows held out in contiguous blocks", dict(about.within)
+        return Evaluation(dict(about.errors), about.tested, about.left_out, source, within)
     tested, within = len(residuals.q), answered_within(model, residuals)
+    errors = summarise(residuals, turned)
     return Evaluation(errors, tested, given - tested, source, within, tuple(notes), touched)
 
 
@@ -235,18 +233,17 @@ def _in_frame(model: Model, samples: Samples, *, free: bool) -> tuple[Samples, l
     )
     if free:
         return replace(samples, x=moved), [f"the sensor's frame was found anew, moved by {found}"]
-    remedy = (
-        "an arm that changed may look like that in few places: `check` tells which it is, "
-        "`frame='free'` gives the errors after that, `adapt` takes it over"
-    )
-    return samples, [f"the sensor's frame seems to have moved, by {found}; {remedy}"]
+    return samples, [
+        f"the sensor's frame seems to have moved, by {found}; an arm that changed may look like "
+        "that in few places: `check` tells which it is, `frame='free'` gives the errors after "
+        "that, `adapt` takes it over"
+    ]
 
 
 def in_sockets(model: Model, samples: Samples, touch: Touches) -> tuple[Samples, dict[str, Any]]:
-    """Touches with the means of the predicted tips as positions, and how these scatter.
+    """Touches with the means of the predicted tips as positions, and how tips scatter about them.
 
-    The scatter is that of each socket's predicted tips about their own mean [m].  Rows that are in
-    no socket of theirs are left out.
+    Rows that are in no socket of theirs are left out.
     """
     tip = model.forward(samples.q)
     known = np.flatnonzero(np.isfinite(tip).all(axis=1))
@@ -284,7 +281,6 @@ def _turned(model: Model, samples: Samples) -> Array | None:
     """Errors (n,) of the orientation [rad], None where it is not measured or not known."""
     if samples.orientation is None or not knows_orientation(model.body):
         return None
-
     space = Space.of(model)
     q = model.about.joints_of(samples)
     predicted = space.to_sensor(*space.evaluate(q)[:2])[1]
@@ -310,7 +306,6 @@ def simulation_of(model: Model) -> Simulation | None:
     about = model.about
     if about.simulation is None:
         return None
-
     limits = zip(about.lower.tolist(), about.upper.tolist(), strict=True)
     ranges = dict(zip(about.joint_names, limits, strict=True))
     arm = arm_from_urdf(about.urdf, about.joint_names, about.tip, lock=about.locked, ranges=ranges)

@@ -32,15 +32,10 @@ def held_out_residuals(
 
     The default readout and the body are held out in ten blocks; the readouts of the maps
     are those of maps that have learned from every other block.
-
-    model : learned from all rows
-    samples : the log
-    part, selected : the body's and the predictor's held-out residuals; None where maps and links
-        stand alone
-    options : how the maps learn
     """
     forward: dict[str, Array] = {}
-    rows = tested_rows(samples, part)
+    rows = np.arange(len(samples)) if part is None else part.rows
+    rows = rows[:: max(1, len(rows) // _TESTED)]
     if part is not None and selected is not None:
         rows = part.rows[selected.rows]
         forward["local"] = -selected.residual
@@ -81,12 +76,6 @@ def held_out_residuals(
     return Residuals(q, x, forward, inverse, distance, samples.joint_names, 0)
 
 
-def tested_rows(samples: Samples, part: SmoothPart | None) -> NDArray[np.intp]:
-    """Rows of the samples that errors are measured on, evenly spread over the log."""
-    rows = np.arange(len(samples)) if part is None else part.rows
-    return rows[:: max(1, len(rows) // _TESTED)]
-
-
 def turned_of(part: SmoothPart | None) -> Array | None:
     """Held-out errors of orientation (k,) [rad] of those rows, None where it was not measured."""
     if part is None or part.fit.turned is None:
@@ -99,12 +88,9 @@ def node_bounds(
 ) -> tuple[Array, Array]:
     """Bounds (nodes,) of a log's model on what the sensor reads and on the true position.
 
-    With a body they are its posterior's: they grow with the distance from the rows by
-    themselves.  Without one nothing is known beyond the rows, so the bound grows with the
-    distance as fast as the position can change.
-
-    Of a model whose bounds are still to be learned, of rows `u` (n, dof, unit box); `rows` (k,) of
-    them were held out with `errors` (k,) [unit].
+    With a body they are its posterior's: they grow with the distance from the rows by themselves.
+    Without one they are learned from `rows` (k,) of `u` (n, dof), held out with `errors` (k,)
+    [unit], and grow beyond the rows as fast as the position can change.
     """
     motor = model.motor
     nodes = np.clip(motor.units, 0.0, 1.0)

@@ -19,8 +19,6 @@ from ..samples.samples import Samples
 from .learn import LATTICE, associate
 from .options import TrainingOptions
 
-_GAS = "gas"
-
 _SIDE = 70  # nodes along each axis of a plane lattice, as in the paper's best table
 _ROWS_PER_NODE = 5
 _LEAST_SIDE = {True: 20, False: 4}  # the links have to propose starts for every branch
@@ -30,25 +28,27 @@ _BETTER = 0.9  # of the lattice's error: what a gas has to reach
 
 def resolved(samples: Samples, options: TrainingOptions) -> tuple[TrainingOptions, list[str]]:
     """The options with the lattices and the map of these samples, and what the user is told."""
-    motor, sensory, notes = lattice_sizes(samples, options)
+    motor, sensory, notes = _lattice_sizes(samples, options)
     options = replace(options, motor_size=motor, sensory_size=sensory)
-    network, told = (options.map, []) if options.map else _chosen_map(samples, options)
-    return replace(options, map=network), notes + told
-
-
-def _chosen_map(samples: Samples, options: TrainingOptions) -> tuple[str, list[str]]:
-    """The map that answers held-out blocks better, and what the user is told.
-
-    Both learn from the same other blocks of a log; the readout is ``linear``.  A simulation, a
-    body, and a schedule that the user gives leave the lattice.
-    """
+    if options.map:
+        return options, notes
     plain = options.rule == "batch" and options.epochs is None and options.sigma is None
-    if options.body != "none" or samples.simulation is not None or not plain:
-        return LATTICE, []
+    if options.body == "none" and samples.simulation is None and plain:
+        share = _gas_over_lattice(samples, options)
+        if share < _BETTER:
+            told = (
+                f"maps without a lattice (gas), which have {share:.2f} of a VDSOM's error on "
+                "held-out blocks of the log; `map` chooses another"
+            )
+            return replace(options, map="gas"), [*notes, told]
+    return replace(options, map=LATTICE), notes
+
+
+def _gas_over_lattice(samples: Samples, options: TrainingOptions) -> float:
+    """Error of a gas on held-out blocks of a log over that of a lattice, readout ``linear``."""
     folds = np.array_split(np.arange(len(samples)), _BLOCKS)
     scale = Scale.of_range(samples.lower, samples.upper, samples.revolute)
-    u = scale.to_unit(samples.q)
-    error = dict.fromkeys((LATTICE, _GAS), 0.0)
+    u, error = scale.to_unit(samples.q), dict.fromkeys(("gas", LATTICE), 0.0)
     # each row is held out once: of an uneven log a third of the blocks alone, most of them from
     # where it dwells, had the gas at 0.86, all of them at 0.95 of the lattice's error
     for first in range(_PARTS):
@@ -58,17 +58,10 @@ def _chosen_map(samples: Samples, options: TrainingOptions) -> tuple[str, list[s
             pair = associate(scale, u[seen], samples.x[seen], replace(options, map=name))
             missed = pair.linear.value(u[held]) - samples.x[held]
             error[name] += float(np.linalg.norm(missed, axis=1).sum())
-    share = error[_GAS] / max(error[LATTICE], 1e-300)
-    if share >= _BETTER:
-        return LATTICE, []
-    told = (
-        f"maps without a lattice (gas), which have {share:.2f} of a VDSOM's error on held-out "
-        "blocks of the log; `map` chooses another"
-    )
-    return _GAS, [told]
+    return error["gas"] / max(error[LATTICE], 1e-300)
 
 
-def lattice_sizes(
+def _lattice_sizes(
     samples: Samples, options: TrainingOptions
 ) -> tuple[tuple[int, ...], tuple[int, ...], list[str]]:
     """Nodes along each axis of the motor and the sensory lattice, and what the user is told.

@@ -1,8 +1,4 @@
-"""The smooth part of a model: the body of the samples.
-
-Training fits it before the maps learn: the maps may need samples that it imagines, and the
-varying density may need to know where it is wrong.
-"""
+"""The smooth part of a model: the body of the samples, which is fitted before the maps learn."""
 
 from __future__ import annotations
 
@@ -15,11 +11,10 @@ from numpy.typing import NDArray
 
 from ..arm.arm import SpatialArm
 from ..arm.rotations import logarithm, matrix_of
-from ..body.fitting import fit_body
+from ..body.fitting import BodyFit, fit
 from ..body.misfit import refuse_pixels
 from ..body.nominal import nominal_of
-from ..body.poses import positions_of
-from ..body.posterior import BodyFit, fit_structure
+from ..body.planar import planar_structure
 from ..body.sensor import doubtful_depth
 from ..body.spatial import structure_of, unknown_structure
 from ..body.telling import warnings_of
@@ -52,35 +47,40 @@ class SmoothPart:
     rows: NDArray[np.intp]  # (k,), rows of the samples that it rests on
     notes: tuple[str, ...] = ()  # what the user should be told besides the notes of the fit
 
+    @property
+    def error(self) -> float:
+        """Mean distance of held-out rows from the body [unit]."""
+        return float(np.linalg.norm(self.fit.held_out, axis=1).mean())
+
 
 def find_smooth_part(samples: Samples, *, view: str = "auto", seed: int) -> SmoothPart:
     """Fit the body of the samples.
 
     samples : joint values and positions
-    view : what the sensor measures, see :func:`calib.body.fitting.fit_body`
+    view : what the sensor measures, see :data:`calib.body.views.PLANAR` and `SPATIAL`
     seed : chooses rows where there are many
     """
     rows = np.arange(0, len(samples), -(-len(samples) // _LEARNED_ROWS))
     q, x = samples.q[rows], samples.x[rows]
-    kind = _fit_in_space if _in_space(samples, view) else _planar
-    fit = kind(samples, rows, view, seed)
+    kind = _fit_in_space if _in_space(samples, view) else _fit_in_plane
+    found = kind(samples, rows, view, seed)
     scale = Scale.of_range(samples.lower, samples.upper, samples.revolute)
-    error = float(np.linalg.norm(fit.held_out, axis=1).mean())
+    part = SmoothPart(of_body(found, scale, scale.to_unit(q), x), found, rows)
     extent = float(np.linalg.norm(np.ptp(x, axis=0)))
-    doubts: tuple[str, ...] = ()
-    if error > NO_ARM * extent and samples.simulation is None:
-        arm = "planar arm" if x.shape[1] == 2 and samples.arm is None else "arm"
-        space = ", and whether the arm moves in space (then give its URDF)" if arm != "arm" else ""
-        doubts = (
-            f"no {arm} explains the positions: held-out rows are missed by "
-            f"{100 * error / extent:.2g} % of their extent; check that `joints` names all that "
-            f"moved, base to tip, and that each row's joints and position are of one moment{space};"
-            " maps and links alone learn what is no arm: `body='none'`",
-        )
-    return SmoothPart(of_body(fit, scale, scale.to_unit(q), x), fit, rows, doubts)
+    if part.error <= NO_ARM * extent or samples.simulation is not None:
+        return part
+    arm = "planar arm" if x.shape[1] == 2 and samples.arm is None else "arm"
+    space = ", and whether the arm moves in space (then give its URDF)" if arm != "arm" else ""
+    doubt = (
+        f"no {arm} explains the positions: held-out rows are missed by "
+        f"{100 * part.error / extent:.2g} % of their extent; check that `joints` names all that "
+        f"moved, base to tip, and that each row's joints and position are of one moment{space};"
+        " maps and links alone learn what is no arm: `body='none'`"
+    )
+    return replace(part, notes=(doubt,))
 
 
-def _planar(samples: Samples, rows: NDArray[np.intp], view: str, seed: int) -> BodyFit:
+def _fit_in_plane(samples: Samples, rows: NDArray[np.intp], view: str, seed: int) -> BodyFit:
     """Fit the body of a planar arm to some rows of samples, a log's with its URDF as prior."""
     simulated = samples.simulation is not None
     arm, known = samples.arm, (samples.lower, samples.upper, samples.revolute)
@@ -94,19 +94,18 @@ def _planar(samples: Samples, rows: NDArray[np.intp], view: str, seed: int) -> B
             "view 'base' needs a measured log and the planar robot that it is of: give both, or "
             "another view"
         )
-    return fit_body(
-        samples.q[rows], samples.x[rows], joint_names=samples.joint_names,
-        revolute=samples.revolute, nominal=nominal,
-        view=view, unit=samples.unit, simulated=simulated, lower=samples.lower,
-        upper=samples.upper, seed=seed,
-    )  # fmt: skip
+    q, x = samples.q[rows], samples.x[rows]
+    notes = warnings_of(q, samples.joint_names, samples.revolute, x, samples.lower, samples.upper)
+    structure = planar_structure(
+        x, samples.joint_names, samples.revolute, nominal, view, samples.unit, simulated
+    )
+    return fit(structure, q, x, seed=seed, notes=notes)
 
 
 def wrong_around(part: SmoothPart, scale: Scale, samples: Samples, u: Array) -> Array | None:
     """How wrong (k,) the body is around points `u` (k, dof), None within noise."""
-    rows, held_out = part.rows, part.candidate.held_out
-    extent = float(np.linalg.norm(np.ptp(samples.x[rows], axis=0)))
-    return misfit(scale, scale.to_unit(samples.q[rows]), held_out, extent, u)
+    q, extent = samples.q[part.rows], float(np.linalg.norm(np.ptp(samples.x[part.rows], axis=0)))
+    return misfit(scale, scale.to_unit(q), part.candidate.held_out, extent, u)
 
 
 def taught(samples: Samples, part: SmoothPart | None, options: TrainingOptions) -> bool:
@@ -127,8 +126,7 @@ def to_learn(
 ) -> tuple[Array, Array, Array | None]:
     """What the maps learn from: some rows of the samples, and what the body of `part` imagines.
 
-    Returns u, x : (k, dof), (k, m), joints in the unit box and positions; five imagined ones for
-        each motor node
+    Returns u, x : (k, dof), (k, m), joints in the unit box and positions
     Returns wrong : (k,), how wrong the body is there, None within noise
     """
     u, x = scale.to_unit(samples.q[rows]), samples.x[rows]
@@ -144,10 +142,7 @@ def to_learn(
 
 
 def _in_space(samples: Samples, view: str) -> bool:
-    """Whether samples are of an arm in space, seen as positions or by a pinhole camera.
-
-    Raises OptionError if `view` is not one of such samples.
-    """
+    """Whether samples are of an arm in space; OptionError if `view` is not one of such samples."""
     pixels = samples.camera is not None and isinstance(samples.arm, SpatialArm)
     positions = not pixels and samples.x.shape[1] == 3
     kinds = _VIEWS if positions else [v for v in VIEWS if v == "auto" or is_camera(v) == pixels]
@@ -163,11 +158,7 @@ def _in_space(samples: Samples, view: str) -> bool:
 
 
 def _fit_in_space(samples: Samples, rows: NDArray[np.intp], view: str, seed: int) -> BodyFit:
-    """Fit the body of an arm in space to some rows of samples.
-
-    A log's URDF is the prior of its geometry; without one, and in simulation, a chain of
-    which only the joints are known is found from the rows.
-    """
+    """Fit the body of an arm in space to some rows; only a log's URDF is a prior."""
     q, x = samples.q[rows], samples.x[rows]
     extent = float(np.sqrt(((x - x.mean(axis=0)) ** 2).sum(axis=1).mean()))  # of the noise's floor
     notes = warnings_of(q, samples.joint_names, samples.revolute, x, samples.lower, samples.upper)
@@ -177,10 +168,10 @@ def _fit_in_space(samples: Samples, rows: NDArray[np.intp], view: str, seed: int
         template = structure_of(
             arm, kind, unit="px", extent=extent, lens=camera.lens, lens_sd=camera.lens_sd
         )
-        fit = fit_structure(template, q, x, seed=seed, notes=notes)
-        refuse_pixels(fit.body, q, x)
-        doubts = doubtful_depth(fit.body, q)
-        return replace(fit, notes=(*fit.notes, *doubts))
+        found = fit(template, q, x, seed=seed, notes=notes)
+        refuse_pixels(found.body, q, x)
+        doubts = doubtful_depth(found.body, q)
+        return replace(found, notes=(*found.notes, *doubts))
     metre = METRES.get(samples.unit, 1.0)
     simulated = samples.simulation is not None
     if isinstance(arm, SpatialArm) and not simulated:
@@ -190,12 +181,12 @@ def _fit_in_space(samples: Samples, rows: NDArray[np.intp], view: str, seed: int
         if samples.orientation is not None and posed:
             turns = samples.orientation[rows]
             poses = np.hstack([x, logarithm(matrix_of(turns))])
-            found = fit_structure(template.with_view(posed), q, poses, seed=seed, notes=notes)
+            found = fit(template.with_view(posed), q, poses, seed=seed, notes=notes)
             if found.body.structure.view == "base target":
                 last = f"its turn cannot be told from the offset of {samples.joint_names[-1]}"
                 turned = f"the orientations are of a target that is turned against the tip: {last}"
                 found = replace(found, notes=(*found.notes, turned))
-            return positions_of(found)
+            return found.of_positions()
         if samples.orientation is not None:
             notes = (*notes, f"orientations are not used with the view {kind!r}")
     else:
@@ -204,4 +195,4 @@ def _fit_in_space(samples: Samples, rows: NDArray[np.intp], view: str, seed: int
         template = unknown_structure(
             samples.joint_names, samples.revolute, extent, samples.unit, metre
         )
-    return fit_structure(template, q, x, simulated=simulated, seed=seed, notes=notes)
+    return fit(template, q, x, simulated=simulated, seed=seed, notes=notes)

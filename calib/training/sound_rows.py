@@ -39,42 +39,47 @@ def fit_sound_rows(
     """
     if samples.simulation is not None:
         return samples, fit(samples), []
-    samples, notes = _rows_aligned(samples)
+    notes: list[str] = []
+    if samples.arm is not None and not samples.in_time:
+        shift = rows_behind(samples.arm.forward, samples.q, samples.x, samples.unit)
+        if shift:
+            rows = np.arange(max(shift, 0), len(samples) + min(shift, 0))
+            samples = replace(samples.take(rows), q=samples.q[rows - shift])
+            notes = [f"positions are moved by {-shift:+d} rows to those of their joints"]
     part = fit(samples)
-    samples, part, told = _without_delay(samples, part, fit)
+    samples, again, told = _without_delay(samples, part.fit.body, fit)
+    part = again or part
     notes += told + _other_order(samples, part, fit)
-    residual = samples.x - part.candidate.smooth.value(scale.to_unit(samples.q))
-    kept, told = contradictions(samples, residual)
-    notes += told
+
+    def residual() -> Array:
+        return samples.x - part.candidate.smooth.value(scale.to_unit(samples.q))
+
+    kept, told = contradictions(samples, residual())
     if not kept.all():
         samples = samples.take(kept)
         part = fit(samples)
-        residual = samples.x - part.candidate.smooth.value(scale.to_unit(samples.q))
-    corner = contradicting_corner(samples, residual)
-    return samples, part, [*notes, corner] if corner else notes
+    corner = contradicting_corner(samples, residual())
+    return samples, part, [*notes, *told, *([corner] if corner else ())]
 
 
 def _other_order(samples: Samples, part: SmoothPart, fit: _Fit) -> list[str]:
     """Say that joints without a robot fit far better in another order from base to tip."""
     dof, stated = samples.dof, samples.source.get("noise")
-    error = _body_error(part)
+    error = part.error
     extent = float(np.linalg.norm(np.ptp(samples.x, axis=0)))
     noisy = isinstance(stated, float) and error > _MANY_TIMES * stated
     if samples.arm is not None or not 2 <= dof <= 3 or not (noisy or error > NO_ARM * extent):
         return []
-    some = samples.take(thinned(len(samples), _ORDERED_ROWS))
-    tried = {}
+    some, tried = samples.take(thinned(len(samples), _ORDERED_ROWS)), {}
     for order in itertools.permutations(range(dof)):
         rows, names = list(order), tuple(samples.joint_names[k] for k in order)
-        other = replace(
-            some,
-            q=some.q[:, rows],
-            joint_names=names,
-            lower=some.lower[rows],
-            upper=some.upper[rows],
-            revolute=tuple(some.revolute[k] for k in rows),
-        )
-        tried[names] = _body_error(fit(other))
+        revolute = tuple(some.revolute[k] for k in rows)
+        limits: dict[str, Any] = {
+            "lower": some.lower[rows],
+            "upper": some.upper[rows],
+            "revolute": revolute,
+        }
+        tried[names] = fit(replace(some, q=some.q[:, rows], joint_names=names, **limits)).error
     best = min(tried, key=lambda names: tried[names])
     if not tried[best] < min(FAR_BETTER * tried[samples.joint_names], NO_ARM * extent):
         return []
@@ -84,14 +89,25 @@ def _other_order(samples: Samples, part: SmoothPart, fit: _Fit) -> list[str]:
     ]
 
 
-def _body_error(part: SmoothPart) -> float:
-    """Mean distance of held-out rows from the body."""
-    return float(np.linalg.norm(part.fit.held_out, axis=1).mean())
-
-
 def sound_log(model: Model, samples: Samples) -> tuple[Samples, list[str]]:
-    """A log that a model is compared with, in time and without rows that contradict the others."""
-    samples, notes = in_time(model, samples)
+    """A log that a model is compared with, in time and without rows that contradict the others.
+
+    samples : in the model's unit; the arm or its sensor may have changed
+    Returns the samples, their joints in the model's order, and what is told of them.
+    """
+    if samples.touch is not None:
+        raise LogError(
+            "the log holds touches of sockets, whose places nobody measured: `calib.evaluate` "
+            "tells how they scatter; train anew with them, and with those of before"
+        )
+    about = model.about
+    limits: dict[str, Any] = {
+        name: getattr(about, name) for name in ("joint_names", "lower", "upper", "revolute")
+    }
+    samples = replace(samples, q=about.joints_of(samples), **limits)
+    notes: list[str] = []
+    if model.body is not None:
+        samples, _, notes = _without_delay(samples, model.body)
     predicted = model.forward(samples.q)
     known = np.asarray(np.isfinite(predicted).all(axis=1))
     residual = np.where(known[:, None], samples.x - predicted, np.nan)
@@ -109,82 +125,30 @@ def sound_log(model: Model, samples: Samples) -> tuple[Samples, list[str]]:
     return samples, notes
 
 
-def in_time(model: Model, samples: Samples) -> tuple[Samples, list[str]]:
-    """A log that a model is compared with, without the delay of its positions.
-
-    samples : in the model's unit; the arm or its sensor may have changed
-    Returns the samples, their joints in the model's order, and what is told of their clock.
-    """
-    if samples.touch is not None:
-        raise LogError(
-            "the log holds touches of sockets, whose places nobody measured: `calib.evaluate` "
-            "tells how they scatter; train anew with them, and with those of before"
-        )
-    samples = replace(
-        samples,
-        q=model.about.joints_of(samples),
-        joint_names=model.about.joint_names,
-        lower=model.about.lower,
-        upper=model.about.upper,
-        revolute=model.about.revolute,
-    )
-    notes: list[str] = []
-    motion = Trajectory.of(samples) if model.body is not None else None
-    if motion is not None:
-        delay = _delay(samples, motion, model.body, 0.0, fresh=False)
-        for _ in range(_ROUNDS):  # where joints jump, a step of rows is found by several
-            if delay is None or not delay.clear:
-                break
-            found = _delay(samples, motion, model.body, delay.value, fresh=False)
-            if found is None or abs(found.value - delay.value) < found.sd:
-                break
-            delay = replace(found, share=delay.share)
-        if delay is not None and delay.clear:
-            q = motion.before(delay.value)
-            known = np.asarray(np.isfinite(q).all(axis=1))
-            samples = replace(samples.take(known), q=q[known])
-        if delay is not None and delay.note():
-            notes.append(delay.note())
-    return samples, notes
-
-
-def _rows_aligned(samples: Samples) -> tuple[Samples, list[str]]:
-    """The log with its positions moved by whole rows, where the robot says that they have to be."""
-    if samples.arm is None or samples.in_time:
-        return samples, []
-    shift = rows_behind(samples.arm.forward, samples.q, samples.x, samples.unit)
-    if not shift:
-        return samples, []
-    n = len(samples)
-    rows = np.arange(max(shift, 0), n + min(shift, 0))
-    moved = replace(samples.take(rows), q=samples.q[rows - shift])
-    return moved, [f"positions are moved by {-shift:+d} rows to those of their joints"]
-
-
 def _without_delay(
-    samples: Samples, part: SmoothPart, fit: _Fit
-) -> tuple[Samples, SmoothPart, list[str]]:
-    """The log with its joints at the times of its positions, where a delay is clear."""
-    motion = Trajectory.of(samples)
-    if motion is None:
-        return samples, part, []
-    delay, moved, now = None, samples, part
-    for _ in range(_ROUNDS):
-        start = 0.0 if delay is None else delay.value
-        found = _delay(samples, motion, now.fit.body, start, fresh=delay is None)
-        if found is None:
-            break
-        if delay is None and not found.clear:
-            return samples, part, [found.note()] if found.note() else []
-        settled = delay is not None and abs(found.value - delay.value) < found.sd
-        delay = found if delay is None else replace(found, share=delay.share)
-        if settled:
-            break
+    samples: Samples, body: Any, fit: _Fit | None = None
+) -> tuple[Samples, SmoothPart | None, list[str]]:
+    """The log with its joints at the times of its positions, where a delay is clear.
+
+    fit : fits the body anew to moved samples; without it the body is that of another log
+    Returns the samples, the smooth part of moved ones, and notes.
+    """
+    motion, moved, part = Trajectory.of(samples), samples, None
+    delay = None if motion is None else _delay(samples, motion, body, 0.0, fresh=fit is not None)
+    if motion is None or delay is None or not delay.clear:
+        return samples, None, [delay.note()] if delay is not None and delay.note() else []
+    for _ in range(_ROUNDS):  # where joints jump, a step of rows is found by several
         q = motion.before(delay.value)
         known = np.asarray(np.isfinite(q).all(axis=1))
         moved = replace(samples.take(known), q=q[known])
-        now = fit(moved)
-    return moved, now, [delay.note()] if delay is not None else []
+        if fit is not None:
+            part = fit(moved)
+            body = part.fit.body
+        found = _delay(samples, motion, body, delay.value, fresh=False)
+        if found is None or abs(found.value - delay.value) < found.sd:
+            break
+        delay = replace(found, share=delay.share)
+    return moved, part, [delay.note()]
 
 
 def _delay(
@@ -215,10 +179,10 @@ def _delay(
         q, x = q[known], samples.x[some][known]
         seen, slope = structure.predict_and_slope(q, beta)
         columns = structure.linearise(q, beta, active)[1]
-        part = Trajectory(motion.time[some][known], q, motion.unit)
-        residual = structure.residual(x, seen)
-        pull = (prior.mean - beta)[active]
-        found = estimate_delay(part, residual, slope, columns, prior.sd[active] ** -2.0, pull)
+        speed = Trajectory(motion.time[some][known], q, motion.unit).velocity
+        residual, pull = structure.residual(x, seen), (prior.mean - beta)[active]
+        precision = prior.sd[active] ** -2.0
+        found = estimate_delay(q, speed, residual, slope, columns, precision, pull, motion.unit)
         if found is None:
             return None
         step, change = found

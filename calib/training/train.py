@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
-from typing import Any, NamedTuple
+from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
@@ -15,7 +15,7 @@ from ..common.parallel import one_blas_thread, side_by_side
 from ..common.scale import Scale
 from ..errors import LogError, OptionError
 from ..maps.local_models import NO_MODELS
-from ..maps.model_selection import Selected, select
+from ..maps.model_selection import select
 from ..maps.node_bounds import learn_bounds, near_border
 from ..maps.predictor import Predictor
 from ..model.about import About
@@ -24,7 +24,6 @@ from ..model.measured import Rows
 from ..model.model import Model
 from ..samples.joint_values import directions
 from ..samples.samples import Samples
-from ..samples.simulation import Simulation
 from ..samples.wrong_rows import screen
 from .approach import BOUND_SAMPLES, approached, play_of, play_words
 from .evaluate import Residuals, answered_within, fresh_residuals, summarise
@@ -32,7 +31,7 @@ from .held_out import held_out_residuals, node_bounds, turned_of
 from .learn import UNFOLD, Progress, associate
 from .map_choice import resolved
 from .options import TrainingOptions
-from .smooth import SmoothPart, find_smooth_part, taught, to_learn
+from .smooth import find_smooth_part, taught, to_learn
 from .sound_rows import fit_sound_rows
 from .touched import fit_sockets
 
@@ -93,7 +92,12 @@ def train(
 
 def _learned(samples: Samples, options: TrainingOptions, progress: Progress) -> Model:
     """The steps of a training in the order of the data flow."""
-    begin, seconds = _stages(progress)
+    marks: list[tuple[str, float]] = []
+
+    def begin(share: float, stage: str) -> None:
+        marks.append((stage, time.perf_counter()))
+        progress(share, stage, float("nan"))
+
     begin(0.0, "body")
     given = len(samples) + samples.left_out
     notes: list[str] = []
@@ -138,48 +142,39 @@ def _learned(samples: Samples, options: TrainingOptions, progress: Progress) -> 
     about = _about(samples, options, taught(samples, part, options))
     model = Model(about, association, predictor, empty, empty, visited, predictor.body)
     if samples.simulation is not None:
-        found = _tested_by_simulation(model, samples, samples.simulation, options)
-    else:
-        found = _tested_by_rows(model, samples, part, selected, options)
-    model = replace(model, bounds=found.reading, model_bounds=found.position)
+        bounds, u_known, x_known, tested = _by_simulation(model, samples, options)
+    else:  # by blocks of the log's rows that were held out
+        tested = held_out_residuals(model, samples, part, selected, options)
+        u_known, x_known = scale.to_unit(tested.q), tested.x
+        errors = tested.errors[model.default_readout]
+        bounds = node_bounds(model, u_known, np.arange(len(u_known)), errors)
+    model = replace(model, bounds=bounds[0], model_bounds=bounds[1])
     some = slice(None, None, max(1, len(samples) // _TESTED))
     miss = np.linalg.norm(predictor.value(u[some]) - samples.x[some], axis=1)
-    baseline = learn_baseline(association, found.u, found.x, miss)
+    baseline = learn_baseline(association, u_known, x_known, miss)
     if play is not None:
         model = approached(model, samples.simulation, play, options.stream("bounds"))
     begin(1.0, "done")
     about = replace(
         about,
-        errors=summarise(found.tested, turned_of(part)),
-        within=answered_within(model, found.tested),
-        tested=len(found.tested.q),
-        left_out=found.tested.left_out + given - len(samples),
+        errors=summarise(tested, turned_of(part)),
+        within=answered_within(model, tested),
+        tested=len(tested.q),
+        left_out=tested.left_out + given - len(samples),
         notes=tuple(notes),
     )
     rows = Rows.of(samples.q, samples.x) if samples.simulation is None else None
+    seconds = {stage: end - start for (stage, start), (_, end) in pairwise(marks)}
     seconds["total"] = sum(seconds.values())
     return replace(model, about=about, baseline=baseline, rows=rows, seconds=seconds)
-
-
-def _stages(progress: Progress) -> tuple[Callable[[float, str], None], dict[str, float]]:
-    """What to call as a stage begins, and the time that each stage took [s]."""
-    seconds: dict[str, float] = {}
-    now: list[tuple[str, float]] = []
-
-    def begin(share: float, stage: str) -> None:
-        if now:
-            seconds[now[-1][0]] = time.perf_counter() - now[-1][1]
-        now.append((stage, time.perf_counter()))
-        progress(share, stage, float("nan"))
-
-    return begin, seconds
 
 
 def _about(samples: Samples, options: TrainingOptions, taught: bool) -> About:
     """What is known before anything is learned; errors and notes are added later."""
     arm, simulation = samples.arm, samples.simulation
     plane = samples.plane or getattr(arm, "plane", None)
-    axes = ("origin", "x", "y")
+    axes, source = ("origin", "x", "y"), samples.source
+    of_board = source.get("source") == "board"
     return About(
         robot=arm.name if arm is not None else "",
         tip=arm.tip if arm is not None else "",
@@ -195,54 +190,26 @@ def _about(samples: Samples, options: TrainingOptions, taught: bool) -> About:
         taught=taught,
         samples=len(samples),
         seed=int(options.seed),
-        options={**options.to_json(), **_seen_board(samples)},
+        # later pictures are read with the board and the lens that the log was made with
+        options={**options.to_json(), **({"board": dict(source)} if of_board else {})},
         simulation=simulation.to_json() if simulation is not None else None,
         urdf=arm.urdf if arm is not None else "",
         columns=samples.columns,
         degrees=samples.degrees,
         picture=samples.camera.size if samples.camera is not None else None,
-        frame=str(samples.source.get("frame", "")),
+        frame=str(source.get("frame", "")),
     )
 
 
-def _seen_board(samples: Samples) -> dict[str, Any]:
-    """What later pictures are read with: the board and the lens that the log was made with."""
-    return {"board": dict(samples.source)} if samples.source.get("source") == "board" else {}
-
-
-class _Tested(NamedTuple):
-    """How far a model is off where it has not learned."""
-
-    tested: Residuals
-    reading: Array  # (nodes,) [unit], bound on what the sensor reads, or on the true position
-    position: Array  # (nodes,) [unit], bound on the true position
-    u: Array  # (k, dof), (k, m), joints in the unit box and positions behind the bounds
-    x: Array
-
-
-def _tested_by_rows(
-    model: Model,
-    samples: Samples,
-    part: SmoothPart | None,
-    selected: Selected | None,
-    options: TrainingOptions,
-) -> _Tested:
-    """Errors and bounds of a log's model by blocks of its rows that were held out."""
-    tested = held_out_residuals(model, samples, part, selected, options)
-    u = model.motor.scale.to_unit(tested.q)
-    errors = tested.errors[model.default_readout]
-    bounds = node_bounds(model, u, np.arange(len(u)), errors)
-    return _Tested(tested, *bounds, u, tested.x)
-
-
-def _tested_by_simulation(
-    model: Model, samples: Samples, simulation: Simulation, options: TrainingOptions
-) -> _Tested:
-    """Errors and bounds by exact samples that are neither learned nor tested.
+def _by_simulation(
+    model: Model, samples: Samples, options: TrainingOptions
+) -> tuple[tuple[Array, Array], Array, Array, Residuals]:
+    """Bounds by exact samples that are neither learned nor tested, these, and the test's errors.
 
     Inverse answers often stand on a limit, where a map is least certain: some samples do too.
     """
-    scale, readout = model.motor.scale, model.default_readout
+    scale, readout, simulation = model.motor.scale, model.default_readout, samples.simulation
+    assert simulation is not None  # noqa: S101
     rng = np.random.default_rng(options.stream("bounds"))
 
     def measured(q: Array) -> tuple[Array, Array, Array]:
@@ -266,4 +233,4 @@ def _tested_by_simulation(
         return np.maximum(bounds, _ROUNDING * model.solver.extent), u, x
 
     (bounds, u, x), tested = side_by_side(bounded, lambda: fresh_residuals(model, simulation))
-    return _Tested(tested, bounds, bounds, u, x)
+    return (bounds, bounds), u, x, tested

@@ -9,6 +9,8 @@ import json
 from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
+
 from ..arm.urdf import parse_urdf
 from ..body.sensor import SensorPose
 from ..body.views import is_camera
@@ -28,17 +30,20 @@ def camera_info(model: Model) -> str:
         )
     f, u, v, k1 = model.body.beta[structure.groups["lens"]].tolist()
     width, height = model.about.picture or (round(2 * u), round(2 * v))
-    matrix = [f, 0.0, u, 0.0, f, v, 0.0, 0.0, 1.0]
-    projection = [f, 0.0, u, 0.0, 0.0, f, v, 0.0, 0.0, 0.0, 1.0, 0.0]
-    eye = [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]
-    return (
-        f"image_width: {width}\nimage_height: {height}\ncamera_name: camera\n"
-        + _matrix("camera_matrix", 3, 3, matrix)
-        + "distortion_model: plumb_bob\n"
-        + _matrix("distortion_coefficients", 1, 5, [k1, 0.0, 0.0, 0.0, 0.0])
-        + _matrix("rectification_matrix", 3, 3, eye)
-        + _matrix("projection_matrix", 3, 4, projection)
-    )
+    lens = np.array([[f, 0.0, u], [0.0, f, v], [0.0, 0.0, 1.0]])
+    matrices = {
+        "camera_matrix": lens,
+        "distortion_coefficients": np.array([[k1, 0.0, 0.0, 0.0, 0.0]]),
+        "rectification_matrix": np.eye(3),
+        "projection_matrix": np.column_stack([lens, np.zeros(3)]),
+    }
+    told = [f"image_width: {width}", f"image_height: {height}", "camera_name: camera"]
+    told.append("distortion_model: plumb_bob")
+    for name, matrix in matrices.items():
+        rows, columns = matrix.shape
+        data = matrix.ravel().tolist()
+        told += [f"{name}:", f"  rows: {rows}", f"  cols: {columns}", f"  data: {data!r}"]
+    return "\n".join(told) + "\n"
 
 
 def static_transform(model: Model) -> str:
@@ -71,7 +76,3 @@ def stamped(
         "rotation": dict(zip("xyzw", quaternion, strict=True)),
     }
     return {"header": {"frame_id": parent}, "child_frame_id": child, "transform": place}
-
-
-def _matrix(name: str, rows: int, columns: int, data: list[float]) -> str:
-    return f"{name}:\n  rows: {rows}\n  cols: {columns}\n  data: {data!r}\n"

@@ -49,14 +49,17 @@ def hits_itself(
     data, results = model.createData(), pin.GeometryData(bodies)
     met = np.zeros((len(q), len(pairs)), dtype=bool)
     for row, values in zip(met, q, strict=True):
-        at = _configuration(pin, model, joint_names, locked, values)
+        # a joint without limits has cosine and sine as its configuration: `integrate` fills both
+        velocity = np.zeros(model.nv)
+        for name, value in {**locked, **dict(zip(joint_names, values, strict=True))}.items():
+            velocity[model.joints[model.getJointId(name)].idx_v] = value
+        at = pin.integrate(model, pin.neutral(model), velocity)
         pin.computeCollisions(model, data, bodies, results, at, False)
         row[:] = [found.isCollision() for found in results.collisionResults]
-    moved = [(joints[i], joints[k]) for i, k in pairs]
-    often = met[:_TRIED].mean(axis=0) >= _ALWAYS
-    built = {pair for pair, always in zip(moved, often, strict=True) if always}
-    compared = [k for k, pair in enumerate(moved) if pair not in built]
-    return np.asarray(met[:, compared].any(axis=1)) if compared else None
+    moved = np.array([(joints[i], joints[k]) for i, k in pairs]).reshape(-1, 2)
+    often = moved[met[:_TRIED].mean(axis=0) >= _ALWAYS]
+    compared = ~(moved[:, None] == often[None]).all(axis=2).any(axis=1)
+    return np.asarray(met[:, compared].any(axis=1)) if compared.any() else None
 
 
 def in_picture(source: Arm | Model, space: PoseSpace, points: Array) -> tuple[Array, list[str]]:
@@ -91,16 +94,6 @@ def apart(source: Arm | Model, space: PoseSpace, points: Array) -> tuple[Array, 
         "(by the URDF's collision bodies without meshes); obstacles and the moves between poses "
         "are not checked: move slowly the first time"
     )
-
-
-def _configuration(
-    pin: Any, model: Any, names: Sequence[str], locked: Mapping[str, float], values: Array
-) -> Array:
-    # a joint without limits has cosine and sine as its configuration: `integrate` fills in both
-    velocity = np.zeros(model.nv)
-    for name, value in {**locked, **dict(zip(names, values, strict=True))}.items():
-        velocity[model.joints[model.getJointId(name)].idx_v] = value
-    return np.asarray(pin.integrate(model, pin.neutral(model), velocity))
 
 
 def _bodies(urdf: str) -> tuple[Any, Any]:

@@ -21,8 +21,6 @@ from ..errors import QueryError
 from ..kernel.compiled import Compiled
 from ..model.model import Model
 from ..model.nominal import moves_in_space, visited_joints
-from ..model.space import REACHED
-from ..model.trust import ROUNDED
 from ..samples.joint_values import check_joint_values
 from ..samples.log_ranges import wrap
 from .geometry import frames
@@ -33,7 +31,6 @@ _LEAST = 0.01  # [rad or m]; a limit below would refuse what is harmless
 _NODES = 200
 _TRIED, _SAME = 5, 1e-6  # rows by which the compiled kernel is compared, and how close [rad or m]
 _FITTED = ("view.", "tool", "lens")  # parameters of the sensor and of what is put on the tip
-_YES = np.ones(1, dtype=bool)
 _TURNED = 1e-4  # a turn of the frame that is worth a word [rad]
 
 _FREE_FRAME = (
@@ -134,8 +131,7 @@ class Corrected:
 
         Of a row that is not reached that of the nearest.  None where positions alone are corrected.
         """
-        pose = self._wanted.pose
-        return None if pose is None else pose.angle(self.given, self.nearest)
+        return self._wanted.angle(self.given, self.nearest)
 
     @cached_property
     def placement_error(self) -> Array | None:
@@ -219,7 +215,7 @@ def correct(
 def _notes(model: Model, nominal: Wanted, cause: str) -> tuple[str, ...]:
     """What a correction assumes."""
     notes = free_frame(model, cause) if nominal.free else ()
-    if (moves_in_space(model) or nominal.near is not None) and nominal.pose is None:
+    if moves_in_space(model) and not nominal.posed:
         notes = (*notes, _POSITIONS)
     if any(abs(frame.angle) > _TURNED for frame in frames(model, cause)):
         notes = (*notes, _TURNED_FRAME)
@@ -228,16 +224,17 @@ def _notes(model: Model, nominal: Wanted, cause: str) -> tuple[str, ...]:
 
 def _quick(model: Model, kernel: Compiled, q: ArrayLike) -> Corrected | None:
     """The correction of one row by the compiled kernel; None where the batch has to answer."""
-    if kernel.correcting is None:
-        kernel.correcting = _same_for_all(model, kernel)
-    found = kernel.correct(q) if kernel.correcting else None
-    if found is None:
+    kept = model.remembered.get("correcting")
+    if kept is None:
+        kept = model.remembered["correcting"] = _same_for_all(model, kernel)
+    found = kernel.ask("correct", q) if kept else None
+    if found is None or found[1] != 1:
         return None
-    given, nearest = found
-    if not model.sure and not kernel.forward(nearest[0])[1]:  # type: ignore[index]
+    nearest = found[0]
+    if not model.sure and not kernel.ask("forward", nearest[0])[1]:  # type: ignore[index]
         return None
     answer = Corrected.__new__(Corrected)  # whose own way of setting fields takes as long as C
-    answer.__dict__.update(kernel.correcting, given=given, nearest=nearest)
+    answer.__dict__.update(kept, given=np.array([q], dtype=float), nearest=nearest)
     return answer
 
 
@@ -247,13 +244,12 @@ def _same_for_all(model: Model, kernel: Compiled) -> dict[str, Any]:
         return {}
     nominal, q = wanted(model, "auto", "sensor"), visited_joints(model, _TRIED)
     nearest, reachable = _solved(model, nominal, q)
-    found = [kernel.correct(row) for row in q]
-    both = [k for k, row in enumerate(found) if row is not None and reachable[k]]
-    apart = [np.abs(found[k][1] - nearest[k]).max() for k in both]  # type: ignore[index]
-    if not both or max(apart) >= _SAME:
+    found = [kernel.ask("correct", row) or (nearest, 0) for row in q]
+    both = [k for k, (_, said) in enumerate(found) if said == 1 and reachable[k]]
+    if not both or max(np.abs(found[k][0][0] - nearest[k]).max() for k in both) >= _SAME:
         return {}
     return {
-        "reachable": _YES,
+        "reachable": np.ones(1, dtype=bool),
         "limit": usual_limit(model),
         "notes": _notes(model, nominal, "sensor"),
         "single": True,
@@ -296,30 +292,21 @@ def usual_limit(model: Model, view: str = "auto", cause: str = "sensor") -> Arra
 def _in_range(model: Model, q: Array) -> Array:
     """Joint values (n, dof) with those that turn moved by whole turns into their range."""
     about, near = model.about, q.copy()
-    for k, turns in enumerate(about.revolute):
-        if turns:
-            near[:, k] = wrap(q[:, k], float(about.lower[k]), float(about.upper[k]))
+    for k in np.flatnonzero(about.revolute):
+        near[:, k] = wrap(q[:, k], float(about.lower[k]), float(about.upper[k]))
     return near
 
 
 def _solved(model: Model, nominal: Wanted, q: Array) -> tuple[Array, NDArray[np.bool_]]:
     """Joints (n, dof), on the turn that `q` is on, and whether they reach, (n,).
 
-    Of six joints or more a row is reached where its orientation is, too.
+    Of six joints or more a row is reached where its orientation is, too: beside a singularity the
+    tool is not tilted without a word.
     """
     about, near = model.about, _in_range(model, q)
-    target = nominal.target(near)
-    there = np.ones(len(near), dtype=bool)
-    if nominal.pose is not None:
-        # beside a singularity the tool is not tilted without a word: there is no answer
-        near, left = nominal.pose.towards(near)
-        slack = ROUNDED * (about.upper - about.lower)
-        lower, upper = about.lower - slack, about.upper + slack
-        there = (left <= REACHED) & ((near >= lower) & (near <= upper)).all(axis=1)
-    elif nominal.near is not None:
+    target, there = nominal.target(near), np.ones(len(near), dtype=bool)
+    if nominal.space is not None:
         near, there = nominal.near(near)
     answer = model.solve(target, np.clip(near, about.lower, about.upper))
-    found = answer.q.copy()
-    turning = np.array(about.revolute)
-    found[:, turning] += TURN * np.round((q - found)[:, turning] / TURN)
-    return found, answer.reachable & there
+    turns = TURN * np.round((q - answer.q) / TURN)
+    return answer.q + np.where(about.revolute, turns, 0.0), answer.reachable & there

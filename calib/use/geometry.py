@@ -16,8 +16,7 @@ from ..errors import OptionError
 from ..model.alignment import Alignment
 from ..model.model import Model
 from ..model.nominal import nominal_arm, nominal_in_plane, visited_joints
-from .planar_geometry import fit_in_plane
-from .spatial_geometry import SpatialGeometry, fit_spatial
+from .chain_geometry import Geometry, fit_in_plane, fit_in_space
 
 _POINTS, _ROWS = 500, 2_000
 
@@ -51,14 +50,13 @@ def fit_geometry(
     cause: str = "sensor",
     move_base: bool = False,
     move_tip: bool = False,
-) -> SpatialGeometry:
+) -> Geometry:
     """Fit the nominal chain to what was learned, where rows were, by Gauss-Newton.
 
-    Of a planar arm, unknown are an offset for each joint and, in the plane, the place of the tip
-    in the last link's frame and of each joint in its predecessor's; with a free frame also its
-    turn, shift and, for other units than m, scale.  A Gaussian prior (10 deg, 1 mm) settles what
-    the data cannot tell apart, such as an offset and a turned link; the intervals hold that
-    freedom.  Of a spatial arm they are offsets, six numbers per joint origin, and the tip.
+    Unknown are the joints' offsets and places and the tip's (of an arm in space six numbers for
+    each joint origin), and with a free frame the sensor's place and, for other units than m, its
+    scale.  The prior settles what the data cannot tell apart, such as an offset and a turned link;
+    the intervals hold that freedom.
 
     model : it must have a URDF
     view : {"auto", "base"}, "base" says that a log's positions are in the root link's frame
@@ -101,7 +99,7 @@ def fit_geometry(
         return fit_in_plane(
             arm, q, x, model.about.unit, free=free, move_base=move_base, error=error
         )
-    return fit_spatial(
+    return fit_in_space(
         arm, model.body, q, x, unit=model.about.unit, free=free, probe=not is_simulated(model),
         move_base=move_base, move_tip=move_tip,
     )  # fmt: skip

@@ -16,6 +16,7 @@ from ..common.arrays import Array, Index
 from ..common.checks import whole
 from ..common.choices import EYES
 from ..common.frozen import ReadOnly
+from ..common.rows import thinned
 from ..errors import OptionError
 from ..samples.tables import write_table
 from .aimed import Choose, at_point, in_sight
@@ -172,9 +173,16 @@ def plan(
     if touch is not None or handeye is not None:
         if measured is not None or (touch is not None and handeye is not None):
             raise OptionError("expected one of `touch`, `handeye` and `measured`")
-        q, tell, how = _aimed(
-            source, space, touch, handeye, eye, None if start is None else first, rng
-        )
+        if touch is not None:
+            at = ", ".join(f"{value:g}" for value in np.ravel(touch))
+            how = f"the tip at ({at}) m in the base frame, chosen to tell most of the arm"
+            q, tell = at_point(source, space, touch, rng)
+        else:
+            if eye not in EYES:
+                raise OptionError(f"eye {eye!r}: expected one of {', '.join(EYES)}")
+            how = "the board in the picture from many sides, chosen to tell most of the camera"
+            where = None if start is None else first
+            q, tell = in_sight(source, space, handeye or False, eye, where, rng)
         points = (q - space.scale.lower) / space.scale.span
         choose = partial(_most_telling, space, tell)
         points, safe = apart(source, space, points)
@@ -220,22 +228,6 @@ def plan(
     )
 
 
-def _aimed(
-    source: Arm | Model, space: PoseSpace, touch: Sequence[float] | None,
-    handeye: Board | str | bool | None, eye: str, start: Array | None, rng: np.random.Generator,
-) -> tuple[Array, Choose, str]:  # fmt: skip
-    """Poses (m, dof) at a point or with a board in sight, what they tell, and words for it."""
-    if touch is not None:
-        at = ", ".join(f"{value:g}" for value in np.ravel(touch))
-        q, tell = at_point(source, space, touch, rng)
-        return q, tell, f"the tip at ({at}) m in the base frame, chosen to tell most of the arm"
-    if eye not in EYES:
-        raise OptionError(f"eye {eye!r}: expected one of {', '.join(EYES)}")
-    assert handeye is not None  # noqa: S101 - one of both is given
-    q, tell = in_sight(source, space, handeye, eye, start, rng)
-    return q, tell, "the board in the picture from many sides, chosen to tell most of the camera"
-
-
 def _choice(source: Arm | Model, space: PoseSpace) -> tuple[partial[Index], str, str]:
     """How poses are chosen, and what is said of it: by information where a belief is known."""
     if isinstance(source, SpatialArm):  # never measured: the prior says what is not known
@@ -250,12 +242,10 @@ def _choice(source: Arm | Model, space: PoseSpace) -> tuple[partial[Index], str,
 
 def _most_telling(space: PoseSpace, tell: Choose, points: Array, n: int, taken: Array) -> Index:
     """Points (k, dof) in units of the joints' ranges that inform a belief most."""
-    few = np.arange(len(points))
-    if len(few) > _CHOICE:  # corners come first
-        few = np.unique(
-            np.append(few[:_CORNERS], np.linspace(0, len(few) - 1, _CHOICE).astype(int))
-        )
-    few = few if len(few) >= n else np.arange(len(points))
+    few = every = np.arange(len(points))
+    if len(points) > _CHOICE:  # corners come first
+        few = np.unique(np.append(every[:_CORNERS], thinned(len(points), _CHOICE)))
+    few = few if len(few) >= n else every
     joints = space.scale.from_unit(points[few])
     return few[tell(joints, n, space.scale.from_unit(taken))]
 

@@ -48,7 +48,6 @@ def candidate_poses(space: PoseSpace, rng: np.random.Generator) -> Array:
 def farthest(scale: Scale, points: Array, n: int, taken: Array) -> Index:
     """Choose points one by one, each as far as possible from all that were chosen before.
 
-    scale : knows the periodic joints
     points : (m, dof), what to choose from, in units of the joints' ranges
     taken : (k, dof), points that there are already; without any the first point is the first corner
     Returns (n,), rows of `points`, in the order of choice.
@@ -76,7 +75,11 @@ def shortest_tour(away: Array) -> Index:
     away : (n, n), symmetric distances; the way starts at row 0
     Returns (n,), a permutation that begins with 0.
     """
-    order = _nearest_neighbours(away)
+    order = np.zeros(len(away), dtype=np.intp)
+    left = np.arange(len(away)) > 0
+    for k in range(1, len(away)):
+        order[k] = np.where(left, away[order[k - 1]], np.inf).argmin()
+        left[order[k]] = False
     for _ in range(_SWEEPS):
         before = length(away, order)
         order = _two_opt(away, order)
@@ -89,16 +92,6 @@ def shortest_tour(away: Array) -> Index:
 def length(away: Array, order: Index) -> float:
     """Length of the way through the points in this order."""
     return float(away[order[:-1], order[1:]].sum())
-
-
-def _nearest_neighbours(away: Array) -> Index:
-    order = np.zeros(len(away), dtype=np.intp)
-    left = np.ones(len(away), dtype=bool)
-    left[0] = False
-    for k in range(1, len(away)):
-        order[k] = np.where(left, away[order[k - 1]], np.inf).argmin()
-        left[order[k]] = False
-    return order
 
 
 def _two_opt(away: Array, order: Index) -> Index:

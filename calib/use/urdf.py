@@ -20,7 +20,7 @@ from ..common.wording import for_people
 from ..errors import OptionError, RobotError
 
 if TYPE_CHECKING:
-    from .spatial_geometry import SpatialGeometry
+    from .chain_geometry import Geometry
 
 MOST_UNEXPLAINED = 0.01
 """Share of the arm's reach that a geometry may leave unexplained."""
@@ -37,7 +37,7 @@ _TAGS = re.compile(
 )
 
 
-def corrected_urdf(geometry: SpatialGeometry) -> str:
+def corrected_urdf(geometry: Geometry) -> str:
     """Text of the nominal URDF with corrected joint origins.
 
     A joint's offset becomes a turn of its origin about its axis (or a shift along it, if it

@@ -3,134 +3,104 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
-from weakref import WeakKeyDictionary
+from dataclasses import dataclass, field
+from functools import partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arm.rotations import logarithm
 from ..body.planar import PlanarStructure
-from ..body.spatial import SpatialStructure, structure_of
-from ..body.views import is_camera
+from ..body.spatial import SpatialStructure
 from ..common.arrays import Array
-from ..model.alignment import Alignment
 from ..model.model import Model
-from ..model.nominal import (
-    NominalPose,
-    moves_in_space,
-    nominal_arm,
-    nominal_in_plane,
-    nominal_in_space,
-)
+from ..model.nominal import moves_in_space, nominal_arm, nominal_in_plane, nominal_in_space
 from ..model.space import REACHED, Space
 from .geometry import fit_geometry, frame_is_free, frames, is_simulated
-from .planar_geometry import PlanarGeometry
+
+_POSED = 6  # joints from which on a tool's orientation can be kept
 
 
 @dataclass(eq=False)
 class Wanted:
     """Where a nominal arm would be."""
 
-    # joint values (n, dof) to positions (n, m) of the nominal arm
-    forward: Callable[[Array], Array]
-    frames: tuple[Alignment, ...]  # what moves these positions into the sensor's frame
-    free: bool  # whether the sensor's frame was fitted
-    pose: NominalPose | None = None  # of an arm in space with six joints or more
-    # of an arm that a camera sees: joints (n, dof) whose tip stands in space where the nominal one
-    # would, since a pixel alone does not say how far away that is, and whether it can
-    near: Callable[[Array], tuple[Array, NDArray[np.bool_]]] | None = None
+    predict: Callable[[Array], Array]  # of joint values (n, dof), positions (n, m)
+    moved: list[Any] = field(default_factory=list)  # what moves these into the sensor's frame
+    free: bool = False  # whether the sensor's frame was fitted
+    # of a body in space, parameters of the nominal arm behind a sensor whose frame was fitted
+    drawn: Array | None = None
+    # where more than what the sensor reads has to be met: the tool's pose, or before a camera,
+    # whose pixel does not say how far away the tip is, its place
+    space: Space | None = None
     # (dof,) [rad or m], what `correct` usually changes at most, once it was asked
     limits: list[float] = field(default_factory=list)
-    # parameters of the nominal arm behind a sensor whose frame was fitted, of a body in space
-    drawn: Array | None = None
 
     def target(self, q: Array) -> Array:
         """Where the nominal arm would be, in the sensor's frame, (n, m)."""
-        target = self.forward(q)
-        for frame in self.frames:
+        target = self.predict(q)
+        for frame in self.moved:
             target = frame.apply(target)
         return target
 
+    @property
+    def posed(self) -> bool:
+        """Whether the tool's orientation is kept."""
+        return self.space is not None and len(self.space.model.about.lower) >= _POSED
 
-_kept: WeakKeyDictionary[Model, dict[str, Wanted]] = WeakKeyDictionary()
+    def near(self, q: Array) -> tuple[Array, NDArray[np.bool_]]:
+        """Joints (n, dof) near `q` that put the real tip, or tool, where the nominal one is."""
+        assert self.space is not None  # noqa: S101
+        place, turn = self._nominal_pose(q)
+        found, left = self.space.beside(place, turn if self.posed else None, q)
+        return found, left <= REACHED * self.space.length
+
+    def angle(self, q: Array, corrected: Array) -> Array | None:
+        """Angle (n,) [rad] between the nominal tool at `q` and the real one at other joints."""
+        if self.space is None or not self.posed:
+            return None
+        turned = self.space.evaluate(corrected)[1] @ np.swapaxes(self._nominal_pose(q)[1], 1, 2)
+        return np.asarray(np.linalg.norm(logarithm(turned), axis=1))
+
+    def _nominal_pose(self, q: Array) -> tuple[Array, Array]:
+        assert self.space is not None  # noqa: S101
+        structure: Any = self.space.body.structure
+        place, turn = structure.pose(q, nominal_in_space(structure, self.space.body.beta))
+        return place, turn
 
 
 def wanted(model: Model, view: str, cause: str) -> Wanted:
     """Return it, fitted once for a model: a controller corrects row by row."""
-    kept = _kept.setdefault(model, {})
-    key = f"{view} {cause}"
-    if key not in kept:
-        kept[key] = _found(model, view, cause)
-    return kept[key]
+    key = f"wanted {view} {cause}"
+    if key not in model.remembered:
+        model.remembered[key] = _found(model, view, cause)
+    found: Wanted = model.remembered[key]
+    return found
 
 
 def _found(model: Model, view: str, cause: str) -> Wanted:
-    free, moved = frame_is_free(model, view), tuple(frames(model, cause))
-    if model.body is not None and isinstance(model.body.structure, PlanarStructure):
+    free, moved = frame_is_free(model, view), frames(model, cause)
+    own: Any = None if model.body is None else model.body.structure
+    if isinstance(own, PlanarStructure):
         if free:
             # the body knows the sensor's frame as it is after all adaptations; if the sensor
             # stayed, what they found of its frame is the arm's
-            back = tuple(frame.inverse() for frame in reversed(frames(model)))
-            moved = back if cause == "joints" else ()
-        return _of(*nominal_in_plane(model, based=not free), moved, free)
-    if moves_in_space(model):
-        return _in_space(model, view, cause, free)
-    geometry = fit_geometry(model, view=view, cause=cause) if free else None
-    own = (geometry.frame,) if isinstance(geometry, PlanarGeometry) else ()
-    return Wanted(nominal_arm(model).forward, (*own, *moved), free)
-
-
-def _in_space(model: Model, view: str, cause: str, free: bool) -> Wanted:
-    """The nominal arm of a model whose arm moves in space, with the sensed point at its tip."""
-    body, moved = model.body, tuple(frames(model, cause))
-    pose = None
-    own = None if body is None else body.structure
-    if is_simulated(model):
-        arm = nominal_arm(model)
-        structure = structure_of(arm, "base")
-        return replace(_of(structure, structure.neutral(), moved, free), forward=arm.forward)
-    if (
-        body is not None
-        and isinstance(own, SpatialStructure)
-        and own.informed
-        and (free or own.view == "base")
-    ):
-        structure, beta, moved = own, nominal_in_space(own, body.beta), ()
-        pose = NominalPose.of(own, body.beta, beta)
-    else:
-        geometry = fit_geometry(model, view=view, cause=cause)
-        structure = geometry.structure
-        beta = nominal_in_space(structure, geometry.beta)
-    found = _of(structure, beta, moved, free)
-    found.drawn = beta if own is structure else None
-    if pose is not None:
-        return replace(found, pose=pose)
-    if body is None or not is_camera(body.structure.view):
-        return found
-    return replace(found, near=_near(model, structure, beta))
-
-
-def _near(
-    model: Model, structure: SpatialStructure, beta: Array
-) -> Callable[[Array], tuple[Array, NDArray[np.bool_]]]:
-    """Joints near given ones that put the real tip where the nominal one would be."""
-    space = Space.of(model)
-
-    # a pixel is met by a whole line of sight: the place in space decides where on it
-    def near(q: Array) -> tuple[Array, NDArray[np.bool_]]:
-        place = structure.pose(q, beta)[0]
-        found = space.at_positions(place, q)
-        distance = np.linalg.norm(space.evaluate(found)[0] - place, axis=1)
-        return found, distance <= REACHED * space.length
-
-    return near
-
-
-def _of(
-    structure: PlanarStructure | SpatialStructure,
-    beta: Array,
-    moved: tuple[Alignment, ...],
-    free: bool,
-) -> Wanted:
-    """The arm of some parameters (d,)."""
-    return Wanted(lambda q: structure.predict(q, beta), moved, free)
+            back = [frame.inverse() for frame in reversed(frames(model))]
+            moved = back if cause == "joints" else []
+        structure, beta = nominal_in_plane(model, based=not free)
+        return Wanted(partial(structure.predict, beta=beta), moved, free)
+    in_space = moves_in_space(model)
+    if in_space and not is_simulated(model):
+        fitted = free or own is None or own.view == "base"
+        if model.body is not None and isinstance(own, SpatialStructure) and own.informed and fitted:
+            beta = nominal_in_space(own, model.body.beta)
+            kept = own.dof >= _POSED or own.camera
+            space = Space.of(model) if kept else None
+            return Wanted(partial(own.predict, beta=beta), [], free, beta, space)
+        fit = fit_geometry(model, view=view, cause=cause)
+        beta = nominal_in_space(fit.structure, fit.beta)
+        return Wanted(partial(fit.structure.predict, beta=beta), moved, free)
+    geometry = fit_geometry(model, view=view, cause=cause) if free and not in_space else None
+    seen = None if geometry is None else geometry.frame
+    return Wanted(nominal_arm(model).forward, [*([seen] if seen else []), *moved], free)

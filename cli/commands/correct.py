@@ -2,20 +2,15 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 from calib.common.wording import for_people
 
 from .. import options as opt
 from ..options import option
-from ..output import NO, Outcome, fields, note, number, say
-from ..parsing import TABLES, above_zero, check_file
+from ..output import NO, Outcome, fields, number, say
+from ..parsing import above_zero
 from ..units import units_of
-
-if TYPE_CHECKING:
-    from calib.use.correct import Corrected
-
-    from ..units import JointFormat
 
 
 def correct(
@@ -41,34 +36,31 @@ def correct(
     Exit code 3 if the real arm cannot reach one of these places, or if a joint would change by
     more than the limit; the other rows are written.
     """
-    check_file(output, TABLES, stream=True)
     import numpy as np
 
     from calib.use.correct import correct as correction
 
-    from ..answers import Query, numbered, over_all_rows, say_rows
+    from ..answers import Query, over_all_rows, say_rows
 
-    query = Query(model, degrees)
+    query = Query(model, degrees, "sensor", None, (), input_, columns, output)
     loaded, joints = query.model, query.joints
     batch = query.read(input_, joints.names, columns)
     n, factors = len(batch.values), np.array(joints.typed)
     valid: Any = np.isfinite(batch.values).all(axis=1)
     rows = np.flatnonzero(valid) + 1
-    found = correction(
-        loaded,
-        batch.values[valid] / factors,
-        limit=None if limit is None else limit / factors,
-        view=view,
-        cause=cause,
-    )
+    known: dict[str, Any] = {
+        "limit": None if limit is None else limit / factors,
+        "view": view,
+        "cause": cause,
+    }
+    found = correction(loaded, batch.values[valid] / factors, **known)
     say(found.notes)
     commanded = np.where(found.exceeded[:, None], np.nan, found.q)
     table = dict(zip(joints.names, (commanded * factors).T, strict=True))
     table |= dict(zip(loaded.axes, found.target.T, strict=True))
     table |= fields(found, "distance expected_error reachable")
-    table |= {} if found.angle is None else {"angle": found.angle}
-    placed = found.placement_error
-    table |= {} if placed is None else {"placement_error": placed}
+    in_space = fields(found, "angle placement_error")
+    table |= {name: column for name, column in in_space.items() if column is not None}
     say(batch.notes(list(table)))
     beyond, missed = rows[found.exceeded].tolist(), rows[~found.reachable].tolist()
     say_rows(batch.invalid, n, "not all values are numbers, no answer")
@@ -77,18 +69,22 @@ def correct(
         # the row and the joint whose change is largest, measured by its limit
         share = np.nan_to_num(np.abs(found.change) / found.limit)
         row, worst = map(int, np.unravel_index(int(np.argmax(share)), share.shape))
-        note(
-            f"{numbered(beyond)} of {n}: a joint would change by more than the limit (row "
-            f"{rows[row]}: {joints.change(worst, found.change[row, worst])}, limit "
-            f"{joints.change(worst, found.limit[worst])}); "
-            "no answer; if the change is right, give a larger --limit"
+        say_rows(
+            beyond,
+            n,
+            f"a joint would change by more than the limit (row {rows[row]}: "
+            f"{joints.change(worst, found.change[row, worst])}, limit "
+            f"{joints.change(worst, found.limit[worst])}); no answer; if the change is right, "
+            "give a larger --limit",
         )
-    changes = _changes(found, joints)
-    told = []
-    for (name, change), kind in zip(changes.items(), loaded.about.units_of_joints, strict=False):
-        factor, unit = for_people(kind)
-        mean, most = (number(factor * change[key]) for key in ("mean", "max"))
-        told.append(f"{name} {mean} (largest {most}) {unit}")
+    changes, told = dict[str, Any](), []
+    if len(size := np.abs(found.change[found.reachable])):
+        each = zip(size.mean(axis=0), size.max(axis=0), found.limit, strict=True)
+        for name, kind, row_ in zip(joints.names, loaded.about.units_of_joints, each, strict=True):
+            changes[name] = dict(zip(("mean", "max", "limit"), row_, strict=True))
+            factor, unit = for_people(kind)
+            mean, largest = (number(factor * value) for value in row_[:2])
+            told.append(f"{name} {mean} (largest {largest}) {unit}")
     answered = bool((found.reachable & ~found.exceeded).any())
     return query.write(
         batch.answered(over_all_rows(valid, table)) if answered or not beyond else None,
@@ -103,17 +99,3 @@ def correct(
         unit=loaded.about.unit,
         units=units_of(loaded.about),
     )
-
-
-def _changes(found: Corrected, joints: JointFormat) -> dict[str, Any]:
-    """Mean, largest and accepted change of each joint; none where no row was answered."""
-    import numpy as np
-
-    size = np.abs(found.change[found.reachable])
-    if not len(size):
-        return {}
-    told = zip(size.mean(axis=0), size.max(axis=0), found.limit, strict=True)
-    return {
-        name: dict(zip(("mean", "max", "limit"), row, strict=True))
-        for name, row in zip(joints.names, told, strict=True)
-    }

@@ -12,22 +12,21 @@ from typer import Argument, Option
 from .. import options as opt
 from ..options import option
 from ..output import NO, Outcome, note
-from ..parsing import (
-    TABLES,
-    BadOption,
-    any_number,
-    check_count,
-    check_file,
-    check_streams,
-    height,
-    reals,
-)
+from ..parsing import BadOption, any_number, check_count, height, reader, reals
 
 if TYPE_CHECKING:
     from calib import Answer
-    from calib.common.arrays import Array
 
     from ..answers import Query
+
+_TOGETHER = 0.05  # of the largest share: joints that move less are not named
+_TURN = ("qx", "qy", "qz", "qw")
+_quaternion = reader(
+    "4 numbers of length 1, qx,qy,qz,qw",
+    reals,
+    lambda q: len(q) == 4 and abs(math.hypot(*q) - 1.0) <= 0.01,
+)
+_angles = reader("3 numbers: roll, pitch and yaw", reals, lambda angles: len(angles) == 3)
 
 
 def inverse(
@@ -49,17 +48,17 @@ def inverse(
     output: opt.Output = None,
     frame: opt.InFrame = "sensor",
     quaternion: Annotated[
-        Any, option("--quaternion QX,QY,QZ,QW", "The orientation wanted too, in space.", reals)
+        Any,
+        option("--quaternion QX,QY,QZ,QW", "The orientation wanted, in space.", _quaternion),
     ] = None,
     rpy: Annotated[
-        Any, option("--rpy R,P,Y", "The same as roll, pitch and yaw, as in a URDF [rad].", reals)
+        Any, option("--rpy R,P,Y", "The same as roll, pitch and yaw, as in a URDF [rad].", _angles)
     ] = None,
     keep: Annotated[
         bool, Option("--keep-orientation", help="Turn the tool as little as possible from --near.")
     ] = False,
     on: Annotated[
-        float | None,
-        option("--on z=H", "The pixel X Y lies on this plane of the base frame [m].", height),
+        Any, option("--on z=H", "The pixel X Y lies on this plane of the base frame [m].", height)
     ] = None,
     unit: opt.PositionUnit = None,
     degrees: opt.Degrees = False,
@@ -68,8 +67,6 @@ def inverse(
     from ..answers import Query
 
     typed = target or []
-    check_streams(typed, input_, output, columns)
-    check_file(output, TABLES, stream=True)
     turned = quaternion is not None or rpy is not None
     if every and readout is not None:
         raise BadOption(f"--all answers by the default readout: expected no --readout {readout}")
@@ -77,33 +74,43 @@ def inverse(
         raise BadOption("--input has a column for each number: expected no other target")
     if keep and (turned or near is None):
         raise BadOption("--keep-orientation keeps that of --near: expected --near alone beside it")
-    in_base = frame == "base" or on is not None
-    query = Query(model, degrees, "base" if in_base else "sensor", unit)
+    if quaternion is not None and rpy is not None:
+        raise BadOption("--quaternion and --rpy are given: expected one of them")
+    shown = "base" if on is not None else frame
+    query = Query(model, degrees, shown, unit, typed, input_, columns, output)
     asked, joints = query.model, query.joints
     anchor = joints.one_each("--near", near)
     if anchor is not None and (beyond := joints.beyond(asked, anchor)):
         raise BadOption(f"--near {beyond}")
-    question = _Question(query, anchor, readout, in_base or turned or keep, keep)
+    question = _Question(query, anchor, readout, shown == "base" or turned or keep, keep)
     if input_ is not None:
         return _batch(question, input_, columns, output, every)
     x: Any = [value / query.positions.typed for value in typed] if on is None else typed
     told: dict[str, Any] = {"target": x}
-    turn: Array | None = None
-    if question.in_space:
-        from calib.errors import QueryError
-        from calib.model.space import Space
-
-        from ..space import orientation, pixel_on_plane
-
-        if Space.of(asked).camera and not in_base:
-            raise QueryError("a pixel alone is no position in space; give --on z=H or --in base")
-        turn = orientation(quaternion, rpy, degrees)
-        told["frame"] = query.frame
     if on is None:
         check_count(typed, "xyz" if frame == "base" else asked.axes, "coordinate")
-    else:
-        x = pixel_on_plane(asked, typed, on)
-        told["on_plane"] = {"z": on, "position": x, "unit": "m"}
+    if not question.in_space:
+        return _answer(replace(question, x=x), told, every)
+    import numpy as np
+
+    from calib.errors import QueryError
+    from calib.model.space import Space
+    from calib.samples.roles import from_angles
+
+    told["frame"] = shown
+    if on is not None:
+        check_count(typed, "uv", "coordinate")
+        x = Space.of(asked).pixels_on_plane(typed, on[1])[0]
+        place = ", ".join(f"{1e3 * value:.2f}" for value in x)
+        note(f"the pixel shows ({place}) mm of the base frame")
+        told["on_plane"] = {"z": on[1], "position": x, "unit": "m"}
+    elif Space.of(asked).camera and frame != "base":
+        raise QueryError("a pixel alone is no position in space; give --on z=H or --in base")
+    turn = None
+    if quaternion is not None:  # typed numbers are rounded
+        turn = np.array(quaternion) / math.hypot(*quaternion)
+    elif rpy is not None:
+        turn = from_angles(np.array([rpy]) * (math.radians(1.0) if degrees else 1.0))[0]
     if turn is not None:
         told["quaternion"] = turn
     return _answer(replace(question, x=x, turn=turn), told, every)
@@ -119,19 +126,19 @@ class _Question:
     in_space: bool  # whether the chain of an arm in space answers rather than the model itself
     keep: bool = False  # whether the orientation at `near` is kept
     x: Any = None  # (2,), (3,) or (n, 2), (n, 3), positions in the frame
-    turn: Array | None = None  # (4,) or (n, 4), orientations wanted as quaternions
+    turn: Any = None  # (4,) or (n, 4), orientations wanted as quaternions
 
     def answer(self, every: bool) -> dict[str, Any]:
         """Return what an `Answer` or `PoseAnswers` holds, by name, for each answer."""
         model, frame = self.query.model, self.query.frame
         if not self.in_space:
-            solve, given = model.solve, (self.x, self.near, self.readout)
-            return {**(self._branches() if every else solve(*given))._asdict()}
+            answers = self._branches() if every else model.solve(self.x, self.near, self.readout)
+            return {**answers._asdict()}
         if self.readout is not None:
             raise BadOption("--readout is for positions in the sensor's frame alone")
         from calib.model.poses import solve_poses
 
-        from ..space import up_to_scale
+        from ..answers import up_to_scale
 
         ways = {"every": every, "keep": self.keep}
         found = solve_poses(model, self.x, self.turn, self.near, frame=frame, **ways)
@@ -160,19 +167,13 @@ def _answer(asked: _Question, told: dict[str, Any], every: bool) -> Outcome:
     q, reachable = found.pop("q"), bool(found.pop("reachable").any())
     solutions = query.documents(q, **found)[: None if every else 1]
     document = told | {"reachable": reachable, "solutions": solutions}
-    free = q[:0]
-    if reachable and (asked.in_space or (model.body is not None and len(model.axes) == 3)):
-        from ..space import free as free_directions
-        from ..space import say_free
-
-        rows = (6 if posed else 3) if asked.in_space else None
-        free = free_directions(model, q[0], rows)
-        say_free(joints, free, asked.near is not None)
-    if asked.in_space:
-        document["free"] = [dict(zip(joints.names, row, strict=True)) for row in free]
+    if asked.in_space or (reachable and model.body is not None and len(model.axes) == 3):
+        free = _free(asked, q[0]) if reachable else []
+        if asked.in_space:
+            document["free"] = [dict(zip(joints.names, row, strict=True)) for row in free]
     document |= query.meaning
     other = asked.readout is not None and asked.readout != model.default_readout
-    missed = "nearest attainable pose" if posed else "nearest attainable point"
+    missed = f"nearest attainable {'pose' if posed else 'point'}"
     missed = f"the answer of readout '{asked.readout}'" if other else missed
     shown = ["distance", *(["turned"] if posed else []), *query.bounds]
     title = "" if reachable or posed else missed
@@ -180,11 +181,9 @@ def _answer(asked: _Question, told: dict[str, Any], every: bool) -> Outcome:
     if query.frame == "base":
         from calib.model.space import Space
 
-        from ..answers import UP_TO_SCALE
-        from ..space import say_size
+        from ..answers import UP_TO_SCALE, say_size
 
-        if UP_TO_SCALE in found:
-            say_size(float(found[UP_TO_SCALE][0]))
+        say_size(float(found[UP_TO_SCALE][0]) if UP_TO_SCALE in found else None)
         if not Space.of(model).sees(asked.x).all():
             note("the camera's picture does not show the target")
     if reachable:
@@ -200,6 +199,38 @@ def _answer(asked: _Question, told: dict[str, Any], every: bool) -> Outcome:
     return Outcome(document, [table], result=(), code=NO)
 
 
+def _free(asked: _Question, q: Any) -> Any:
+    """Directions (k, dof) of the joints that leave the answer q (dof,) where it is; they are told.
+
+    Of a pose or a position in the base frame, else of what the model itself predicts.
+    """
+    import numpy as np
+
+    from calib.inverse.self_motions import free_directions
+    from calib.model.space import Space
+
+    model, names = asked.query.model, asked.query.joints.names
+    if asked.in_space:
+        found = Space.of(model).free(q, 3 if asked.turn is None else 6)[:9]
+    else:
+        scale = model.motor.scale
+        # the slope by joints: u = (q - lower) / span, so dx/dq = (dx/du) / span
+        slope = model.predictor.value_and_slope(scale.to_unit(q[None]))[1][0] / scale.span
+        found = free_directions(slope)
+    told = []
+    for row in found:
+        # each direction is scaled so that one joint moves by 1: it names the direction
+        own = int(np.argmin(np.abs(row - 1.0)))
+        order = [k for k in np.argsort(-np.abs(row)) if abs(row[k]) > _TOGETHER and k != own]
+        others = ", ".join(f"{names[k]} {row[k]:+.2f}" for k in order)
+        told.append(f"{names[own]} with {others}" if others else f"{names[own]} alone")
+    if told:
+        ways = "the middle of the ranges, --near chooses another"
+        nearest = ways if asked.near is None else "--near"
+        note(f"free: {'; '.join(told)}; the answer is the one nearest to {nearest}")
+    return found
+
+
 def _slip(asked: _Question) -> str:
     """Return a hint where a target in m is far off and would be near in mm."""
     import numpy as np
@@ -208,8 +239,9 @@ def _slip(asked: _Question) -> str:
     if positions.unit != "m" or positions.typed != 1.0 or asked.in_space:
         return ""
     scale = asked.query.model.sensory.scale
-    far = np.abs(asked.x - scale.lower - scale.span / 2).max() > 10 * scale.span.max()
-    inside = np.abs(np.array(asked.x) / 1e3 - scale.lower - scale.span / 2) <= scale.span
+    middle = scale.lower + scale.span / 2
+    far = np.abs(asked.x - middle).max() > 10 * scale.span.max()
+    inside = np.abs(np.array(asked.x) / 1e3 - middle) <= scale.span
     return "; in mm it is near: give --unit mm" if far and inside.all() else ""
 
 
@@ -229,15 +261,13 @@ def _batch(
     """
     import numpy as np
 
-    from calib.samples.roles import QUATERNION
-
     from ..answers import over_all_rows
 
     query, joints = asked.query, asked.query.joints
     axes = "xyz" if asked.in_space else query.model.axes
     beside = [f"near_{name}" for name in joints.names]
     # fewer than six joints reach almost no pose that is given: its columns go along unread
-    turns = QUATERNION if len(joints.names) >= 6 and len(axes) == 3 else ()
+    turns = _TURN if len(joints.names) >= 6 and len(axes) == 3 else ()
     batch = query.read(source, axes, called, (beside, turns))
     posed = bool(turns) and "qw" in batch.names
     if every and not posed:
@@ -250,7 +280,7 @@ def _batch(
         near = np.stack([given[name] for name in beside], axis=1) / joints.typed
         asked = replace(asked, near=near)
     if posed:
-        asked = replace(asked, turn=np.stack([given[name] for name in QUATERNION], axis=1))
+        asked = replace(asked, turn=np.stack([given[name] for name in _TURN], axis=1))
     found = asked.answer(every)
     # with every branch a target has several answers
     rows = np.flatnonzero(valid)[found.pop("target", slice(None))]

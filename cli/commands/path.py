@@ -8,7 +8,7 @@ from typing import Annotated, Any
 from .. import options as opt
 from ..options import option
 from ..output import NO, Outcome, fields, note
-from ..parsing import TABLES, check_file, finite_number, reader, reals
+from ..parsing import finite_number, reader, reals
 
 _step = reader(
     "a length greater than zero, or inf",
@@ -37,18 +37,16 @@ def path(
 
     Exit code 3 if the joints have to jump between branches or a point is out of reach.
     """
-    check_file(output, TABLES, stream=True)
     import numpy as np
 
     from ..answers import Query, say_rows
 
-    query = Query(model, degrees, unit=unit)
+    query = Query(model, degrees, "sensor", unit, (), input_, columns, output)
     asked, joints, positions = query.model, query.joints, query.positions
-    first = joints.one_each("--from", start)
     batch = query.read(input_, asked.axes, columns)
     valid = np.flatnonzero(np.isfinite(batch.values).all(axis=1))
     longest = None if step is None else step / positions.typed
-    found = asked.path(batch.values[valid], first, longest)
+    found = asked.path(batch.values[valid], joints.one_each("--from", start), longest)
     out = ~found.reachable
     table: dict[str, Any] = {
         "waypoint": valid[found.waypoint] + 1,

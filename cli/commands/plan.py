@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from typer import Argument, Option
 
 from calib.common.choices import Eye
+from calib.common.wording import unit_of_joint
 
 from .. import options as opt
 from ..measurements import Reading, log_for, refuse
@@ -61,23 +62,20 @@ def plan(
     middle of the picture at --from, or where the model of `calib handeye -o` knows it. Obstacles
     are not checked: move slowly the first time.
     """
+    is_model = _is_model(robot)
+    of_board = {"board": board, "eye": eye}
     if not handeye:
-        refuse(
-            {"board": board, "eye": eye}, "applies to a camera and a board: expected --handeye too"
-        )
-    elif _is_model(robot):
-        refuse({"board": board, "eye": eye}, "is for ROBOT: a model knows its board")
+        refuse(of_board, "applies to a camera and a board: expected --handeye too")
+    elif is_model:
+        refuse(of_board, "is for ROBOT: a model knows its board")
     elif board is None:
-        raise BadOption(
-            "--handeye needs the board: expected --board, such as 7x5:24mm:18mm:5x5_100"
-        )
+        raise BadOption("--handeye needs --board, such as 7x5:24mm:18mm:5x5_100")
     check_file(output, TABLES, stream=True)
     if data is None:
         refuse({"columns": columns}, "applies to a log: expected --data LOG too")
     import calib
     from calib.samples.tables import write_table
 
-    is_model = _is_model(robot)
     known: Arm | Model
     if is_model:
         refuse(
@@ -91,7 +89,7 @@ def plan(
     degrees = selection.degrees
     facts: Any = getattr(known, "about", known)  # what tells the joints and their ranges
     joints_typed = JointFormat(facts, degrees)
-    names, typed = joints_typed.names, joints_typed.typed
+    names, typed, kinds = joints_typed.names, joints_typed.typed, facts.units_of_joints
     turning = dict(zip(names, facts.revolute, strict=True))
     found = calib.plan(
         known,
@@ -110,7 +108,6 @@ def plan(
     table = found.columns()
     table |= {name: found.q[:, k] * typed[k] for k, name in enumerate(names)}
     write_table(output, table)
-    units = {"joints": dict(zip(names, facts.units_of_joints, strict=True))}
     document = {
         "output": output,
         "rows": len(found),
@@ -119,13 +116,11 @@ def plan(
         "travel": dict(zip(names, found.travel.tolist(), strict=True)),
         "poses": found.columns(),
         **fields(found, "start length random_length unit why"),
-        "units": {**units, "positions": found.unit},
+        "units": {"joints": dict(zip(names, kinds, strict=True)), "positions": found.unit},
     }
-    # angles first, then slides, then positions, each unit once
-    units_typed = [u for u in ("rad", "m") if u in facts.units_of_joints]
-    shown = ["deg" if degrees and unit == "rad" else unit for unit in units_typed]
-    shown = list(dict.fromkeys([*shown, found.unit]))
-    line = f"{output}: {len(found)} rows of {', '.join(table)} [{', '.join(shown)}]"
+    shown = [unit_of_joint(kind == "rad", degrees)[1] for kind in ("rad", "m") if kind in kinds]
+    units = ", ".join(dict.fromkeys([*shown, found.unit]))
+    line = f"{output}: {len(found)} rows of {', '.join(table)} [{units}]"
     ways = [joints_typed.change(k, way) for k, way in enumerate(found.travel.tolist())]
     travel = f"joints travel {', '.join(ways)}"
     if found.random_length > 0:

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import glob
-from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 from typer import Argument, Option
 
@@ -18,8 +17,7 @@ from ..output import Outcome, TextTable, fields, note, number, progress_bar, say
 from ..parsing import TABLES, BadOption, check_file, several
 from ..samples import Logged, Selection, check_sources, measured_samples
 
-if TYPE_CHECKING:
-    from calib import Sweep
+_SHOWN = ("forward_mean", "forward_max", "inverse_mean", "inverse_max")
 
 
 def _grid(usage: str, text: str, read: parsing.Reader[Any]) -> Any:
@@ -74,8 +72,10 @@ def sweep(
         raise BadOption(f"--data with {len(robots or ())} robots: expected one ROBOT or none")
     check_file(output, TABLES, stream=True)
     robot = robots[0] if robots else None
+    # a file may be called log[1].csv: what matches nothing is a name
+    logs = [path for text in data or () for path in sorted(glob.glob(text)) or [text]]  # noqa: PTH207
     sources: dict[str, Any] = {  # logs are read here: a worker cannot say what was assumed of one
-        path: measured_samples(robot, selection, path, logged) for path in _logs(data or [])
+        path: measured_samples(robot, selection, path, logged) for path in logs
     } or {name: selection.load(name) for name in robots or ()}
     with progress_bar(logged.unit or "m") as progress:
         found = run(sources, tried, seeds=seeds, jobs=jobs, progress=progress)
@@ -83,49 +83,24 @@ def sweep(
         say(row.notes)
     for row in found.failed:
         note(f"error: {row.source}, {dict(row.options)}, seed {row.seed}: {row.error}")
+    columns, failed = found.columns(), len(found.failed)
     if output is not None:
-        write_table(output, found.columns())
-    failed = len(found.failed)
-    names = "source options seed unit errors seconds error"
+        write_table(output, columns)
+    header = ["source", *tried, "seed", "forward", "max", "inverse", "max", "unit", "seconds"]
+    cells = []
+    for k, row in enumerate(found.rows):
+        factor, unit = for_people(row.unit or "m")
+        errors = [columns[f"{readout}_{kind}"][k] * factor for kind in _SHOWN]
+        options = [str(columns[name][k]) for name in ("source", *tried, "seed")]
+        cells.append([*options, *(number(e) for e in errors), unit, number(row.seconds)])
+    title = f"{readout} readout: mean and largest error of the tip"
+    told = f"{f'{output}: ' if output else ''}{len(found.rows)} trainings, {failed} failed"
+    lines: list[str | TextTable] = [TextTable(header, cells, title, left=2 + len(tried)), told]
     document = {
         "output": output,
         "trainings": len(found.rows),
         "failed": failed,
         "units": {"errors": "unit of the row", "seconds": "s"},
-        "rows": [fields(row, names) for row in found.rows],
+        "rows": [fields(r, "source options seed unit errors seconds error") for r in found.rows],
     }
-    told = f"{f'{output}: ' if output else ''}{len(found.rows)} trainings, {failed} failed"
-    lines: list[str | TextTable] = [_table(found, readout), told]
     return Outcome(document, lines, to_stderr=output == "-", code=1 if failed else 0)
-
-
-def _logs(typed: list[str]) -> dict[str, None]:
-    """The logs that are meant, each once; a name with wildcards stands for several."""
-    found: dict[str, None] = {}
-    for text in typed:
-        # a file may be called log[1].csv: what is there is no pattern
-        several = glob.has_magic(text) and not Path(text).exists()
-        matches = sorted(glob.glob(text, recursive=True)) if several else [text]  # noqa: PTH207
-        if not matches or text == "-":
-            raise BadOption(f"--data {text!r}: expected files, but none matches")
-        found.update(dict.fromkeys(matches))
-    return found
-
-
-def _table(found: Sweep, readout: str) -> TextTable:
-    """A row for each training, errors of the tip in the unit of its positions."""
-    columns = found.columns()
-    names = list(found.rows[0].options)
-    rows = []
-    for k, row in enumerate(found.rows):
-        factor, unit = for_people(row.unit or "m")
-        errors = [
-            number(factor * row.distance(readout, way, key))
-            for way in ("forward", "inverse")
-            for key in ("mean", "max")
-        ]
-        options = [str(columns[name][k]) for name in names]
-        rows.append([row.source, *options, str(row.seed), *errors, unit, number(row.seconds)])
-    header = ["source", *names, "seed", "forward", "max", "inverse", "max", "unit", "seconds"]
-    title = f"{readout} readout: mean and largest error of the tip"
-    return TextTable(header, rows, title, left=2 + len(names))

@@ -15,7 +15,7 @@ from ..parsing import check_file
 from ..units import units_of
 
 if TYPE_CHECKING:
-    from calib.use.spatial_geometry import SpatialGeometry
+    from calib.use.chain_geometry import Geometry
 
 
 def urdf(
@@ -71,7 +71,7 @@ def urdf(
     return Outcome(document, [line, _table(geometry)])
 
 
-def _table(geometry: SpatialGeometry) -> TextTable:
+def _table(geometry: Geometry) -> TextTable:
     """Return what differs from the URDF, a line for each number; `geometry` is as its JSON."""
     import numpy as np
 

@@ -1,11 +1,9 @@
 """Ranges of an arm's joints: limits, turns, locked values."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from calib_cli.translation import as_typed
-from chains import ENDLESS, SLIDE, branching, chain_urdf, turning
+from chains import ENDLESS, SLIDE, chain_urdf, turning
 from hypothesis import given
 from hypothesis import strategies as st
 from reference import pinocchio_forward, random_joints
@@ -53,18 +51,6 @@ def test_more_than_one_turn_becomes_one_turn_said_aloud():
     assert other.upper[0] - other.lower[0] == pytest.approx(np.pi)
 
 
-def test_a_range_of_more_than_one_turn_is_said_aloud():
-    text = chain_urdf(turning(lower="-10", upper="10"), turning())
-    arm = arm_from_urdf(text, ranges={"j1": (0, 1)})
-    assert arm.notes == ()
-    wide = arm.with_range({"j1": (-8, 5), "j2": (0, 0.5)})
-    assert wide.notes == (
-        "joint 'j1' can turn more than once: one turn is used, -3.1416 to 3.1416 rad",
-    )
-    np.testing.assert_allclose(wide.upper, [np.pi, 0.5])
-    assert arm.with_range({"j1": (-3, 3)}).notes == ()
-
-
 @given(st.floats(-50, 50), st.floats(2e-3, 50))
 def test_one_turn_lies_within_its_range_as_near_to_zero_as_it_can(lower, excess):
     upper = lower + 2 * np.pi + excess
@@ -75,20 +61,6 @@ def test_one_turn_lies_within_its_range_as_near_to_zero_as_it_can(lower, excess)
     assert (first + last) / 2 == pytest.approx(nearest, abs=1e-9)
     assert cut == (excess > 1e-6)
     assert f"{first:.4f} to {last:.4f} rad" in notes_of_turns({"j1": (first, last)})[0]
-
-
-def test_joints_with_the_same_turn_share_a_line():
-    turn = (-np.pi, np.pi)
-    assert notes_of_turns({"a": turn, "b": turn, "c": (0.0, 1.0)}) == [
-        "joints 'a', 'b' can turn more than once: one turn each is used, -3.1416 to 3.1416 rad",
-        "joint 'c' can turn more than once: one turn is used, 0.0000 to 1.0000 rad",
-    ]
-
-
-def test_one_turn_stays_within_limits_that_do_not_hold_zero_in_their_middle():
-    arm = arm_from_urdf(chain_urdf(turning(lower="-1", upper="1e16"), turning()))
-    assert arm.lower[0] == pytest.approx(-1)
-    assert arm.upper[0] == pytest.approx(2 * np.pi - 1)
 
 
 @pytest.mark.parametrize("upper", ["1e16", "inf", "INF"])
@@ -107,26 +79,6 @@ def test_a_range_mends_limits_that_are_missing():
     with pytest.raises(RobotError, match=r"inverted.*`ranges=\{'j2': \(LOWER, UPPER\)\}` \[rad\]"):
         arm_from_urdf(text)
     assert arm_from_urdf(text, ranges={"j2": (-2, 2)}).upper[1] == 2
-
-
-@pytest.mark.parametrize("value", [-1.0, 0.0, 1.0])
-def test_a_joint_may_be_locked_up_to_its_limits_in_silence(value):
-    text = chain_urdf(turning(), turning(), turning())
-    arm = arm_from_urdf(text, ["j1", "j2"], "tip", lock={"j3": value})
-    assert arm.locked == {"j3": value}
-    assert arm.notes == ()
-
-
-def test_a_locked_joint_off_the_way_to_the_tip_is_said_aloud():
-    text = chain_urdf(turning(), turning(), turning())
-    arm = arm_from_urdf(text, ["j1", "j2"], "l3", lock={"j3": 0.5})
-    assert arm.locked == {"j3": 0.5}
-    idle = arm_from_urdf(text, ["j1", "j2"], "mount", lock={"j3": 0.5})
-    assert idle.notes == ()
-    aside = branching(turning("0 0 1", "0 0.1 0"), "aside")
-    assert arm_from_urdf(aside, ["j1", "j2"], "tip", lock={"aside": 0.1}).notes == (
-        "locked joints that do not move the tip: aside",
-    )
 
 
 def test_all_joints_without_limits_are_asked_for_at_once():
@@ -150,11 +102,3 @@ def test_a_slides_range_is_a_travel_that_can_be_and_a_turns_is_one_turn():
     np.testing.assert_allclose([arm.lower[0], arm.upper[0]], [-np.pi, np.pi])
     with pytest.raises(RobotError, match=r"limits are unusable.*ranges=.*j2"):
         arm_from_urdf(text, ["j1", "j2"])
-
-
-def test_of_three_joints_in_a_plane_the_last_is_the_one_named():
-    text = chain_urdf(turning(), turning(), turning(), tip="0 0 0").replace(
-        'name="j2" type="revolute"', 'name="j2" type="fixed"'
-    )
-    with pytest.raises(RobotError, match=r"joint 'j3' .* lies on its axis"):
-        arm_from_urdf(text)

@@ -1,7 +1,5 @@
 """URDF input that cannot be used: one line each, naming the value and the remedy."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest
@@ -109,20 +107,6 @@ def test_each_bad_urdf_gets_one_line(case):
     assert len(message) < 500
     for word in words:
         assert word in message
-
-
-def test_the_joint_that_leaves_the_plane_is_named_without_being_asked():
-    head, elbow = GOOD.split(ELBOW)
-    with pytest.raises(RobotError, match=r"joint 'elbow' has the axis \(1, 0, 0\)") as caught:
-        arm_from_urdf(head + ELBOW + elbow.replace(AXIS, '<axis xyz="1 0 0"/>', 1), planar=True)
-    assert "\n" not in str(caught.value)
-
-
-def test_a_slide_without_end_asks_for_a_range():
-    text = read_urdf(resolve_robot("polar")).replace('upper="0.25"', 'upper="1e16"')
-    with pytest.raises(RobotError, match=r"'slide'.*unusable.*'slide': .LOWER, UPPER..` \[m\]"):
-        arm_from_urdf(text)
-    assert arm_from_urdf(text, ranges={"slide": (0, 0.2)}).upper[1] == 0.2
 
 
 def test_the_file_is_named_in_the_line(tmp_path):

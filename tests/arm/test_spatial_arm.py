@@ -1,7 +1,5 @@
 """Spatial arms: what is chosen, and kinematics that agree with Pinocchio."""
 
-from __future__ import annotations
-
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -62,16 +60,6 @@ def test_a_planar_arms_pose_is_its_frame_in_space():
         assert np.abs(arm.plane.project(positions) - arm.forward(q)).max() <= 1e-12
 
 
-def test_single_vectors_work_as_batches_do():
-    arm = load_arm("six_axis")
-    q = random_joints(arm, 3)
-    position, quaternion = arm.pose(q[1])
-    np.testing.assert_array_equal(arm.forward(q)[1], position)
-    np.testing.assert_array_equal(arm.pose(q)[1][1], quaternion)
-    np.testing.assert_array_equal(arm.jacobian(q)[1], arm.jacobian(q[1]))
-    np.testing.assert_allclose(arm.points(q)[1, -1], position, atol=1e-15)
-
-
 def test_a_mimic_joint_follows_and_is_no_joint_of_its_own():
     arm = arm_from_urdf(FOLLOWED)
     assert arm.joint_names == ("turn", "lift")
@@ -103,11 +91,6 @@ def test_planar_arms_are_planar_as_they_were():
         assert isinstance(arm, PlanarArm)
         q = random_joints(arm, 5)
         np.testing.assert_array_equal(arm.forward(q), asked.forward(q))
-
-
-def test_planar_refuses_joints_out_of_the_plane():
-    with pytest.raises(RobotError, match="'shoulder_pan' has the axis"):
-        load_arm("six_axis", ["shoulder_pan", "shoulder_lift", "elbow"], planar=True)
 
 
 def test_columns_of_a_log_choose_the_joints():

@@ -1,7 +1,5 @@
 """The direction of approach, and bounds that cover what no encoder reads."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 
@@ -11,7 +9,6 @@ from drifting import arm
 
 import calib
 from calib.body.approach import learn_play
-from calib.errors import QueryError
 from calib.samples.joint_values import directions
 
 PLAY = 0.01
@@ -45,20 +42,6 @@ def test_the_bound_covers_the_true_tip(change):
     error = np.linalg.norm(model.forward(q) - x, axis=1)
     covered = np.mean(error <= model.expected_error(q))
     assert 0.92 < covered < 0.98
-
-
-def test_true_is_what_is_measured_without_the_sensor():
-    changes = ("elbow.backlash=0.02", "shoulder.noise=0.003")
-    noisy = calib.Simulation(arm(), noise=1e-3, changes=changes)
-    q = noisy.draw(50, np.random.default_rng(0))
-    quiet = calib.Simulation(arm(), changes=changes)
-    # the same stream of joint noise
-    assert np.array_equal(
-        quiet.measure(q, np.random.default_rng(1)), noisy.true(q, np.random.default_rng(1))
-    )
-    plain = calib.Simulation(arm(), noise=1e-3, changes=("elbow.offset=0.01",))
-    assert not plain.hidden
-    assert np.array_equal(plain.true(q, np.random.default_rng(1)), plain.exact(q))
 
 
 def test_the_direction_pays_where_there_is_backlash():
@@ -116,11 +99,3 @@ def test_a_file_keeps_it(tmp_path):
         assert loaded.expected_error(q, approach=side) == pytest.approx(
             model.expected_error(q, approach=side)
         )
-
-
-def test_as_many_directions_as_joints():
-    model = trained("elbow.backlash=0.01")
-    with pytest.raises(QueryError, match="approach has 3 rows for 2"):
-        model.forward(np.ones((2, 2)), approach=np.ones((3, 2)))
-    with pytest.raises(QueryError, match="approach"):
-        model.forward([0.5, 1.0], approach=[1.0])

@@ -1,15 +1,12 @@
 """The fit of a body: exact recovery, signs, mirrors, gate, determinism, odd input."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
-from calib.body.fitting import fit_body
+from calib.body import fitting
 from calib.body.nominal import Nominal
+from calib.body.planar import planar_structure
 from calib.body.telling import warnings_of
-from calib.errors import OptionError
-from calib.model_file.contents import FORMAT
 
 LENGTHS = np.array([0.3, 0.25, 0.15])
 
@@ -29,8 +26,8 @@ def rows(n, dof, seed=0, reach=1.5):
 
 
 def fit(q, z, **options):
-    n = q.shape[1]
-    return fit_body(q, z, joint_names=[f"j{i}" for i in range(n)], revolute=[True] * n, **options)
+    names = [f"j{i}" for i in range(q.shape[1])]
+    return fitting.fit(planar_structure(z, names, [True] * len(names), **options), q, z)
 
 
 @pytest.mark.parametrize("dof", [1, 2, 3])
@@ -54,7 +51,8 @@ def test_a_slide_is_found_to_rounding():
         p = np.exp(1j * q[:, 0]) * (0.2 + q[:, 1] * np.exp(0.3j))
         return seen(p + 0.15 * np.exp(1j * (q[:, 0] + q[:, 2])))
 
-    fitted = fit_body(q, arm(q), joint_names="abc", revolute=(True, False, True), simulated=True)
+    structure = planar_structure(arm(q), "abc", (True, False, True), simulated=True)
+    fitted = fitting.fit(structure, q, arm(q))
     ask = rows(50, 3, seed=4)
     assert np.abs(fitted.body.predict(ask) - arm(ask)).max() < 1e-12
 
@@ -138,26 +136,6 @@ def test_an_outlier_weighs_little():
     assert np.abs(fitted.body.predict(ask) - seen(chain(ask, LENGTHS[:2]))).max() < 3e-4
 
 
-def test_the_same_rows_give_the_same_body():
-    q = rows(80, 2, seed=19)
-    z = curved(q)
-    one, other = fit(q, z).body, fit(q, z).body
-    assert np.array_equal(one.beta, other.beta)
-    assert np.array_equal(one.covariance, other.covariance)
-    assert FORMAT.write(one, type(one))[0] == FORMAT.write(other, type(one))[0]
-
-
-@pytest.mark.parametrize("unit", ["m", "mm"])
-def test_units_of_length_scale_the_nominal_geometry(unit):
-    factor = {"m": 1.0, "mm": 1e3}[unit]
-    q = rows(60, 2, seed=20)
-    z = seen(chain(q, LENGTHS[:2])) + np.random.default_rng(21).normal(0, 1e-4, (60, 2))
-    body = fit(q, factor * z, unit=unit, nominal=Nominal((0.3, 0.25), (0.0, 0.0))).body
-    lengths = body.beta[body.structure.groups["length"]]
-    assert np.allclose(lengths / factor, LENGTHS[:2], atol=5e-4)
-    assert body.noise[0] / factor < 3e-4
-
-
 @pytest.mark.parametrize("lengths", [(0.6, 0.05), (300.0, 250.0), (3e-4, 2.5e-4)])
 def test_a_wrong_geometry_does_no_harm(lengths):
     q = rows(100, 2, seed=22)
@@ -198,13 +176,6 @@ def test_odd_input_gives_a_finite_body_whose_bound_covers_its_rows(name, simulat
     assert np.mean(error <= bound + 1e-9) >= 0.9
 
 
-@pytest.mark.parametrize(("view", "match"), [("fisheye", "fisheye"), ("base", "nominal")])
-def test_an_impossible_view_is_refused_in_one_line(view, match):
-    q = np.zeros((5, 2))
-    with pytest.raises(OptionError, match=match):
-        fit_body(q, q, joint_names="ab", revolute=(True, True), view=view)
-
-
 @pytest.mark.parametrize(
     ("columns", "match"),
     [
@@ -219,10 +190,6 @@ def test_what_rows_cannot_tell_is_said(columns, match):
     q = columns(rows(300, 2, seed=25, reach=0.3))
     notes = warnings_of(q, ("a", "b"), (True, True))
     assert any(match in note for note in notes)
-
-
-def test_rows_over_an_area_need_no_warning():
-    assert warnings_of(rows(300, 2, seed=26), ("a", "b"), (True, True)) == ()
 
 
 def lens_about(z, k=0.8, centre=(0.2, 0.25)):

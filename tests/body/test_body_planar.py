@@ -1,18 +1,13 @@
 """The planar structure: closed forms, derivatives by finite differences, invariants."""
 
-from __future__ import annotations
-
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from calib.body.curves import curve_rms, curve_shape, curve_slope, curve_value, powers
+from calib.body.curves import curve_slope, curve_value, powers
 from calib.body.nominal import Nominal, nominal_of
 from calib.body.planar import PlanarStructure
-from calib.errors import OptionError
 
 
 def structure(
@@ -55,20 +50,6 @@ def test_two_link_closed_form():
     assert np.allclose(s.predict(q, beta), expected, atol=1e-15)
 
 
-def test_slide_closed_form():
-    s = structure(revolute=(True, False, True))
-    beta = s.prior(("length",)).mean.copy()
-    beta[s.groups["length"]] = 0.2, 0.05, 0.1
-    beta[s.groups["offset"]] = 0.0, 0.4, -0.3
-    q = np.array([[0.6, 0.17, 1.1]])
-    p = (
-        0.2 * np.exp(0.6j)
-        + (0.05 + 0.17) * np.exp(1j * (0.6 + 0.4))
-        + 0.1 * np.exp(1j * (0.6 + 1.1 - 0.3))
-    )
-    assert np.allclose(s.predict(q, beta), [[p.real, p.imag]], atol=1e-15)
-
-
 CASES = [
     ((True, True), "rigid", (1, 1), 1),
     ((True, True, True), "homography", (1, -1, 1), -1),
@@ -98,20 +79,6 @@ def test_derivatives_by_finite_differences(revolute, view, signs, mirror):
         assert np.allclose(by_joint[:, :, k], slope, atol=1e-7)
 
 
-def test_turning_every_joint_the_other_way_is_a_mirror():
-    one, other = structure(), structure(signs=(-1, -1), mirror=-1)
-    beta = some_beta(one)
-    flipped = beta.copy()
-    for group in ("offset", "elastic", "curve.0", "curve.1"):
-        flipped[one.groups[group]] *= -1
-    # sin of the nominal angles changes sign with them
-    flipped[one.groups["elastic"][1::2]] *= -1
-    for each in (beta, flipped):
-        each[2:4] = each[6:11] = 0.0  # a rigid view
-    q = np.random.default_rng(4).uniform(-1, 1, (6, 2))
-    assert np.allclose(one.predict(q, beta), other.predict(q, flipped), atol=1e-14)
-
-
 def test_a_rotated_sensor_is_an_offset_of_the_first_joint():
     s = structure()
     beta = some_beta(s)
@@ -139,12 +106,6 @@ def test_curves_repeat_every_turn_and_agree_with_their_series(x, seed):
     assert np.allclose(curve_slope(np.array([x]), c), slope, atol=1e-7)
 
 
-def test_curve_rms_is_that_over_a_turn():
-    c = np.random.default_rng(7).normal(0, 1e-3, 96) * np.sqrt(curve_shape())
-    x = np.linspace(0, 2 * np.pi, 2000, endpoint=False)
-    assert curve_rms(c) == pytest.approx(np.sqrt(np.mean(curve_value(x, c) ** 2)), rel=1e-9)
-
-
 def as_forward(nominal: Nominal, revolute):
     s = structure(revolute, "base", nominal.signs, nominal.mirror, nominal)
     beta = s.prior(()).mean
@@ -168,17 +129,3 @@ def test_nominal_geometry_is_found_from_a_forward_function(revolute, nominal):
     again = as_forward(found, revolute)(q)
     assert np.allclose(again, as_forward(nominal, revolute)(q), atol=1e-9)
     assert np.allclose(found.lengths, nominal.lengths, atol=1e-9)
-
-
-def test_a_function_that_is_no_planar_chain_has_no_nominal_geometry():
-    with pytest.raises(OptionError, match="no planar chain"):
-        nominal_of(lambda q: q**2, -np.ones(2), np.ones(2), (True, True))
-
-
-def test_the_neutral_lens_and_tilt_change_nothing():
-    s = structure(view="homography")
-    beta = some_beta(s)
-    beta[6:11] = 0.0
-    flat = replace(s, view="affine")
-    q = np.random.default_rng(8).uniform(-1, 1, (6, 2))
-    assert np.array_equal(s.predict(q, beta), flat.predict(q, beta))

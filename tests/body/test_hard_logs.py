@@ -1,7 +1,5 @@
 """Logs that were answered wrongly without a word: repeatable errors, tools of one orientation."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

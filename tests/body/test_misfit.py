@@ -17,11 +17,6 @@ def test_noise_is_no_misfit():
     assert all(misfit(SCALE, *rows(seed=s), 1.0, rows(seed=s)[0]) is None for s in range(5))
 
 
-def test_residuals_at_rounding_are_no_misfit():
-    u, noise = rows()
-    assert misfit(SCALE, u, 1e-9 * noise, 1.0, u) is None
-
-
 def test_a_defect_stands_out_of_noise_where_it_is_and_only_there():
     u, held = rows()
     inside = np.linalg.norm(u - 0.5, axis=1) < 0.1
@@ -32,23 +27,9 @@ def test_a_defect_stands_out_of_noise_where_it_is_and_only_there():
     np.testing.assert_allclose(np.median(found[inside]), 2 * 9e-6, rtol=0.3)
 
 
-def test_it_is_told_at_other_points_than_the_rows():
-    u, held = rows()
-    held[u[:, 0] < 0.2] *= 6
-    at = np.array([[0.1, 0.5], [0.8, 0.5]])
-    found = misfit(SCALE, u, held, 1.0, at)
-    assert found[0] > 0
-    assert found[1] == 0
-
-
 def test_rows_that_repeat_and_outliers_are_no_misfit():
     u, noise = rows(600)
     assert misfit(SCALE, np.repeat(u, 10, axis=0), np.repeat(noise, 10, axis=0), 1.0, u) is None
     u, held = rows()
     held[::50] *= 100
-    assert misfit(SCALE, u, held, 1.0, u) is None
-
-
-def test_too_few_rows_tell_nothing():
-    u, held = rows(12)
     assert misfit(SCALE, u, held, 1.0, u) is None

@@ -1,13 +1,12 @@
 """Most telling poses: the greedy gain of information, against what direct algebra says."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
-from calib.body.fitting import fit_body
+from calib.body import fitting
 from calib.body.likeness import lengths_of, matern
 from calib.body.most_telling import most_telling
+from calib.body.planar import planar_structure
 
 NONE = np.zeros((0, 2))
 
@@ -20,7 +19,7 @@ def body():
     angle = np.cumsum(q, axis=1)
     x = np.stack([np.cos(angle) @ [0.3, 0.25], np.sin(angle) @ [0.3, 0.25]], axis=1)
     x += 2e-4 * rng.standard_normal(x.shape)
-    return fit_body(q, x, joint_names=("a", "b"), revolute=(True, True)).body
+    return fitting.fit(planar_structure(x, ("a", "b"), (True, True)), q, x).body
 
 
 def information(body, q):
@@ -42,22 +41,3 @@ def test_each_pose_is_the_most_informative_beside_those_before(body):
         gain = [information(body, CHOICE[[*chosen[:k], other]]) for other in range(60)]
         taken = chosen[:k]
         assert np.argmax(np.where(np.isin(np.arange(60), taken), -np.inf, gain)) == chosen[k]
-
-
-def test_poses_lie_where_nothing_was_measured(body):
-    chosen = CHOICE[most_telling(body, CHOICE, 5, NONE)]
-    outside = (chosen[:, 0] > 0.6) | (chosen[:, 1] > 1.2)
-    assert outside.all()
-    random = np.random.default_rng(2)
-    others = [information(body, CHOICE[random.permutation(60)[:5]]) for _ in range(20)]
-    assert information(body, chosen) > max(others)
-
-
-def test_measured_poses_are_not_measured_again(body):
-    residual = np.full(2, 20.0) * body.noise  # what the body leaves over is all there is
-    from dataclasses import replace
-
-    sure = replace(body, root=1e-6 * body.root, tau=residual)
-    first = most_telling(sure, CHOICE, 10, NONE)
-    again = most_telling(sure, CHOICE, 10, CHOICE[first])
-    assert not set(first.tolist()) & set(again.tolist())

@@ -1,14 +1,11 @@
 """One maximisation: a step that fails is damped where rows leave a direction open."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from calib.body.derivative import Derivative
+from calib.body.fit import Fit
 from calib.body.measurement import Measurement
-from calib.body.normal import Factor, with_prior
 from calib.body.parameters import Prior
-from calib.body.search import Search
 from calib.body.structure import Structure
 
 
@@ -33,25 +30,9 @@ def test_a_step_that_an_open_direction_spoils_is_damped():
     q = rng.uniform(-1, 1, (40, 1))
     z = 0.3 * q * (1.0, -1.0) + rng.normal(0, 1e-4, (40, 2))
     prior, sizes = Prior(np.zeros(2), np.full(2, 1e3), ()), np.full(2, 1e-4)
-    search = Search(Bent(), q, z, np.zeros(2), prior, 6.0, sizes, 10 * sizes)
+    search = Fit(Bent(), q, z, np.zeros(2), prior, 6.0, sizes, 10 * sizes)
     search.linearise(fresh=True)
     share = search.move(np.array([0.15 + 1e5, 0.15 - 1e5]))  # right, but for its open part
     assert 0 < share < 0.4
     assert abs(search.beta.sum() - 0.3) < 1e-3
     assert abs(search.beta[0] - search.beta[1]) < 1.0
-
-
-def test_derivatives_of_another_place_are_stale_where_a_direction_is_open():
-    q = np.linspace(-1, 1, 40)[:, None]
-    prior, sizes = Prior(np.zeros(2), np.full(2, 1e3), ()), np.full(2, 1e-4)
-    search = Search(Bent(), q, 0.0 * q * (1, 1), np.zeros(2), prior, 6.0, sizes, sizes)
-
-    def stale():
-        return search.stale(Factor(with_prior(search.data()[0], search.sd, None)))
-
-    search.linearise(fresh=True)
-    assert not stale()
-    search.beta = np.array([1e-2, -1e-2])
-    assert stale()
-    search.linearise(fresh=True)
-    assert not stale()

@@ -1,7 +1,5 @@
 """What a spatial body promises: new mountings, few rows, never worse than the drawing."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -9,8 +7,8 @@ import pytest
 from models import in_space
 
 from calib.arm.loading import load_arm
+from calib.body import fitting
 from calib.body.belief import Body
-from calib.body.fitting import fit_structure
 from calib.body.sensor import SensorPose, without_gauge
 from calib.body.spatial import structure_of
 from calib.body.spatial_start import frame
@@ -42,7 +40,7 @@ def seen(arm, structure, beta, n, seed):
 
 def fitted(structure, q, z) -> Body:
     extent = float(np.sqrt(((z - z.mean(axis=0)) ** 2).sum(axis=1).mean()))
-    return fit_structure(replace(structure, extent=extent), q, z).body
+    return fitting.fit(replace(structure, extent=extent), q, z).body
 
 
 def apart(body, q, z):

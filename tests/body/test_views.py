@@ -1,12 +1,10 @@
 """Kinds of sensors: their lenses bend by their own law, and slopes are differences."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
 from calib import load_arm
-from calib.body.fitting import planar_structure
+from calib.body.planar import planar_structure
 from calib.body.spatial import structure_of
 from calib.errors import OptionError
 from calib.inverse.pixel import undistorted

@@ -1,7 +1,5 @@
 """What adaptation reports and stores, on small maps that imagine few samples."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 from functools import partial
@@ -148,15 +146,6 @@ def test_an_offset_of_the_first_joint_is_a_turned_sensor_unless_it_is_known():
     assert known.model.history[0]["frame"] is None
     for other in (found, known):
         assert moved(other, slipped)[1] < 1e-4
-
-
-def test_what_is_no_frame_is_not_called_one():
-    for change, cause in (
-        ("elbow.length=+20%", "length:elbow"),
-        ("elbow.offset=0.05", "offset:elbow"),
-    ):
-        found = calib.adapt(model(), log(change))
-        assert [c.cause for c in found.changed] == [cause]
 
 
 @pytest.mark.parametrize(

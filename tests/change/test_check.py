@@ -1,7 +1,5 @@
 """Check: what undisturbed and changed arms look like to a model."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from functools import cache
@@ -18,7 +16,7 @@ def names(drift):
     return {cause.cause for cause in drift.causes}
 
 
-@pytest.mark.parametrize("seed", range(10))
+@pytest.mark.parametrize("seed", range(4))
 @pytest.mark.parametrize("trained_noise", [0.0, 1e-3])
 def test_nothing_changed(seed, trained_noise):
     drift = calib.check(model(trained_noise), log(seed=seed + 50))
@@ -137,23 +135,10 @@ def test_rows_beyond_their_bound_that_no_test_explains_are_drift():
     assert any("a noisier sensor" in text for text in noisy.notes)
 
 
-def test_a_check_is_read_at_a_glance():
-    found = calib.check(model(1e-3), log("elbow.length=-5%"))
-    assert repr(found).startswith("Drift: drifted, score ")
-    assert len(repr(found)) < 300
-    for group in found.groups:
-        assert np.abs(group.estimate).max(initial=0.0) < 1e3
-
-
 def test_a_shorter_arm_leaves_part_of_the_workspace():
     drift = calib.check(model(1e-3), log("elbow.length=-40%"))
     assert drift.distortion["reverse"].score > 1
     assert "length:elbow" in names(drift)
-
-
-def test_a_longer_arm_leaves_the_sensory_map():
-    drift = calib.check(model(1e-3), log("elbow.length=+20%"))
-    assert drift.distortion["sensory"].score > 1
 
 
 def test_outliers_are_no_drift():
@@ -240,38 +225,15 @@ def test_another_robot():
         calib.check(model(), foreign)
 
 
-def test_joints_in_another_order_are_sorted():
-    samples = log()
-    turned = replace(
-        samples,
-        joint_names=("elbow", "shoulder"),
-        q=samples.q[:, ::-1],
-        lower=samples.lower[::-1],
-        upper=samples.upper[::-1],
-    )
-    assert calib.check(model(), turned).score == calib.check(model(), samples).score
-
-
 def test_three_rows():
     with pytest.raises(LogError, match="3 different rows, expected at least 10"):
         calib.check(model(), log(n=3))
-
-
-def test_identical_rows():
-    with pytest.raises(LogError, match="1 different rows"):
-        calib.check(model(), log().take(np.zeros(50, dtype=int)))
 
 
 def test_swapped_joint_columns():
     samples = calib.babble(arm().with_range({"elbow": (0.3, 1.5)}), 300, seed=0, noise=1e-3)
     wrong = replace(samples, q=samples.q[:, ::-1], simulation=None)
     with pytest.raises(LogError, match=r"exchanged.*columns=.*shoulder.*elbow"):
-        calib.check(model(), wrong)
-
-
-def test_degrees():
-    wrong = replace(log(), q=np.rad2deg(log().q), simulation=None)
-    with pytest.raises(LogError, match="degrees"):
         calib.check(model(), wrong)
 
 

@@ -1,7 +1,5 @@
 """A simulated arm and the first rows of the real one: what a drawing may say where none was."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

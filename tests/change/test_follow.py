@@ -1,7 +1,5 @@
 """Maps that follow a stream: the online rule, its schedules, and what it stores."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import partial
 
@@ -12,7 +10,6 @@ from models import trained
 
 import calib
 from calib.change import adapt as adapting
-from calib.change import follow as online
 from calib.change.follow import BLOCK, OnlineAdapter, follow
 from calib.maps.model_selection import blocks
 
@@ -119,24 +116,3 @@ def test_a_short_stream_is_learned_and_its_nodes_are_those_that_were_visited():
     np.testing.assert_allclose(twice.model().forward(q), fresh.forward(q), atol=1e-4)
     assert fresh.visited[fresh.motor.winners(samples.q)].all()
     assert fresh.links.shape == model().links.shape
-
-
-def test_what_a_short_stream_teaches_depends_on_the_models_seed_alone():
-    samples = log("elbow.length=+20%", n=60)
-    links = []
-    for seed in (3, 3, 4):
-        start = replace(model(), about=replace(model().about, seed=seed))
-        adapter = OnlineAdapter(start, 200, force=True)
-        adapter.feed(samples.q, samples.x)
-        links.append(adapter.model().links.toarray())
-    np.testing.assert_array_equal(links[0], links[1])
-    assert (links[0] != links[2]).any()
-
-
-def test_only_the_latest_samples_are_kept(monkeypatch):
-    monkeypatch.setattr(online, "_KEPT", 250)
-    samples = log("elbow.length=+20%", n=700)
-    adapter = OnlineAdapter(model(), 400, force=True)
-    adapter.feed(samples.q, samples.x)
-    np.testing.assert_allclose(np.concatenate(adapter._q), samples.q[400:], atol=1e-12)
-    np.testing.assert_allclose(np.concatenate(adapter._x), samples.x[400:], atol=1e-12)

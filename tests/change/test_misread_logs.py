@@ -1,7 +1,5 @@
 """A log that was misread is told in check and adapt as it is in train."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

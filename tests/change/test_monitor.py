@@ -1,8 +1,5 @@
 """The monitor: a stream of samples, one at a time."""
 
-from __future__ import annotations
-
-import sys
 from dataclasses import replace
 
 import numpy as np
@@ -34,11 +31,9 @@ def test_a_calm_stream_raises_no_alarm(trained_noise, noise):
 @pytest.mark.parametrize(
     "change",
     [
-        "elbow.length=+5%",
         "shoulder.length=-5%",
         "elbow.offset=0.0174533",
         "sensor.rotate=0.0174533",
-        "sensor.mirror=x",
         "elbow.lock=1.0",
     ],
 )
@@ -90,21 +85,6 @@ def test_samples_that_say_nothing_change_nothing():
     before = last(monitor, log(n=100))
     assert monitor.update([np.nan, 1.0], [0.1, 0.1]) == before
     assert monitor.update([9.0, 1.0], [0.1, 0.1]) == before
-
-
-def test_memory_is_constant():
-    monitor = calib.monitor(model(1e-3))
-
-    def size():
-        return sum(
-            v.nbytes if isinstance(v, np.ndarray) else sys.getsizeof(v)
-            for v in vars(monitor).values()
-        )
-
-    last(monitor, log(n=50))
-    before = size()
-    last(monitor, log(n=2000, seed=5))
-    assert size() <= before + 64
 
 
 def test_in_space_every_axis_counts_as_noise():

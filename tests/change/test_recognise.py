@@ -1,7 +1,5 @@
 """Recognising: which of some models the arm is in, through the functions and the command line."""
 
-from __future__ import annotations
-
 from functools import cache
 
 import pytest

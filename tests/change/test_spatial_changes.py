@@ -1,7 +1,5 @@
 """An arm in space: `check` and `adapt` name what changed, in numbers and words."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -9,7 +7,6 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import calib
-from calib.model.alignment import Alignment
 from calib.model.space import Space
 from calib.samples.samples import Samples
 from calib.use.geometry import fit_geometry
@@ -161,13 +158,3 @@ def test_a_tracker_before_a_simulated_arm_moves_neither_its_commands_nor_its_dra
     assert np.nanmedian(np.linalg.norm(reached - arm.forward(q), axis=1)) < 1e-3  # 11.8 mm before
     offsets = fit_geometry(moved).to_json()["offsets"].values()
     assert max(abs(told["value"]) for told in offsets) < np.radians(0.05)
-
-
-def test_a_frame_in_space_knows_its_angle_its_scale_and_its_way_back():
-    turn = Rotation.from_rotvec([0.1, -0.2, 0.05])
-    frame = Alignment(1.2 * turn.as_matrix(), np.array([1.0, 2.0, 3.0]))
-    x = np.arange(6.0).reshape(2, 3)
-    assert frame.angle == pytest.approx(turn.magnitude(), rel=1e-9)
-    assert frame.scale == pytest.approx(1.2, rel=1e-9)
-    again = Alignment.from_json(frame.to_json())
-    assert np.allclose(again.inverse().apply(frame.apply(x)), x, atol=1e-12)

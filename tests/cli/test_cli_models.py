@@ -1,7 +1,5 @@
 """`calib train`, `evaluate`, `info`, `babble` and `robots`: what they write and print."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -133,22 +131,6 @@ def test_train_from_a_log_with_and_without_a_robot(run, log):
     assert (done.document["model"], done.document["robot"]) == ("measured.calib", None)
     assert (done.document["tip"], done.document["plane"]) == (None, None)
     check_errors(done.document["errors"], ["shoulder", "elbow"])
-
-
-def test_locked_joints_stand_where_the_log_says(run):
-    arm = calib.load_arm("three_link", ["shoulder", "elbow"], "tip", lock={"wrist": 0.4})
-    samples = calib.babble(arm, 200)
-    rows = [
-        f"{a},{b},0.4,{x},{y}"
-        for (a, b), (x, y) in zip(samples.q.tolist(), samples.x.tolist(), strict=True)
-    ]
-    with open("log.csv", "w") as file:  # noqa: PTH123
-        file.write("\n".join(["shoulder,elbow,wrist,x,y", *rows]) + "\n")
-    arguments = ("train", "three_link", "--joints", "shoulder,elbow", "--tip", "tip", "--size", "8")
-    assert run(*arguments, "--data", "log.csv").code == 0
-    assert calib.load("three_link.calib").about.locked == {"wrist": pytest.approx(0.4)}
-    assert run(*arguments, "--data", "log.csv", "--lock", "wrist=0.1").code == 0
-    assert calib.load("three_link.calib").about.locked == {"wrist": pytest.approx(0.1)}
 
 
 def test_evaluate_is_five_lines_and_every_error_with_its_unit_where_asked(run, model):

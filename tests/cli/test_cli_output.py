@@ -1,7 +1,5 @@
 """Output: the verdict first, the result alone or all it rests on, units that are asked for."""
 
-from __future__ import annotations
-
 import csv
 import io
 

@@ -1,7 +1,5 @@
 """What may be typed, and what becomes of it."""
 
-from __future__ import annotations
-
 import math
 
 import pytest

@@ -1,7 +1,5 @@
 """Poses in a tracker's frame on the command line, against Pinocchio."""
 
-from __future__ import annotations
-
 import numpy as np
 import pinocchio as pin
 import pytest

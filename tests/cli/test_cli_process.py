@@ -1,7 +1,5 @@
 """The command as a process: help, imports, streams and signals."""
 
-from __future__ import annotations
-
 import json
 import os
 import signal

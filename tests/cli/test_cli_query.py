@@ -1,7 +1,5 @@
 """`calib query`: answers, batches, units and exit codes."""
 
-from __future__ import annotations
-
 import csv
 import io
 import math
@@ -102,17 +100,6 @@ def test_degrees_and_radians_are_the_same_query(run, model):
     assert rad[2:4] == pytest.approx([100.0, 400.0], abs=0.1)  # mm for people
 
 
-def test_degrees_leave_sliding_joints_alone(run, models):
-    polar = models / "polar.calib"
-    done = run("query", "inverse", polar, "0.3", "0.1", "--degrees")
-    assert "shoulder [deg]" in done.out
-    assert "slide [mm]" in done.out
-    slide = run("query", "inverse", polar, "0.3", "0.1", "--json").document["solutions"][0]
-    assert numbers_in(done.out)[1] == pytest.approx(1e3 * slide["joints"]["slide"], abs=1e-3)
-    near = run("query", "inverse", polar, "0.3", "0.1", "--degrees", "--near", "20,0.1")
-    assert near.code == 0
-
-
 def test_all_branches_come_nearest_first(run, models):
     full = models / "two_link_full.calib"
     arguments = ("query", "inverse", full, "0.3", "0.3", "--all", "--json")
@@ -121,15 +108,6 @@ def test_all_branches_come_nearest_first(run, models):
         elbows = [answer["joints"]["elbow"] for answer in answers]
         assert len(elbows) >= 2
         assert sign * elbows[0] > 0 > sign * elbows[-1]
-
-
-@pytest.mark.parametrize("readout", ["activity", "winner"])
-def test_other_readouts_answer_too(run, model, readout):
-    done = run("query", "inverse", model, "0.1", "0.4", "--readout", readout, "--json")
-    assert done.code in (0, 3)
-    (solution,) = done.document["solutions"]
-    assert set(solution["joints"]) == {"shoulder", "elbow"}
-    assert "out of reach" not in done.err  # the arm reaches it
 
 
 def test_batch_forward_and_back_returns_the_positions(run, model, tmp_path):

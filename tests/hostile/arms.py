@@ -1,7 +1,5 @@
 """Random planar arms in space, as URDFs, with what is known about them by construction."""
 
-from __future__ import annotations
-
 import math
 import xml.etree.ElementTree as ET
 from dataclasses import dataclass, field

@@ -1,7 +1,5 @@
 """Damage to bytes and texts, as disks, editors, networks and enemies do it."""
 
-from __future__ import annotations
-
 import gzip
 import re
 from random import Random

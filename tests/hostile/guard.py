@@ -1,7 +1,5 @@
 """Guard: what an input may open and say, and the seeds that inputs are made from."""
 
-from __future__ import annotations
-
 import os
 import sys
 import tempfile

@@ -1,7 +1,5 @@
 """Command lines: good and bad values of every command and option that the program has."""
 
-from __future__ import annotations
-
 import json
 import re
 import unicodedata

@@ -1,7 +1,5 @@
 """Logs: damaged and odd tables, whose accepted rows have to be what a plain reader finds."""
 
-from __future__ import annotations
-
 import csv
 import io
 import math
@@ -9,7 +7,6 @@ from random import Random
 
 import numpy as np
 import polars as pl
-import pytest
 
 import calib
 from hostile.damage import NAMES, NUMBERS, damaged
@@ -226,34 +223,3 @@ def test_logs_in_other_units_than_is_said_are_refused_noted_or_right(tmp_path):
         return "read"
 
     assert len(each_seed(60, judge)) == 2
-
-
-CONTAINERS = {
-    "dict": lambda table: table,
-    "other order": lambda table: dict(reversed(table.items())),
-    "polars": pl.DataFrame,
-    "extra": lambda table: {"time": np.arange(3), **table},
-    "list": lambda table: np.stack(list(table.values()), axis=1).tolist(),
-    "record": lambda table: np.array(
-        list(zip(*table.values(), strict=True)), dtype=[(name, float) for name in table]
-    ),
-    "missing": lambda table: {"elbow": table["elbow"]},
-    "date": lambda table: np.zeros((3, 2), dtype="datetime64[s]"),
-    "masked": lambda table: np.ma.masked_array(np.ones((3, 2)), mask=np.eye(3, 2)),
-}
-
-
-@pytest.mark.parametrize("kind", CONTAINERS)
-def test_joint_values_are_taken_by_name_or_refused(kind):
-    model = calib.train(calib.babble(ARM, 300, seed=0), size=4)
-    q = np.random.default_rng(0).uniform(ARM.lower, ARM.upper, (3, 2))
-    ends = 0.30 * np.exp(1j * q[:, 0]) + 0.25 * np.exp(1j * q.sum(axis=1))
-    given = CONTAINERS[kind](dict(zip(ARM.joint_names, q.T, strict=True)))
-    for answer in (ARM.forward, model.forward):
-        if kind in ("missing", "date", "masked"):
-            with pytest.raises(calib.CalibError) as caught:
-                answer(given)
-            one_line(str(caught.value))
-        else:
-            x = answer(given)
-            assert np.abs(x[:, 0] + 1j * x[:, 1] - ends).max() < 1e-3

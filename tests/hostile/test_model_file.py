@@ -1,7 +1,5 @@
 """Model files: damaged ones are refused or are the very same model, forged ones end in peace."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import struct

@@ -1,7 +1,5 @@
 """Standard streams that are closed, full, broken, narrow or in few letters."""
 
-from __future__ import annotations
-
 import csv
 import io
 import os

@@ -1,7 +1,5 @@
 """URDFs: random arms, which have to be right, and damaged ones, which may be refused."""
 
-from __future__ import annotations
-
 import xml.etree.ElementTree as ET
 from copy import deepcopy
 from pathlib import Path

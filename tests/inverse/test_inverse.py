@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from models import ELBOW, L1, L2, draw, trained, turning, two_link, two_link_inverse
+from models import ELBOW, draw, trained, turning, two_link
 
 from calib.common.scale import TURN
 
@@ -43,41 +43,6 @@ def test_joints_of_a_single_branch_are_the_closed_form():
     model = trained("two_link")
     q = draw(model, 500, seed=3)
     np.testing.assert_allclose(model.inverse(two_link(q)), q, atol=1e-6)
-
-
-def test_both_branches_are_found_and_no_more():
-    model = trained("two_link_full")
-    lower, upper = model.about.lower, model.about.upper
-    q = draw(model, 600, seed=4, margin=0.002)
-    q = q[np.abs(q[:, 1]) > 0.05]  # a stretched arm has one solution
-    x = two_link(q)
-    found = model.inverse_all(x)
-    single = double = 0
-    for i in range(len(x)):
-        expected = np.concatenate([two_link_inverse(x[i : i + 1], s) for s in (1.0, -1.0)])
-        beyond = np.maximum(lower - expected, expected - upper).max(axis=1)
-        if np.abs(beyond).min() < 1e-3:
-            continue  # too close to a limit to say
-        expected = expected[beyond < 0]
-        assert len(found[i]) == len(expected), x[i]
-        gaps = np.abs(found[i][:, None] - expected[None]).max(axis=2)
-        assert gaps.min(axis=0).max() < 1e-6
-        single += len(expected) == 1
-        double += len(expected) == 2
-    assert single > 50
-    assert double > 50
-
-
-def test_near_picks_the_branch():
-    model = trained("two_link_full")
-    q = np.array([[0.7, 1.0], [0.5, 0.8], [0.8, 0.6]])
-    x = two_link(q)
-    other = two_link_inverse(x, -1.0)
-    inside = (other >= model.about.lower).all(axis=1) & (other <= model.about.upper).all(axis=1)
-    assert inside.any()
-    x, q, other = x[inside], q[inside], other[inside]
-    np.testing.assert_allclose(model.inverse(x, near=q + 0.05), q, atol=1e-6)
-    np.testing.assert_allclose(model.inverse(x, near=other - 0.05), other, atol=1e-6)
 
 
 def test_near_is_reached_exactly_where_it_solves():
@@ -123,16 +88,6 @@ def test_without_a_wish_redundant_joints_stay_as_central_as_the_target_allows():
     assert (from_middle(model, said) <= from_middle(model, q) + 1e-4).all()
 
 
-def test_beyond_the_stretched_arm_the_nearest_point_lies_on_the_circle():
-    model = trained("two_link_full")
-    angle = np.linspace(0.05, np.pi / 2 - 0.05, 15)
-    direction = np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    answer = model.solve(0.8 * direction)
-    assert not answer.reachable.any()
-    np.testing.assert_allclose(answer.distance, 0.8 - (L1 + L2), atol=1e-7)
-    np.testing.assert_allclose(answer.position, (L1 + L2) * direction, atol=1e-3)
-
-
 def test_beyond_a_limited_elbow_the_nearest_point_has_the_elbow_at_its_limit():
     model = trained("two_link")
     q = np.stack([np.linspace(0.1, 1.4, 15), np.full(15, ELBOW[0])], axis=1)
@@ -142,40 +97,6 @@ def test_beyond_a_limited_elbow_the_nearest_point_has_the_elbow_at_its_limit():
     np.testing.assert_allclose(answer.distance, 0.3 * np.linalg.norm(edge, axis=1), atol=1e-9)
     np.testing.assert_allclose(answer.position, edge, atol=1e-5)
     np.testing.assert_allclose(answer.q, q, atol=1e-4)
-
-
-def test_inside_the_hole_the_nearest_point_has_the_elbow_folded():
-    model = trained("two_link")
-    q = np.stack([np.linspace(0.1, 1.4, 15), np.full(15, ELBOW[1])], axis=1)
-    edge = two_link(q)
-    answer = model.solve(0.8 * edge)
-    assert not answer.reachable.any()
-    np.testing.assert_allclose(answer.distance, 0.2 * np.linalg.norm(edge, axis=1), atol=1e-9)
-    np.testing.assert_allclose(answer.q, q, atol=1e-4)
-
-
-def test_out_of_reach_no_point_of_a_fine_grid_is_nearer():
-    model = trained("polar")
-    rng = np.random.default_rng(8)
-    x = rng.uniform(-1.5, 1.5, (60, 2))
-    axes = [
-        np.linspace(a, b, 500) for a, b in zip(model.about.lower, model.about.upper, strict=True)
-    ]
-    grid = model.forward(np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 2))
-    best = np.array([np.linalg.norm(grid - target, axis=1).min() for target in x])
-    excess = model.solve(x).distance - best
-    assert excess.max() < 1e-3
-    assert (excess < 1e-5).mean() > 0.9
-
-
-def test_out_of_reach_is_nan_unless_the_nearest_point_is_asked_for():
-    model = trained("two_link")
-    x = np.array([[0.9, 0.9], [0.3, 0.3]])
-    q = model.inverse(x)
-    assert np.isnan(q[0]).all()
-    assert np.isfinite(q[1]).all()
-    assert np.isfinite(model.inverse(x, nearest=True)).all()
-    assert [len(a) for a in model.inverse_all(x)] == [0, 1]
 
 
 @pytest.mark.parametrize(("bound", "reached"), [(1e-3, 1e-3), (0.2, 1e-2)])

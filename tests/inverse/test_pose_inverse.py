@@ -1,7 +1,5 @@
 """The inverse in space: branches against the closed form, positions near joints, pixels."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from closed_form import closed_form

@@ -22,7 +22,7 @@ def test_a_small_step_goes_where_the_jacobian_says():
 
 
 def test_on_target_nothing_moves():
-    model = trained("three_link", n=8000)
+    model = trained("three_link")
     q = draw(model, 20, seed=3)
     x = model.forward(q)
     np.testing.assert_allclose(model.servo(x, x, q), q, atol=1e-12)
@@ -30,7 +30,7 @@ def test_on_target_nothing_moves():
 
 @pytest.mark.parametrize("robot", ["two_link", "three_link", "polar", "scara"])
 def test_an_arm_that_differs_is_brought_onto_its_target(robot):
-    model = trained(robot, n=8000 if robot in ("three_link", "scara") else 3000)
+    model = trained(robot)
     arm = calib.load_arm(robot)
     first = arm.joint_names[0]
     real = calib.Simulation(arm, changes=(f"{first}.offset=0.04", "sensor.rotate=0.05"))
@@ -55,7 +55,7 @@ def test_steps_keep_the_limits_and_are_never_long():
 
 
 def test_a_stretched_arm_stays_calm():
-    model = trained("two_link_full", n=8000, size=40)
+    model = trained("two_link_full")
     q = np.array([0.7, 0.0])
     x = model.forward(q)
     step = model.servo(x, x * (1 - 1e-3), q) - q

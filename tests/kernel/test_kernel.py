@@ -1,7 +1,5 @@
 """Single queries by a model's own compiled C are those of the batch, and safe to ask for."""
 
-from __future__ import annotations
-
 import gc
 import os
 import pickle
@@ -81,12 +79,12 @@ def test_one_query_is_that_of_the_batch(kind):
 
 @needs_compiler
 @pytest.mark.parametrize("kind", MODELS)
-@pytest.mark.parametrize("away", [0.01, 0.3, 9.0])
+@pytest.mark.parametrize("away", [0.3, 9.0])
 def test_one_inverse_reaches_its_target_on_the_nearest_branch(kind, away):
     model, fast = both(kind)
     lower, upper, scale = model.about.lower, model.about.upper, model.motor.scale
     spare = len(lower) > len(model.axes)  # far from `near` each of these is a whole search
-    q = poses(model, 6 if spare and away > 1.0 else 20)
+    q = poses(model, 1 if spare and away > 1.0 else 20)
     x = model.forward(q)
     q, x = q[np.isfinite(x[:, 0])], x[np.isfinite(x[:, 0])]
     near = q + np.random.default_rng(2).uniform(-away, away, q.shape)

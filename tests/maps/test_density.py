@@ -10,11 +10,8 @@ from calib.maps.density import (
     READINGS,
     Visit,
     border,
-    border_strength,
     error,
     gain_of,
-    kind_of,
-    rationed,
     residual,
     rho,
 )
@@ -47,15 +44,6 @@ def test_every_gain_departs_from_1_as_training_goes_on(gain):
     assert 0 < spread[0] < spread[1] < spread[2]
 
 
-@pytest.mark.parametrize("gain", BUILT_IN, ids=lambda g: g.__name__)
-def test_every_gain_is_positive_and_one_per_sample(gain):
-    v = visit(1.0, winners=[0, 4, 4, 8], distances=[0.0, 0.1, 0.2, 0.0])
-    g = gain(v)
-    assert g.shape == (4,)
-    assert (g > 0).all()
-    assert np.isfinite(g).all()
-
-
 def test_border_is_largest_in_the_corners_and_1_inside():
     g = border(visit(1 / 3)).reshape(3, 3)  # of a small lattice the strength is 1.5
     corner, edge = np.exp(0.75 * 5 / 8), np.exp(0.75 * 3 / 8)
@@ -66,38 +54,6 @@ def test_border_is_largest_in_the_corners_and_1_inside():
 def test_error_is_the_squared_distance_over_its_mean():
     g = error(visit(1.0, winners=[0, 1, 2], distances=[1.0, 2.0, 3.0]))
     np.testing.assert_allclose(g, np.array([1.0, 4.0, 9.0]) / (14 / 3), atol=1e-5)
-
-
-def test_error_is_1_where_every_sample_stands_on_its_node():
-    assert (error(visit(1.0, winners=[0, 1], distances=[0.0, 0.0])) == 1.0).all()
-
-
-def test_a_gain_of_ones_own_has_what_eq_7_asks_for():
-    """A line of three nodes with gaps of 1 and 2: sums of squares 1, 1 + 4, 4."""
-    v = visit(1.0, [[0.0], [1.0], [3.0]], (3,))
-    np.testing.assert_allclose(v.sums, [1.0, 5.0, 4.0])
-    assert repr(v) == "Visit(3 samples of 3 nodes, t / T 1)"
-    assert (v.sigma, v.per_node) == pytest.approx((np.nan, np.inf), nan_ok=True)
-
-
-def test_a_gain_follows_the_winner_of_each_sample():
-    per_node = border(visit(1.0))
-    assert (border(visit(1.0, winners=[8, 4, 4])) == per_node[[8, 4, 4]]).all()
-
-
-def test_names_find_their_gain_and_the_plain_som_has_none():
-    assert gain_of("som") is None
-    assert gain_of("vdsom") is gain_of("vdsom:border") is border
-    assert gain_of("vdsom:residual") is residual
-    assert gain_of("vdsom:error") is gain_of("gng:error") is error
-    assert gain_of("dsom") is gain_of("gng") is None
-    assert [kind_of(n) for n in ("som", "vdsom:error", "dsom", "gng:border", border)] == [
-        "som",
-        "som",
-        "dsom",
-        "gng",
-        "som",
-    ]
 
 
 def test_at_the_border_of_a_graph_are_nodes_with_few_edges():
@@ -131,35 +87,3 @@ def test_the_default_is_the_border_times_where_a_smooth_model_is_wrong():
     share = np.clip(wrong / wrong.mean(), 0.05, 50)
     np.testing.assert_allclose(residual(told), border(plain) ** (2 / 3) * share)
     np.testing.assert_allclose(residual(replace(told, progress=0.0)), 1.0)
-
-
-@pytest.mark.parametrize("dim", [1, 2, 3])
-@pytest.mark.parametrize("per_node", [6.0, 20.0, 50.0])
-def test_no_node_is_left_with_fewer_than_five_samples(per_node, dim):
-    wrong = np.random.default_rng(0).exponential(size=2000) * (np.arange(2000) % 50 == 0)
-    share = rationed(wrong, per_node, dim)
-    dense = share ** (dim / (dim + 2))
-    rows = per_node * dense.mean() / dense  # of each node, where the density follows the gain
-    plain = np.clip(wrong / wrong.mean(), 0.05, 50)
-    capped = share.max() < plain.max()
-    assert rows.min() == pytest.approx(5.0) if capped else rows.min() > 5.0
-    free = share < share.max()
-    np.testing.assert_array_equal(share[free], plain[free])
-
-
-def test_with_few_samples_per_node_a_residual_draws_none_and_with_many_all_it_asks_for():
-    wrong = np.arange(100.0)
-    np.testing.assert_array_equal(rationed(wrong, 5.0, 2), 1.0)
-    plain = np.clip(wrong / wrong.mean(), 0.05, 50)
-    np.testing.assert_array_equal(rationed(wrong, 1e6, 2), plain)
-    np.testing.assert_array_equal(rationed(wrong, np.inf, 2), plain)
-
-
-def test_the_border_weighs_less_on_a_small_lattice_and_with_few_samples_per_node():
-    strengths = [border_strength(Lattice((n, n))) for n in (2, 6, 10, 20, 70, 200)]
-    assert strengths == sorted(strengths)
-    assert (strengths[0], strengths[-1]) == (1.5, 9.0)
-    big = Lattice((70, 70))
-    assert [border_strength(big, n) for n in (1, 2, 3, 4, 50)] == [4.5, 4.5, 6.75, 9.0, 9.0]
-    small = visit(1.0)
-    np.testing.assert_allclose(residual(small), border(small) ** (2 / 3))

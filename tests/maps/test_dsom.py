@@ -28,24 +28,6 @@ def test_one_sample_moves_a_3x3_map_as_the_source_says():
     np.testing.assert_allclose(step(w, x, 1.5, 0.1, (3, 3)), expected, atol=2e-4)
 
 
-def test_a_sample_that_stands_on_a_node_moves_nothing():
-    w = uniform(25, seed=1)
-    assert (step(w, w[7], 2.0, 0.5, (5, 5)) == w).all()
-
-
-def test_the_closer_the_winner_the_less_anything_moves():
-    w = Lattice((5, 5)).positions() / 4
-    moved = [np.abs(step(w, w[12] + gap, 2.0, 0.1, (5, 5)) - w).sum() for gap in (0.02, 0.1)]
-    assert 0 < moved[0] < 0.1 * moved[1]
-
-
-def test_elasticity_couples_the_nodes():
-    w = Lattice((9, 9)).positions() / 8
-    x = np.array([1.3, 1.3])
-    loose, tight = (np.abs(step(w, x, e, 0.1, (9, 9)) - w).max(axis=1) > 1e-6 for e in (0.5, 3.0))
-    assert loose.sum() < tight.sum() == 81
-
-
 def test_learning_does_not_depend_on_time():
     """The same sample and the same map: the same step, however old the map is."""
     w, x = uniform(16, seed=2), uniform(1, seed=5)
@@ -95,18 +77,3 @@ def test_rules_of_single_samples_show_all_of_them_so_often_unless_told(name, pas
     )
     assert usual.units.tobytes() == told.units.tobytes() != more.units.tobytes()
     assert len(usual.history) == passes
-
-
-def test_the_same_seed_gives_the_same_map():
-    a, b = (calib.SOM((6, 6), "dsom", seed=4).fit(uniform(500)) for _ in range(2))
-    assert a.units.tobytes() == b.units.tobytes()
-
-
-def test_a_model_of_dsoms_answers_and_survives_a_file(tmp_path):
-    log = calib.babble(calib.load_arm("two_link"), 1500, seed=0)
-    model = calib.train(log, size=10, map="dsom")
-    model.save(tmp_path / "m.calib")
-    again = calib.load(tmp_path / "m.calib")
-    assert model.about.errors["activity"]["forward"]["distance"]["mean"] < 0.04
-    q = log.q[:5]
-    assert again.forward(q, "activity") == pytest.approx(model.forward(q, "activity"), nan_ok=True)

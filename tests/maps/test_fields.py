@@ -1,7 +1,5 @@
 """A gain of one's own in a map, maps and links that develop together, a gas that stops."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

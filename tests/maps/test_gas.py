@@ -3,7 +3,6 @@
 import numpy as np
 
 import calib
-from calib.maps.graph import Graph
 
 
 def uniform(n, d, seed=0):
@@ -20,18 +19,7 @@ def test_in_six_dimensions_it_is_closer_to_samples_than_rows_and_a_lattice():
     assert error["gas"] < 0.99 * error["som"]
 
 
-def test_nodes_that_are_the_two_nearest_of_a_sample_are_joined_once():
-    graph = Graph.of(4, np.array([[3, 1], [1, 3], [0, 2]]))
-    assert graph.pairs.tolist() == [[0, 2], [1, 3]]
-
-
 def test_epochs_are_told_and_the_error_falls():
     gas = calib.SOM((8, 8), "gas", epochs=5).fit(uniform(2000, 3))
     assert gas.history.shape == (5, 4)
     assert gas.history[-1, 2] < gas.history[0, 2]
-
-
-def test_the_same_seed_gives_the_same_gas():
-    u = uniform(500, 4)
-    a, b = (calib.SOM((6, 6), "gas", seed=2).fit(u) for _ in range(2))
-    assert a.units.tobytes() == b.units.tobytes()

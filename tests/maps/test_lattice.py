@@ -6,32 +6,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from calib.errors import OptionError
-from calib.maps.lattice import MAX_NODES, Lattice
+from calib.maps.lattice import Lattice
 
 shapes = st.lists(st.integers(2, 6), min_size=1, max_size=3).map(tuple)
-
-
-@given(shapes)
-def test_node_i_stands_where_unravel_index_says(shape):
-    lattice = Lattice(shape)
-    expected = np.stack(np.unravel_index(np.arange(lattice.size), shape), axis=1)
-    assert (lattice.positions() == expected).all()
 
 
 def test_a_plane_lattice_has_8_5_or_3_neighbours_of_8():
     counts = 8 * Lattice((3, 4)).neighbours().reshape(3, 4)
     expected = [[3, 5, 5, 3], [5, 8, 8, 5], [3, 5, 5, 3]]
     np.testing.assert_allclose(counts, expected, atol=1e-12)
-
-
-@given(shapes)
-def test_neighbours_are_the_adjacent_nodes_counted(shape):
-    lattice = Lattice(shape)
-    i, j = np.divmod(np.arange(lattice.size**2), lattice.size)
-    adjacent = lattice.adjacent(i, j).reshape(lattice.size, lattice.size)
-    assert adjacent.diagonal().all()
-    counts = (adjacent.sum(axis=1) - 1) / (3 ** len(shape) - 1)
-    np.testing.assert_allclose(lattice.neighbours(), counts, atol=1e-12)
 
 
 @given(shapes)
@@ -59,12 +42,6 @@ def test_resampling_keeps_linear_functions_of_the_cell_middles(coarse, fine):
     np.testing.assert_allclose(old.resample(plane(old), new), plane(new), atol=1e-12)
 
 
-def test_resampling_onto_the_same_lattice_changes_nothing():
-    weights = np.random.default_rng(0).random((12, 2))
-    lattice = Lattice((3, 4))
-    np.testing.assert_allclose(lattice.resample(weights, lattice), weights, atol=1e-15)
-
-
 @pytest.mark.parametrize(
     ("shape", "message"),
     [
@@ -79,10 +56,3 @@ def test_impossible_sizes_are_refused_in_one_line(shape, message):
     with pytest.raises(OptionError, match=message) as caught:
         Lattice(shape)
     assert "\n" not in str(caught.value)
-
-
-def test_the_largest_lattice_is_allowed_and_one_row_more_is_not():
-    side = int(MAX_NODES**0.5)
-    assert Lattice((side, MAX_NODES // side)).size == MAX_NODES
-    with pytest.raises(OptionError):
-        Lattice((side + 1, MAX_NODES // side))

@@ -4,12 +4,11 @@ import numpy as np
 import pytest
 
 from calib.common.choices import MAP_READOUTS
-from calib.common.scale import TURN, Scale
+from calib.common.scale import Scale
 from calib.maps.association import Association
 from calib.maps.lattice import Lattice
-from calib.maps.linear_models import LinearModels, MeanPositions, regress
+from calib.maps.linear_models import regress
 from calib.maps.links import WIRINGS
-from calib.maps.local_models import blend
 from calib.maps.map import Map
 from calib.maps.som import SOM
 
@@ -77,25 +76,6 @@ def test_slopes_are_finite_differences_of_the_blended_value():
         assert np.quantile(np.abs(found - slope[:, :, k]), 0.99) < 1e-6
 
 
-def test_a_function_is_followed_by_its_values_and_differences():
-    motor = grid(12)
-    models = LinearModels.following(motor, plane)
-    fresh = points(200, seed=4)
-    np.testing.assert_allclose(models.value(fresh), plane(fresh), atol=1e-12)
-    slope = models.value_and_slope(fresh)[1]
-    np.testing.assert_allclose(slope, np.broadcast_to([[0.3, -0.2], [0.1, 0.4]], slope.shape))
-
-
-def test_weights_add_up_to_one_and_are_continuous():
-    motor = grid(7)
-    path = np.linspace([0.1, 0.2], [0.9, 0.7], 20_001)
-    index, weight = blend(motor, path, 8)
-    np.testing.assert_allclose(weight.sum(axis=1), 1.0)
-    dense = np.zeros((len(path), motor.size))
-    np.put_along_axis(dense, index, weight, axis=1)
-    assert np.abs(np.diff(dense, axis=0)).max() < 100 / len(path)
-
-
 def test_the_regression_is_that_of_the_normal_equations():
     rng = np.random.default_rng(5)
     place, value, weight = (
@@ -111,31 +91,3 @@ def test_the_regression_is_that_of_the_normal_equations():
     power = z.T @ (w[:, None] * z)
     power += 1e-2 * np.trace(power) / 2 * np.eye(2)
     np.testing.assert_allclose(slope[0], np.linalg.solve(power, z.T @ (w[:, None] * value[0])))
-
-
-def test_mean_positions_lie_inside_of_the_border_and_go_round_where_a_joint_does():
-    flat, ring = (
-        grid(5),
-        grid(5, Scale(np.zeros(2), np.array([TURN, 1.0]), np.array([True, False]))),
-    )
-    u = points(5000, seed=6)
-    for network in (flat, ring):
-        mean = MeanPositions(network)
-        for part in np.array_split(u, 3):
-            mean.add(WIRINGS["reciprocal"].activity(network, part), part)
-        shift = mean.result() - network.units
-        edge = np.isclose(network.units[:, 0], 0.1)
-        if network is flat:
-            assert shift[edge, 0].mean() > 0.01
-        else:
-            assert abs(shift[edge, 0].mean()) < 0.005
-
-
-def test_a_node_without_links_goes_on_from_its_neighbour():
-    motor = grid(5)
-    strength = np.ones(25)
-    strength[:10] = 0.0
-    activity = WIRINGS["reciprocal"].activity(motor, motor.units)
-    models = LinearModels.of(motor, motor.units, plane(motor.units), strength, activity)
-    assert np.isfinite(models.values).all()
-    np.testing.assert_allclose(models.values, plane(motor.units), atol=0.02)

@@ -5,8 +5,7 @@ import pytest
 from scipy.sparse import csr_array
 
 from calib.common.scale import TURN, Scale
-from calib.errors import OptionError
-from calib.maps.association import Association, check_readout
+from calib.maps.association import Association
 from calib.maps.lattice import Lattice
 from calib.maps.links import BANDWIDTH
 from calib.maps.map import Map
@@ -97,47 +96,8 @@ def test_the_branch_near_to_the_wish_answers_and_branches_are_never_averaged(
     assert said == pytest.approx(activity)
 
 
-def test_clusters_are_the_branches_strongest_first(two_branches):
-    clusters = two_branches.clusters
-    np.testing.assert_allclose(clusters.strength[0], [1.5, 1.0])
-    np.testing.assert_allclose(clusters.center[0, :, 0], [0.1625 / 1.5, 0.89375])
-    assert clusters.core[0].tolist() == [4, 36]
-    np.testing.assert_allclose(clusters.strength[1], [1.0, 0.0])
-
-
 def test_a_branch_across_the_seam_of_a_turn_is_one_branch():
     motor = line([0.05, 0.35, 0.65, 0.95], periodic=True)
     pair = associate(motor, line([0.2, 0.8], d=2), {(0, 0): 1.0, (3, 0): 1.0, (1, 1): 1.0})
     said = pair.inverse(np.array([[0.2, 0.0]]), np.array([[0.9]]), "activity")[0, 0]
     assert min(said % 1.0, -said % 1.0) < 0.05
-
-
-def test_an_unlinked_sensory_node_borrows_the_links_of_the_nearest_linked_one():
-    pair = associate(line([0.0, 1.0]), line([0.0, 0.6, 0.9], d=2), {(0, 0): 1.0, (1, 1): 1.0})
-    partners = matrix(pair.partners).toarray()
-    assert partners.tolist() == [[1.0, 0.0], [0.0, 1.0], [0.0, 1.0]]
-    said = pair.inverse(np.array([[0.95, 0.0]]), np.array([[0.0]]), "winner")
-    assert said.tolist() == [[1.0]]
-
-
-def matrix(rows):
-    return csr_array((rows.data, rows.indices, rows.indptr), shape=rows.shape)
-
-
-def test_compressed_rows_are_turned_and_taken_as_scipy_does():
-    dense = np.random.default_rng(0).random((7, 5))
-    dense[dense < 0.6] = 0.0
-    dense[3] = dense[:, 2] = 0.0
-    links = csr_array(dense)
-    rows = Association(line(range(7)), line(range(5)), links).linked
-    assert (matrix(rows.transposed()).toarray() == dense.T).all()
-    some = np.array([6, 3, 0, 6])
-    assert (matrix(rows.take(some)).toarray() == dense[some]).all()
-    assert matrix(rows.transposed()).has_canonical_format
-
-
-def test_an_unknown_readout_is_refused_with_the_choices():
-    with pytest.raises(
-        OptionError, match="'best' is unknown, choose one of local, body, linear, activity"
-    ):
-        check_readout("best")

@@ -5,9 +5,8 @@ import pytest
 from scipy.sparse import csr_array
 
 from calib.common.scale import TURN, Scale
-from calib.errors import OptionError
 from calib.maps.lattice import Lattice
-from calib.maps.links import BANDWIDTH, NEAREST, WIRINGS, Wiring, wiring_of
+from calib.maps.links import BANDWIDTH, NEAREST, Wiring
 from calib.maps.map import Map
 
 UNIT_BOX = Scale(np.zeros(2), np.ones(2), np.zeros(2, dtype=bool))
@@ -118,12 +117,6 @@ def test_mutual_links_are_the_same_in_both_directions(pair):
     np.testing.assert_allclose(there[kept], cosine[kept], rtol=1e-6)
 
 
-def test_wirings_are_known_by_name():
-    assert [(w.local, w.mutual) for w in WIRINGS.values()] == [(0, 0), (1, 0), (0, 1), (1, 1)]
-    with pytest.raises(OptionError, match="choose one of oja, local, mutual, reciprocal"):
-        wiring_of("hebb")
-
-
 def test_oja_comes_to_rest_at_those_links(pair):
     """The mean change of eq. 5, a_i a_j - c_ij a_j^2, vanishes there."""
     a_motor, a_sensory = pair
@@ -150,23 +143,3 @@ def test_nodes_that_were_never_active_have_no_links():
     links = link(csr_array(a_motor), csr_array(a_sensory))
     assert links.shape == (4, 3)
     assert [tuple(p) for p in np.argwhere(links.toarray() > 0).tolist()] == [(1, 2)]
-
-
-def test_links_survive_the_single_precision_of_a_file(pair):
-    data = link(*(csr_array(a) for a in pair)).data
-    assert (data == data.astype(np.float32)).all()
-
-
-@pytest.mark.parametrize("name", ["oja", "reciprocal"])
-def test_links_learned_part_by_part_are_those_of_all_samples_at_once(name, monkeypatch):
-    rng = np.random.default_rng(5)
-    lattice, none = Lattice((6, 6)), np.zeros((0, 4))
-    box = Scale(np.zeros(2), np.ones(2), np.zeros(2, dtype=bool))
-    maps = [Map(rng.random((36, 2)), lattice, box, none) for _ in range(2)]
-    u, v = rng.random((2, 500, 2))
-    wiring = WIRINGS[name]
-    at_once = wiring.link(wiring.activity(maps[0], u), wiring.activity(maps[1], v))
-    monkeypatch.setattr("calib.maps.links._AT_ONCE", 130)
-    parts = wiring.linked((a, b) for _, a, b in wiring.parts(maps[0], u, maps[1], v))
-    assert at_once.nnz > 100
-    np.testing.assert_allclose(parts.toarray(), at_once.toarray(), rtol=1e-6, atol=1e-12)

@@ -2,8 +2,6 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from calib.common.scale import TURN, Scale
 from calib.maps import local_models as local
@@ -86,30 +84,6 @@ def test_models_join_at_the_seam_of_a_joint_that_turns_round():
     np.testing.assert_allclose(high, truth(after), atol=5e-3)
 
 
-@pytest.mark.parametrize("periodic", [False, True])
-@pytest.mark.parametrize("m", [1, 4, 9])
-def test_the_nearest_nodes_speak_as_far_as_the_first_one_left_out(m, periodic):
-    motor, u = grid(periodic, False), points(200)
-    gap = np.abs(u[:, None] - motor.units[None])
-    if periodic:
-        gap[..., 0] = np.minimum(gap[..., 0], 1.0 - gap[..., 0])
-    distance = np.linalg.norm(gap, axis=2)
-    order = np.argsort(distance, axis=1)
-    near = np.take_along_axis(distance, order, axis=1)
-    kernel = (1.0 - (near[:, :m] / near[:, m : m + 1]) ** 2) ** 2
-    index, weight = local.blend(motor, u, m)
-    np.testing.assert_array_equal(index, order[:, :m])
-    np.testing.assert_allclose(weight, kernel / kernel.sum(axis=1, keepdims=True), atol=1e-9)
-
-
-def test_of_few_nodes_all_but_the_furthest_speak():
-    motor = grid(False, False, n=2)
-    index, weight = local.blend(motor, points(50), 8)
-    assert index.shape == weight.shape == (50, 3)
-    furthest = np.linalg.norm(points(50)[:, None] - motor.units, axis=2).argmax(axis=1)
-    assert (index != furthest[:, None]).all()
-
-
 @pytest.mark.parametrize(("degree", "samples"), [(0, 30), (1, 50), (2, 60)])
 def test_each_node_has_the_least_squares_fit_with_weights_that_end_at_its_radius(degree, samples):
     motor, u = grid(False, False, n=8), points(600)
@@ -124,27 +98,6 @@ def test_each_node_has_the_least_squares_fit_with_weights_that_end_at_its_radius
         features = np.prod(z[rows, None] ** exponents(2, degree), axis=2)
         expected = np.linalg.lstsq(root * features, root * x[rows], rcond=None)[0]
         np.testing.assert_allclose(found, expected, rtol=1e-5, atol=1e-6)
-
-
-@given(st.integers(1, 3), st.integers(0, 3), st.integers(0, 100))
-@settings(max_examples=30)
-def test_monomials_are_powers_in_the_order_of_the_exponents(d, degree, seed):
-    z = np.random.default_rng(seed).normal(size=(4, d))
-    expected = np.prod(z[:, None] ** exponents(d, degree), axis=2)
-    np.testing.assert_allclose(local.monomials(z, degree), expected, rtol=1e-9)
-
-
-def test_nodes_at_the_border_of_even_rows_follow_a_polynomial_to_its_degree():
-    motor, u = grid(False, False, n=12), points(3000)
-    x = polynomial(5)[0](u)
-    models = fitted(motor, u, x, 5, 50)
-    total = exponents(2, models.degree).sum(axis=1)
-    degrees = np.where((models.coefficients != 0.0).any(axis=2), total, -1).max(axis=1)
-    assert degrees.min() >= 3
-    assert (degrees == 5).mean() > 0.7
-    asked = points(500, seed=1)
-    said = local.predict(models, motor, asked)[0]
-    assert np.abs(said - polynomial(5)[0](asked)).mean() < 0.02 * np.abs(x).mean()
 
 
 def test_rows_on_a_line_do_not_multiply_their_noise_beside_it():

@@ -4,10 +4,7 @@ import sys
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
-import calib
 from calib.common.scale import TURN, Scale
 from calib.maps.lattice import Lattice
 from calib.maps.map import Map, nearest_points, search_tree
@@ -54,36 +51,9 @@ def test_a_few_places_are_answered_without_scipy_as_by_its_tree(turning, monkeyp
     np.testing.assert_allclose(found[0], wanted[0], rtol=1e-12, atol=1e-15)
 
 
-def test_winners_of_joint_values_are_the_same_one_turn_on(ring):
-    q = np.random.default_rng(0).uniform(-np.pi, np.pi, (50, 1))
-    assert (ring.winners(q) == ring.winners(q + TURN)).all()
-    assert ring.winners([[np.pi - 0.01]])[0] == 2
-    assert ring.winners([[-np.pi + 0.01]])[0] == 0
-
-
-def test_without_a_whole_turn_the_seam_is_a_wall():
-    line = network([[0.05], [0.5], [0.95]], (3,), box([-3], [3]))
-    assert line.nearest(np.array([[1.5], [-0.5]]))[1][:, 0].tolist() == [2, 0]
-
-
-def test_node_positions_outside_the_box_still_count_round_the_turn():
-    scale = box([0], [TURN])
-    odd = network([[-0.1], [0.5], [1.0]], (3,), scale)
-    assert odd.nearest(np.array([[0.9], [0.01]]))[1][:, 0].tolist() == [0, 2]
-
-
 def test_weights_are_in_the_spaces_own_units(square):
     assert square.weights.tolist() == [[0, -5], [0, 5], [2, -5], [2, 5]]
     assert square.size == 4
-
-
-def test_spacing_is_the_mean_length_of_the_edges(square, ring):
-    assert square.spacing == pytest.approx(1.0)
-    assert ring.spacing == pytest.approx(0.45)
-
-
-def test_spacing_goes_the_short_way_round_a_turn():
-    assert network([[0.9], [0.1]], (2,), box([0], [TURN])).spacing == pytest.approx(0.2)
 
 
 def test_quantization_error_is_the_mean_distance_in_own_units(square):
@@ -111,38 +81,6 @@ def test_diagonal_neighbours_are_no_topographic_error(square):
     assert crossed.topographic_error([[0.1, -1.0]]) == 0.0
 
 
-@given(
-    st.lists(st.floats(-1e3, 1e3), min_size=3, max_size=3),
-    st.lists(st.floats(1e-3, 1e3), min_size=3, max_size=3),
-    st.lists(st.floats(0, 1), min_size=3, max_size=3),
-)
-def test_from_unit_undoes_to_unit(lower, span, share):
-    scale = Scale(np.array(lower), np.array(span), np.zeros(3, dtype=bool))
-    x = scale.from_unit(np.array([share]))
-    np.testing.assert_allclose(scale.to_unit(x), [share], atol=1e-9)
-    np.testing.assert_allclose(scale.from_unit(scale.to_unit(x)), x, rtol=1e-12, atol=1e-12)
-
-
-@given(st.floats(-1e4, 1e4))
-def test_a_joint_that_turns_round_is_wrapped_into_the_box(angle):
-    scale = box([-np.pi], [np.pi])
-    u = scale.to_unit(np.array([[angle]]))
-    assert 0.0 <= u[0, 0] < 1.0
-    back = scale.from_unit(u)[0, 0]
-    assert np.cos(back - angle) == pytest.approx(1.0)
-
-
-def test_only_a_revolute_range_of_one_turn_is_periodic():
-    scale = box([0, 0, -np.pi], [TURN, TURN, np.pi - 0.1], [True, False, True])
-    assert scale.periodic.tolist() == [True, False, False]
-
-
-def test_differences_take_the_short_way_round_only_where_periodic():
-    scale = box([0, 0], [TURN, 1])
-    gap = scale.difference(np.array([0.9, 0.9]), np.array([0.1, 0.1]))
-    np.testing.assert_allclose(gap, [-0.2, 0.8], atol=1e-12)
-
-
 def test_the_box_of_data_holds_them_and_a_constant_coordinate_divides_by_one():
     x = np.array([[1.0, 7.0], [3.0, 7.0], [2.0, 7.0]])
     scale = Scale.of_data(x)
@@ -159,14 +97,6 @@ def test_spacings_are_the_mean_distances_to_joined_nodes():
     np.testing.assert_allclose(kite.spacings, own)
 
 
-def test_a_node_on_top_of_its_neighbours_has_the_spacing_of_the_map():
-    plane = box([0, 0], [1, 1], [False, False])
-    units = [[0.0, 0.0], [0.0, 0.0], [0.0, 0.0], [0.6, 0.0]]
-    row = network(units, (4,), plane)
-    assert row.spacing == pytest.approx(0.2)
-    np.testing.assert_allclose(row.spacings, [0.2, 0.2, 0.3, 0.6])
-
-
 def test_coordinates_that_round_up_to_a_whole_turn_are_found_at_its_start():
     ring = box([0.0], [TURN], [True])
     points = np.array([[-1e-18], [0.5], [1.0], [1.25]])
@@ -174,27 +104,3 @@ def test_coordinates_that_round_up_to_a_whole_turn_are_found_at_its_start():
     assert index[1:].tolist() == [3, 1]
     assert index[0] in (0, 2)
     np.testing.assert_allclose(distance, [0.0, 0.01, 0.1], atol=1e-12)
-
-
-def test_a_coordinate_that_does_not_go_round_is_left_as_it_is():
-    both = box([0.0, 0.0], [TURN, 1.0], [True, False])
-    tree = search_tree(np.array([[0.5, -0.25], [0.5, 1.5]]), both)
-    distance, index = tree.query(np.array([[0.5, -0.3], [1.5, 1.6]]))
-    assert index.tolist() == [0, 1]
-    np.testing.assert_allclose(distance, [0.05, 0.1], atol=1e-12)
-
-
-def test_what_a_model_holds_is_read_only():
-    model = calib.train(calib.babble(calib.load_arm("two_link"), 400), size=8)
-    held = {
-        "weights": model.motor.weights,
-        "units": model.sensory.units,
-        "history": model.motor.history,
-        "links": model.links.data,
-        "bounds": model.bounds,
-        "visited": model.visited,
-    }
-    for name, array in held.items():
-        with pytest.raises(ValueError, match="read-only"):
-            array[0] = 0
-        assert not array.flags.writeable, name

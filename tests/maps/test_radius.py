@@ -1,7 +1,5 @@
 """The radius that a stream starts again from (eq. 10): where training had the same error."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -35,14 +33,3 @@ def test_a_radius_of_a_coarse_lattice_is_the_same_share_of_the_full_one():
     assert matching_sigma(network, 0.4) == pytest.approx(6.0)
     assert matching_sigma(network, 0.3) == pytest.approx(6.0 * 0.5**0.5)
     assert matching_sigma(network, 0.2) == pytest.approx(3.0)
-
-
-def test_without_a_past_the_radius_is_half_of_the_longest_side():
-    assert matching_sigma(trained_like((600, 3.0, 0.5), shape=(20, 30)), 0.1) == 15.0
-
-
-def test_an_error_that_came_twice_is_matched_to_the_later_radius():
-    network = trained_like((900, 8.0, 0.5), (900, 4.0, 0.3), (900, 2.0, 0.4), (900, 1.0, 0.2))
-    assert matching_sigma(network, 0.3) == pytest.approx(4.0 * 0.5**0.5)
-    level = trained_like((900, 8.0, 0.5), (900, 4.0, 0.3), (900, 2.0, 0.3), (900, 1.0, 0.1))
-    assert matching_sigma(level, 0.3) == pytest.approx(4.0)

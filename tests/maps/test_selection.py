@@ -2,16 +2,12 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from calib.common.scale import Scale
 from calib.maps.lattice import Lattice
 from calib.maps.map import Map
 from calib.maps.model_selection import (
     SmoothCandidate,
-    better,
-    blocks,
     follows_the_motion,
     select,
 )
@@ -52,13 +48,6 @@ def inside(u):
 
 def bump(u):
     return 2e-3 * np.exp(-(((u - 0.5) / 0.08) ** 2).sum(axis=1))[:, None] * [1.0, -0.5]
-
-
-@given(st.integers(1, 200), st.integers(1, 12))
-def test_folds_are_contiguous_and_hold_every_row_once(n, folds):
-    parts = blocks(n, folds)
-    assert len(parts) == min(n, folds)
-    assert np.concatenate(parts).tolist() == list(range(n))
 
 
 @pytest.mark.parametrize("size", [0.0, 1e-4, 1e-2])
@@ -112,10 +101,3 @@ def test_a_defect_that_one_stretch_of_the_log_alone_shows_is_not_believed():
     once = np.zeros((N, 2))
     once[:40] = 2e-3  # the tracker slipped for forty rows
     assert chosen(u, once + noise()).predictor.models.degree == -1
-
-
-def test_better_asks_for_more_than_chance_and_three_percent():
-    errors = np.abs(noise(400)[:, 0])
-    assert better(0.5 * errors, errors)
-    assert not better(0.99 * errors, errors)
-    assert not better(errors[::-1], errors)

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 import calib
-from calib.maps.untrained import neighbours
 
 ROWS = np.random.default_rng(0).normal(size=(500, 2))
 
@@ -29,17 +28,6 @@ def test_the_same_seed_gives_the_same_nodes(name):
     a, b = (calib.SOM((5, 5), name, seed=3).fit(ROWS) for _ in range(2))
     assert a.units.tobytes() == b.units.tobytes()
     assert a.history.shape == (1, 4)
-
-
-def test_neighbours_are_the_nearest_nodes_each_pair_once():
-    nodes = np.random.default_rng(1).random((30, 2))
-    graph = neighbours(nodes)
-    pairs = {tuple(p) for p in graph.pairs.tolist()}
-    assert len(pairs) == len(graph.pairs)
-    order = np.argsort(np.linalg.norm(nodes[:, None] - nodes, axis=2), axis=1)
-    for node in range(30):
-        for near in order[node, 1:5]:
-            assert (min(node, near), max(node, near)) in pairs
 
 
 def test_a_model_learns_on_nodes_that_are_not_trained():

@@ -5,7 +5,7 @@ Border queries are fewer, so that chance moves their share by up to two percent 
 
 import numpy as np
 import pytest
-from models import draw, log, trained, two_link
+from models import log, trained
 
 import calib
 from calib.maps.node_bounds import near_border
@@ -22,7 +22,7 @@ def fresh(model, robot, n=12_000):
 
 @pytest.mark.parametrize(("robot", "noise"), CASES)
 def test_forward(robot, noise):
-    model = trained(robot, n=8000, size=30, noise=noise)
+    model = trained(robot, n=3000, size=15, noise=noise)
     _, q, x = fresh(model, robot)
     held = np.linalg.norm(model.forward(q) - x, axis=1) <= model.expected_error(q)
     border = near_border(model.motor, model.motor.scale.to_unit(q))
@@ -35,7 +35,7 @@ def test_forward(robot, noise):
 
 @pytest.mark.parametrize(("robot", "noise"), CASES)
 def test_inverse(robot, noise):
-    model = trained(robot, n=8000, size=30, noise=noise)
+    model = trained(robot, n=3000, size=15, noise=noise)
     arm, q, x = fresh(model, robot)
     near = q[np.random.default_rng(1).permutation(len(q))]
     answer = model.solve(x, near=near)
@@ -50,31 +50,10 @@ def test_inverse(robot, noise):
 
 
 def test_bounds_follow_the_noise():
-    small, large = (trained("two_link", n=8000, size=30, noise=s) for s in (1e-4, 1e-3))
+    small, large = (trained("two_link", n=3000, size=15, noise=s) for s in (1e-4, 1e-3))
     q = np.random.default_rng(3).uniform(small.about.lower, small.about.upper, (500, 2))
     ratio = large.expected_error(q) / small.expected_error(q)
     assert 5 < np.median(ratio) < 20
-
-
-def test_exact_samples_have_bounds_at_the_level_of_rounding():
-    model = trained("two_link", n=8000, size=30)
-    q = np.random.default_rng(4).uniform(model.about.lower, model.about.upper, (500, 2))
-    bound = model.expected_error(q)
-    assert bound.min() > 0
-    assert bound.max() < 1e-9
-
-
-@pytest.mark.parametrize("seed", range(3))
-def test_a_simulated_models_bound_on_the_true_position_holds_for_95_percent(seed):
-    samples = calib.babble(calib.load_arm("two_link"), 1500, seed=seed, noise=1e-3)
-    model = calib.train(samples, size=15, seed=seed)
-    assert model.about.bound_of == "true position"
-    q = draw(model, 20_000, seed=seed + 50)
-    errors = np.linalg.norm(model.forward(q) - two_link(q), axis=1)
-    bound = model.expected_error(q)
-    border = near_border(model.motor, model.motor.scale.to_unit(q))
-    for group in (np.ones(len(q), dtype=bool), border, ~border):
-        assert 0.93 <= np.mean(errors[group] <= bound[group]) <= 0.97
 
 
 @pytest.mark.parametrize("rows", [200, 800])

@@ -1,7 +1,5 @@
 """The model format: every tensor and key is on the page; older ones say train again."""
 
-from __future__ import annotations
-
 import json
 import re
 import struct

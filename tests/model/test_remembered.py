@@ -1,7 +1,5 @@
 """What a model remembers of its log, how its file is named, and how it is shown."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np
@@ -53,19 +51,6 @@ def test_later_commands_need_no_option(camera, run):
     plain = calib.babble(calib.load_arm("two_link"), 60, seed=4, noise=1e-4)
     calib.write_log(plain, "plain.csv")  # other names, and rad: what the log has goes first
     assert run("evaluate", "camera.calib", "--data", "plain.csv", "--radians").code == 0
-
-
-def test_json_stays_in_si_units_and_says_so(camera, run, model):
-    done = run("query", "forward", model, "30", "60", "--degrees", "--json")
-    assert done.document["joints"]["shoulder"] == pytest.approx(np.radians(30))
-    units = {"joints": {"shoulder": "rad", "elbow": "rad"}, "positions": "m", "seconds": "s"}
-    assert done.document["units"] == units
-    for words in (
-        ["query", "inverse", model, "0.2", "0.3", "--json"],
-        ["evaluate", model, "--json"],
-        ["info", model, "--json"],
-    ):
-        assert run(*words).document["units"] == units, words
 
 
 def test_a_file_is_named_after_robot_else_the_log(tmp_path, monkeypatch, run):

@@ -1,7 +1,5 @@
 """What is packaged: versions that agree, types, robots, and nothing that is rude."""
 
-from __future__ import annotations
-
 import re
 import shutil
 import subprocess

@@ -6,7 +6,7 @@ import pytest
 import threadpoolctl
 
 import calib
-from calib.common.parallel import one_blas_thread, side_by_side
+from calib.common.parallel import side_by_side
 
 
 @pytest.mark.parametrize("order", [(True, False), (False, True)])
@@ -43,19 +43,3 @@ def test_libraries_are_looked_up_by_the_main_thread_before_others_start(monkeypa
     calib.train(calib.babble(calib.load_arm("two_link"), 200, seed=0), size=5)
     assert where
     assert set(where) == {threading.main_thread()}
-
-
-def counts():
-    return {p["num_threads"] for p in threadpoolctl.threadpool_info() if p["user_api"] == "blas"}
-
-
-def test_the_outermost_block_alone_limits_and_lifts():
-    with threadpoolctl.threadpool_limits(2, user_api="blas"):
-        with one_blas_thread():
-            with one_blas_thread():
-                assert counts() == {1}
-            assert counts() == {1}
-        assert counts() == {2}
-        with pytest.raises(KeyError), one_blas_thread():
-            raise KeyError
-        assert counts() == {2}

@@ -1,7 +1,5 @@
 """The README's commands and code run; its links are tested with those of the manual."""
 
-from __future__ import annotations
-
 import re
 import shlex
 from pathlib import Path

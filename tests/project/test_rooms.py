@@ -1,7 +1,5 @@
 """The rooms of the code: imports run down, and the picture shows the imports that there are."""
 
-from __future__ import annotations
-
 import importlib.util
 import re
 from pathlib import Path

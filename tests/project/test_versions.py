@@ -1,7 +1,5 @@
 """Other versions of Python, NumPy and SciPy find the same errors."""
 
-from __future__ import annotations
-
 import json
 import sys
 from pathlib import Path

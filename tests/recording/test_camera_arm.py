@@ -4,8 +4,6 @@ Detections are the renderer's own projection with 0.03 px of noise, what rendere
 `benchmarks/camera_arm.py` renders the pictures as well.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -18,7 +16,7 @@ import calib
 from calib.errors import CalibError
 from calib.recording.board import Board
 from calib.recording.lens import Lens
-from calib.recording.watch import board_layout, motion, watch
+from calib.recording.watch import board_layout, watch
 
 NAMES = ("shoulder", "elbow", "wrist")
 LOWER, UPPER = np.array([-0.2, 0.0, -1.2]), np.array([1.3, 1.4, 1.2])
@@ -105,7 +103,7 @@ def test_metres_of_a_board_make_an_arm(in_metres):
     assert most < 0.5e-3
 
 
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("seed", range(2))
 def test_what_pose_and_lens_leave_open_is_what_the_log_says(seed):
     q = postures(40, 5)
     log, found, _ = by_board(DESK, q, 10 + seed)
@@ -129,18 +127,6 @@ def test_a_board_found_again_is_no_change_and_a_longer_link_is(in_metres):
     drift = calib.check(in_metres, by_board(longer, q, 2)[0])
     assert drift.drifted
     assert drift.causes[0].cause == "length:elbow"
-
-
-def test_motion_of_the_camera_is_told_with_its_doubt():
-    q = postures(5, 6)
-    _, first, lens = by_board(DESK, q, 1)
-    about = {"reference": first.told(), "lens": lens.to_json()}
-    _, again, _ = by_board(DESK, q, 2)
-    assert "did not move" in motion(about, again)
-    _, bumped, _ = by_board(replace(DESK, camera=BUMPED), q, 3)
-    told = motion(about, bumped)
-    assert "the camera moved by" in told
-    assert "found again to" in told
 
 
 def marks(count=10, place=lambda k: DESK.camera):

@@ -1,10 +1,7 @@
 """Logs from videos, and the commands: right where they are made, one line where they are not."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -142,46 +139,3 @@ def test_a_clock_that_cannot_be_found_is_exit_three(film, tmp_path):
     assert done.exit_code == 3
     assert not (tmp_path / "v.csv").exists()
     assert "--time-offset" in done.output
-
-
-def test_a_camera_is_recorded_line_by_line(film, tmp_path):
-    """A video of postures at rest stands in for the device: six frames of each."""
-    q = np.random.default_rng(6).uniform([0.1, 0.2], [1.2, 1.4], (60, 2))
-    scene = replace(film.scene, tip_size=0.06)
-    p = scene.tip_pixels(q)
-    q = q[((p > 30) & (p < [370, 270])).all(axis=1)][:5]
-    rng = np.random.default_rng(7)
-    frames = [frame for row in q for frame in [scene.picture(row, rng)] * 6]
-    write_video(str(tmp_path / "device.avi"), frames, 20.0, "MJPG")
-    stream = "a,b\n" + "".join(f"{a!r},{b!r}\n" for a, b in q.tolist())
-    line = ["log", tmp_path / "shots", "--camera", tmp_path / "device.avi", "--tag", 7, "-o"]
-    done = run(*line, tmp_path / "l.csv", stdin=stream)
-    assert done.exit_code == 0, done.output
-    assert done.output.count("tag 7 at [") == 5
-    made = calib.read_log(tmp_path / "l.csv", joints=["a", "b"])
-    assert np.array_equal(made.q, q)
-    assert np.linalg.norm(made.x - scene.tip_pixels(q), axis=1).max() < 0.3
-    for stdin, folder, words in (
-        (stream, "shots", "is not empty"),
-        ("0.1,0.2\n", "a", "begins without names"),
-        ("a,b\n", "b", "before its first posture"),
-        ("a,b\n1,2,3\n", "c", "line 2 of the joints' stream has 3 values"),
-        (stream + stream[4:], "d", "gives no more pictures"),
-    ):
-        line[1] = tmp_path / folder
-        done = run(*line, tmp_path / "n.csv", stdin=stdin)
-        assert (done.exit_code, words in done.output) == (1, True), done.output
-    assert len(list((tmp_path / "d").iterdir())) == 6  # what was recorded stays
-
-
-def test_a_camera_that_is_not_there_is_one_line(tmp_path):
-    words = [*map(str, ("log", tmp_path / "s", "--camera", 99, "--tag", 7, "-o", tmp_path / "l"))]
-    code = f"import sys; sys.argv[1:] = {words}; from calib_cli import main; main()"
-    done = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, input="a\n1\n"
-    )
-    assert done.returncode == 1
-    assert done.stderr.splitlines() == [
-        "error: there is no camera '99' that OpenCV can open: expected 0, 1, ..."
-    ]
-    assert not (tmp_path / "s").exists()

@@ -1,37 +1,26 @@
 """The map over a photo: what is kept in the model, and that positions are where they were seen."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 pytest.importorskip("cv2")
-from calib_cli.app import app
-from calib_cli.photo import Drawn, photo_of_log
 from matplotlib.quiver import Quiver
 from PIL import Image
 from rendering import Camera, Desk
 from scenes import data_of, objects, page_of
-from typer.testing import CliRunner
 
 import calib
 from calib.errors import CalibError
 from calib.model.measured import Photo
 from calib.model_file.loading import from_bytes
 from calib.model_file.storage import to_bytes
-from calib.recording.lens import Lens
 from calib.recording.photo import WIDEST, take_photo
-from calib.recording.reference import FlatReference, PlaneReference, Pose
 from calib.samples.tables import write_table
 
 CAMERA = Camera(size=(1280, 720))
 DESK = Desk(CAMERA, lengths=(0.18, 0.16), offsets=(0.0, 0.0))
-LENS = Lens(
-    CAMERA.size, np.full(2, CAMERA.focal), CAMERA.centre, np.array([CAMERA.k1, 0.0, 0.0, 0.0, 0.0])
-)
-POSE = Pose(CAMERA.rotation, -CAMERA.rotation @ np.array(CAMERA.position), np.zeros((15, 15)), 0.0)
 SOURCE = {"unit": "px", "size": [1280, 720], "reference": {"kind": "pixels"}, "photo": "seen.png"}
 
 
@@ -81,25 +70,6 @@ def test_a_kept_photo_shows_each_pixel_where_it_was(made):
     assert max(photo.pixels().shape) == WIDEST
     for place in made[2][:3]:
         assert np.allclose(spot(photo, place), place, atol=0.3)
-
-
-def test_metres_are_seen_from_straight_above(made, tmp_path):
-    """Against the renderer's own projection; the tag's plane is 20 mm above the board."""
-    rng = np.random.default_rng(1)
-    x = rng.uniform([0.05, 0.0], [0.35, 0.2], (30, 2))
-    marked(CAMERA.project(np.c_[x[:3], np.full(3, 0.02)]), tmp_path / "p.png")
-    plane = PlaneReference(LENS, POSE, 0.02)
-    assert np.allclose(plane.pixels(x), CAMERA.project(np.c_[x, np.full(30, 0.02)]), atol=1e-9)
-    assert np.allclose(plane.positions(plane.pixels(x)), x, atol=1e-9)
-    about = {"size": [1280, 720], "reference": plane.told(), "lens": LENS.to_json()}
-    photo = take_photo(tmp_path / "p.png", x, "m", about)
-    left, right, low, high = photo.box
-    assert left < right
-    assert low < high
-    for place in x[:3]:
-        assert np.allclose(spot(photo, place), place, atol=3e-4)
-    flat = FlatReference(np.array([[1e-3, 0, 0.1], [0, -1e-3, 0.2], [0, 1e-5, 1.0]]), 0.0)
-    assert np.allclose(flat.positions(flat.pixels(x)), x, atol=1e-12)
 
 
 def test_the_model_keeps_its_photo(made):
@@ -155,28 +125,3 @@ def test_the_map_is_drawn_over_the_photo(made):
     # the picture's first row is up, seen from where the camera of the page is
     left, _, _, above = objects(data)["Photo/picture"]["points"]
     assert above[1] > left[1]
-
-
-def test_the_commands_remember_it_unless_told_not_to(made, tmp_path):
-    folder, model, _ = made
-    data, seen, path = folder / "log.csv", str(folder / "seen.png"), str(tmp_path / "m.calib")
-    log = calib.read_log(data, joints=["a", "b"])
-    assert photo_of_log(model, log, str(data)).photo is not None
-    outside = replace(log, source={**SOURCE, "photo": "../seen.png"})
-    assert photo_of_log(model, outside, str(data)).photo is None
-    assert photo_of_log(model, log, "-").photo is None
-    metres = replace(model, about=replace(model.about, unit="m"))
-    for spoilt in ({"photo": "a\0b"}, {"photo": 7}, {"size": 7}, {"reference": 7, "unit": "m"}):
-        odd = replace(log, source=SOURCE | spoilt)
-        assert photo_of_log(metres, odd, str(data)).photo is None
-    model.save(path)
-    assert Drawn(photo=seen, no_photo=True).load(path)[0].photo is not None
-    assert calib.load(path).photo is None
-    assert Drawn(photo=seen).load(path)[0].photo is not None
-    kept = calib.load(path)
-    assert kept.photo is not None
-    assert Drawn(no_photo=True).load(path)[0].photo is None
-    assert Drawn().load(path)[0].photo == kept.photo
-    photo = ("--photo", seen, "--no-photo")
-    line = ("train", "--data", data, "--joints", "a,b", "-o", path, *photo)
-    assert CliRunner().invoke(app, list(map(str, line))).exit_code == 2

@@ -1,7 +1,5 @@
 """Logs from pictures: right where they are made, one line where they are not."""
 
-from __future__ import annotations
-
 import shutil
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Bags: ROS 1, ROS 2 and MCAP recordings become logs."""
 
-from __future__ import annotations
-
 import sys
 
 import numpy as np
@@ -172,12 +170,6 @@ def test_orientations_of_poses_become_columns(tmp_path, run):
     refused = run("log", bag, "--frames", "camera,tag", "-o", tmp_path / "no.csv")
     assert (refused.code, refused.err.count("\n")) == (1, 1)
     assert "no tf" in refused.err
-
-
-def test_an_mcap_file_on_its_own(tmp_path):
-    folder = write(tmp_path / "a", "mcap")
-    file = next(folder.glob("*.mcap"))
-    assert len(read_bag(file).q) == 298
 
 
 def test_gaps_are_not_bridged(tmp_path):

@@ -14,24 +14,17 @@ from calib.samples.changes import JOINT_CHANGES, SENSOR_CHANGES, Change, parse_c
     ("text", "part", "joint", "what", "values", "relative"),
     [
         ("elbow.length=+20%", "joint", "elbow", "length", (1.2,), True),
-        ("elbow.length=-20%", "joint", "elbow", "length", (0.8,), True),
         ("elbow.length=0.3", "joint", "elbow", "length", (0.3,), False),
         ("elbow.offset=-0.05", "joint", "elbow", "offset", (-0.05,), False),
         ("elbow.gear=1.02", "joint", "elbow", "gear", (1.02,), False),
-        ("elbow.gear=+2%", "joint", "elbow", "gear", (1.02,), True),
         ("elbow.lock=1.0", "joint", "elbow", "lock", (1.0,), False),
-        ("elbow.noise=0", "joint", "elbow", "noise", (0.0,), False),
         ("elbow.backlash=1e-2", "joint", "elbow", "backlash", (0.01,), False),
         ("tip.offset=0.01,-0.02", "tip", "", "offset", (0.01, -0.02), False),
-        ("tip.offset=0.01", "joint", "tip", "offset", (0.01,), False),
-        ("sensor.rotate=0.14", "sensor", "", "rotate", (0.14,), False),
         ("sensor.shift=0.03,-0.02", "sensor", "", "shift", (0.03, -0.02), False),
         ("sensor.scale=1.05", "sensor", "", "scale", (1.05,), False),
         ("sensor.scale=105%", "sensor", "", "scale", (1.05,), True),
         ("sensor.mirror=x", "sensor", "", "mirror", (-1.0, 1.0), False),
-        ("sensor.mirror=y", "sensor", "", "mirror", (1.0, -1.0), False),
         ("sensor.outliers=5%", "sensor", "", "outliers", (0.05,), False),
-        ("sensor.lock=1", "joint", "sensor", "lock", (1.0,), False),
         ("left.arm.elbow.lock=1.5", "joint", "left.arm.elbow", "lock", (1.5,), False),
         ("a=b.lock=1", "joint", "a=b", "lock", (1.0,), False),
         (" Ellbögen 肘.offset = 0.1 ", "joint", "Ellbögen 肘", "offset", (0.1,), False),
@@ -46,27 +39,19 @@ def test_read_as_typed(text, part, joint, what, values, relative):
     ("text", "expected"),
     [
         ("", "WHO.WHAT=VALUE"),
-        ("elbow", "WHO.WHAT=VALUE"),
-        ("elbow=3", "WHO.WHAT=VALUE"),
         (".length=3", "WHO.WHAT=VALUE"),
-        ("elbow.length=", "WHO.WHAT=VALUE"),
         ("elbow.colour=3", "length, offset, gear, noise, backlash, lock"),
         ("sensor.colour=3", "mirror, scale, rotate, shift, outliers"),
         ("tip.length=x", r"\+20% or 0.3"),
         ("tip.size=1", "tip.offset=DX,DY"),
         ("elbow.length=20%", r"\+20% to lengthen"),
         ("elbow.length=-100%", "above zero"),
-        ("elbow.length=0", "above zero"),
         ("elbow.offset=5%", "0.05"),
-        ("elbow.offset=nan", "0.05"),
-        ("elbow.offset=1,2", "0.05"),
         ("elbow.gear=0", "lock"),
         ("elbow.noise=-1", "negative"),
-        ("sensor.scale=0", "above zero"),
         ("sensor.shift=1", "0.03,-0.02"),
         ("sensor.mirror=z", "x or y"),
         ("sensor.outliers=1", "below 1"),
-        ("sensor.outliers=-1", "below 1"),
         ("tip.offset=1,inf", "0.01,0.02"),
     ],
 )
@@ -91,16 +76,6 @@ def test_the_same_thing_changed_twice_is_refused():
         parse_changes(["a.lock=1", "b.lock=1", "a.lock=2"])
     assert [c.joint for c in parse_changes(["a.lock=1", "b.lock=1"])] == ["a", "b"]
     assert len(parse_changes("a.lock=1")) == 1
-
-
-@given(
-    joint=st.text(min_size=1).filter(lambda s: s == s.strip()),
-    what=st.sampled_from(JOINT_CHANGES),
-    value=st.floats(min_value=1e-3, max_value=1e3),
-)
-def test_any_joint_name_and_number_come_back(joint, what, value):
-    change = parse_change(f"{joint}.{what}={value!r}")
-    assert (change.joint, change.what, change.value) == (joint, what, value)
 
 
 @given(

@@ -1,7 +1,5 @@
 """What a log of a known robot shows to be wrong: units, columns, mirrors, lags, planes."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -9,8 +7,8 @@ from hypothesis import strategies as st
 
 import calib
 from calib.arm.rotations import exponential, matrix_of, quaternion_of
-from calib.samples.alignment import aligned_misfit, rows_behind
-from calib.samples.diagnosis import diagnose, unit_hint
+from calib.samples.alignment import rows_behind
+from calib.samples.diagnosis import diagnose
 from calib.samples.tables import write_table
 
 ARM = calib.load_arm("two_link")
@@ -118,16 +116,6 @@ def test_a_sound_log_in_any_frame_is_not_doubted(turn, shift, stretch, offset, l
     assert findings(ARM, q, seen) == ()
 
 
-def test_misfit_forgets_the_frame_and_nothing_else():
-    rng = np.random.default_rng(1)
-    for m in (2, 3):
-        a = rng.normal(size=(50, m))
-        turned = np.linalg.qr(rng.normal(size=(m, m)))[0]
-        turned[:, 0] *= np.sign(np.linalg.det(turned))
-        assert aligned_misfit(a, 3.0 * a @ turned.T + 7.0) < 1e-12
-        assert aligned_misfit(a, a * ([-1.0] + [1.0] * (m - 1))) > 0.1
-
-
 def test_positions_that_leave_the_plane_are_refused(tmp_path):
     q, x = samples()
     space = x @ SPACE + 1.0
@@ -193,11 +181,6 @@ def test_a_value_beyond_the_limits_is_not_taken_for_degrees_within_one_turn(tmp_
         calib.read_log(write(tmp_path, q * [1.0, -1.0], x), ARM)
     with pytest.raises(calib.LogError, match="degrees=True"):
         calib.read_log(write(tmp_path, np.degrees(q), x), ARM)
-
-
-@pytest.mark.parametrize(("ratio", "words"), [(1e3, "unit='mm'"), (900, "pixels"), (1.3, "")])
-def test_the_end_of_a_message_on_a_scale(ratio, words):
-    assert (words in unit_hint(ratio)) if words else unit_hint(ratio) == ""
 
 
 def poses(robot="six_axis", n=120, seed=3):

@@ -7,7 +7,6 @@ import pytest
 import calib
 from calib.errors import OptionError
 from calib.samples.columns import open_source, read_columns
-from calib.samples.locked import locked_from_log
 from calib.samples.logs import read_log
 
 N = 3000
@@ -81,18 +80,6 @@ def test_a_log_that_fits_is_held_whole(files, arm, rows):
     for bad in (1, 2.5, True):
         with pytest.raises(OptionError, match="most"):
             read_log(files[0], arm, most=bad)
-
-
-def test_locked_joints_of_a_long_log(tmp_path, monkeypatch):
-    from calib.samples import locked
-
-    monkeypatch.setattr(locked, "HELD_ROWS", 500)
-    pan = np.full(1001, 0.25)
-    pan[1:10] = 0.5
-    pl.DataFrame({"pan": pan, "x": pan}).write_csv(tmp_path / "log.csv")
-    values, notes = locked_from_log(tmp_path / "log.csv", ["pan"])
-    assert values == {"pan": 0.25}
-    assert "moved by up to 14.3 deg" in notes[0]
 
 
 # Training

@@ -1,7 +1,5 @@
 """Rows: named columns are taken by name; what is no table of numbers is refused."""
 
-from __future__ import annotations
-
 import numpy as np
 import polars as pl
 import pytest

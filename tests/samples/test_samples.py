@@ -30,24 +30,6 @@ def test_arrays_are_float_contiguous_and_read_only():
             array[0] = 1
 
 
-def test_the_callers_array_stays_writeable_and_apart():
-    q = np.zeros((4, 2))
-    s = make(q=q)
-    q[0] = 7.0
-    assert s.q[0].tolist() == [0, 0]
-    view = q.view()
-    view.flags.writeable = False  # read-only for us, but its owner can still write
-    s = make(q=view)
-    q[1] = 9.0
-    assert s.q[1].tolist() == [0, 0]
-
-
-def test_a_read_only_array_is_shared():
-    q = np.zeros((4, 2))
-    q.flags.writeable = False
-    assert make(q=q).q is q
-
-
 def test_take_keeps_everything_but_the_rows():
     s = make(5, unit="px", notes=["n"], dropped=3)
     for index in ([3, 1], np.array([3, 1]), np.array([3, 1], dtype=np.uint8)):
@@ -63,14 +45,10 @@ def test_take_keeps_everything_but_the_rows():
     ("changes", "message"),
     [
         ({"q": np.zeros((4, 3))}, r"q has shape \(4, 3\), expected \(4, 2\)"),
-        ({"q": np.zeros(4)}, r"q has shape \(4,\)"),
         ({"x": np.zeros((3, 2))}, r"x has shape \(3, 2\), expected \(4, 2\)"),
-        ({"x": np.zeros((4, 4))}, r"x has shape \(4, 4\)"),
         ({"orientation": np.zeros((4, 3))}, r"orientation has shape \(4, 3\)"),
-        ({"lower": [0.0]}, r"lower has shape \(1,\)"),
         ({"upper": [1.0, np.inf]}, "'b' has the range 0:inf"),
         ({"lower": [0.0, 1.0]}, "'b' has the range 1:1"),
-        ({"revolute": (True,)}, "revolute has 1"),
         ({"joint_names": ("a", "a")}, "different names"),
         ({"q": np.zeros((0, 2)), "x": np.zeros((0, 2))}, "no rows"),
         ({"q": [["a", "b"]] * 4}, "not an array of numbers"),
@@ -81,8 +59,3 @@ def test_what_does_not_fit_is_refused_in_one_line(changes, message):
     with pytest.raises(LogError, match=message) as caught:
         make(**changes)
     assert "\n" not in str(caught.value)
-
-
-def test_an_empty_selection_is_refused():
-    with pytest.raises(LogError, match="no rows"):
-        make().take([])

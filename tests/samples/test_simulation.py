@@ -6,7 +6,7 @@ import pytest
 from calib.arm.loading import load_arm
 from calib.errors import OptionError
 from calib.samples.changes import parse_changes
-from calib.samples.simulation import Simulation, _play
+from calib.samples.simulation import Simulation
 
 L1, L2 = 0.30, 0.25
 
@@ -85,12 +85,6 @@ def test_gear_acts_before_offset_and_a_lock_holds_against_both(arm, q):
     np.testing.assert_allclose(sim.measure(q, np.random.default_rng(0)), held, atol=1e-12)
 
 
-def test_no_noise_measures_the_exact_position(arm, q):
-    sim = simulate(arm, "elbow.offset=0.1")
-    assert (sim.measure(q, np.random.default_rng(0)) == sim.exact(q)).all()
-    assert (sim.measure(q[0], np.random.default_rng(0)) == sim.exact(q[0])).all()
-
-
 def test_sensor_noise_has_the_stated_deviation_on_each_axis(arm, q):
     many = np.repeat(q, 100, axis=0)
     sim = simulate(arm, noise=2e-3)
@@ -108,22 +102,6 @@ def test_joint_noise_moves_the_tip_along_the_joints_circle(arm, q):
     assert turn.std() == pytest.approx(0.01, rel=0.1)
 
 
-def test_more_of_one_kind_of_noise_leaves_the_others_as_they_are(arm, q):
-    def measure(noise, *changes):
-        return simulate(arm, *changes, noise=noise).measure(q, np.random.default_rng(3))
-
-    exact = planar(q)
-    one, two = measure(0.001), measure(0.002)
-    np.testing.assert_allclose(two - exact, 2 * (one - exact), atol=1e-12)
-    wrong = measure(0.0, "sensor.outliers=0.2")
-    both = measure(0.001, "sensor.outliers=0.2")
-    hit = (wrong != measure(0.0)).any(axis=1)
-    assert (both[hit] == wrong[hit]).all()
-    assert (both[~hit] == one[~hit]).all()
-    few = (measure(0.0, "sensor.outliers=0.1") != measure(0.0)).any(axis=1)
-    assert hit[few].all()  # the rows hit by fewer outliers are hit by more as well
-
-
 def test_outliers_hit_the_stated_share_and_stay_in_the_box(arm, q):
     many = np.repeat(q, 40, axis=0)
     sim = simulate(arm, "sensor.outliers=0.05", "sensor.shift=5,5")
@@ -136,39 +114,12 @@ def test_outliers_hit_the_stated_share_and_stay_in_the_box(arm, q):
     assert np.ptp(x[hit], axis=0) == pytest.approx(high - low, rel=0.02)
 
 
-def test_backlash_follows_by_half_the_play_and_rests_on_small_moves():
-    np.testing.assert_allclose(_play(np.array([0.0, 1, 0.9, 0]), 0.4), [0, 0.8, 0.8, 0.2])
-    theta = np.random.default_rng(0).normal(size=300)
-    assert (_play(theta, 0.0) == theta).all()
-    assert np.abs(_play(theta, 0.3) - theta).max() == pytest.approx(0.15)
-    assert _play(np.array([]), 1.0).shape == (0,)
-
-
 def test_backlash_delays_the_joint_in_a_measurement(arm):
     q = np.array([[0.2, 1.0], [0.2, 1.5], [0.2, 1.45], [0.2, 1.0]])
     x = simulate(arm, "elbow.backlash=0.2").measure(q, np.random.default_rng(0))
     np.testing.assert_allclose(
         x, planar(np.array([[0.2, 1.0], [0.2, 1.4], [0.2, 1.4], [0.2, 1.1]]))
     )
-
-
-def test_draws_fill_the_babbled_range(arm):
-    narrow = arm.with_range({"elbow": (1.0, 1.5)})
-    q = Simulation(narrow).draw(5000, np.random.default_rng(0))
-    np.testing.assert_allclose(q.min(axis=0), narrow.lower, atol=2e-3)
-    np.testing.assert_allclose(q.max(axis=0), narrow.upper, atol=2e-3)
-    assert (q >= narrow.lower).all()
-    assert (q <= narrow.upper).all()
-
-
-def test_plain_data_rebuild_the_simulation(arm, q):
-    sim = simulate(arm, "elbow.length=+20%", "sensor.mirror=x", noise=0.001)
-    data = sim.to_json()
-    assert data == {"noise": 0.001, "changes": ["elbow.length=+20%", "sensor.mirror=x"]}
-    again = Simulation.from_json(arm, data)
-    assert again.changes == sim.changes
-    one, two = (s.measure(q, np.random.default_rng(5)) for s in (sim, again))
-    assert (one == two).all()
 
 
 @pytest.mark.parametrize(

@@ -1,7 +1,5 @@
 """Logs of arms that move in space: x, y, z and an orientation."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -104,17 +102,6 @@ def test_a_planar_arms_orientation_columns_are_ignored(tmp_path):
     log = read_log(written(tmp_path / "a.csv", columns), arm)
     assert log.orientation is None
     np.testing.assert_allclose(log.x, x, atol=1e-12)
-
-
-def test_a_spatial_arm_babbles():
-    arm = load_arm("spatial_three")
-    plain = calib.babble(arm, 50, seed=1)
-    np.testing.assert_allclose(plain.x, arm.forward(plain.q), atol=1e-15)
-    moved = calib.babble(arm, 50, seed=1, changes=("sensor.scale=2", "elbow.offset=0.05"))
-    true = arm.forward(moved.q + np.array([0.0, 0.0, 0.05]))
-    np.testing.assert_allclose(moved.x, 2 * true, atol=1e-12)
-    noisy = calib.babble(arm, 50, seed=1, noise=1e-3, changes=("sensor.outliers=0.2",))
-    assert noisy.x.shape == (50, 3)
 
 
 def test_two_rows_of_x_y_z_lie_in_many_planes_and_are_refused_in_one_line(tmp_path):

@@ -1,7 +1,5 @@
 """Streams: pipes as logs, small alphabets and narrow terminals; see also tests/hostile."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys
@@ -9,7 +7,6 @@ import threading
 
 import numpy as np
 import pytest
-from calib_cli.output import TextTable
 
 import calib
 
@@ -41,17 +38,18 @@ def test_a_named_pipe_is_read_like_a_file(tmp_path, log):
     np.testing.assert_array_equal(read.x, direct.x)
 
 
-def test_a_piped_log_tells_where_locked_joints_stood(tmp_path):
+def test_a_piped_log_tells_where_locked_joints_stood(tmp_path, run):
     arm = calib.load_arm("three_link", ["shoulder", "elbow"], "tip", lock={"wrist": 0.3})
     samples = calib.babble(arm, 60)
     rows = np.column_stack([samples.q, np.full(60, 0.3), samples.x])
     path = tmp_path / "log.csv"
     np.savetxt(path, rows, delimiter=",", header="shoulder,elbow,wrist,x,y", comments="")
-    train = '"$@" train three_link --joints shoulder,elbow --tip tip --size 5'
-    piped = shell(f'cat "{path}" | {train} --data /dev/stdin -o "{tmp_path}/piped.calib"')
+    train = "train three_link --joints shoulder,elbow --tip tip --size 5"
+    out = f'--data /dev/stdin -o "{tmp_path}/piped.calib"'
+    piped = shell(f'cat "{path}" | "$@" {train} {out}')
     assert piped.returncode == 0, piped.stderr
-    direct = shell(f'{train} --data "{path}" -o "{tmp_path}/direct.calib"')
-    assert direct.returncode == 0, direct.stderr
+    direct = run(*train.split(), "--data", path, "-o", tmp_path / "direct.calib")
+    assert direct.code == 0, direct.err
     model = calib.load(tmp_path / "piped.calib")
     assert model.about.locked == {"wrist": pytest.approx(0.3)}
     assert (tmp_path / "piped.calib").read_bytes() == (tmp_path / "direct.calib").read_bytes()
@@ -68,8 +66,7 @@ def test_a_closed_input_is_an_empty_table(model):
     assert b"standard input is empty" in done.stderr
 
 
-@pytest.mark.parametrize("encoding", ["ascii", "utf-8"])
-def test_names_beyond_the_alphabet_of_a_terminal(tmp_path, encoding):
+def test_names_beyond_the_alphabet_of_a_terminal(tmp_path):
     rng = np.random.default_rng(0)
     path = tmp_path / "log.csv"
     q = rng.uniform(0.2, 1.4, (60, 2))
@@ -79,24 +76,11 @@ def test_names_beyond_the_alphabet_of_a_terminal(tmp_path, encoding):
     )
     done = shell(
         f'"$@" train --data "{path}" --joints "Schulter,肘é" --size 5 -o "{tmp_path}/m.calib"',
-        PYTHONIOENCODING=encoding,
-        PYTHONUTF8="0" if encoding != "utf-8" else "1",
+        PYTHONIOENCODING="ascii",
+        PYTHONUTF8="0",
     )
     assert done.returncode == 0, done.stderr
-    text = done.stdout.decode(encoding)
-    assert ("肘é" if encoding == "utf-8" else "\\u8098") in text
-
-
-def test_a_table_as_records_names_every_cell():
-    table = TextTable(["joint", "value"], [["a", "1.5" * 40], ["b", "2"]], "title")
-    assert table.lines() == [
-        "title",
-        "joint  a",
-        f"value  {'1.5' * 40}",
-        "",
-        "joint  b",
-        "value  2",
-    ]
+    assert "\\u8098" in done.stdout.decode("ascii")
 
 
 def test_a_table_that_is_too_wide_for_its_terminal_becomes_records(model):

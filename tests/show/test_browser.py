@@ -1,7 +1,5 @@
 """Pages in a real browser: what is drawn, where, and that nothing else is asked for."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

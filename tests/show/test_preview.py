@@ -1,7 +1,5 @@
 """Preview: what its page draws, its server, its command, and meshes from a stranger's URDF."""
 
-from __future__ import annotations
-
 import json
 import os
 import re
@@ -102,17 +100,12 @@ def test_everything_is_in_the_window_x_right_and_y_up():
     assert pixels[2, 1] < pixels[0, 1] - 5
 
 
-def test_an_arm_in_space_has_a_cloud_with_two_cuts():
+def test_an_arm_in_space_has_a_cloud():
     model = in_space()
     data = data_of(page_of(model))
     assert "Workspace border" not in layers(data)
     found = objects(data)
-    points = found["Slices/points"]["points"]
     assert {"Error cloud/points", "Sensory map/nodes"} <= set(found)
-    level = np.abs(points[:, 2] - points[-1, 2]) < 1e-6
-    upright = np.abs((points - points[0]) @ data["plane"]["normal"]) < 1e-6
-    assert min(level.sum(), upright.sum()) > 200
-    assert (level | upright).all()
     # positions are drawn where the tool is in the robot's frame
     arm = arm_from_urdf(model.about.urdf)
     held = np.linalg.norm(model.body.beta[model.body.structure.groups["tool"]])

@@ -1,7 +1,5 @@
 """Report: what it holds, what it measures, and that it is one file."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 from html.parser import HTMLParser
@@ -16,10 +14,9 @@ from calib.body.curves import curve_value
 from calib.common.scale import Scale
 from calib.maps.lattice import Lattice
 from calib.maps.map import Map
-from calib.show.error_scale import ErrorScale
 from calib.show.report.maps import hits, u_matrix
 
-FLAT = ["forward", "inverse", "histogram", "lattices", "nodes", "training"]
+FLAT = ["forward", "inverse", "lattices", "nodes", "training"]
 SPACE = ["forward", "inverse", "joints", "curves", *FLAT[2:]]
 
 
@@ -89,7 +86,7 @@ def test_one_small_file_without_addresses_in_the_page_own_ink():
     ):
         assert text in page
     assert not re.search("#010203|#020304", page)
-    assert "sensor noise 1 mm" in page
+    assert "a single reading of its sensor is off by 1.25 mm" in page
     errors = calib.evaluate(noisy()).errors["local"]["forward"]["distance"]
     assert f"{1e3 * errors['mean']:.3g} ({1e3 * errors['max']:.3g})" in read.cells
     assert report(noisy()) == page
@@ -124,8 +121,8 @@ def test_figures_on_paper():
     assert list(drawn) == FLAT
     calib.figures(noisy(), names=["forward"])["forward"].savefig("forward.png")
     assert Path("forward.png").read_bytes().startswith(b"\x89PNG")
-    with pytest.raises(calib.OptionError, match="histogramm"):
-        calib.figures(noisy(), names=["histogramm"])
+    with pytest.raises(calib.OptionError, match="latices"):
+        calib.figures(noisy(), names=["latices"])
 
 
 def test_figures_of_an_arm_in_space():
@@ -164,18 +161,6 @@ def test_u_matrix_and_hits_of_a_map_made_by_hand():
     u = np.array([[0.1, 0.1], [0.0, 0.0], [0.4, 0.9]])
     assert hits(part, u).tolist() == [2, 0, 0, 1]
     assert np.isnan(hits(part, np.empty((0, 2)))).all()
-
-
-def test_error_scales():
-    rounding = ErrorScale.of(np.array([1e-13, 3e-12]), "m", 0.5)
-    assert rounding.ticks() == [(0.0, "below 1 nm everywhere")]
-    assert rounding.share(np.array([1e-13])).tolist() == [0.0]
-    assert "px" in ErrorScale.of(np.array([1e-8]), "px", 600.0).ticks()[0][1]
-    narrow = ErrorScale.of(np.linspace(0.9, 1.0, 100) * 1e-3, "m", 0.5)
-    wide = ErrorScale.of(np.geomspace(1e-6, 1e-3, 100), "m", 0.5)
-    assert (narrow.log, wide.log) == (False, True)
-    ends = np.array([wide.low, np.sqrt(wide.low * wide.high), wide.high])
-    np.testing.assert_allclose(wide.share(ends), [0.0, 0.5, 1.0], atol=1e-9)
 
 
 def test_command(run, models: Path, model: Path, log: Path, tmp_path: Path):

@@ -1,7 +1,5 @@
 """A sensor's clock that is late is found with the body, told and corrected."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Touches through the public face: a log of sockets becomes a model like any other."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

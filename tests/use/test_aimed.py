@@ -1,7 +1,5 @@
 """Plans that are aimed: postures at a point to touch, and with a board in a camera's picture."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

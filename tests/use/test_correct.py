@@ -1,14 +1,12 @@
 """Correct: the compensation that a controller takes."""
 
-from __future__ import annotations
-
 import csv
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from drifting import arm, log, model
-from models import in_space, six, trained
+from models import six, trained
 
 import calib
 from calib.arm.loading import arm_from_urdf
@@ -16,7 +14,7 @@ from calib.arm.robots import resolve_robot
 from calib.arm.urdf import read_urdf
 from calib.body.spatial import structure_of
 from calib.errors import OptionError, QueryError
-from calib.model.nominal import NominalPose, nominal_in_space
+from calib.model.nominal import nominal_in_space
 from calib.use.correct import correct
 from calib.use.geometry import fit_geometry
 
@@ -78,11 +76,6 @@ def test_a_model_without_a_urdf():
     bare = calib.train(replace(log(n=60), arm=None, simulation=None), size=10)
     with pytest.raises(OptionError, match="no URDF"):
         calib.correct(bare, Q)
-
-
-def test_wrong_shape():
-    with pytest.raises(QueryError, match="shoulder, elbow"):
-        calib.correct(model(), [0.1, 0.2, 0.3])
 
 
 def test_command(tmp_path, run):
@@ -227,28 +220,25 @@ def test_a_free_frame_hides_the_first_joints_offset_until_the_cause_is_said():
 
 
 def test_six_joints_keep_the_tools_orientation():
-    arm = calib.load_arm("six_axis")
-    structure, rng = structure_of(arm, "rigid"), np.random.default_rng(0)
-    real = structure.neutral()
-    for group in ("placement", "offset", "elastic", "view.shift"):
-        real[structure.groups[group]] = rng.normal(0, 1e-3, len(structure.groups[group]))
-    nominal = nominal_in_space(structure, real)
-    pose = NominalPose.of(structure, real, nominal)
-    q = np.array([0.3, -1.2, 1.4, -0.8, 1.2, 0.4]) + rng.uniform(-0.3, 0.3, (200, 6))
-    found, left = pose.towards(q)
-    assert left.max() < 1e-9
-    gap = structure.predict(found, real) - structure.predict(q, nominal)
-    assert np.linalg.norm(gap, axis=1).max() < 1e-8
-    assert pose.angle(q, found).max() < 1e-8
-    assert pose.angle(q, q).min() > 1e-4
-    assert NominalPose.of(structure_of(calib.load_arm("spatial_three")), real, real) is None
+    model = six()
+    structure, beta = model.body.structure, model.body.beta
+    q = np.array([0.3, -1.2, 1.4, -0.8, 1.2, 0.4])
+    q = q + np.random.default_rng(1).uniform(-0.3, 0.3, (100, 6))
+    found = correct(model, q)
+    assert found.reachable.all()
+    wanted = structure.pose(q, nominal_in_space(structure, beta))
+    reached = structure.pose(found.q, beta)
+    assert np.abs(reached[0] - wanted[0]).max() < 1e-8
+    assert np.abs(reached[1] - wanted[1]).max() < 1e-8
+    assert found.angle.max() < 1e-7
+    assert np.abs(found.change).max() > 1e-4
 
 
 def test_beside_a_wrist_singularity_no_tool_is_tilted_without_a_word():
     """A UR5 with wrist_2 at -0.01 rad was tilted by 5.5 deg with `reachable=1`."""
     model = six()
-    q = np.array([0.3, -1.2, 1.4, -0.8, 0.0, 0.4]) + np.zeros((41, 6))
-    q[:, 4] = np.linspace(-0.02, 0.02, 41)
+    q = np.array([0.3, -1.2, 1.4, -0.8, 0.0, 0.4]) + np.zeros((9, 6))
+    q[:, 4] = np.linspace(-0.02, 0.02, 9)
     found = correct(model, q)
     answered = found.reachable & ~found.exceeded
     assert found.angle[found.reachable].max() < 1e-5
@@ -265,8 +255,7 @@ def test_beside_a_wrist_singularity_no_tool_is_tilted_without_a_word():
             np.testing.assert_allclose(alone[k].q[0], found.q[k], atol=1e-6)
 
 
-@pytest.mark.parametrize("seed", range(3))
-@pytest.mark.parametrize("robot", ["spatial_three", "six_axis"])
+@pytest.mark.parametrize(("robot", "seed"), [("spatial_three", 0), ("six_axis", 1)])
 def test_the_placement_error_covers_where_the_tip_really_stands(robot, seed):
     """Of 16 models in space 14 once covered 0 to 85 % of the true placements."""
     arm, rng = calib.load_arm(robot), np.random.default_rng(seed)
@@ -292,16 +281,3 @@ def test_the_placement_error_covers_where_the_tip_really_stands(robot, seed):
 
 def test_where_the_frame_is_known_there_is_no_placement_error():
     assert calib.correct(trained(), Q).placement_error is None
-
-
-def test_positions_in_space_are_corrected():
-    model = in_space()
-    structure, beta = model.body.structure, model.body.beta
-    q = np.random.default_rng(0).uniform(model.about.lower, model.about.upper, (50, 3)) * 0.8
-    done = correct(model, q, limit=0.5)
-    wanted = structure.predict(q, nominal_in_space(structure, beta))
-    known = done.reachable
-    assert known.sum() > 40
-    assert np.linalg.norm(model.forward(done.q[known]) - wanted[known], axis=1).max() < 1e-8
-    assert done.angle is None
-    assert any("positions alone" in note for note in done.notes)

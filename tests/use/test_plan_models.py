@@ -1,7 +1,5 @@
 """Plans for models and for arms in space: the poses that tell most."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

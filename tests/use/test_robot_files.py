@@ -1,7 +1,5 @@
 """The corrected arm in the files of others."""
 
-from __future__ import annotations
-
 import json
 from xml.etree import ElementTree
 
@@ -11,6 +9,7 @@ from scipy.spatial.transform import Rotation
 
 import calib
 from calib.errors import LogError, OptionError
+from calib.samples.tables import write_table
 from calib.use.lerobot import homed, read_calibration
 from calib.use.robot_files import CorrectedArm, mjcf_text, ur_kinematics
 
@@ -89,9 +88,9 @@ def test_mujoco_bodies_and_ur_entries_are_where_the_arm_is():
 
 def test_the_command_writes_them(tmp_path, run):
     log, names = tmp_path / "log.csv", calib.load_arm("six_axis").joint_names
-    assert run("babble", "six_axis", "-n", "200", "-o", log).code == 0
+    assert run("babble", "six_axis", "-n", "60", "-o", log).code == 0
     model = tmp_path / "arm.calib"
-    done = run("train", "six_axis", "--data", log, "--size", "8", "-o", model)
+    done = run("train", "six_axis", "--data", log, "--size", "3", "-o", model)
     assert done.code == 0, done.err
     motors = dict.fromkeys(names, MOTORS["elbow_flex"])
     (tmp_path / "old.json").write_text(json.dumps(motors))
@@ -104,3 +103,16 @@ def test_the_command_writes_them(tmp_path, run):
     assert (
         run("export", model, "--lerobot", tmp_path / "old.json", "--ur", paths["ur.yaml"]).code == 2
     )
+
+
+def test_the_child_of_a_transform_is_the_frame_that_the_log_names(run, tmp_path):
+    """It was called `sensor_frame` although the bag said `tracker`."""
+    arm = calib.load_arm("spatial_three")
+    log = calib.babble(arm, 60, noise=1e-4)
+    columns = dict(zip([*arm.joint_names, *"xyz"], np.column_stack([log.q, log.x]).T, strict=True))
+    write_table(tmp_path / "log.csv", columns, about={"unit": "m", "frame": "tracker"})
+    model, out = tmp_path / "m.calib", tmp_path / "t.json"
+    train = ("train", "spatial_three", "--data", tmp_path / "log.csv", "--size", 4, "-o", model)
+    assert run(*train).code == 0
+    assert run("export", model, "--transform", out).code == 0
+    assert json.loads(out.read_text())["child_frame_id"] == "tracker"

@@ -1,7 +1,5 @@
 """The URDF that is written of a spatial arm is the fitted geometry, and nothing else changes."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -12,8 +10,8 @@ from test_spatial_arm import FOLLOWED, MIXED, pinocchio_pose
 from calib.arm.loading import arm_from_urdf, load_arm
 from calib.body.spatial import structure_of
 from calib.errors import OptionError, RobotError
+from calib.use.chain_geometry import Geometry, fit_in_space
 from calib.use.geometry import fit_geometry
-from calib.use.spatial_geometry import SpatialGeometry, fit_spatial
 from calib.use.urdf import corrected_urdf
 
 LOCKED = MIXED.replace('name="lift"', 'name="held"')
@@ -26,7 +24,7 @@ def moved_somehow(arm, *, move_tip=True):
     for group in ("tool", "tool.rotation", "placement", "offset"):
         beta[structure.groups[group]] = rng.normal(0, 0.05, len(structure.groups[group]))
     zero = np.zeros(structure.size)
-    return SpatialGeometry(arm, structure, beta, zero, False, move_tip, 0.0, 0.0, 1.0)
+    return Geometry(arm, structure, beta, zero, False, move_tip, 0.0, 0.0, 1.0)
 
 
 @pytest.mark.parametrize("source", ["six_axis", "spatial_three", "mixed", "followed", "locked"])
@@ -98,7 +96,7 @@ def test_in_simulation_the_tip_is_no_probe_and_offsets_are_written(move_tip, lea
     beta = structure.neutral()
     beta[structure.groups["offset"][2]] = 0.03
     q = np.random.default_rng(0).uniform(arm.lower, arm.upper, (100, 3))
-    geometry = fit_spatial(
+    geometry = fit_in_space(
         arm, None, q, structure.predict(q, beta), unit="m", free=False, probe=False,
         move_base=False, move_tip=move_tip,
     )  # fmt: skip

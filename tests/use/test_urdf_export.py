@@ -1,7 +1,5 @@
 """The exported URDF describes the arm as it really is."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -10,10 +8,11 @@ from drifting import arm, log, model
 
 import calib
 from calib.arm.loading import arm_from_urdf
+from calib.body.spatial import structure_of
 from calib.errors import OptionError, RobotError
+from calib.use.chain_geometry import Geometry, InPlane, fit_in_plane
 from calib.use.geometry import fit_geometry
-from calib.use.planar_geometry import PlanarGeometry, fit_in_plane, in_plane
-from calib.use.urdf import corrected_urdf, edited
+from calib.use.urdf import corrected_urdf
 
 
 def exported(tmp_path, adapted):
@@ -57,13 +56,6 @@ def test_a_sensor_that_moved_is_not_put_into_the_urdf():
     assert all(abs(each["value"]) < 1e-5 for each in geometry.offsets().values())
 
 
-def test_intervals_hold_the_truth():
-    samples = log("elbow.length=+4%", n=100, noise=5e-4)
-    geometry = fit_geometry(calib.adapt(model(), samples).model)
-    assert abs(geometry.ends[0][2, 0] - 0.01) < 2 * geometry.ends[1][2, 0]
-    assert geometry.ends[1][2, 0] < 2e-3
-
-
 def test_intervals_hold_where_joints_have_waves():
     nominal = arm()
     covered = []
@@ -72,7 +64,7 @@ def test_intervals_hold_where_joints_have_waves():
         q = rng.uniform(nominal.lower, nominal.upper, (30, 2))
         seen = nominal.forward(q + 1e-3 * np.sin(2 * q + rng.uniform(0, 6.0, 2)))
         seen += 1e-4 * rng.standard_normal(seen.shape)
-        fit = fit_in_plane(nominal, q, seen, "m", free=True, move_base=False, error=0.0)
+        fit = fit_in_plane(nominal, q, seen, "m", free=True)
         moved, half = fit.ends
         covered += list(np.abs(moved[1:, 0]) < half[1:, 0])
     assert np.mean(covered) >= 0.9  # as noise alone the waves left 0.3
@@ -100,11 +92,11 @@ def test_a_diff_shows_the_changed_attributes_alone():
         '  <transmission name="t"><joint name="elbow"/></transmission>\n</robot>',
     )
     nominal = replace(arm(), urdf=text)
-    structure = in_plane(nominal)
+    structure = structure_of(nominal, kind=InPlane)
     beta, zero = structure.neutral(), np.zeros(structure.size)
     beta[structure.groups["offset"][1]] = 0.02
     beta[structure.shifts[1]] = 0.003, 0.0, 0.0
-    geometry = PlanarGeometry(nominal, structure, beta, zero, False, True, 0.0, 0.0, 0.5)
+    geometry = Geometry(nominal, structure, beta, zero, False, True, 0.0, 0.0, 0.5)
     new = corrected_urdf(geometry)
     before, after = text.splitlines(), new.splitlines()
     assert len(before) == len(after)
@@ -122,27 +114,6 @@ def test_a_diff_shows_the_changed_attributes_alone():
 def two_link_changed(a, b, first):
     ends = first * np.exp(1j * a) + 0.25 * np.exp(1j * (a + b))
     return [ends.real, ends.imag]
-
-
-def test_an_origin_that_is_missing_is_added_where_it_belongs():
-    text = (
-        '<robot name="r"><link name="a"/><link name="b"/>'
-        '<joint name="j" type="revolute"><parent link="a"/><child link="b"/></joint></robot>'
-    )
-    new = edited(text, {"j": {"xyz": np.array([1.0, 0.0, 0.5])}})
-    assert new == text.replace('"revolute">', '"revolute"><origin xyz="1.0 0.0 0.5"/>')
-    again = edited(new, {"j": {"rpy": np.array([0.1, 0.0, 0.0])}})
-    assert again.count("<origin") == 1
-    assert 'rpy="0.1 0.0 0.0"' in again
-    assert 'xyz="1.0 0.0 0.5"' in again
-
-
-def test_a_second_reader_finds_what_was_written(monkeypatch):
-    adapted = calib.adapt(model(), log("elbow.length=+4%", n=100, noise=0.0)).model
-    geometry = fit_geometry(adapted, cause="joints")
-    monkeypatch.setattr("calib.use.urdf.edited", lambda text, _: text)  # loses the change
-    with pytest.raises(RobotError, match="yourdfpy reads another origin"):
-        corrected_urdf(geometry)
 
 
 def test_what_geometry_does_not_explain_is_not_written(tmp_path, run):

@@ -19,7 +19,7 @@ typedef @real@ calib_real;
 enum {
   CALIB_DOF = @dof@, CALIB_OUT = @out@, CALIB_NODES = @nodes@, CALIB_NEAR = @near@,
   CALIB_HARMONICS = @harmonics@, CALIB_CHAIN = @chain@, CALIB_STARTS = @starts@,
-  CALIB_STEPS = 40, CALIB_TRIES = 9
+  CALIB_STEPS = 80, CALIB_TRIES = @tries@
 };
 
 /* An arm: joint values are gain q + offset + curve, and bend with their posture. */

@@ -147,10 +147,11 @@ static inline int calib_reach(const calib_task *task, const calib_real near[CALI
   const calib_real size = task->kind == 0 ? @extent@ : @lever@, close = @close@ * size;
   calib_real r[2][6], J[2][6 * CALIB_DOF], wish[CALIB_DOF], move[CALIB_DOF], trial[CALIB_DOF];
   calib_real damping = @calm@, now, longest;
-  int k, step, here = 0, pulled = CALIB_DOF > n;
+  int k, step, here = 0, pulled = CALIB_DOF > n, most = pulled ? CALIB_STEPS : CALIB_STEPS / 2;
   calib_clipped(q);
   *left = calib_left(task, q, r[0], J[0]);
-  for (step = 0; step < CALIB_STEPS && (pulled || *left > @enough@ * size); ++step) {
+  for (step = 0; step < most && (pulled || *left > @enough@ * size); ++step) {
+    if (step == CALIB_STEPS / 2) pulled = 0; /* anywhere on the target, then */
     if (pulled) calib_apart(near, q, wish);
     if (!calib_move(n, J[here], r[here], q, pulled ? wish : 0, damping, move)) return 0;
     for (longest = 0, k = 0; k < CALIB_DOF; ++k)
@@ -171,7 +172,8 @@ static inline int calib_reach(const calib_task *task, const calib_real near[CALI
     } else {
       if (*left <= close && (!pulled || damping > 1)) break;
       damping = damping * 30 > (calib_real)1e-6 ? damping * 30 : (calib_real)1e-6;
-      if (!(damping < 1000)) break;
+      if (!(damping < 1000) && !pulled) break;
+      if (!(damping < 1000)) pulled = 0, damping = @calm@;
     }
   }
   return *left <= close;
@@ -242,47 +244,51 @@ static inline int calib_starting(const calib_real x[CALIB_OUT], int row[CALIB_TR
 }
 
 /* Joints nearest to `near` that do a task; x is the position by which starts are chosen.  1 where
- * no other way is nearer, 2 where one might be, 0 where none was found. */
+ * no other way is nearer, 2 where one might be, 0 where none was found: then `nearest` comes
+ * closest of what was tried, and `left` is left (NaN where `near` is no joints). */
 static inline int calib_search(const calib_task *task, const calib_real x[CALIB_OUT],
-                               const calib_real near[CALIB_DOF], calib_real q[CALIB_DOF]) {
+                               const calib_real near[CALIB_DOF], calib_real q[CALIB_DOF],
+                               calib_real nearest[CALIB_DOF], calib_real *left) {
   const int spare = CALIB_DOF > calib_rows(task);
-  calib_real from[CALIB_DOF], trial[CALIB_DOF], away, best = 0, left;
-  int row[CALIB_TRIES], i, k, count, found = 0;
+  calib_real from[CALIB_DOF], trial[CALIB_DOF], away, best = 0, now;
+  int row[CALIB_TRIES], i, k, count = CALIB_TRIES, found = 0;
+  *left = calib_not_a_number();
+  for (k = 0; k < CALIB_DOF; ++k) q[k] = calib_not_a_number();
   for (k = 0; k < CALIB_DOF; ++k) {
     const calib_real u = (near[k] - calib_lower[k]) / calib_span[k];
-    from[k] = near[k];
-    q[k] = calib_not_a_number();
-    if (!(u - u == 0) || (!calib_periodic[k] && !(u >= -1 && u <= 2))) break; /* no joints */
+    if (!(u - u == 0) || (!calib_periodic[k] && !(u >= -1 && u <= 2))) return 0; /* no joints */
+    from[k] = trial[k] = near[k];
   }
-  if (k < CALIB_DOF) return 0;
-  for (k = 0; k < CALIB_DOF; ++k) q[k] = from[k];
   calib_clipped(from);
-  if (calib_reach(task, from, 0, q, &left)) {
-    found = 1;
-    best = calib_apart(q, from, 0);
-    if (!spare && best > @beside@ && calib_twin(task, q, trial) &&
-        calib_reach(task, from, 0, trial, &left) && (away = calib_apart(trial, from, 0)) < best) {
-      best = away;
-      for (k = 0; k < CALIB_DOF; ++k) q[k] = trial[k];
+  for (i = -1; i < count; ++i) { /* from `near`, then from the table */
+    if (i == 0 && !(count = calib_starting(x, row))) break;
+    if (found && i > CALIB_TRIES / 3) break;
+    if (i >= 0) {
+      const calib_real *start = calib_start_q[row[i]];
+      away = calib_apart(start, from, 0);
+      if (found && (away > best + @margin@ || calib_apart(start, q, 0) < @margin@ / 2)) continue;
+      for (k = 0; k < CALIB_DOF; ++k) trial[k] = start[k];
     }
-    if (best <= (task->kind == 0 && !spare ? @beside@ : @surely@)) return 1;
-  }
-  count = calib_starting(x, row);
-  for (i = 0; i < count; ++i) {
-    const calib_real *start = calib_start_q[row[i]];
-    away = calib_apart(start, from, 0);
-    if (found && (away > best + @margin@ || calib_apart(start, q, 0) < @margin@ / 2)) continue;
-    for (k = 0; k < CALIB_DOF; ++k) trial[k] = start[k];
-    if (!calib_reach(task, from, found ? q : 0, trial, &left)) continue;
+    if (!calib_reach(task, from, found ? q : 0, trial, &now)) {
+      if (found || *left <= now) continue;
+      *left = now;
+      for (k = 0; k < CALIB_DOF; ++k) nearest[k] = trial[k];
+      continue;
+    }
     away = calib_apart(trial, from, 0);
     if (found && !(away < best)) continue;
     found = 1;
     best = away;
     for (k = 0; k < CALIB_DOF; ++k) q[k] = trial[k];
+    if (i >= 0) continue;
+    if (!spare && best > @beside@ && calib_twin(task, q, trial) &&
+        calib_reach(task, from, 0, trial, &now) && (away = calib_apart(trial, from, 0)) < best) {
+      best = away;
+      for (k = 0; k < CALIB_DOF; ++k) q[k] = trial[k];
+    }
+    if (best <= (task->kind == 0 && !spare ? @beside@ : @surely@)) return 1;
   }
-  if (!found)
-    for (k = 0; k < CALIB_DOF; ++k) q[k] = calib_not_a_number();
-  return !found ? 0 : task->kind == 0 && !spare ? 1 : 2;
+  return !found ? 0 : (task->kind == 0 && !spare) || best <= @surely@ ? 1 : 2;
 }
 
 /* Joints that bring the tip to a position: of several ways the one nearest to `near`, in shares of
@@ -290,10 +296,11 @@ static inline int calib_search(const calib_task *task, const calib_real x[CALIB_
 static inline int calib_inverse(const calib_real x[CALIB_OUT], const calib_real near[CALIB_DOF],
                                 calib_real q[CALIB_DOF]) {
   calib_task task;
+  calib_real nearest[CALIB_DOF], left;
   int i;
   task.kind = 0;
   for (i = 0; i < CALIB_OUT; ++i) task.x[i] = x[i];
-  return calib_search(&task, x, near, q);
+  return calib_search(&task, x, near, q, nearest, &left);
 }
 
 /* All ways to a position that the table of starts leads to, at most `most`; returns how many. */
@@ -325,6 +332,7 @@ static inline int calib_inverse_all(const calib_real x[CALIB_OUT], int most,
 static inline int calib_inverse_pose(const calib_real x[3], const calib_real R[9],
                                      const calib_real near[CALIB_DOF], calib_real q[CALIB_DOF]) {
   calib_task task;
+  calib_real nearest[CALIB_DOF], left;
   int i, j, k;
   task.kind = 2;
   for (i = 0; i < 3; ++i) {
@@ -335,7 +343,7 @@ static inline int calib_inverse_pose(const calib_real x[3], const calib_real R[9
       for (k = 0; k < 3; ++k) task.R[3 * i + j] += calib_aim[3 * k + i] * R[3 * k + j];
     }
   }
-  return calib_search(&task, x, near, q);
+  return calib_search(&task, x, near, q, nearest, &left);
 }
 #endif
 

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import xml.etree.ElementTree as ET
 from collections.abc import Iterator, Mapping
-from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +23,7 @@ from .canvas import Canvas
 from .mesh import read_mesh, resolve_mesh
 
 LAYER = "Arm"
-_BONE, _JOINT, _GREY = "#e0853c", "#59636e", "#8a929b"
+_BONE, _JOINT, _GREY = "#e0853c", "#59636e", (0.54, 0.57, 0.61)
 _UPRIGHT = np.array([[1.0, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])
 """From three.js, whose cylinders stand along y, to URDF, where they stand along z."""
 
@@ -85,9 +84,8 @@ class DrawnArm:
             path = f"{LAYER}/{link}/shape {number + 1}"
             if kind == "mesh":
                 if meshes is None:
-                    notes["the robot's shape is in mesh files: give their folder as `meshes`"] = (
-                        None
-                    )
+                    told = "the robot's shape is in mesh files: give their folder as `meshes`"
+                    notes[told] = None
                     continue
                 try:
                     points, faces = read_mesh(resolve_mesh(style.pop("file"), meshes))
@@ -129,71 +127,38 @@ def _along(end: Array) -> Array:
     return matrix
 
 
-_SIZES = {
-    "box": ("size",),
-    "cylinder": ("radius", "length"),
-    "capsule": ("radius", "length"),
-    "sphere": ("radius",),
-    "mesh": (),
-}
-
-
 def shapes(text: str) -> Iterator[tuple[str, str, Array, dict[str, Any]]]:
     """Yield link, kind, place (4, 4) in the link and looks of each shape of a checked URDF.
 
-    Shapes that cannot be read are left out.
+    A file that yourdfpy cannot read has none, shapes without a size are left out.
     """
-    robot = ET.fromstring(text)  # noqa: S314 - parse_urdf has refused DTDs before
-    named = {node.get("name"): found for node in robot.iter("material") if (found := _colour(node))}
-    for link in robot.findall("link"):
-        for node in link.findall("visual"):
-            material = node.find("material")
-            look = None
-            if material is not None:
-                look = _colour(material) or named.get(material.get("name"))
-            for shape in node.findall("geometry/*"):
-                with suppress(ValueError, KeyError):
-                    style = {**(look or {"colour": _GREY}), **_shape(shape)}
-                    kind = "cylinder" if shape.tag == "capsule" else shape.tag
-                    yield link.get("name", ""), kind, _place(node.find("origin")), style
+    import yourdfpy
 
-
-def _shape(shape: ET.Element) -> dict[str, Any]:
-    """Size of a shape, file and scale of a mesh; a ValueError or KeyError where it has none."""
-    if shape.tag == "mesh":
-        scale = _numbers(shape.get("scale", "1 1 1"), 3).astype(np.float32)
-        return {"file": shape.get("filename", ""), "scale": scale}
-    keys = _SIZES[shape.tag]
-    text = " ".join(shape.get(key, "?") for key in keys)
-    size = _numbers(text, 3 if shape.tag == "box" else len(keys))
-    if (size <= 0).any():
-        raise ValueError("a shape without extent")
-    return {"size": size.tolist()}
-
-
-def _place(origin: ET.Element | None) -> Array:
-    place = np.eye(4)
-    if origin is not None:
-        from scipy.spatial.transform import Rotation
-
-        # roll, pitch and yaw turn about fixed axes
-        turn = Rotation.from_euler("xyz", _numbers(origin.get("rpy", "0 0 0"), 3))
-        place[:3, :3], place[:3, 3] = turn.as_matrix(), _numbers(origin.get("xyz", "0 0 0"), 3)
-    return place
-
-
-def _numbers(text: str, count: int) -> Array:
-    values = np.array([float(part) for part in text.split()], dtype=float)
-    if values.shape != (count,) or not np.isfinite(values).all():
-        raise ValueError(f"{text!r}: expected {count} numbers")
-    return values
-
-
-def _colour(material: ET.Element) -> dict[str, Any] | None:
-    node = material.find("color")
-    with suppress(ValueError):
-        if node is not None:
-            *rgb, alpha = np.clip(_numbers(node.get("rgba", ""), 4), 0.0, 1.0).tolist()
-            hue = "#" + "".join(f"{round(255 * part):02x}" for part in rgb)
-            return {"colour": hue, "opacity": alpha}
-    return None
+    try:
+        how: dict[str, Any] = {"build_scene_graph": False, "load_meshes": False}
+        robot = yourdfpy.URDF.load(BytesIO(text.encode()), **how).robot
+    except (AttributeError, KeyError, TypeError, ValueError):  # whatever its parser raises
+        return
+    materials = [*robot.materials, *(v.material for link in robot.links for v in link.visuals)]
+    named = {m.name: m.color for m in materials if m is not None and m.color is not None}
+    for link in robot.links:
+        for visual in link.visuals:
+            place = np.eye(4) if visual.origin is None else np.asarray(visual.origin)
+            hue = None if visual.material is None else named.get(visual.material.name)
+            rgba = np.array([*_GREY, 1.0] if hue is None else hue.rgba, dtype=float)
+            colour = "#" + bytes(np.round(255 * rgba[:3].clip(0, 1)).astype(np.uint8)).hex()
+            style: dict[str, Any] = {"colour": colour, "opacity": float(rgba[3].clip(0, 1))}
+            shape = visual.geometry
+            if shape.mesh is not None:
+                scale = 1.0 if shape.mesh.scale is None else shape.mesh.scale
+                style |= {"file": shape.mesh.filename, "scale": np.float32(scale)}
+                yield link.name, "mesh", place, style
+                continue
+            sizes = {
+                "box": shape.box and shape.box.size,
+                "cylinder": shape.cylinder and (shape.cylinder.radius, shape.cylinder.length),
+                "sphere": shape.sphere and (shape.sphere.radius,),
+            }
+            for kind, size in sizes.items():
+                if size is not None and (np.isfinite(size) & (np.array(size) > 0)).all():
+                    yield link.name, kind, place, {**style, "size": np.ravel(size).tolist()}

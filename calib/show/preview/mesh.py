@@ -49,6 +49,10 @@ def resolve_mesh(name: str, folder: Path) -> Path:
     raise RobotError(f"mesh {name!r}: no such file in {folder}, and nothing outside of it is read")
 
 
+def _refuse(*_: object) -> None:
+    raise ValueError("it holds a document type")
+
+
 def read_mesh(path: Path) -> tuple[NDArray[np.float32], NDArray[np.uint32]]:
     """Read vertices (n, 3) [m] and faces (m, 3) of a mesh file; materials are left out.
 
@@ -67,8 +71,13 @@ def read_mesh(path: Path) -> tuple[NDArray[np.float32], NDArray[np.uint32]]:
             hint="convert it to binary STL" if text else "reduce the number of its triangles",
         )
     data = path.read_bytes()
-    if kind == ".dae":
-        _forbid_doctype(path.name, data)
+    if kind == ".dae":  # a search for bytes misses UTF-16: a parser looks
+        parser = expat.ParserCreate()
+        parser.StartDoctypeDeclHandler = _refuse
+        try:
+            parser.Parse(data, True)
+        except (expat.ExpatError, ValueError, LookupError) as error:
+            raise RobotError(f"mesh {path.name}: {error}, expected XML without one") from None
     try:
         import trimesh
     except ImportError:
@@ -87,17 +96,3 @@ def read_mesh(path: Path) -> tuple[NDArray[np.float32], NDArray[np.uint32]]:
     # STL repeats each vertex for each of its triangles, five or six times
     vertices, where = np.unique(vertices, axis=0, return_inverse=True)
     return vertices, where.reshape(-1)[faces].astype(np.uint32)
-
-
-def _forbid_doctype(name: str, data: bytes) -> None:
-    """Let a parser look for document types: a search for bytes misses UTF-16."""
-
-    def refuse(*_: object) -> None:
-        raise RobotError(f"mesh {name}: holds a document type, which is refused")
-
-    parser = expat.ParserCreate()
-    parser.StartDoctypeDeclHandler = parser.EntityDeclHandler = refuse
-    try:
-        parser.Parse(data, True)
-    except (expat.ExpatError, ValueError, LookupError) as error:
-        raise RobotError(f"mesh {name}: is no XML ({error})") from None

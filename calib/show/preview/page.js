@@ -7,20 +7,10 @@
   const data = JSON.parse(element("calib-data").textContent);
   const pane = element("meshcat-pane");
 
-  // smoothing the edges of ten thousand lines is what a computer without a graphics card
-  // cannot do thirty times a second
-  function software() {
-    const gl = document.createElement("canvas").getContext("webgl");
-    const info = gl && gl.getExtension("WEBGL_debug_renderer_info");
-    const name = info ? gl.getParameter(info.UNMASKED_RENDERER_WEBGL) : "";
-    return /swiftshader|llvmpipe|softpipe|software|basic render/i.test(name);
-  }
-  const slow = software();
-  const renderer = new THREE.WebGLRenderer({ antialias: !slow, alpha: true });
+  const renderer = new THREE.WebGLRenderer({ antialias: true, alpha: true });
   pane.appendChild(renderer.domElement);
   const viewer = new MeshCat.Viewer(pane, true, renderer);
-  const media = (query) => window.matchMedia(`(${query})`);
-  const still = media("prefers-reduced-motion: reduce").matches;
+  const still = window.matchMedia("(prefers-reduced-motion: reduce)").matches;
 
   // ------------------------------------------------------------------ what is drawn
   // bytes of a base64 text
@@ -136,14 +126,7 @@
     viewer.set_dirty();
   }
   window.addEventListener("resize", fit);
-  const dots = (shown) => {
-    for (const name of ["Sensory map", "Motor map"]) {
-      viewer.scene_tree.find([name, "nodes"]).object.visible = shown || !slow;
-    }
-    viewer.set_dirty();
-  };
-  viewer.controls.addEventListener("start", () => { moved = true; dots(false); });
-  viewer.controls.addEventListener("end", () => dots(true));
+  viewer.controls.addEventListener("start", () => { moved = true; });
 
   // ------------------------------------------------------------------ panel
   const make = (tag, text, parent) => {

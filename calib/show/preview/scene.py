@@ -31,8 +31,7 @@ _BORDER, _SAMPLE, _TARGET, _REACHED = "#2a9d8f", "#6c7a89", "#1c7ed6", "#e8590c"
 _MOST_SAMPLES = 5000
 _FRAMES = 180
 _SWINGS = (0.36, 0.25, 0.15, 0.08)  # of the joints about their middle, of their range
-_POSTURES, _SHOWN, _CUT = 40_000, 3_000, 1_500  # of the cloud in space
-_THICK = 0.01  # half the thickness of a cut, as a share of the cloud's extent
+_POSTURES = 3_000  # of the cloud in space
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,8 +135,11 @@ class Scene:
         # at equal depth the graphics card would draw now the one, now the other: lines that lie on
         # the maps are drawn a little in front of them
         front = 0.006 * size * np.array(camera["direction"])
-        cloud = None if flat else _Cloud(model)
-        errors = [*node_errors(model), *([] if cloud is None else [cloud.errors])]
+        errors = list(node_errors(model))
+        if not flat:  # postures spread evenly over the learned range, but those that it refuses
+            rng, dof = np.random.default_rng(0), len(about.joint_names)
+            cloud = rng.uniform(about.lower, about.upper, (_POSTURES, dof))
+            errors.append(model.model_error(cloud))
         scale = ErrorScale.of(np.concatenate(errors), about.unit, extent(model))
 
         if photo is not None:
@@ -155,8 +157,13 @@ class Scene:
                 canvas.place(LAYER, np.diag([*[placement.scale] * 3, 1.0]))
         draw_maps(canvas, model, placement, panel, scale, size)
         canvas.layer("Hebbian links", LINK, "of one node; click the sensory map for another")
-        if cloud is not None:
-            cloud.draw(canvas, placement, scale, 0.007 * size)
+        if not flat:
+            name = "Error cloud"
+            canvas.layer(name, "scale", "bound on the true position, over all postures")
+            x = model.forward(cloud)
+            known = np.isfinite(x).all(axis=1)
+            tints, dots = colours(scale.share(errors[-1][known])), placement.lift(x[known])
+            canvas.add(f"{name}/points", "points", tints, dots, size=0.007 * size)
         else:
             canvas.layer("Workspace border", _BORDER, "of all that the learned range reaches")
             pairs = np.arange(len(border)).reshape(-1, 2)
@@ -220,37 +227,6 @@ class Scene:
             track = np.tile(np.eye(4), (len(points), 1, 1))
             track[:, :3, 3] = points
             canvas.place(f"{name}/ball", track)
-
-
-class _Cloud:
-    """Postures spread evenly over the learned range, without those that the model refuses."""
-
-    def __init__(self, model: Model) -> None:
-        about, rng = model.about, np.random.default_rng(0)
-        q = rng.uniform(about.lower, about.upper, (_POSTURES, len(about.joint_names)))
-        x = model.forward(q)
-        known = np.isfinite(x).all(axis=1)
-        self.model, self.q, self.x = model, q[known], x[known]
-        # 95 % bounds on the true position of the first, which are shown
-        self.errors = model.model_error(self.q[:_SHOWN])
-
-    def draw(self, canvas: Canvas, placement: Placement, scale: ErrorScale, dot: float) -> None:
-        """Draw the cloud, and two cuts through its middle: one faces the viewer, one is level."""
-        points = placement.lift(self.x)
-        name = canvas.layer("Error cloud", "scale", "bound on the true position, over all postures")
-        tints = colours(scale.share(self.errors))
-        canvas.add(f"{name}/points", "points", tints, points[: len(tints)], size=dot)
-        away = points - np.median(points, axis=0)
-        half = _THICK * float(np.ptp(away, axis=0).max())
-        cut, errors = [], []
-        for normal in placement.frame[[2, 1]]:
-            height = away @ normal
-            chosen = np.flatnonzero(np.abs(height) < half)[:_CUT]
-            cut.append(points[chosen] - np.outer(height[chosen], normal))
-            errors.append(self.model.model_error(self.q[chosen]))
-        name = canvas.layer("Slices", "scale", "the same, cut upright and level", shown=False)
-        tints = colours(scale.share(np.concatenate(errors)))
-        canvas.add(f"{name}/points", "points", tints, np.concatenate(cut), size=1.5 * dot)
 
 
 def _axes(placement: Placement, known: bool, size: float) -> Array:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import os
 import secrets
-import sys
 import threading
 import webbrowser
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
@@ -15,8 +14,9 @@ from typing import Any
 import numpy as np
 
 from ...common.atomic import atomic_write
-from ...common.wording import for_people, length_in_words, one_line
-from ...errors import CalibError, OptionError, QueryError
+from ...common.rows import checked_rows
+from ...common.wording import for_people, length_in_words
+from ...errors import CalibError, OptionError
 from ...model.model import Model
 from ...samples.samples import Samples
 from .scene import Scene
@@ -83,9 +83,7 @@ def preview(
         atomic_write(path, page)
         return Preview(Path(path).absolute().as_uri(), scene)
     server = _Server(page, port, Answers(scene) if live else None)
-    threading.Thread(
-        target=server.serve_forever, kwargs={"poll_interval": 0.2}, daemon=True
-    ).start()
+    threading.Thread(target=server.serve_forever, args=(0.2,), daemon=True).start()
     if browse:
         webbrowser.open(server.url)
     return Preview(server.url, scene, server)
@@ -106,15 +104,12 @@ class Preview:
             self._server = None
 
     def __enter__(self) -> Preview:
-        """Return the preview itself."""
         return self
 
     def __exit__(self, *_: object) -> None:
-        """End the server."""
         self.close()
 
     def __repr__(self) -> str:
-        """Where the page is."""
         return f"Preview({self.url})"
 
     def _repr_html_(self) -> str:
@@ -135,9 +130,8 @@ class _Server(ThreadingHTTPServer):
         try:
             super().__init__((_ADDRESS, port), _Handler)
         except (OSError, OverflowError) as error:
-            reason = getattr(error, "strerror", None) or error
             raise OptionError(
-                f"port {port} cannot be used ({reason})",
+                f"port {port} cannot be used ({getattr(error, 'strerror', None) or error})",
                 hint="choose another, or none for any that is free",
                 parameter="port",
                 value=port,
@@ -146,10 +140,8 @@ class _Server(ThreadingHTTPServer):
         self.place = f"/{secrets.token_urlsafe(12)}/"
         self.url = f"http://{_ADDRESS}:{self.server_address[1]}{self.place}"
 
-    def handle_error(self, request: Any, client_address: Any) -> None:  # noqa: ARG002
-        """Say in one line why a connection ended: browsers drop them as they like."""
-        name = type(sys.exc_info()[1]).__name__
-        print(f"preview: connection dropped ({name})", file=sys.stderr)
+    def handle_error(self, request: Any, client_address: Any) -> None:
+        """Stay quiet: browsers drop connections as they like."""
 
 
 class _Handler(BaseHTTPRequestHandler):
@@ -180,10 +172,6 @@ class _Handler(BaseHTTPRequestHandler):
             return
         self._send(200, "application/json", text.encode())
 
-    def log_error(self, format: str, *args: Any) -> None:  # noqa: A002
-        """Say in one line what went wrong with a connection."""
-        print(f"preview: {one_line(format % args)}", file=sys.stderr)
-
     def log_message(self, format: str, *args: Any) -> None:  # noqa: A002
         """Stay quiet."""
 
@@ -213,25 +201,21 @@ class Answers:
         with "words", "joints" in the motor map's unit box, and transforms of "links".
         """
         model, placement, arm = self._scene.model, self._scene.placement, self._scene.arm
-        point = np.asarray(question["at"], dtype=float)
-        if point.shape != (3,) or not np.isfinite(point).all():
-            raise QueryError(f"a point of {point.size} numbers: expected three finite ones")
+        point = checked_rows(question["at"], ("x", "y", "z"), "at")[0][0]
         # the plane's axes span two of three dimensions: least squares drops the third
         x = (point - placement.origin) @ np.linalg.pinv(placement.axes)
-        found, unit = model.solve_all(x[None])[0], model.about.unit
-        units = [for_people(unit) for unit in model.about.units_of_joints]
+        found, about = model.solve_all(x[None])[0], model.about
         branches = []
         for q, error in zip(found.q[:_MOST], found.expected_error, strict=False):
-            joints = ", ".join(
-                f"{name} {factor * value:.2f} {shown}"
-                for name, (factor, shown), value in zip(
-                    model.about.joint_names, units, q, strict=True
-                )
-            )
+            told = []
+            for name, value, unit in zip(about.joint_names, q, about.units_of_joints, strict=True):
+                factor, shown = for_people(unit)
+                told.append(f"{name} {factor * value:.2f} {shown}")
             poses = {} if arm is None else arm.poses(q)
+            bound = length_in_words(float(error), about.unit)
             branches.append(
                 {
-                    "words": f"{joints}\nexpected error {length_in_words(float(error), unit)}",
+                    "words": f"{', '.join(told)}\nexpected error {bound}",
                     "joints": model.motor.scale.to_unit(q[None])[0].tolist(),
                     "links": {name: t[0].T.ravel().tolist() for name, t in poses.items()},
                 }
@@ -239,7 +223,7 @@ class Answers:
         reachable = bool(found.reachable.any())
         words = f"{len(branches)} ways to reach it" if len(branches) > 1 else "one way to reach it"
         if not reachable:
-            off = length_in_words(float(found.distance[0]), unit)
+            off = length_in_words(float(found.distance[0]), about.unit)
             words = f"out of reach, the nearest point is {off} away"
         target = placement.lift(x[None])[0].tolist()
         return {"reachable": reachable, "words": words, "target": target, "branches": branches}

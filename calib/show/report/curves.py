@@ -1,4 +1,4 @@
-"""Figures of curves: errors by size and by joint, training, bounds, the joints' own curves."""
+"""Figures of curves: errors by joint and by socket, training, the joints' own curves."""
 
 from __future__ import annotations
 
@@ -7,60 +7,30 @@ from typing import Any
 import numpy as np
 
 from ...body.curves import powers
-from ...common.wording import length_in_words
-from ...model.nominal import moves_in_space
-from .drawing import HUE, HUES, INK, figure_unit, label_steps, over_each_joint, panels
+from ...model.nominal import moves_in_space, nominal_arm
+from .drawing import HUE, INK, figure_unit, label_steps, over_each_joint, panels
 from .evidence import Evidence
 
 _GROUPS, _FEWEST = 24, 5  # parts of a joint's range, and rows that say something of one
 
 
-def histogram(evidence: Evidence) -> Any:
-    """How often errors of each size occur, forward and inverse, beside the sensor's noise."""
-    residuals = evidence.residuals
-    if residuals is None:
-        return None
-    figure, [axes] = panels(1, 2, 3.1, sharey=True)
-    factor, unit = figure_unit(evidence.unit)
-    noise = [evidence.noise] if evidence.noise else []
-    sides = {"forward": residuals.errors, "inverse": residuals.distance}
-    for ax, (title, found) in zip(axes, sides.items(), strict=True):
-        # errors of rounding have no place on a logarithmic axis
-        shown = {readout: np.maximum(e, evidence.least) for readout, e in found.items()}
-        every = np.concatenate([*shown.values(), noise])
-        low, high = every.min(), every.max()
-        edges = np.geomspace(low * 0.9, max(high, low * 10) * 1.1, 60)
-        for readout, errors in shown.items():
-            share = 100 * np.histogram(errors, edges)[0] / len(errors)
-            hue, dashes = HUES[readout]
-            style: dict[str, Any] = {"color": hue, "linestyle": dashes, "linewidth": 1.6}
-            ax.stairs(share, edges * factor, label=readout, **style)
-        for value in noise:
-            words = f"sensor noise, {length_in_words(value, evidence.unit)} per axis"
-            ax.axvline(value * factor, color=_ink(), linewidth=1.0, label=words)
-        ax.set(xscale="log", xlabel=f"error [{unit}]", title=title)
-        ax.grid(visible=True, axis="y")
-    axes[0].set_ylabel("share of the samples [%]")
-    handles, names = axes[0].get_legend_handles_labels()
-    figure.legend(handles, names, loc="outside lower center", ncols=4, fontsize=7.5)
-    return figure
-
-
 def training(evidence: Evidence) -> Any:
     """Quantization error, topographic error and radius, epoch by epoch."""
-    model = evidence.model
-    if not len(model.motor.history) or not len(model.sensory.history):
+    import matplotlib as mpl
+
+    parts = {"motor": evidence.model.motor.history, "sensory": evidence.model.sensory.history}
+    if not all(map(len, parts.values())):
         return None
     figure, grid = panels(3, 2, 4.6, sharex="col")
+    ink = str(mpl.rcParams["text.color"])
     labels = "quantization error\n[ranges]", "topographic error\n[share]", "radius sigma\n[nodes]"
-    parts = {"motor": model.motor.history, "sensory": model.sensory.history}
     for axes, (name, history) in zip(grid.T, parts.items(), strict=True):
         epoch = np.arange(1, len(history) + 1)
         for ax, label, column in zip(axes, labels, (2, 3, 1), strict=True):
             values = history[:, column]
             ax.plot(epoch, values, "o-", color=HUE, markersize=2.5, linewidth=1.2)
             for change in np.flatnonzero(np.diff(history[:, 0])):
-                ax.axvline(change + 1.5, color=_ink(), linewidth=0.6, linestyle=":")
+                ax.axvline(change + 1.5, color=ink, linewidth=0.6, linestyle=":")
             if column != 3 and (values > 0).any():
                 ax.set_yscale("log")
                 label_steps(ax.yaxis)
@@ -88,9 +58,9 @@ def by_joint(evidence: Evidence) -> Any:
         full = np.flatnonzero(np.bincount(group, minlength=_GROUPS) >= _FEWEST)
         parts = [errors[group == g] for g in full]
         at = ((edges[1:] + edges[:-1]) / 2)[full]
-        style = {"color": HUE, "markersize": 2.5}
-        ax.plot(at, [part.mean() for part in parts], "o-", label="mean", **style)
-        ax.plot(at, [np.quantile(part, 0.95) for part in parts], "v:", label="95 %", **style)
+        ax.plot(at, [part.mean() for part in parts], "o-", label="mean", color=HUE, ms=2.5)
+        high = [np.quantile(part, 0.95) for part in parts]
+        ax.plot(at, high, "v:", label="95 %", color=HUE, ms=2.5)
     axes[0][2].set_ylim(bottom=0.0)
     axes[0][2].legend(fontsize=7.5)
     return figure
@@ -124,7 +94,26 @@ def joint_curves(evidence: Evidence) -> Any:
     return figure
 
 
-def _ink() -> str:
-    import matplotlib as mpl
-
-    return str(mpl.rcParams["text.color"] or INK)
+def by_socket(evidence: Evidence) -> Any:
+    """Distances of tips from the mean of their socket, by the drawing and as learned."""
+    log, model = evidence.touches, evidence.model
+    if log is None or log.touch is None:
+        return None
+    touch, q = log.touch, model.about.joints_of(log)
+    tips = {"as learned": model.forward(q)}
+    if model.about.urdf:
+        tips = {"as drawn": nominal_arm(model).forward(q), **tips}
+    names = [" ".join(each).strip() for each in touch.sockets]
+    figure, [[ax]] = panels(1, 1, 1.0 + 0.32 * len(names))
+    for k, (label, tip) in enumerate(tips.items()):
+        hue, up = (INK, HUE)[k - len(tips)], 0.16 - 0.32 * k
+        off = 1e3 * np.linalg.norm(tip - touch.means(tip)[touch.number], axis=1)
+        off[touch.number < 0] = np.nan
+        ax.plot(off, touch.number + up, ".", color=hue, alpha=0.35, ms=4)
+        mean = [np.nanmean(off[touch.number == j]) for j in range(len(names))]
+        ax.plot(mean, np.arange(len(names)) + up, "|", color=hue, ms=11, mew=2.2, label=label)
+    ax.set_yticks(range(len(names)), names)
+    ax.set(xscale="log", xlabel="distance from the socket's mean [mm] (bars: mean)")
+    ax.grid(visible=True, axis="x")
+    figure.legend(loc="outside lower center", ncols=2, fontsize=7.5)
+    return figure

@@ -20,15 +20,7 @@ INK, FAINT = "#010203", "#020304"
 """Stand for the page's own colours until a figure is written; figure.mplstyle has them too."""
 
 _PAPER = {INK: "#1d2730", FAINT: "#cfd6dc"}
-HUES: dict[str, tuple[str, Any]] = {
-    "local": ("#1c7ed6", "-"),
-    "body": ("#2f9e44", "-."),
-    "linear": ("#9c36b5", (0, (5, 1))),
-    "activity": ("#e8590c", "--"),
-    "winner": ("#7b8794", ":"),
-}
-"""Colours and dashes of the readouts."""
-HUE = HUES["local"][0]
+HUE = "#1c7ed6"
 
 
 def settings(*, paper: bool = False) -> Any:
@@ -153,8 +145,7 @@ def to_svg(figure: Any, name: str, words: str) -> str:
     # laid out here, since savefig draws a figure twice to lay it out
     figure.get_layout_engine().execute(figure)
     figure.set_layout_engine("none")
-    metadata = dict.fromkeys(("Date", "Creator", "Format", "Type"))
-    figure.savefig(buffer, format="svg", dpi=150, metadata=metadata)
+    figure.savefig(buffer, format="svg", dpi=150)
     svg = buffer.getvalue()
     svg = svg[svg.index("<svg") :]
     # the page's own colours, light or dark, which matplotlib cannot name
@@ -164,8 +155,7 @@ def to_svg(figure: Any, name: str, words: str) -> str:
     # several figures share one page: their names must not meet
     svg = re.sub(r'\bid="', f'id="{name}-', svg)
     svg = re.sub(r'(href="|url\()#', rf"\1#{name}-", svg)
-    # what matplotlib leaves of it names no source and no date, and is of no use in a page
-    svg = re.sub(r"<metadata>.*?</metadata>", "", svg, flags=re.DOTALL)
+    svg = re.sub(r"<metadata>.*?</metadata>", "", svg, flags=re.DOTALL)  # date and program
     return svg.replace("<svg", f'<svg role="img" aria-label="{words}"', 1)
 
 

@@ -16,8 +16,7 @@ from ...training.evaluate import (
     simulation_of,
     summarise,
 )
-from ..error_scale import rounding
-from ..workspace import extent, training_rows
+from ..workspace import training_rows
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,17 +31,12 @@ class Evidence:
     u: Array
     v: Array
     noise: float | None  # [unit], the sensor's along each axis, where it is known
-    touches: Samples | None = None  # a log of touches as it is: its sockets' places are unknown
+    touches: Samples | None  # a log of touches as it is: its sockets' places are unknown
 
     @property
     def unit(self) -> str:
         """Unit of the positions."""
         return self.model.about.unit
-
-    @property
-    def least(self) -> float:
-        """Errors below this are rounding [unit]."""
-        return rounding(self.unit, extent(self.model))
 
 
 def gather(model: Model, log: Samples | None = None) -> Evidence:

@@ -30,8 +30,7 @@ _PAPERS = "activity"  # the readout of the paper, beside the default
 _BORDER, _ARROW = "#12b886", "#e8590c"
 _FAR = 5.0  # times the median edge
 _ARROWS, _LONG = 300, 0.06  # how many, and how long the longest are, of the picture's width
-_VIEWS = {2: ((0, 1),), 3: ((0, 1), (0, 2), (1, 2))}
-"""Pairs of coordinates in which positions in a plane, and in space, are seen."""
+_CELLS: dict[str, Any] = {"origin": "lower", "aspect": "auto", "interpolation": "nearest"}
 
 
 def heat_maps(evidence: Evidence, direction: str) -> Any:
@@ -47,9 +46,10 @@ def heat_maps(evidence: Evidence, direction: str) -> Any:
     readouts = [r for r in (model.default_readout, _PAPERS) if r in found][: 2 if flat else 1]
     figure, grid = panels(len(readouts), 2 if flat else 3, 2.9 * len(readouts) if flat else 2.3)
     factor, _ = figure_unit(evidence.unit)
+    views = ((0, 1),) if flat else ((0, 1), (0, 2), (1, 2))
     for row, readout in zip(grid, readouts, strict=True):
         scale = ErrorScale.of(found[readout], evidence.unit, extent(model))
-        for ax, view in zip(row, _VIEWS[len(model.axes)], strict=False):
+        for ax, view in zip(row, views, strict=False):
             image = _heat(ax, residuals.x[:, view] * factor, found[readout], scale)
             _name_axes(ax, model, view)
         if flat:
@@ -73,8 +73,7 @@ def _name_axes(ax: Any, model: Model, view: tuple[int, int] = (0, 1)) -> None:
     _, unit = figure_unit(model.about.unit)
     across, up = ("xyz"[k] for k in view)
     ax.set(xlabel=f"{across} [{unit}]", ylabel=f"{up} [{unit}]", aspect="equal")
-    if len(model.axes) == 3:
-        ax.locator_params(nbins=4)  # three figures in a row have room for few labels
+    ax.locator_params(nbins=4 if len(model.axes) == 3 else 8)
     if model.about.unit == "px":
         ax.invert_yaxis()
 
@@ -86,9 +85,8 @@ def _heat(ax: Any, points: Array, errors: Array, scale: ErrorScale) -> Any:
     (x, y), ends = points.T, np.stack([low, high], axis=1)
     count, total = (np.histogram2d(x, y, _BINS, ends, weights=w)[0] for w in (None, errors))
     mean = np.where(count > 0, total / np.maximum(count, 1), np.nan)
-    style: dict[str, Any] = {"origin": "lower", "aspect": "auto", "interpolation": "nearest"}
     shown = np.ma.masked_invalid(scale.share(mean.T))
-    return ax.imshow(shown, extent=ends.ravel(), cmap=colour_map(), vmin=0.0, vmax=1.0, **style)
+    return ax.imshow(shown, extent=ends.ravel(), cmap=colour_map(), vmin=0.0, vmax=1.0, **_CELLS)
 
 
 def lattices(evidence: Evidence) -> Any:
@@ -124,11 +122,9 @@ def u_matrix(part: Map) -> Array:
     """Mean distance (nodes,) of each node to the nodes that it is joined to, in the unit box."""
     a, b = part.edges.T
     gap = np.linalg.norm(part.scale.difference(part.units[a], part.units[b]), axis=1)
-    total, count = (
-        np.bincount(np.append(a, b), weights, part.size)
-        for weights in (np.append(gap, gap), np.ones(2 * len(gap)))
-    )
-    return np.asarray(total / np.maximum(count, 1))
+    ends = part.edges.T.ravel()
+    count = np.bincount(ends, minlength=part.size)
+    return np.bincount(ends, np.tile(gap, 2), part.size) / np.maximum(count, 1)
 
 
 def hits(part: Map, u: Array) -> Array:
@@ -154,8 +150,7 @@ def _nodes(figure: Any, ax: Any, part: Map, values: Array, title: str, unit: str
         how = "sum" if unit == "samples" else "mean"
         shown = getattr(values.reshape(*shape[:2], -1), how)(axis=-1).T
         most = float(np.quantile(values, 0.995)) if len(shape) == 2 else None
-        style: dict[str, Any] = {"cmap": "cividis", "interpolation": "nearest", "aspect": "auto"}
-        image = ax.imshow(shown, origin="lower", vmax=most, **style)
+        image = ax.imshow(shown, vmax=most, cmap="cividis", **_CELLS)
         ax.set(xlabel="first lattice axis [nodes]", ylabel="second [nodes]")
         if len(shape) == 3:
             ax.set_title(f"{title} ({how} over the third axis)")
@@ -195,17 +190,9 @@ def over_photo(evidence: Evidence) -> Any:
         words = length_in_words(float(away.mean()), evidence.unit)
         words = f"from a seen tip to the predicted one: {words} on average"
         words += f", drawn {times:,} times as long" if times > 1 else ""
-        style: dict[str, Any] = {
-            "width": 0.0028,
-            "headwidth": 4.5,
-            "headlength": 5.0,
-            "zorder": 4,
-            "scale": 1.0,
-        }
-        style |= {"angles": "xy", "scale_units": "xy", "color": _ARROW}
-        ax.quiver(*seen.T, *(times * miss).T, **style)
-        dots = {"mfc": "#ffffff", "mec": "#1d2730", "mew": 0.6, "color": _ARROW}
-        ax.plot(*seen.T, "o", ms=3.0, label=words, zorder=5, **dots)
+        style: dict[str, Any] = {"angles": "xy", "scale_units": "xy", "scale": 1.0, "zorder": 4}
+        ax.quiver(*seen.T, *(times * miss).T, color=_ARROW, width=0.0028, **style)
+        ax.plot(*seen.T, "o", ms=3.0, mfc="#ffffff", mec="#1d2730", label=words, zorder=5)
     figure.legend(loc="outside lower left", ncols=1)
     error_bar(figure, lines, [ax], scale, "expected error")
     return figure

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import html
-import math
 import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import Any, NamedTuple
+from html import escape
+from typing import Any
 
 import numpy as np
 
@@ -19,72 +18,61 @@ from ...errors import OptionError
 from ...model.facts import facts, shown_errors
 from ...model.model import Model
 from ...samples.samples import Samples
-from . import curves, maps, sockets
+from . import curves, maps
 from .drawing import settings, to_svg
 from .evidence import Evidence, gather
 
 _MEAN = {2: 1.2533, 3: 1.5958}  # mean distance over the standard deviation along an axis
 
-
-class _Section(NamedTuple):
-    title: str  # what the figure shows
-    text: str  # how to read it
-    draw: Callable[[Evidence], Any]  # draws it; None where there is nothing to draw
-
-
-SECTIONS = {
-    "photo": _Section(
+# name: what the figure shows, how to read it, and what draws it, or None where there is nothing
+SECTIONS: dict[str, tuple[str, str, Callable[[Evidence], Any]]] = {
+    "photo": (
         "The map over a photo",
         "The sensory map as the camera sees the arm, and where the tip was seen and is predicted.",
         maps.over_photo,
     ),
-    "sockets": _Section(
+    "sockets": (
         "Scatter by socket",
         "Each dot is a touch: its distance from the mean of all tips in that socket, which should "
         "be the play of the socket alone.",
-        sockets.by_socket,
+        curves.by_socket,
     ),
-    "forward": _Section(
+    "forward": (
         "Forward error: where is the tip?",
         "Mean distance between predicted and true position of the test samples in each cell, "
         "over the positions; in a plane also over the joints that they belong to.",
         lambda e: maps.heat_maps(e, "forward"),
     ),
-    "inverse": _Section(
+    "inverse": (
         "Inverse error: how to get there?",
         "Distance from each target to where the answered joints lead.",
         lambda e: maps.heat_maps(e, "inverse"),
     ),
-    "joints": _Section(
+    "joints": (
         "Error by joint",
         "Distance between predicted and measured position over the value of each joint: the mean "
         "and the 95 % quantile of each part of its range.",
         curves.by_joint,
     ),
-    "curves": _Section(
+    "curves": (
         "Joint curves",
         "What a joint turns beyond its reading, with the 95 % interval, over the measured part of "
         "its range. Gears and encoders repeat such errors every turn.",
         curves.joint_curves,
     ),
-    "histogram": _Section(
-        "How large are the errors?",
-        "An error left of the sensor's noise is smaller than what a single measurement shows.",
-        curves.histogram,
-    ),
-    "lattices": _Section(
+    "lattices": (
         "What was learned: both lattices",
         "Nodes of the motor map in the joint space and of the sensory map in the workspace, "
         "joined to their lattice neighbours and coloured by the expected error.",
         maps.lattices,
     ),
-    "nodes": _Section(
+    "nodes": (
         "U-matrix and hits",
         "The U-matrix shows how far apart neighbouring nodes are: ridges are folds and borders. "
         "Hits are the training samples that each node won.",
         maps.node_maps,
     ),
-    "training": _Section(
+    "training": (
         "Training",
         "Error and neighbourhood by epoch; dotted lines are where a finer lattice takes over.",
         curves.training,
@@ -114,28 +102,32 @@ def report(model: Model, path: str | os.PathLike[str], log: Samples | None = Non
     True
     """
     evidence, about = gather(model, log), model.about
+    robot = escape(about.robot or "An arm, learned from a log")
+    listed = {**facts(model), "links": f"{model.links.nnz:,}"}
+    items = (
+        f"<dt>{escape(k)}</dt><dd>{escape(v.replace('`', ''))}</dd>" for k, v in listed.items()
+    )
     parts = [
-        f"<h1>{html.escape(about.robot or 'An arm, learned from a log')}</h1>",
-        _soft("What was learned, from which data, and how accurate it is."),
+        f"<h1>{robot}</h1>",
         f'<p class="lead">{_verdict(evidence)}</p>',
         _heading("What was learned from what"),
-        _list({**facts(model), "links": f"{model.links.nnz:,}"}),
+        f"<dl>{''.join(items)}</dl>",
         *(_soft(f"Note: {note}") for note in about.notes),
         _heading("Errors"),
         _soft(f"On {evidence.source}."),
         _errors(evidence),
     ]
     if model.history:
-        parts += [_heading("Before and after"), _states(model.history, about.unit)]
+        parts += [_heading("Before and after"), *_states(model.history, about.unit)]
     if log is not None:
         parts += [_heading("Does the log still fit?"), _drift(model, log)]
     with settings():
         for name, (heading, text, draw) in SECTIONS.items():
             if (figure := draw(evidence)) is not None:
                 svg = to_svg(figure, name, heading)
-                caption = f"<figcaption>{html.escape(text)}</figcaption>"
+                caption = f"<figcaption>{escape(text)}</figcaption>"
                 parts += [_heading(heading), f'<figure id="{name}">{svg}{caption}</figure>']
-    title = f"{html.escape(about.robot or 'log')}: calibration report"
+    title = f"{robot}: calibration report"
     page = filled(__package__, "page.html", title=title, body="\n".join(parts))
     atomic_write(path, page.encode("utf-8"))
 
@@ -151,8 +143,8 @@ def figures(
     log : Samples, optional
         A log to judge the model by, as in :func:`report`.
     names : sequence of str
-        Which: "photo", "sockets", "forward", "inverse", "joints", "curves", "histogram",
-        "lattices", "nodes", "training".
+        Which: "photo", "sockets", "forward", "inverse", "joints", "curves", "lattices", "nodes",
+        "training".
 
     Returns
     -------
@@ -176,85 +168,69 @@ def figures(
             )
     evidence = gather(model, log)
     with settings(paper=True):
-        drawn = {name: SECTIONS[name].draw(evidence) for name in names}
+        drawn = {name: SECTIONS[name][2](evidence) for name in names}
     return {name: figure for name, figure in drawn.items() if figure is not None}
 
 
 def _heading(title: str) -> str:
-    return f"<h2>{html.escape(title)}</h2>"
+    return f"<h2>{escape(title)}</h2>"
 
 
 def _soft(text: str) -> str:
-    return f'<p class="soft">{html.escape(text)}</p>'
-
-
-def _list(items: Mapping[str, str]) -> str:
-    rows = (
-        f"<dt>{html.escape(k)}</dt><dd>{html.escape(v.replace('`', ''))}</dd>"
-        for k, v in items.items()
-    )
-    return f"<dl>{''.join(rows)}</dl>"
+    return f'<p class="soft">{escape(text)}</p>'
 
 
 def _table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     """Return an HTML table; the first column holds words, the others numbers."""
 
     def line(tag: str, cells: Sequence[str]) -> str:
-        kinds = ["", *[" class=number"] * (len(cells) - 1)]
-        parts = zip(kinds, map(html.escape, cells), strict=True)
-        return f"<tr>{''.join(f'<{tag}{kind}>{cell}</{tag}>' for kind, cell in parts)}</tr>"
+        first, *others = map(escape, cells)
+        numbers = "".join(f"<{tag} class=number>{cell}</{tag}>" for cell in others)
+        return f"<tr><{tag}>{first}</{tag}>{numbers}</tr>"
 
-    body = "".join(line("td", row) for row in rows)
-    head = line("th", header)
+    body, head = "".join(line("td", row) for row in rows), line("th", header)
     return f'<div class="wide"><table><thead>{head}</thead><tbody>{body}</tbody></table></div>'
 
 
 def _verdict(evidence: Evidence) -> str:
-    model, unit = evidence.model, evidence.unit
-    errors, axes = evidence.errors.get(model.default_readout), len(model.axes)
+    model, errors = evidence.model, evidence.errors.get(evidence.model.default_readout)
     if not errors:
         return "No errors are known of this model."
+    axes = len(model.axes)
 
-    def strong(value: float) -> str:
-        return f"<strong>{html.escape(length_in_words(value, unit))}</strong>"
+    def words(value: float) -> str:
+        return escape(length_in_words(value, evidence.unit))
 
     mean, most = (errors["forward"]["distance"][key] for key in ("mean", "p99"))
-    text = f"The tip is predicted to {strong(mean)} on average"
-    text += "" if mean == most else f", to {html.escape(length_in_words(most, unit))} in 99 of 100"
+    text = f"The tip is predicted to <strong>{words(mean)}</strong> on average"
+    text += "" if mean == most else f", to {words(most)} in 99 of 100"
     if covered := model.about.within.get("covered"):
         text += f"; the 95 % bound covered {100 * covered:.0f} % of them when it was made"
     if evidence.noise:
-        reading = html.escape(length_in_words(evidence.noise * _MEAN[axes], unit))
+        reading = words(evidence.noise * _MEAN[axes])
         text += f"; a single reading of its sensor is off by {reading} on average"
-    if model.about.bound_of != "sensor reading" or model.body is None:
-        return f"{text}."
-    noise = float(np.sqrt(np.mean(model.body.noise[:axes] ** 2))) * _MEAN[axes]
-    own = float(np.nanmedian(model.model_bounds[model.visited]))
-    if not (math.isfinite(noise) and math.isfinite(own)):
-        return f"{text}."
-    return (
-        f"{text}. That is the distance to noisy readings: a reading is off by about "
-        f"{html.escape(length_in_words(noise, unit))} on average (estimated), and the model's own "
-        f"error is below {strong(own)} (95 % bound, median over the learned range)."
-    )
+    elif model.about.bound_of == "sensor reading" and model.body is not None:
+        noise = float(np.sqrt(np.mean(model.body.noise[:axes] ** 2))) * _MEAN[axes]
+        own = float(np.nanmedian(model.model_bounds[model.visited]))
+        text += (
+            f" from noisy readings, each off by about {words(noise)} (estimated): the model's own "
+            f"error is below <strong>{words(own)}</strong> (95 % bound, median over the range)"
+        )
+    return f"{text}."
 
 
 def _errors(evidence: Evidence) -> str:
     """Return mean and largest errors of each readout."""
+    readouts = [r for r in READOUTS if r in evidence.errors]
+    if not readouts:
+        return ""
 
     def cell(values: Mapping[str, float] | None) -> str:
         if values is None:  # of orientations only some have it
             return ""
-        return "{} ({})".format(
-            *(
-                f"{v:.3g}" if v >= 1e-6 else "<1e-6" if math.isfinite(v) else "unknown"
-                for v in (values["mean"], values["max"])
-            )
-        )
+        mean, most = ("<1e-6" if values[k] < 1e-6 else f"{values[k]:.3g}" for k in ("mean", "max"))
+        return f"{mean} ({most})"
 
-    readouts = [r for r in READOUTS if r in evidence.errors]
-    if not readouts:
-        return ""
     rows = [
         [f"{direction}, {name} [{unit}]", *(cell(found.get(readout)) for readout in readouts)]
         for direction, name, unit, found in shown_errors(evidence.model.about, evidence.errors)
@@ -262,7 +238,7 @@ def _errors(evidence: Evidence) -> str:
     return _table(["mean (largest)", *readouts], rows)
 
 
-def _states(history: Sequence[Mapping[str, Any]], unit: str) -> str:
+def _states(history: Sequence[Mapping[str, Any]], unit: str) -> list[str]:
     """Return mean distances before and after each adaptation, a line each."""
     told = []
     for state in history:
@@ -271,7 +247,7 @@ def _states(history: Sequence[Mapping[str, Any]], unit: str) -> str:
             before, after = (length_in_words(float(each["mean"]), unit) for each in errors if each)
             rows = f"{state.get('samples', '')} rows ({state.get('method', '')})"
             told.append(_soft(f"Adapted with {rows}: {before} before, {after} after, on average."))
-    return "".join(told)
+    return told
 
 
 def _drift(model: Model, log: Samples) -> str:
