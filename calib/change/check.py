@@ -53,7 +53,7 @@ class Drift:
     outliers : int
         Rows that contradict all others; they count for next to nothing.
     score : float
-        Largest statistic over its threshold.
+        Largest score of a test: above 1 it fired.
     groups : tuple of GroupTest
         Every group that was tested.
     smallest : float [unit]
@@ -73,7 +73,7 @@ class Drift:
     notes : tuple of str
         What else the user should be told.
     adapts : bool
-        Whether `adapt` re-calibrates the model by these rows, by its own comparison.
+        Whether `adapt` re-calibrates the model by these rows.
     left_out : int
         Rows of the log that are wrong, or outside of what the model has learned.
     """

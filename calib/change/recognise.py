@@ -31,18 +31,35 @@ class ModelFit:
 
 @dataclass(frozen=True)
 class Recognition:
-    """Which model a log fits."""
+    """Which model a log fits.
 
-    index: int | None  # the model that fits best, None where each is contradicted
-    samples: int  # rows of the log
-    fits: tuple[ModelFit, ...]  # all models, those that fit first, the nearest before the others
+    Attributes
+    ----------
+    index : int or None
+        The model that fits best, None where each is contradicted.
+    samples : int
+        Rows of the log.
+    fits : tuple of ModelFit
+        All models, those that fit first, the nearest before the others.
+    """
+
+    index: int | None
+    samples: int
+    fits: tuple[ModelFit, ...]
 
 
 def recognise(models: Sequence[Model], log: Samples) -> Recognition:
-    """Tell which of some models, one for each state of the arm, a log fits; ten to thirty rows do.
+    """Tell which of some models a log fits; ten to thirty rows do.
 
     A model fits where `check` calls it still calibrated.  Of those that fit the one nearest to the
     rows answers.
+
+    Parameters
+    ----------
+    models : sequence of Model
+        One for each state of the arm.
+    log : Samples
+        Rows of the same arm.
 
     Raises
     ------
