@@ -1,16 +1,16 @@
 """The benchmarks: their closed forms, and that the commands run without any peer."""
 
+import json
 import re
-import sys
 from pathlib import Path
+
+import map_race
+import versions
 
 import calib
 
 ROOT = Path(__file__).parents[2]
 FOLDER = ROOT / "benchmarks"
-sys.path.insert(0, str(FOLDER))
-
-import map_race  # noqa: E402
 
 
 def test_the_workspace_has_the_area_of_the_closed_form():
@@ -30,3 +30,17 @@ def test_every_script_that_a_page_names_is_there_and_every_script_is_named():
     text = "\n".join(path.read_text(encoding="utf-8") for path in scripts)
     used = set(re.findall(r"^ *(?:from|import) (\w+)", text, re.MULTILINE))
     assert {name for name in there - named - used if not name.startswith("peer_")} == set()
+
+
+HERE = Path(__file__).parents[1]
+sys.path.insert(0, str(HERE.parent / "benchmarks"))
+
+
+@pytest.fixture(scope="module")
+def kept():
+    return json.loads((HERE / "data" / "errors.json").read_text(encoding="utf-8"))
+
+
+def test_errors_agree_with_those_of_other_versions(kept):
+    lines = versions.differences(versions.errors(), kept)
+    assert lines == [], "was training changed on purpose? python benchmarks/versions.py --write"
