@@ -6,11 +6,7 @@ import pytest
 from calib.common.scale import Scale
 from calib.maps.lattice import Lattice
 from calib.maps.map import Map
-from calib.maps.model_selection import (
-    SmoothCandidate,
-    follows_the_motion,
-    select,
-)
+from calib.maps.model_selection import SmoothCandidate, follows_the_motion, select
 
 N = 6000
 BOX = Scale(np.zeros(2), np.ones(2), np.zeros(2, dtype=bool))

@@ -85,8 +85,7 @@ def test_a_twin_is_told_and_a_blurred_tag_is_not_measured():
 
 
 @pytest.mark.parametrize(
-    "text",
-    ["7x5", "7x5:24:18:5x5_100", "7x5:18mm:24mm:5x5_100", "30x30:24mm:18mm:5x5_100"],
+    "text", ["7x5", "7x5:24:18:5x5_100", "7x5:18mm:24mm:5x5_100", "30x30:24mm:18mm:5x5_100"]
 )
 def test_boards_that_cannot_be(text):
     with pytest.raises(OptionError):
