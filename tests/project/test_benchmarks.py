@@ -4,7 +4,7 @@ import json
 import re
 from pathlib import Path
 
-import map_race
+import speed
 import versions
 
 import calib
@@ -15,8 +15,8 @@ FOLDER = ROOT / "benchmarks"
 
 def test_the_workspace_has_the_area_of_the_closed_form():
     arm = calib.load_arm("two_link")
-    value, deviation = map_race.area_by_chance(arm, 200_000)
-    assert abs(value - map_race.area(arm)) < 4 * deviation
+    value, deviation = speed.area_by_chance(arm, 200_000)
+    assert abs(value - speed.area(arm)) < 4 * deviation
     assert deviation < 0.01 * value
 
 
