@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from ..arm.rotations import exponential, logarithm, quaternion_of
+from ..arm.rotations import cross_matrix, exponential, logarithm, quaternion_of
 from ..common.arrays import Array
 from .belief import Body
 from .fitting import BodyFit, fit
@@ -55,11 +55,13 @@ class Corners(Measurement):
             back = np.swapaxes(turn, 1, 2)
             arm = also - shift
             point = np.einsum("nij,nj->ni", back, arm)
-            by = np.concatenate([-back, back @ _cross(arm)], axis=2)
+            by = np.concatenate([-back, back @ cross_matrix(arm)], axis=2)
         else:
             arm = np.einsum("nij,nj->ni", turn, also)
             point = arm + shift
-            by = np.concatenate([np.broadcast_to(np.eye(3), turn.shape), -_cross(arm)], axis=2)
+            by = np.concatenate(
+                [np.broadcast_to(np.eye(3), turn.shape), -cross_matrix(arm)], axis=2
+            )
         camera = pixels(Placed("pinhole", np.eye(3), np.zeros(3), 1.0, own["lens"]), point.T)
         slope = np.asarray(camera.slope).transpose(2, 0, 1)
         return _Corner(camera.values, seen, camera, (slope @ by).transpose(1, 2, 0))
@@ -80,8 +82,7 @@ class _Corner:
 
     def push(self, velocity: Array, angular: Any = 0.0) -> Array:
         """How outputs (..., 2, n) move when the hand does."""
-        moved = self.pose.push(velocity, angular)
-        return np.asarray((self.slope * moved[..., None, :, :]).sum(axis=-2))
+        return self._seen(self.pose.push(velocity, angular))
 
     def columns(self) -> Iterator[tuple[str, Callable[[], Array]]]:
         """The derivative by each of the sensor's own blocks."""
@@ -92,13 +93,6 @@ class _Corner:
 
     def _seen(self, moved: Array) -> Array:
         return np.asarray((self.slope * moved[..., None, :, :]).sum(axis=-2))
-
-
-def _cross(vectors: Array) -> Array:
-    """Matrices (n, 3, 3) of cross products with vectors (n, 3)."""
-    x, y, z = vectors.T
-    nil = np.zeros_like(x)
-    return np.stack([nil, -z, y, z, nil, -x, -y, x, nil], axis=1).reshape(-1, 3, 3)
 
 
 def fit_corners(
@@ -129,8 +123,7 @@ def fit_corners(
     camera = structure.with_view("board", unit="px", extent=extent, reading=reading)
     found = fit(camera, np.column_stack([q[rows], corners]), seen)
     # as poses: noise of a pixel at the boards' distance stands for that of a position
-    focal = found.body.beta[camera.groups["lens"]][0]
-    off = found.body.noise[0] / focal
+    off = found.body.noise[0] / found.body.beta[camera.groups["lens"]][0]
     noise = np.repeat([off * float(np.median(np.abs(poses[:, 2]))), off], 3)
     nil = np.zeros(6)
     body = replace(found.body, noise=noise, tau=nil, residual=nil, second=None)
@@ -162,44 +155,53 @@ def held_of(body: Body) -> Held:
     """What is in the hand, as the belief of `fit_corners` knows it."""
     structure = body.structure
     assert isinstance(structure, SpatialStructure)  # noqa: S101 - corners are seen in space
-    groups, still, q = structure.groups, structure.with_view("base"), np.zeros((1, structure.dof))
-    tool = np.concatenate([groups["tool"], groups["tool.rotation"]])
-    last = structure.chain_names.index(structure.joint_names[-1])
-    (at,), (frame,) = still.pose(q, structure.neutral())
-    axis = frame.T @ structure.chain.axes[last]
-    origin = frame.T @ (structure.chain.points[last] - at)
-    along = structure.shifts[last], structure.turns[last], groups["offset"][-1:]
-
-    def placed(beta: Array) -> tuple[Array, Array]:
-        bare = beta.copy()
-        bare[tool] = 0.0
-        (p,), (turn,) = still.pose(q, beta)
-        (p0,), (turn0,) = still.pose(q, bare)
-        return turn0.T @ (p - p0), turn0.T @ turn
-
-    def as_encoded(beta: Array) -> tuple[Array, Array]:
-        """Carried by the last joint as it is drawn, whose own deviation goes to the hand."""
-        (position, turn), own = placed(beta), structure.chain.axes[last]
-        slid, turned, offset = own @ beta[along[0]], own @ beta[along[1]], beta[along[2]].sum()
-        slid, turned = (
-            (slid, turned + offset) if structure.revolute[-1] else (slid + offset, turned)
-        )
-        back = exponential(turned * axis)
-        return origin + back @ (position - origin) + slid * axis, back @ turn
-
-    free = np.intersect1d(np.concatenate([tool, *along]), body.active)
-    place = np.searchsorted(body.active, free)
-    covariance = body.covariance[np.ix_(place, place)]
     found = []
-    for each in (placed, as_encoded):
-        position, turn = each(body.beta)
-        slope = np.empty((6, len(free)))
-        for k, index in enumerate(free):
-            step = np.zeros(structure.size)
-            step[index] = 1e-6
-            p, t = each(structure.retract(body.beta, step))
-            slope[:3, k] = (p - position) / 1e-6
-            slope[3:, k] = logarithm((t @ turn.T)[None])[0] / 1e-6
-        sd = np.sqrt(np.maximum(np.diag(slope @ covariance @ slope.T), 0.0))
+    for encoded in (False, True):
+        position, turn = _in_hand(structure, body.beta, encoded=encoded)
+        slope = _slope(structure, body.beta, body.active, encoded=encoded)
+        sd = np.sqrt(np.maximum(np.diag(slope @ body.covariance @ slope.T), 0.0))
         found += [sd[:3], sd[3:]]
     return Held(position, turn, *found)
+
+
+def as_encoded_slope(structure: SpatialStructure, beta: Array, active: Indices) -> Array:
+    """Derivative (6, k) of what is in the hand, place and turn, by parameters: see `Held`."""
+    return _slope(structure, beta, active, encoded=True)
+
+
+def _slope(structure: SpatialStructure, beta: Array, active: Indices, *, encoded: bool) -> Array:
+    position, turn = _in_hand(structure, beta, encoded=encoded)
+    groups, last = structure.groups, structure.chain_names.index(structure.joint_names[-1])
+    own = [groups["tool"], groups["tool.rotation"], structure.shifts[last], structure.turns[last]]
+    slope = np.zeros((6, len(active)))
+    for k in np.flatnonzero(np.isin(active, np.concatenate([*own, groups["offset"][-1:]]))):
+        step = np.zeros(structure.size)
+        step[active[k]] = 1e-6
+        p, t = _in_hand(structure, structure.retract(beta, step), encoded=encoded)
+        slope[:3, k] = (p - position) / 1e-6
+        slope[3:, k] = logarithm((t @ turn.T)[None])[0] / 1e-6
+    return slope
+
+
+def _in_hand(structure: SpatialStructure, beta: Array, *, encoded: bool) -> tuple[Array, Array]:
+    """Place (3,) and turn (3, 3) of what is in the hand, in the tip's frame.
+
+    encoded : carried by the last joint as it is drawn, whose own deviation goes to the hand
+    """
+    groups, still, q = structure.groups, structure.with_view("base"), np.zeros((1, structure.dof))
+    bare = beta.copy()
+    bare[np.concatenate([groups["tool"], groups["tool.rotation"]])] = 0.0
+    (p,), (turn,) = still.pose(q, beta)
+    (p0,), (turn0,) = still.pose(q, bare)
+    position, turn = turn0.T @ (p - p0), turn0.T @ turn
+    if not encoded:
+        return position, turn
+    last = structure.chain_names.index(structure.joint_names[-1])
+    (at,), (frame,) = still.pose(q, structure.neutral())
+    own = structure.chain.axes[last]
+    axis, origin = frame.T @ own, frame.T @ (structure.chain.points[last] - at)
+    slid, turned = own @ beta[structure.shifts[last]], own @ beta[structure.turns[last]]
+    offset = beta[groups["offset"][-1:]].sum()
+    slid, turned = (slid, turned + offset) if structure.revolute[-1] else (slid + offset, turned)
+    back = exponential(turned * axis)
+    return origin + back @ (position - origin) + slid * axis, back @ turn

@@ -87,8 +87,12 @@ def _poses(
     kinds = "PointStamped, PoseStamped, TransformStamped or TFMessage"
     target = _topic(topics, chosen, tuple(_POSITIONS), "tip_topic", kinds)
     messages = list(_messages(reader, target))
-    frame = str(messages[0][1].header.frame_id) if messages else ""
-    return _stamped_poses(messages, topics[target], target), frame
+    if not messages:
+        raise LogError(f"topic {target!r} has no messages")
+    where, turn = _POSITIONS[topics[target]]
+    place, quaternion = attrgetter(where), attrgetter(turn) if turn else lambda _: None
+    rows = [_row(time, place(message), quaternion(message)) for time, message in messages]
+    return np.array(rows), str(messages[0][1].header.frame_id)
 
 
 @contextmanager
@@ -189,7 +193,7 @@ def _aligned(
     if time_offset is None:
         time_offset, said = _found_offset(stamps, x, times, values)
     stamps = stamps + time_offset
-    turns = _turning(poses[:, 4:])
+    turns = poses[:, 4:] if _turn(poses[:, 4:]) else None  # drivers may leave them unset
     doubts = covered(stamps, times, max_gap) | {"not finite": ~np.isfinite(x).all(axis=1)}
     if still is not None:
         fast = joint_speed(stamps, times, values) > still
@@ -243,17 +247,6 @@ def _found_offset(stamps: Array, x: Array, times: Array, values: Array) -> tuple
     return offset, [f"the positions' clock is corrected by {interval}, as the motion shows"]
 
 
-def _stamped_poses(messages: Iterable[tuple[float, Any]], kind: str, topic: str) -> Array:
-    """Rows of stamped points, poses or transforms; see `_row`."""
-    where, turn = _POSITIONS[kind]
-    rows = [
-        _row(t, attrgetter(where)(m), attrgetter(turn)(m) if turn else None) for t, m in messages
-    ]
-    if not rows:
-        raise LogError(f"topic {topic!r} has no messages")
-    return np.array(rows)
-
-
 def _row(time: float, place: Any, turn: Any) -> tuple[float, ...]:
     """Time [s], position [m] and quaternion, 0 where there is none."""
     quaternion = (turn.x, turn.y, turn.z, turn.w) if turn is not None else (0.0, 0.0, 0.0, 0.0)
@@ -278,7 +271,11 @@ def _tf_poses(
                 row = _row(time, each.transform.translation, each.transform.rotation)
                 moves.setdefault(child, []).append(row)
     edges = {child: np.array(rows) for child, rows in moves.items()}
-    moving = [child for child, rows in edges.items() if _moves(rows[:, 1:])]
+    moving = [
+        child
+        for child, rows in edges.items()
+        if np.ptp(rows[:, 1:4], axis=0).max() >= _SAME or _turn(rows[:, 4:])
+    ]
     shown = listed(f"{parents[child]},{child}" for child in sorted(moving)) or "none"
     if frames is None:
         if len(moving) != 1:
@@ -311,15 +308,6 @@ def _tf_poses(
     return np.hstack([edges[measured[0]][:, :1], place, quaternion_of(turn)]), parent
 
 
-def _moves(rows: Array) -> bool:
-    """Whether transforms (n, 7), translations and quaternions, differ from each other."""
-    # q and -q are one orientation
-    sign = np.where(rows[:, 3:] @ rows[0, 3:] < 0, -1.0, 1.0)[:, None]
-    same = np.hstack([rows[:, :3], sign * rows[:, 3:]])
-    return bool(np.abs(same - rows[0]).max() >= _SAME)
-
-
-def _turning(rows: Array) -> Array | None:
-    """Quaternions (n, 4), None where there are none or a driver left them unset."""
-    unset = not rows.any() or np.abs(np.abs(rows @ rows[0]) - 1).max() < _SAME
-    return None if unset else rows
+def _turn(rows: Array) -> bool:
+    """Whether quaternions (n, 4) differ from each other; q and -q are one orientation."""
+    return bool(rows.any() and np.abs(np.abs(rows @ rows[0]) - 1).max() >= _SAME)

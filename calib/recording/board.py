@@ -28,13 +28,11 @@ class Board:
     paper.
     """
 
-    # columns, rows: squares
-    columns: int
+    columns: int  # squares
     rows: int
-    # square, marker: sides of a square and of a tag within it [m]
-    square: float
-    marker: float
-    dictionary: str = "5x5_100"  # the tags' dictionary
+    square: float  # side of a square [m]
+    marker: float  # side of a tag within it [m]
+    dictionary: str = "5x5_100"  # the tags'
 
     def __post_init__(self) -> None:
         name = f"board {self.columns}x{self.rows}"
@@ -127,14 +125,9 @@ class BoardFinder:
 
 
 def parse_length(text: str, what: str = "length", *, signed: bool = False) -> float:
-    """Return a length above zero, or with a sign one of either side, in metres.
+    """Return a length [m] above zero, or where `signed` of either sign, such as of "24mm".
 
     Raises OptionError if the text has no number, or no unit.
-
-    Examples
-    --------
-    >>> parse_length("24mm"), parse_length("2.5 cm")
-    (0.024, 0.025)
     """
     match = re.fullmatch(r"\s*(-?[0-9.]+(?:[eE][+-]?[0-9]+)?)\s*(mm|cm|m|in)?\s*", text)
     try:

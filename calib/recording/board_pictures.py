@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arm.rotations import exponential, logarithm, quaternion_of
+from ..arm.rotations import cross_matrix, exponential, logarithm, quaternion_of
 from ..common.arrays import Array, Mask
 from ..common.wording import listed
 from ..errors import LogError
@@ -57,6 +57,7 @@ class BoardPictures:
             self.names,
             self.q,
             np.array([np.concatenate([p.shift, logarithm(p.rotation)]) for p in poses]),
+            np.array([p.covariance[:6, :6] for p in poses]),
             np.repeat(np.arange(len(numbers)), [len(own) for own in numbers]),
             world[np.concatenate(numbers)],
             float(lens.focal.mean()) * lens.undistort(np.concatenate(places)) + lens.centre,
@@ -64,24 +65,30 @@ class BoardPictures:
         )
         return views.other_way() if in_hand else views
 
-    def looked_at(self, in_hand: bool) -> Array:
-        """The point (3,) [m] that a log tells: ahead of the camera, or the middle of the board."""
-        width, height = self.board.size
-        if in_hand:
-            return np.array([0.0, 0.0, _AHEAD * float(np.hypot(width, height))])
-        return np.array([width / 2, height / 2, 0.0])
+    def lens(self, known: Lens | None) -> tuple[Lens, tuple[str, ...]]:
+        """The camera's lens, calibrated by the same pictures where it is not known; and doubts."""
+        if known is not None:
+            return known, ()
+        return calibrate_lens(self.corners, self.board, self.size)
 
     def log(self, lens: Lens, in_hand: bool) -> Recorded:
-        """The pictures as a log of poses of what is in the hand, in the frame of the other."""
-        views, at = self.seen(lens, in_hand), self.looked_at(in_hand)
-        turn = exponential(views.poses[:, 3:])
+        """The pictures as a log of poses of what is in the hand, in the frame of the other.
+
+        The point that it tells is ahead of the camera, or in the middle of the board.
+        """
+        views, (width, height) = self.seen(lens, in_hand), self.board.size
+        ahead = np.array([0.0, 0.0, _AHEAD * float(np.hypot(width, height))])
+        at = ahead if in_hand else np.array([width / 2, height / 2, 0.0])
+        x, covariance = views.positions(at)
         source = {
             "source": "board", "eye": "hand" if in_hand else "base", "board": self.board.text,
             "point": at.tolist(), "size": list(self.size), "lens": lens.to_json(),
         }  # fmt: skip
         return Recorded(
-            self.joint_names, self.q, views.poses[:, :3] + turn @ at, source=source,
-            quaternion=quaternion_of(turn), pictures=self.names, notes=self.notes,
+            self.joint_names, self.q, x, source=source, covariance=covariance,
+            noise=float(np.sqrt(np.einsum("njj->n", covariance[:, :3, :3]).mean() / 3)),
+            quaternion=quaternion_of(exponential(views.poses[:, 3:])), pictures=self.names,
+            notes=self.notes,
             episodes=None if self.episodes is None else self.episodes.astype(float),
         )  # fmt: skip
 
@@ -93,6 +100,7 @@ class BoardViews:
     names: tuple[str, ...]  # of the pictures
     q: Array  # (p, dof) [rad or m]
     poses: Array  # (p, 6), shift [m] and rotation vector
+    covariance: Array  # (p, 6, 6), of a small turn about the sensor's axes and of the shift
     rows: NDArray[np.intp]  # (n,), the picture of each corner
     corners: Array  # (n, 3), in the board's frame [m]
     pixels: Array  # (n, 2), where a lens without distortion shows them
@@ -103,7 +111,20 @@ class BoardViews:
         back = np.swapaxes(exponential(self.poses[:, 3:]), 1, 2)
         shift = -np.einsum("pij,pj->pi", back, self.poses[:, :3])
         poses = np.concatenate([shift, -self.poses[:, 3:]], axis=1)
-        return replace(self, poses=poses, in_hand=not self.in_hand)
+        # a turn w and a shift v turn the other way round by -R'w and shift by R'(w x t - v)
+        change = np.zeros((len(poses), 6, 6))
+        change[:, :3, :3] = change[:, 3:, 3:] = -back
+        change[:, 3:, :3] = -back @ cross_matrix(self.poses[:, :3])
+        covariance = change @ self.covariance @ np.swapaxes(change, 1, 2)
+        return replace(self, poses=poses, covariance=covariance, in_hand=not self.in_hand)
+
+    def positions(self, at: Array) -> tuple[Array, Array]:
+        """Places (p, 3) [m] of a point (3,) in the hand, and covariances (p, 6, 6) with a turn."""
+        arm = exponential(self.poses[:, 3:]) @ at
+        change = np.zeros((len(arm), 6, 6))
+        change[:, :3, :3], change[:, :3, 3:] = -cross_matrix(arm), np.eye(3)
+        change[:, 3:, :3] = np.eye(3)
+        return self.poses[:, :3] + arm, change @ self.covariance @ np.swapaxes(change, 1, 2)
 
     def take(self, kept: Mask) -> BoardViews:
         """The pictures of a mask (p,)."""
@@ -111,7 +132,8 @@ class BoardViews:
         return replace(
             self,
             names=tuple(name for name, stays in zip(self.names, kept, strict=True) if stays),
-            q=self.q[kept], poses=self.poses[kept], rows=(np.cumsum(kept) - 1)[self.rows[own]],
+            q=self.q[kept], poses=self.poses[kept], covariance=self.covariance[kept],
+            rows=(np.cumsum(kept) - 1)[self.rows[own]],
             corners=self.corners[own], pixels=self.pixels[own],
         )  # fmt: skip
 
@@ -130,9 +152,7 @@ def log_board(
     Raises LogError in one line if no log can be made.
     """
     shots = find_board(pictures, table, Board.of(board))
-    doubts: tuple[str, ...] = ()
-    if lens is None:
-        lens, doubts = calibrate_lens(shots.corners, shots.board, shots.size)
+    lens, doubts = shots.lens(lens)
     made = shots.log(lens, eye == "hand")
     return replace(made, notes=(*made.notes, *doubts))
 
@@ -146,18 +166,15 @@ def find_board(
     table : joints, one row for each picture
     Raises LogError if too few show it; what they show instead is told.
     """
-    notes: list[str] = []
+    notes, damaged = list[str](), list[str]()
     if isinstance(pictures, (str, os.PathLike)):
         pairs, notes = match_rows(table, list_pictures(pictures))
-        damaged: list[str] = []
         series = read_series([path for _, path in pairs], damaged)
         shots = ((pairs[k][1].name, pairs[k][0], grey) for k, grey in series)
     else:
         if len(pictures) != len(table.q):
             raise LogError(f"{len(pictures)} pictures and {len(table.q)} rows of joints")
-        damaged = []
-        named = table.pictures or [f"picture {k + 1}" for k in range(len(pictures))]
-        shots = ((named[k], k, grey) for k, grey in enumerate(pictures))
+        shots = ((f"picture {k + 1}", k, grey) for k, grey in enumerate(pictures))
     finder, looked = BoardFinder(board), list[Picture]()
     seen: list[tuple[str, int, dict[int, Array]]] = []
     size = (0, 0)

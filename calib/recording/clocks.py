@@ -45,16 +45,12 @@ _APART = 0.3  # candidates further apart than this are rivals [s]
 class Clocks:
     """Joints' time of camera time `t`: `t + offset + rate (t - middle)`."""
 
-    # offset, rate: joints' clock less the camera's in the middle of the recording, and how much
-    # faster it runs [s]
-    offset: float
-    rate: float = 0.0
+    offset: float  # joints' clock less the camera's in the middle of the recording [s]
+    rate: float = 0.0  # how much faster it runs
     middle: float = 0.0  # that middle, by the camera's clock [s]
-    # error, rival: median distance that held-out blocks are predicted to, and with the best other
-    # offset [px]
-    error: float = np.nan
-    rival: float = np.inf
-    unit: str = "px"  # of both
+    error: float = np.nan  # median distance that held-out blocks are predicted to [unit]
+    rival: float = np.inf  # and with the best other offset
+    unit: str = "px"
     doubt: float = np.nan  # standard deviation of the joints' time, at the recording's ends [s]
 
     def joints_time(self, time: Array) -> Array:
@@ -256,11 +252,10 @@ def align_clocks(
 ) -> Clocks:
     """Find when the joints were where a sensor saw the tip.
 
-    time, seen : (n,) array [s], (n, m) array [unit]; times of frames, by the sensor's clock, and
-        where the tip was, in pixels or in space; NaN where it was not seen.
-    joint_time, q : (m,) array [s], (m, joints) array [rad or m]; joints, at increasing times by
-        their clock.
-    revolute : sequence of bool; which joints turn; all if not given.
+    time, seen : (n,) [s], (n, m) [unit], times by the sensor's clock, and where the tip was, in
+        pixels or in space; NaN where it was not seen
+    joint_time, q : (m,) [s], (m, joints) [rad or m], joints at increasing times by their clock
+    revolute : which joints turn; all if not given
     Raises ClockError if nothing moves, no offset fits, or more than one does.
     """
     # pixels are what the limits below are in: others are scaled to a picture's size

@@ -32,12 +32,10 @@ def log_pictures(
 ) -> Recorded:
     """Make a log from pictures of an arm with a printed tag on its tip.
 
-    The source is a folder, a pattern such as `shots/*.jpg`, or several names; `joints` have one row
-    for each picture, by their column of names or in natural order. `since` is what an earlier log
-    tells of its source (`read_about`): how far the camera moved since is told.
-
-    Raises LogError in one line, if no log can be made: no such tag, twice in a picture, at one
-        place while joints move, rows shifted against the pictures, and the like.
+    source : a folder, a pattern such as `shots/*.jpg`, or several names
+    joints : one row for each picture, by their column of names or in natural order
+    since : what an earlier log tells of its source (`read_about`): how far the camera moved is told
+    Raises LogError in one line, if no log can be made.
     """
     pairs, notes = match_rows(joints, list_pictures(source))
     names = [path.name for _, path in pairs]
@@ -85,10 +83,9 @@ def assemble(
     since: Mapping[str, Any] | None,
     **more: Any,
 ) -> Recorded:
-    """Put a log together from the tags of some pictures.
+    """Put a log together from the tags of some pictures, and why others, of `what`, have none.
 
-    `reasons` say why others have none, and how many, of `what`. How far the camera moved since an
-    earlier log is told. `more` are further fields of the log; its source and notes are completed.
+    `more` are further fields of the log; its source and notes are completed.
     """
     pixels = np.array([tag.centre for tag in tags])
     x, (scale, common) = reference.positions(pixels), reference.noise(pixels)
@@ -130,10 +127,7 @@ def _check_order(q: Array, pixels: Array, pictures: Sequence[str]) -> None:
 def _poses(
     setting: Setup, tags: Sequence[Tag], reference: PositionReference
 ) -> tuple[Array, Array]:
-    """Return places (n, 3) [m] and quaternions (n, 4) of tags, in the reference's frame.
-
-    Without a reference the frame is the camera's: x right, y down, z ahead.
-    """
+    """Places (n, 3) [m] and quaternions (n, 4) of tags, by the reference, else the camera."""
     lens, size = setting.lens, setting.tag_size
     assert lens is not None and size is not None  # noqa: S101, PT018 - the setting was checked
     poses = [square_pose(lens, tag.corners, size) for tag in tags]

@@ -46,15 +46,13 @@ def log_video(
 ) -> Recorded:
     """Make a log from a video, of any format that OpenCV opens; see `log_pictures`.
 
-    The joints have times, by a clock of their own. `revolute` says which of them turn; all if it is
-    not given.
-
+    joints : with times, by a clock of their own
     time_offset : [s], added to the video's times; found if not given
     still : [rad/s or m/s], every frame in which no joint moves faster is a row; without it the
         median of each rest is
     max_gap : [s], frames between joints further apart are left out
-    Raises LogError in one line, if no log can be made: no such tag, clocks that cannot be aligned,
-        an arm that never rests, and the like.
+    revolute : which joints turn; all if it is not given
+    Raises LogError in one line, if no log can be made.
     """
     check_limits(max_gap, still)
     # a stamp that is there twice has no speed: the first row counts
@@ -97,9 +95,8 @@ def log_video(
     if still is None:
         groups = _rests(when, pixels, usable & (speed < _REST))
         reasons["the arm moves"] = int(usable.sum() - sum(map(len, groups)))
-        notes += (
-            [f"{len(groups)} rests of {np.mean([*map(len, groups)]):.0f} frames"] if groups else []
-        )
+        if groups:
+            notes.append(f"{len(groups)} rests of {np.mean([*map(len, groups)]):.0f} frames")
     else:
         slow = usable & (speed < still)
         reasons[f"a joint moves faster than {still:g}"] = int((usable & ~slow).sum())
@@ -133,15 +130,11 @@ def log_video(
         since,
         joint_names=joints.names,
         q=np.array([there[g].mean(axis=0) for g in groups]),
-        source={
-            "source": "video",
-            "size": list(seen.size),
-            "time_offset": clocks.offset,
-            "rate": clocks.rate,
-        },
+        source={"source": "video", "size": list(seen.size), "time_offset": clocks.offset,
+                "rate": clocks.rate},
         time=rows - rows[0],
         notes=notes,
-    )
+    )  # fmt: skip
 
 
 def _frames(video: Video, times: list[float]) -> Iterator[tuple[int, str, Picture]]:

@@ -26,7 +26,7 @@ from .board import Board
 from .board_pictures import BoardPictures, BoardViews, find_board
 from .board_trouble import explain
 from .joint_table import JointTable, read_joints
-from .lens import Lens, calibrate_lens
+from .lens import Lens
 from .opencv import Picture
 
 _TURNED = np.radians(7.5)  # least spread of the hand's turns about each axis
@@ -38,41 +38,22 @@ _Z95 = 1.96
 class HandEye:
     """Where a camera and a board are.
 
-    Attributes
-    ----------
-    eye : {"hand", "base"}
-        Whether the camera is in the hand and the board stands still, or the other way round.
-    pictures, used : int
-        How many there are, and how many the fit rests on.
-    hand, base : dict
-        Position (3,) [m] and quaternion (qx, qy, qz, qw) of the camera's optical frame (x right,
-        y down, z ahead) or the board's, in the tip's frame and in the base's; half-widths of
-        their 95 % intervals, (3,) [m] and (3,) [rad], with what no picture tells and without it.
-    reprojection : dict
-        Mean and largest distance [px] of corners from where the fit puts them.
-    millimetres : float
-        The mean as a distance at the board [mm].
-    lens : dict
-        Focal length and centre [px], k1 and the half-width of the focal length's interval [px].
-    limited_by : str
-        What limits the accuracy, and what would help most.
-    notes : tuple of str
-        What else the user should be told.
-    poses : Samples
-        The pictures as a log of poses, as `calib log --eye` writes them.
+    Places are of the camera's optical frame (x right, y down, z ahead) or the board's: position
+    [m], quaternion (qx, qy, qz, qw) and half-widths of their 95 % intervals, (3,) [m] and
+    (3,) [rad], with what no picture tells and without it.
     """
 
-    eye: str
+    eye: str  # "hand": the camera is in the hand and the board stands still; or "base"
     pictures: int
-    used: int
-    hand: dict[str, Any]
-    base: dict[str, Any]
-    reprojection: dict[str, float]
-    millimetres: float
-    lens: dict[str, Any]
-    limited_by: str
+    used: int  # pictures that the fit rests on
+    hand: dict[str, Any]  # what is in the hand, in the tip's frame
+    base: dict[str, Any]  # what stands still, in the base's
+    reprojection: dict[str, float]  # mean and largest distance of corners from the fit's [px]
+    millimetres: float  # the mean as a distance at the board [mm]
+    lens: dict[str, Any]  # focal length with its interval's half-width, centre [px], k1
+    limited_by: str  # what limits the accuracy, and what would help most
     notes: tuple[str, ...]
-    poses: Samples
+    poses: Samples  # the pictures as a log of poses, as `calib log --eye` writes them
     body: Body
 
     def to_json(self) -> dict[str, Any]:
@@ -118,26 +99,18 @@ def handeye(
     if not isinstance(pictures, BoardPictures):
         if joints is None or board is None:
             raise OptionError("pictures need `joints` and `board`")
-        pictures = find_board(pictures, _table(joints, arm, degrees), Board.of(board))
+        if not isinstance(joints, JointTable):
+            kinds = zip(arm.joint_names, arm.revolute, strict=True)
+            sliding = [name for name, turns in kinds if not turns]
+            joints = read_joints(joints, arm.joint_names, degrees=degrees, prismatic=sliding)
+        pictures = find_board(pictures, joints, Board.of(board))
     with one_blas_thread():
         return _solved(arm, pictures, eye == "hand", lens)
 
 
-def _table(
-    joints: str | os.PathLike[str] | JointTable, arm: SpatialArm, degrees: bool
-) -> JointTable:
-    """The joints of an arm."""
-    if isinstance(joints, JointTable):
-        return joints
-    sliding = [n for n, turns in zip(arm.joint_names, arm.revolute, strict=True) if not turns]
-    return read_joints(joints, arm.joint_names, degrees=degrees, prismatic=sliding)
-
-
 def _solved(arm: SpatialArm, shots: BoardPictures, in_hand: bool, lens: Lens | None) -> HandEye:
     known = lens is not None
-    doubts: tuple[str, ...] = ()
-    if lens is None:
-        lens, doubts = calibrate_lens(shots.corners, shots.board, shots.size)
+    lens, doubts = shots.lens(lens)
     structure = _structure(arm, lens, known)
     views = shots.seen(lens, in_hand)
     found = explain(structure, views, shots.board)
@@ -242,5 +215,6 @@ def _samples(
     return Samples(
         q, log.x[kept], arm.joint_names, np.minimum(arm.lower, q.min(axis=0)),
         np.maximum(arm.upper, q.max(axis=0)), arm.revolute, arm=arm,
-        orientation=None if log.quaternion is None else log.quaternion[kept], source=log.about(),
+        orientation=None if log.quaternion is None else log.quaternion[kept],
+        covariance=None if log.covariance is None else log.covariance[kept], source=log.about(),
     )  # fmt: skip

@@ -46,9 +46,8 @@ def read_joints(
 ) -> JointTable:
     """Read a table of joints; a column `time` [s] or `picture` says what a row is of.
 
-    joints : sequence of str; the joints' columns; all columns of numbers but those if not given.
-    degrees, prismatic : bool, sequence of str; whether joints that turn are in degrees, and which
-        slide [m].
+    joints : the joints' columns; all columns of numbers but those if not given
+    degrees, prismatic : whether joints that turn are in degrees, and which slide [m]
     Raises LogError if there are no joints, or they look like degrees and are not said to be.
     """
     source = open_source(path)

@@ -33,14 +33,11 @@ class Lens:
     """A pinhole with radial and tangential distortion (Brown's model, as in OpenCV)."""
 
     size: tuple[int, int]  # width and height of the pictures it holds for [px]
-    # focal, centre: focal lengths along x and y, principal point (2,) [px]
-    focal: Array
-    centre: Array
+    focal: Array  # focal lengths along x and y (2,) [px]
+    centre: Array  # principal point (2,) [px]
     distortion: Array  # k1, k2, p1, p2, k3 (5,)
-    # rms, pictures: rms distance of the calibration's corners from their places, in how many
-    # pictures [px]
-    rms: float = 0.0
-    pictures: int = 0
+    rms: float = 0.0  # distance of the calibration's corners from their places [px]
+    pictures: int = 0  # in how many
     # of `parameters`; zero where a lens is taken for exact (9, 9)
     covariance: Array = field(default_factory=lambda: np.zeros((9, 9)))
 

@@ -52,14 +52,20 @@ def unpack(
     try:
         info = json.loads((root / "meta" / "info.json").read_text(encoding="utf-8"))
         version, features = str(info["codebase_version"]), info["features"]
-        names = _joint_names(features[_STATE])
+        named = features[_STATE]["names"]  # a list, or in older datasets the only one of a mapping
+        named = next(iter(named.values())) if isinstance(named, dict) else named
+        names = [str(name).removesuffix(".pos") for name in named]
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         raise LogError(
             f"{root}: meta/info.json is not that of a LeRobotDataset: {error!r}"
         ) from None
     if not version.startswith("v3"):
         raise LogError(f"{root} is a LeRobotDataset {version}, expected v3.0")
-    key = _camera(features, camera)
+    cameras = [name for name, each in features.items() if each.get("dtype") == "video"]
+    found = [name for name in cameras if camera is None or name.endswith(camera)]
+    if len(found) != 1:
+        raise LogError(f"the dataset has the videos {listed(cameras)}: name one with `camera`")
+    key = found[0]
     columns = [_STATE, "timestamp", "episode_index"]
     rows = pl.read_parquet(root / "data" / "**" / "*.parquet", columns=columns)
     state = np.array(rows[_STATE].to_list(), float)
@@ -93,23 +99,6 @@ def unpack(
     (Path(folder) / JOINTS).write_text("\n".join(lines) + "\n", encoding="utf-8")
     notes.append(f"{len(lines) - 1} of {len(rows)} frames of {key}, where the arm is slowest")
     return notes
-
-
-def _joint_names(feature: dict[str, Any]) -> list[str]:
-    """Names of the joints: a list, or in older datasets the only list of a mapping."""
-    names = feature["names"]
-    names = next(iter(names.values())) if isinstance(names, dict) else names
-    return [str(name).removesuffix(".pos") for name in names]
-
-
-def _camera(features: dict[str, Any], wanted: str | None) -> str:
-    cameras = [name for name, each in features.items() if each.get("dtype") == "video"]
-    found = [name for name in cameras if wanted is None or name.endswith(wanted)]
-    if len(found) != 1:
-        raise LogError(
-            f"the dataset has the videos {listed(cameras) or 'none'}: name one with `camera`"
-        )
-    return found[0]
 
 
 def _radians(state: Array) -> tuple[Array, str]:

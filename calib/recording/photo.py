@@ -19,7 +19,7 @@ from .opencv import Picture, opencv
 from .pictures import Video, read_picture
 from .reference import PICTURE, PositionReference, read_reference
 from .setting import Setup
-from .tags import Tag, TagFinder
+from .tags import TagFinder
 
 WIDEST = 1000
 """Pixels along a kept photo's longer side, at most."""
@@ -35,11 +35,9 @@ def take_photo(
 ) -> Photo:
     """Read a photo so that positions can be drawn over it.
 
-    path : path-like; a picture or a video, whose first frame is taken, by the camera that made the
-        log.
-    x : (n, 2) array [unit]; positions that should be in it, in "px" or "m".
-    about : mapping; what the log tells of its source (`read_about`): for metres where its camera
-        was.
+    path : a picture or a video, whose first frame is taken, by the camera that made the log
+    x : (n, 2), positions that should be in it, in "px" or "m"
+    about : what the log tells of its source (`read_about`): for metres where its camera was
     Raises LogError if it cannot be read, is of another camera, or shows none of the positions.
     """
     about = about or {}
@@ -131,7 +129,9 @@ def write_seen(path: str | os.PathLike[str], photo: Picture, setting: Setup, pla
 
     circles(places, 3, _PLACES, -1)
     wanted = {setting.tag, *(setting.tags_at.points if setting.tags_at is not None else ())}
-    for tag in _all_tags(grey, setting):
+    found = setting.finder.find(grey)  # and what else of the dictionary is there
+    others = TagFinder(setting.dictionary).find(grey)
+    for tag in [*found, *(t for t in others if not any(t.same(known) for known in found))]:
         colour = _BOARD if tag.number in wanted else _OTHER
         colour = _TIP if tag.number == setting.tag else colour
         corners = np.round(tag.corners).astype(np.int32)
@@ -146,10 +146,3 @@ def write_seen(path: str | os.PathLike[str], photo: Picture, setting: Setup, pla
     if setting.board is not None:
         circles(np.array([*setting.marks(grey, ()).values()]).reshape(-1, 2), 4, _BOARD, thick)
     atomic_write(path, cv2.imencode(".png", canvas)[1].tobytes())
-
-
-def _all_tags(grey: Picture, setting: Setup) -> list[Tag]:
-    """Return the tags looked for as they were, and what else of the dictionary is there."""
-    found = setting.finder.find(grey)
-    others = TagFinder(setting.dictionary).find(grey)
-    return found + [tag for tag in others if not any(tag.same(known) for known in found)]

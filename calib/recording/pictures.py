@@ -59,11 +59,8 @@ def list_pictures(source: str | os.PathLike[str] | Sequence[str]) -> list[Path]:
 def read_picture(path: str | os.PathLike[str], *, colour: bool = False) -> Picture:
     """Read a picture whole: grey (height, width), or red, green, blue (height, width, 3).
 
+    By Pillow: OpenCV returns half of a cut JPEG without a word.
     Raises UnreadableError if it is cut off, damaged or no picture.
-
-    Notes
-    -----
-    Pillow is asked rather than OpenCV, which returns half of a cut JPEG without a word.
     """
     from PIL import Image, ImageOps, UnidentifiedImageError
 

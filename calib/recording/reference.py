@@ -79,7 +79,7 @@ def find_pose(lens: Lens, points: Array, pixels: Array) -> Pose:
             J = own.reshape(-1, 6)
             step = np.linalg.lstsq(J * root[:, None], miss.ravel() * root, rcond=None)[0]
             rotation, shift = exponential(step[:3]) @ rotation, shift + step[3:]
-            if np.abs(step).max() < 1e-10:
+            if np.abs(step).max() < 1e-8:
                 break
         cost = float((np.sqrt(1.0 + square) - 1.0).sum())
         return cost, rotation, shift, miss, J * root[:, None], slopes[:, 6:15] * root[:, None]

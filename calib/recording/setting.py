@@ -24,18 +24,14 @@ from .watch import MarkLayout, Marks, board_layout
 class Setup:
     """What is in the pictures, and what is known of the camera."""
 
-    # tag, dictionary: id of the tag on the tip, and its dictionary, which is that of tags around
-    # the arm too
-    tag: int
-    dictionary: str = DICTIONARY
-    # board, tags_at: what lies on the desk, a board or tags at known places: positions are in its
-    # frame [m]
+    tag: int  # id of the tag on the tip
+    dictionary: str = DICTIONARY  # of the tags on the tip and around the arm
+    # what lies on the desk, a board or tags at known places: positions are in its frame [m]
     board: Board | None = None
     tags_at: MarkLayout | None = None
     lens: Lens | None = None  # the camera's
     tag_size: float | None = None  # side of the tip's tag: its pose needs it [m]
-    # how far the tip's tag is above the board, or above the tags on the desk [m]
-    tag_height: float = 0.0
+    tag_height: float = 0.0  # of the tip's tag above the board, or the tags on the desk [m]
     pose: bool = False  # whether z and the orientation of the tag are wanted too
     finder: TagFinder = field(init=False, repr=False, compare=False)
 
@@ -104,10 +100,9 @@ class Setup:
 def load_lens(
     path: str | os.PathLike[str], board: Board | None, output: str | os.PathLike[str] | None = None
 ) -> tuple[Lens, tuple[str, ...]]:
-    """Read a lens, or calibrate it from pictures of the board; notes say what was found.
+    """Read the `lens.json` of an earlier run, or calibrate by a folder or pattern of pictures.
 
-    `path` is the `lens.json` of an earlier run, or a folder or pattern of pictures, whose lens is
-    written to `output`.
+    Returns notes too; a calibrated lens is written to `output`.
     """
     if not Path(path).is_dir() and not any(mark in str(path) for mark in "*?["):
         return read_lens(path), ()

@@ -51,9 +51,9 @@ def sight(
 ) -> Sightings:
     """Find the tag of a setting, and the reference, in pictures with their numbers and names.
 
-    what : str; what messages call the pictures
-    every : int; one of so many is kept, to tell which tags are there should this one not be
-    looks : int; the reference is looked for in one of so many
+    what : what messages call the pictures
+    every : one of so many is kept, to tell which tags are there should this one not be
+    looks : the reference is looked for in one of so many
     Raises LogError if the tag is there twice in more than a tenth, or nowhere.
     """
     found: dict[int, Tag] = {}

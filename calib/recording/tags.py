@@ -29,10 +29,8 @@ class Tag:
     """A tag in a picture; pixel centres have whole coordinates, y runs down."""
 
     number: int  # its id
-    # corners, centre: the black square, clockwise in print from the top left; where its diagonals
-    # cross (4, 2), (2,) [px]
-    corners: Array
-    centre: Array
+    corners: Array  # of the black square, clockwise in print from the top left (4, 2) [px]
+    centre: Array  # where its diagonals cross (2,) [px]
     noise: float = LEAST_NOISE  # standard deviation of the centre along each axis [px]
     sharp: bool = True  # whether the print can be laid over it
 
@@ -80,12 +78,7 @@ def find_dictionary(name: str) -> Any:
 
 
 class TagFinder:
-    """Finds tags of one dictionary.
-
-    dictionary : str; its name.
-    wanted : collection of int; ids to look for; all if not given, which takes ten times as long
-        with OpenCV 5.
-    """
+    """Finds tags of one dictionary: wanted ids, or all, which takes ten times as long."""
 
     def __init__(self, dictionary: str = DICTIONARY, wanted: Collection[int] | None = None) -> None:
         cv2 = opencv()

@@ -28,6 +28,7 @@ from .roles import (
     PIXELS,
     QUATERNION,
     check_names,
+    covariances,
     find_roles,
     from_angles,
     log_columns,
@@ -144,7 +145,18 @@ def read_log(
     lower, upper = np.array([limits for _, limits, _ in settled]).T
     notes += [note for *_, more in settled for note in more]
     x = np.ascontiguousarray(values[:, len(names) : len(names) + len(axes)])
-    orientation = _orientation(values[:, len(names) + len(axes) :], roles.turns, degrees)
+    first = len(names) + len(axes)
+    last = first + len(roles.turns)
+    orientation = None
+    if roles.turns == QUATERNION:
+        orientation = unit_quaternions(values[:, first:last])
+    elif roles.turns:
+        orientation = from_angles(
+            np.deg2rad(values[:, first:last]) if degrees else values[:, first:last]
+        )
+    covariance = (
+        covariances(values[:, last:], source.label, rows.tolist()) if roles.spread else None
+    )
     plane = rms = None
     if len(axes) == 3 and wanted != 3 and (wanted is not None or _flat(x)):
         plane, rms = fit_plane(x)
@@ -180,6 +192,7 @@ def read_log(
         plane=plane,
         out_of_plane_rms=rms,
         orientation=None if plane is not None else orientation,
+        covariance=covariance if plane is None else None,
         columns=columns,
         degrees=in_degrees,
         camera=camera,
@@ -189,7 +202,16 @@ def read_log(
         left_out=left_out,
     )
     samples = samples if time_offset is None else with_offset(samples, time_offset)
-    return samples if arm is None else _diagnosed(samples, source.label, arm)
+    if arm is None:
+        return samples
+    # what the kinematics show to be a mistake is refused, what may be intended is told
+    findings = diagnose(
+        arm.forward, samples.q, samples.x, samples.joint_names, samples.revolute,
+        unit=samples.unit, turns=samples.orientation, left_handed=samples.plane is not None,
+        pose=arm.pose if isinstance(arm, SpatialArm) else None,
+    )  # fmt: skip
+    told = refuse_mistakes(findings, source.label)
+    return replace(samples, notes=(*samples.notes, *told))
 
 
 def write_log(samples: Samples, path: str | os.PathLike[str]) -> None:
@@ -207,18 +229,8 @@ def write_log(samples: Samples, path: str | os.PathLike[str]) -> None:
     True
     """
     check_names(samples.joint_names)
-    columns = log_columns(samples.joint_names, samples.q, samples.x, samples.orientation)
-    write_table(path, columns)
-
-
-def _diagnosed(samples: Samples, label: str, arm: Arm) -> Samples:
-    """Refuse what the arm's kinematics show to be a mistake, and note what may be intended."""
-    findings = diagnose(
-        arm.forward, samples.q, samples.x, samples.joint_names, samples.revolute,
-        unit=samples.unit, turns=samples.orientation, left_handed=samples.plane is not None,
-        pose=arm.pose if isinstance(arm, SpatialArm) else None,
-    )  # fmt: skip
-    return replace(samples, notes=(*samples.notes, *refuse_mistakes(findings, label)))
+    about = samples.orientation, samples.covariance
+    write_table(path, log_columns(samples.joint_names, samples.q, samples.x, *about))
 
 
 def _time(source: Source, rows: NDArray[np.intp], names: Sequence[str]) -> Array | None:
@@ -252,15 +264,6 @@ def _flat(x: Array) -> bool:
     """Whether positions (n, 3) lie in a tilted plane, as those of an arm that is not in space."""
     spread = np.linalg.svd(x - x.mean(axis=0), compute_uv=False)
     return len(spread) < 3 or bool(spread[2] <= _THICK * spread[0])
-
-
-def _orientation(values: Array, turns: tuple[str, ...], degrees: bool) -> Array | None:
-    """Unit quaternions (n, 4) of the columns that a log states an orientation in."""
-    if not turns:
-        return None
-    if turns == QUATERNION:
-        return unit_quaternions(values)
-    return from_angles(np.deg2rad(values) if degrees else values)
 
 
 def _joints(

@@ -13,7 +13,7 @@ from ..errors import LogError
 from .columns import Source, read_rows
 from .log_ranges import LoggedJoint
 from .roles import QUATERNION, ROUNDING, Roles
-from .settings import MOST_WRONG
+from .settings import MOST_WRONG, UNSURE
 from .wrong_rows import placeholders, rows_in_words
 
 HELD_ROWS = 200_000
@@ -91,6 +91,11 @@ def seen_rows(label: str, values: Array, rows: NDArray[np.intp], roles: Roles) -
                 f"{length[row]:.4g}, expected 1; check which columns are named"
             )
         kinds.append((unturned, "hold no orientation: a quaternion whose length is not 1"))
+    if roles.spread:
+        variance = values[:, [-21, -15, -10]].sum(axis=1)  # of x, y and z
+        unsure = ~np.any([wrong for wrong, _ in kinds], axis=0)
+        unsure &= variance > UNSURE**2 * np.median(np.abs(variance))
+        kinds.append((unsure, f"have a covariance over {UNSURE:g} times as wide as usual"))
     notes = [
         f"{int(wrong.sum()):,} of {len(values):,} rows {why}; left out: "
         f"{rows_in_words(rows[wrong])}"

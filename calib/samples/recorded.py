@@ -30,6 +30,7 @@ class Recorded:
     # what the rows were made of, as plain values: `Recorded.write` keeps it with the log
     source: Mapping[str, Any] = field(default_factory=dict)
     quaternion: Array | None = None  # orientation, x, y, z, w (n, 4)
+    covariance: Array | None = None  # of position and of a small turn (n, 6, 6) [unit, rad]
     # times since the first row; of pictures their names in `pictures` instead (n,) [s]
     time: Array | None = None
     pictures: tuple[str, ...] | None = None
@@ -56,7 +57,8 @@ class Recorded:
         """Return the columns by name."""
         time = {} if self.time is None else {"time": self.time}
         series = {} if self.episodes is None else {"episode": self.episodes}
-        return log_columns(self.joint_names, self.q, self.x, self.quaternion) | time | series
+        made = self.joint_names, self.q, self.x, self.quaternion, self.covariance
+        return log_columns(*made) | time | series
 
     def write(self, path: str | os.PathLike[str]) -> None:
         """Write it as a log: CSV with one line of comment, or Parquet with metadata."""

@@ -32,6 +32,7 @@ class Roles:
     columns: tuple[str, ...]
     # `("qx", "qy", "qz", "qw")`, `("roll", "pitch", "yaw")`, or nothing
     turns: tuple[str, ...] = ()
+    spread: tuple[str, ...] = ()  # `COVARIANCE`, or nothing
 
 
 def find_roles(
@@ -56,7 +57,8 @@ def find_roles(
     has_z = "z" not in names and ("z" in mapping or "z" in source.header)
     axes = _POSITION if has_z else _POSITION[:2]
     turns = _orientation(source, arm, names, mapping) if has_z else ()
-    used = tuple(mapping.get(name, name) for name in (*names, *axes, *turns))
+    spread = COVARIANCE if turns and {*COVARIANCE} <= {*source.header} else ()
+    used = tuple(mapping.get(name, name) for name in (*names, *axes, *turns, *spread))
     for column in used:
         if used.count(column) > 1:
             raise OptionError(
@@ -65,7 +67,7 @@ def find_roles(
                 parameter="columns",
                 value=column,
             )
-    return Roles(names, axes, used, turns)
+    return Roles(names, axes, used, turns, spread)
 
 
 def _orientation(
@@ -144,6 +146,11 @@ def _joint_names(source: Source, arm: Arm | None, joints: Sequence[str] | None) 
 
 
 QUATERNION = ("qx", "qy", "qz", "qw")
+_POSE = (*_POSITION, "rx", "ry", "rz")
+COVARIANCE = tuple(f"cov_{a}_{b}" for k, a in enumerate(_POSE) for b in _POSE[k:])
+"""Columns of a pose's covariance: its upper triangle, row by row, of position [unit] and of a small
+turn [rad] about the sensor's axes, `cov_x_x`, `cov_x_y`, .. `cov_rz_rz`."""
+
 _ANGLES = ("roll", "pitch", "yaw")
 #: A quaternion's length may differ from 1 by this much: files round to a few digits.
 ROUNDING = 0.01
@@ -152,12 +159,37 @@ _MOST = 2 * np.pi + 0.1
 
 
 def log_columns(
-    joints: Sequence[str], q: Array, x: Array, quaternion: Array | None = None
+    joints: Sequence[str],
+    q: Array,
+    x: Array,
+    quaternion: Array | None = None,
+    covariance: Array | None = None,
 ) -> dict[str, Array]:
-    """Columns of a log by name: joints, positions and the parts of an orientation, if known."""
-    turns = {} if quaternion is None else dict(zip(QUATERNION, quaternion.T, strict=True))
-    positions = zip(_POSITION, x.T, strict=False)
-    return {**dict(zip(joints, q.T, strict=True)), **dict(positions), **turns}
+    """Columns of a log by name: joints, positions, orientation and its covariance, if known."""
+    columns = dict(zip(joints, q.T, strict=True)) | dict(zip(_POSITION, x.T, strict=False))
+    if quaternion is not None:
+        columns |= dict(zip(QUATERNION, quaternion.T, strict=True))
+    if covariance is not None:
+        row, column = np.triu_indices(6)
+        columns |= dict(zip(COVARIANCE, covariance[:, row, column].T, strict=True))
+    return columns
+
+
+def covariances(values: Array, label: str, rows: Sequence[int]) -> Array:
+    """Covariances (n, 6, 6) of their upper triangles (n, 21); `rows` are numbers in the file.
+
+    Raises LogError if one is no covariance.
+    """
+    made = np.empty((len(values), 6, 6))
+    row, column = np.triu_indices(6)
+    made[:, row, column] = made[:, column, row] = values
+    low, high = np.linalg.eigvalsh(made)[:, [0, -1]].T
+    if (wrong := ~(low >= -1e-6 * np.abs(high))).any():
+        raise LogError(
+            f"{label}, row {rows[int(np.argmax(wrong))]}: {COVARIANCE[0]} .. {COVARIANCE[-1]} are "
+            "no covariance, expected the upper triangle of a matrix without negative variances"
+        )
+    return made
 
 
 def unit_quaternions(values: Array) -> Array:

@@ -60,6 +60,8 @@ class Samples:
     out_of_plane_rms: float | None = None
     # (n, 4), of an arm that moves in space the tip's orientation as qx, qy, qz, qw
     orientation: Array | None = field(default=None, repr=False)
+    # (n, 6, 6), of each pose: position [unit] and a small turn [rad] about the sensor's axes
+    covariance: Array | None = field(default=None, repr=False)
     # columns of the log that have other names than what they hold
     columns: Mapping[str, str] = field(default_factory=dict, repr=False)
     degrees: bool = False  # whether the log has its turning joints in degrees; `q` is in rad
@@ -121,7 +123,7 @@ class Samples:
             rows = rows.astype(np.intp)  # an empty list has no type that could index
         beside: dict[str, Any] = {
             name: None if (values := getattr(self, name)) is None else values[rows]
-            for name in ("orientation", "rows", "time")
+            for name in ("orientation", "covariance", "rows", "time")
         }
         touch = None if self.touch is None else self.touch.take(rows)
         return replace(self, q=self.q[rows], x=self.x[rows], touch=touch, **beside)
@@ -133,10 +135,9 @@ class Samples:
                 f"samples need one or more joints of different names, not {self.joint_names}"
             )
         shapes = {"q": (n, dof), "x": (n, len(self.axes)), "lower": (dof,), "upper": (dof,)}
-        if self.orientation is not None:
-            shapes["orientation"] = (n, 4)  # qx, qy, qz, qw
+        shapes |= {"orientation": (n, 4), "covariance": (n, 6, 6)}
         for name, shape in shapes.items():
-            got = getattr(self, name).shape
+            got = shape if getattr(self, name) is None else getattr(self, name).shape
             if got != shape:
                 raise LogError(
                     f"{name} has shape {got}, expected {shape} for {n} rows of {dof} joints"

@@ -57,6 +57,9 @@ APART = 10.0
 MOST_WRONG = 0.25
 """Share of the rows that can be wrong; beyond it the fit is."""
 
+UNSURE = 10.0
+"""Times as wide as the median that a pose's stated sd may be: such a row would weigh like 100."""
+
 LEAST_CORNER = 8
 """Rows from which on those that stand together, all off by the same, are told."""
 

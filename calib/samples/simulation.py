@@ -103,7 +103,7 @@ class Simulation:
     @property
     def hidden(self) -> bool:
         """Whether something that no encoder reads moves the tip: backlash, joint noise."""
-        return bool(self._of("joint", "backlash") or self._of("joint", "noise"))
+        return any(c.part == "joint" and c.what in ("backlash", "noise") for c in self.changes)
 
     def true(self, q: ArrayLike, rng: Generator) -> Array:
         """Return where the tip truly is while the arm goes through `q`, row by row.

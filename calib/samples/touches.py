@@ -7,7 +7,6 @@ from itertools import combinations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..common.arrays import Array
 from ..common.scale import METRES
@@ -50,7 +49,12 @@ def read_touches(
     texts = read_texts(source, [name for name in place if name in source.header])
     given = [texts[name].to_list() if name in texts.columns else [""] * len(q) for name in place]
     pairs = [(str(a or ""), str(b or "")) for a, b in zip(*given, strict=True)]
-    stated = _stated(source, columns, unit, len(q))
+    stated, axes = np.full((len(q), 3), np.nan), [columns.get(axis, axis) for axis in "xyz"]
+    if all(axis in source.header for axis in axes):
+        if (unit := unit or "m") not in METRES:
+            words = f"{source.label}: x, y, z of touches in {unit}"
+            raise LogError(f"{words}, expected {listed(METRES)}")
+        stated = read_columns(source, axes, lenient=True) / METRES[unit]
     q = np.where(revolute, np.deg2rad(q), q) if degrees else q
     touched = np.array([bool(point) for _, point in pairs])
     good = np.isfinite(q).all(axis=1) & (touched | np.isfinite(stated).all(axis=1))
@@ -63,7 +67,13 @@ def read_touches(
     pairs = [pair for pair, stays in zip(pairs, good, strict=True) if stays]
     sockets = tuple(sorted({pair for pair in pairs if pair[1]}))
     number = np.array([sockets.index(p) if p[1] else -1 for p in pairs], dtype=np.intp)
-    touches = Touches(number, sockets, _coordinates(stated, number, sockets))
+    spots = [stated[number == k][0] for k in range(len(sockets))]
+    known = tuple(  # distances of points whose coordinates are stated, within each setup
+        Known((i, j), float(np.linalg.norm(spots[i] - spots[j])))
+        for i, j in combinations(range(len(sockets)), 2)
+        if sockets[i][0] == sockets[j][0] and np.isfinite([spots[i], spots[j]]).all()
+    )
+    touches = Touches(number, sockets, known)
     lower, upper, x = q.min(axis=0) - 1e-9, q.max(axis=0) + 1e-9, np.zeros((len(q), 3))
     if arm is not None:
         lower, upper = np.minimum(arm.lower, lower), np.maximum(arm.upper, upper)
@@ -75,28 +85,6 @@ def read_touches(
         notes=tuple(_doubts(touches, q)), columns=dict(columns), degrees=degrees,
         rows=np.flatnonzero(good) + 1,
     )  # fmt: skip
-
-
-def _stated(source: Source, columns: Mapping[str, str], unit: str | None, n: int) -> Array:
-    """Columns x, y, z (n, 3) [m], NaN where there are none."""
-    axes = [columns.get(axis, axis) for axis in "xyz"]
-    if not all(axis in source.header for axis in axes):
-        return np.full((n, 3), np.nan)
-    if (unit or "m") not in METRES:
-        raise LogError(f"{source.label}: x, y, z of touches in {unit}, expected {listed(METRES)}")
-    return read_columns(source, axes, lenient=True) / METRES[unit or "m"]
-
-
-def _coordinates(
-    stated: Array, number: NDArray[np.intp], sockets: Sequence[tuple[str, str]]
-) -> tuple[Known, ...]:
-    """Distances of the points whose coordinates a log states, within each setup."""
-    place = {k: stated[number == k][0] for k in range(len(sockets))}
-    return tuple(
-        Known((i, j), float(np.linalg.norm(place[i] - place[j])))
-        for i, j in combinations(range(len(sockets)), 2)
-        if sockets[i][0] == sockets[j][0] and np.isfinite([place[i], place[j]]).all()
-    )
 
 
 def _doubts(touches: Touches, q: Array) -> list[str]:

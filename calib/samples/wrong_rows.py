@@ -49,13 +49,10 @@ def placeholders(q: Array, x: Array) -> Mask:
 
 
 def screen(samples: Samples) -> tuple[Mask, list[str]]:
-    """Find the rows whose position is grossly wrong, before anything is fitted.
+    """Find the `contradictions` of positions that are grossly wrong, before anything is fitted.
 
     They are compared with a robust fit of all that a chain of rigid links can do; where the rows
     are too few for that (45 of two joints, 135 of three), with the robot's nominal kinematics.
-
-    Returns kept : (n,), False for a gross outlier
-    Returns notes : what the user should be told
     """
     left = _rigid_residual(samples)
     if left is None and samples.arm is not None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from typing import Annotated, Any
 
@@ -67,17 +66,14 @@ def handeye(
     if output is not None:
         calib.train(found.poses).save(output)
     if transform is not None:
+        from calib.arm.urdf import parse_urdf
         from calib.common.atomic import atomic_write
-        from calib.use.camera_files import stamped
+        from calib.use.camera_files import hand_eye_transforms
 
-        placed = [
-            stamped(parent, f"{child}_frame", each["position"], each["quaternion"])
-            for parent, child, each in (
-                (arm.tip, carried, found.hand), (_root(arm), standing, found.base),
-            )
-        ]  # fmt: skip
-        atomic_write(transform, f"{json.dumps(placed, indent=2)}\n".encode())
-        note(f"T_{arm.tip}_{carried} and T_{_root(arm)}_{standing} are in {transform}")
+        root = parse_urdf(arm.urdf, arm.name).root
+        text = hand_eye_transforms(arm.tip, root, eye, found.hand, found.base)
+        atomic_write(transform, text.encode())
+        note(f"T_{arm.tip}_{carried} and T_{root}_{standing} are in {transform}")
     reprojection = found.reprojection
     lines = [
         _place(f"{carried} in the frame of {arm.tip}", found.hand),
@@ -91,12 +87,6 @@ def handeye(
     document: Any = found.to_json()
     document["units"] = {"position": "m", "rotation": "rad", "reprojection": "px"}
     return Outcome(document, lines)
-
-
-def _root(arm: Any) -> str:
-    from calib.arm.urdf import parse_urdf
-
-    return str(parse_urdf(arm.urdf, arm.name).root)
 
 
 def _place(what: str, found: dict[str, Any]) -> str:

@@ -195,8 +195,16 @@ def test_the_command_says_where_the_camera_is_and_its_model_watches_it(folder, r
     assert done.code == 0, done.err
     position, _ = rig.hand(rig.beta)
     assert np.allclose(done.document["hand"]["position"], position, atol=1e-3)
-    frames = [each["child_frame_id"] for each in json.loads(transform.read_text())]
-    assert frames == ["camera_frame", "board_frame"]
+    told = json.loads(transform.read_text())
+    assert [each["child_frame_id"] for each in told] == ["camera_frame", "board_frame"]
+    # the model alone tells the same
+    files = ["--transform", folder / "again.json", "--camera", folder / "camera.yaml"]
+    assert run("export", model, *files).code == 0
+    for one, other in zip(told, json.loads((folder / "again.json").read_text()), strict=True):
+        assert one["header"] == other["header"]
+        places = [[*each["transform"]["translation"].values()] for each in (one, other)]
+        assert np.allclose(*places, atol=1e-3)
+    assert "image_width: 1280" in (folder / "camera.yaml").read_text()
     # the same pictures
     done = run("check", model, "--data", *seen, "--json")
     assert done.code == 0, done.err
@@ -228,9 +236,29 @@ def test_a_log_of_board_pictures_is_learned_from_like_any_other(folder, run):
     assert done.code == 0, done.err
     assert done.document["samples"] == 10
     assert done.document["point"][:2] == [0.0, 0.0]  # ahead of the camera
+    # each pose has its covariance, in the sensor's axes
+    made = calib.read_log(log, calib.load_arm("six_axis"))
+    assert made.covariance.shape == (10, 6, 6)
+    assert (np.linalg.eigvalsh(made.covariance) > 0).all()
+    calib.write_log(made, folder / "again.csv")
+    again = calib.read_log(folder / "again.csv", calib.load_arm("six_axis"))
+    assert (again.covariance == made.covariance).all()
+    wide = polars.read_csv(log, comment_prefix="#").with_columns(
+        cov_x_x=polars.when(polars.int_range(10) == 3).then(1.0).otherwise(polars.col("cov_x_x"))
+    )
+    wide.write_csv(folder / "wide.csv")
+    kept = calib.read_log(folder / "wide.csv", calib.load_arm("six_axis"))
+    assert kept.left_out == 1
+    assert any("covariance" in n and "row 4" in n for n in kept.notes)
+    wide.with_columns(cov_y_y=polars.lit(-1.0)).write_csv(folder / "none.csv")
+    with pytest.raises(LogError, match=r"row 1: cov_x_x .* no covariance"):
+        calib.read_log(folder / "none.csv", calib.load_arm("six_axis"))
     done = run("train", "six_axis", "--data", log, "--size", "8", "-o", model, "--json")
     assert done.code == 0, done.err
     assert done.document["errors"]["local"]["forward"]["distance"]["mean"] < 2e-3
+    for command in ("check", "adapt", "evaluate"):
+        done = run(command, model, "--data", log, "--json")
+        assert done.code == (3 if command == "adapt" else 0), done.err
     assert calib.load(model).about.options["board"]["eye"] == "hand"
     done = run("log", folder / "shots", "--eye", "hand", "-o", log)
     assert done.code == 2
