@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import calib
-from calib.change.watch import Step
+from calib.change.follow import Step
 from calib.errors import OptionError
 from calib.paper.adaptation import Episode
 from calib.paper.figures import curves_figure
