@@ -8,7 +8,7 @@ from calib.body.measurement import Measurement
 from calib.body.parameters import Prior
 from calib.body.structure import Structure
 from calib.common.scale import Scale
-from calib.maps.misfit import misfit
+from calib.maps.model_selection import misfit
 
 
 class Bent(Structure):
