@@ -100,7 +100,7 @@ class Lattice:
         for n, place, width in zip(self.shape, map(int, places), widths, strict=True):
             part = slice(max(0, place - reach), min(n, place + reach + 1))
             steps = np.arange(part.start - place, part.stop - place)
-            h = np.multiply.outer(h, np.exp(steps**2 / (-2.0 * width * width)))
+            h = np.multiply.outer(h, np.exp(steps**2 / (-2.0 * width * width)))  # eq. 3
             window.append(part)
         return tuple(window), h
 
