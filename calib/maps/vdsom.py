@@ -179,7 +179,7 @@ class VDSOM:
                     (from_, a_i), (j, a_j) = (layer.active(w, x[k], b) for layer, w, x, b in every)
                     eta, beta = rates.eta[k], rates.beta[k]
                     # d c_ij = eta (a_i a_j - beta a_j^2 c_ij)
-                    self._c[j] *= 1.0 - eta * beta * a_j[:, None] ** 2  # eq. 5, 11: forgetting
+                    self._c[j] *= 1.0 - eta * beta * a_j[:, None] ** 2  # eq. 11 (eq. 5): forgetting
                     self._c[j[:, None], from_] += eta * np.outer(a_j, a_i)  # eq. 5: active together
             for layer, w in zip(self.layers, grids, strict=True):
                 layer.weights = np.ascontiguousarray(w.T)
