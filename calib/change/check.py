@@ -153,16 +153,14 @@ def check(
     with one_blas_thread():
         found = compare(model, log, cause)
         score, smallest, adapts = found.score, found.tested.smallest, False
-        tool = None if model.body is None else turned_tool(found)
-        if tool is not None and max(score, tool.score) > 1.0:
-            made = decide(found)
-            causes, told, adapts = made.causes, made.notes, made.improved
-            score = max(score, tool.score)
-        else:
-            causes, told = find_causes(found)
-            told = (*told, *(tool.notes if tool else (_NO_BODY,)))
+        causes, told = find_causes(found)
         if model.body is None:
-            smallest = float(np.median(model.expected_error(found.q)))
+            smallest, told = float(np.median(model.expected_error(found.q))), (_NO_BODY,)
+        else:
+            tool = turned_tool(found)
+            score, causes = max(score, tool.score), (*causes, *tool.causes)
+            told = (*told, *tool.notes)
+            adapts = score > 1.0 and decide(found).made.improved
         drifted: bool | None = score > 1.0
         if not drifted and tolerance is not None and smallest > tolerance:
             drifted = None
