@@ -14,7 +14,8 @@ from ..body.belief import Body
 from ..common.arrays import Array
 from ..common.rows import thinned
 from ..training.evaluate import error_sizes
-from .causes import Cause, find_causes
+from .adaptation import Adaptation
+from .causes import WORDS, Cause, find_causes
 from .comparison import Comparison
 from .explain import Explanation, called, likely, weighed
 from .hypotheses import NOTHING
