@@ -216,8 +216,6 @@ def _reverse(sensory: Map, predicted: Array, x: Array, noise: float) -> Signal:
         tree = search_tree(sensory.units[nodes], sensory.scale)
         return float(np.mean(np.asarray(tree.query(winners)[0]) ** 2))
 
-    # what noise alone does to the visited nodes, tried eight times
-    rng = np.random.default_rng(0)
-    usual = [away(predicted + noise * rng.standard_normal(x.shape)) for _ in range(8)]
-    chance = 4.0 * float(np.std(usual)) + sensory.spacing**2 / len(x)
-    return Signal(away(x), float(np.mean(usual)) + chance)
+    # what noise alone does to the visited nodes
+    noisy = predicted + noise * np.random.default_rng(0).standard_normal(x.shape)
+    return Signal(away(x), 2.0 * away(noisy) + sensory.spacing**2 / len(x))

@@ -17,7 +17,7 @@ from ..training.evaluate import error_sizes
 from .adaptation import Adaptation
 from .causes import WORDS, Cause, find_causes
 from .comparison import Comparison
-from .explain import Explanation, called, likely, weighed
+from .explain import Explanation, called, weighed
 from .hypotheses import NOTHING
 from .orientation import turned_tool
 from .posterior import UPDATED_ROWS, updated
@@ -42,7 +42,7 @@ def decide(found: Comparison) -> Decision:
     `check` asks here too, so that the one promises what the other does.
     """
     changed = found.changed and found.explained
-    chosen = likely(found.explanations)
+    chosen = weighed(found.explanations)
     if not changed:  # the rows are added to what was known
         # What waves the rows show belongs to the arm as it was: with free ones 40 rows of another
         # mounting made an error 1.2 times as large elsewhere. A drawing has no waves to start from.
@@ -93,7 +93,7 @@ def kept_model(
 
 def _rivals(found: Comparison) -> list[str]:
     """What is told where more than one change explains the log."""
-    best, *others = (e for _, e in likely(found.explanations))
+    best, *others = (e for _, e in weighed(found.explanations))
     # a richer one that frees the same and more is no other cause
     others = [e for e in others if not set(best.hypothesis.groups) <= {*e.hypothesis.groups}]
     names = list(dict.fromkeys(called(e) for e in (best, *others)))
