@@ -55,9 +55,6 @@ def explain(
 ) -> tuple[Explanation, ...]:
     """All hypotheses with their evidence, best first.
 
-    reference : the old belief in the frame of the log
-    log : its rows; `z` less what maps add to the body
-    cause : {"sensor", "joints"}, what is known about the change
     calm : whether nothing changed: only the sizes of the log's own residual are then compared
     """
     every = (NOTHING,) if calm else hypotheses_of(reference.structure, cause)

@@ -78,9 +78,7 @@ def updated(
 
     The bound carries what the choice among the explanations is unsure of.
 
-    reference : the old belief in the frame of the log
     chosen : what explains the log, best first, with weights
-    log : `z` less what maps add to the body
     """
     old, log = reference.body, log.some(UPDATED_ROWS)
     parts = [(w, *posterior_of(reference, e, log)) for w, e in chosen]
