@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -42,7 +41,7 @@ class BodyFit:
 
     body: Body
     held_out: Array  # (n, m), residuals of contiguous blocks predicted from the others
-    notes: tuple[str, ...]  # what the rows cannot tell
+    notes: tuple[str, ...] = ()  # what the rows cannot tell
     turned: Array | None = None  # (n,), held-out errors of orientation, where they were measured
 
     def of_positions(self) -> BodyFit:
@@ -67,7 +66,6 @@ def fit(
     *,
     simulated: bool | None = None,
     seed: int = 0,
-    notes: Sequence[str] = (),
 ) -> BodyFit:
     """Fit a structure to rows.
 
@@ -77,19 +75,18 @@ def fit(
     simulated : whether the rows are samples of a simulation: Gaussian weights, a lower noise
         floor; by default what the structure says
     seed : chooses the rows of the gate where there are many
-    notes : passed on
     """
     q, z = np.asarray(q, dtype=float), np.asarray(z, dtype=float)
-    found = _fitted(structure, q, z, simulated, seed, tuple(notes))
+    found = _fitted(structure, q, z, simulated, seed)
     if not isinstance(structure, PlanarStructure) or structure.nominal is None:
         return found
     if structure.view == "base" or _typical(found) < DOUBTED * structure.extent:
         return found
-    free = _fitted(replace(structure, nominal=None), q, z, simulated, seed, found.notes)
+    free = _fitted(replace(structure, nominal=None), q, z, simulated, seed)
     if not _typical(free) < _typical(found) / 2:
         return found
     note = "the nominal geometry does not fit the rows, even with its frame free: it is not used"
-    return replace(free, notes=(*found.notes, note))
+    return replace(free, notes=(note,))
 
 
 def _typical(found: BodyFit) -> float:
@@ -97,14 +94,7 @@ def _typical(found: BodyFit) -> float:
     return float(np.median(np.linalg.norm(found.held_out, axis=1)))
 
 
-def _fitted(
-    structure: Structure,
-    q: Array,
-    z: Array,
-    simulated: bool | None,
-    seed: int,
-    notes: tuple[str, ...],
-) -> BodyFit:
+def _fitted(structure: Structure, q: Array, z: Array, simulated: bool | None, seed: int) -> BodyFit:
     simulated = structure.simulated if simulated is None else simulated
     floor = (SIMULATED_FLOOR if simulated else LOG_FLOOR) * structure.extents
     nu = np.inf if simulated else STUDENT
@@ -136,7 +126,7 @@ def _fitted(
     )  # fmt: skip
     # Where the other blocks determine nothing, they predict their mean.
     residual = np.where(np.isfinite(held.residual), held.residual, z - z.mean(axis=0))
-    return BodyFit(body, residual, notes)
+    return BodyFit(body, residual)
 
 
 def repeatability(q: Array, z: Array) -> float:
