@@ -272,24 +272,16 @@ def unknown_structure(
 ) -> SpatialStructure:
     """Return the structure of a serial arm of which only its joints' names are known.
 
-    joint_names, revolute : base to tip; whether each joint turns
     extent : size of the workspace along an output [unit]: the positions' rms spread
-    unit : unit of positions
     metre : units of positions in one metre
-    simulated : whether the rows are samples of a simulation
     """
     dof = len(joint_names)
     link = extent / metre / max(dof, 1)
-    points = np.outer(np.arange(dof), (0.0, 0.0, link))
+    up = np.array([0.0, 0.0, 1.0])
     chain = SpatialChain(
-        axes=np.tile((0.0, 0.0, 1.0), (dof, 1)),
-        points=points,
-        tip=np.array([0.0, 0.0, dof * link]),
-        rotation=np.eye(3),
-        revolute=tuple(revolute),
-        coupling=np.eye(dof),
-        bias=np.zeros(dof),
-    )
+        np.tile(up, (dof, 1)), np.outer(link * np.arange(dof), up), dof * link * up, np.eye(3),
+        tuple(revolute), coupling=np.eye(dof), bias=np.zeros(dof),
+    )  # fmt: skip
     names = tuple(joint_names)
     return SpatialStructure(
         chain, names, names, tuple(revolute), "base", unit=unit, metre=metre, extent=extent,
