@@ -20,7 +20,7 @@ from ..errors import RobotError
 from .folding import followers
 from .plane import MIN_LEVER, PARALLEL, check_tip, common_normal, fits
 from .posture import Posture
-from .ranges import Range, fixed_by_limits, full_range, limits_fault, ranges_wanted
+from .ranges import Range, fixed_by_limits, limits_fault, ranges_wanted, travel
 from .tree import Joint, Urdf
 
 #: More joints than this are no arm that a log could cover: those nearest to the root are held.
@@ -240,8 +240,8 @@ def _travel(joint: Joint) -> float:
     """How far a joint slides [m]; 1 where its limits do not say."""
     if joint.revolute:
         return 0.0
-    lower, upper = (0.0, 1.0) if limits_fault(joint) else full_range(joint)
-    return upper - lower
+    lower, upper = travel(joint)
+    return upper - lower if np.isfinite(upper - lower) else 1.0
 
 
 def _nothing(urdf: Urdf, posture: Posture, choice: Choice, whole: Sequence[_Chain]) -> RobotError:
