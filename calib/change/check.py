@@ -18,7 +18,7 @@ from .causes import causes_of_maps, find_causes
 from .comparison import Comparison, compare
 from .decision import decide
 from .maps_alone import adapt_maps
-from .orientation import turned_tool
+from .orientation import hand_told_once, turned_tool
 from .score import GroupTest, fired
 from .settings import FALSE_ALARM
 
@@ -173,7 +173,8 @@ def check(
             causes, told = find_causes(found, found.score > 1.0)
             tool = turned_tool(found)
             score, smallest = max(found.score, tool.score), tested.smallest
-            causes, told = (*causes, *tool.causes), (*told, *tool.notes)
+            seen = model.about.options.get("board")
+            causes, told = hand_told_once((*causes, *tool.causes), seen), (*told, *tool.notes)
             adapts = score > 1.0 and decide(found).improved
         drifted: bool | None = score > 1.0
         if not drifted and tolerance is not None and smallest > tolerance:
