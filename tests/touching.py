@@ -36,7 +36,7 @@ def touching(structure, beta, points, each, play, rng):
 class World:
     """A six-joint arm with origins off by half a millimetre and a tenth of a degree."""
 
-    def __init__(self, seed, each=25, play=0.1 * MM):
+    def __init__(self, seed, each=25, play=0.1 * MM, flat=False):
         rng = np.random.default_rng(seed)
         self.arm = calib.load_arm("six_axis")
         self.truth = structure_of(self.arm, "base")
@@ -47,7 +47,7 @@ class World:
         self.beta[self.truth.groups["tool"]] = 3 * MM * rng.standard_normal(3)
         reach = self.arm.chain.reach
         middle = np.array([0.45, 0.0, 0.35]) * reach
-        self.points = middle + 0.2 * reach * rng.uniform(-1, 1, (4, 3))
+        self.points = middle + 0.2 * reach * rng.uniform(-1, 1, (4, 3)) * (1, 1, 1 - flat)
         self.q, self.number = touching(self, self.beta, self.points, each, play, rng)
 
     def known(self, *pairs):

@@ -239,8 +239,9 @@ def turned(rotation: Array, vector: Array) -> Array:
 
 def _times(rotation: Array, matrix: Array) -> Array:
     """Multiply many rotations (3, 3, n) by one matrix (3, 3) from the right."""
-    # no BLAS: it would round one row otherwise than many
-    return np.stack([turned(rotation, column) for column in matrix.T], axis=1)
+    rows = matrix[:, :, None]  # no BLAS: it would round one row otherwise than many
+    out = rotation[:, :1] * rows[0] + rotation[:, 1:2] * rows[1] + rotation[:, 2:] * rows[2]
+    return np.asarray(out)
 
 
 def _rotated(rotation: Array, axis: Array, angle: Array) -> Array:

@@ -12,7 +12,7 @@ from ..common.arrays import TRIANGLE, Array, Own, Shape
 from .covariance import radius_95, spread_of
 from .parameters import Gaussian, Indices
 from .sensor import SensorPose
-from .settings import SHARED
+from .settings import SHARED, UNTOLD
 from .structure import OfStructure, Structure
 from .views import is_camera
 
@@ -127,9 +127,24 @@ class Body(OfStructure):
         out[self.active] = np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
         return out
 
+    @property
+    def told(self) -> Array:
+        """Sd (d,) of what the rows tell of each parameter.
+
+        The last joint's offset and a tool that stands anywhere are one: where the belief of it is
+        the prior's, nothing is told, and its sd is that of a turn.
+        """
+        sd, groups = self.deviations, self.structure.groups
+        last = groups["offset"][-1]
+        free = "tool" in groups and np.isin(groups["tool"], self.active).all()
+        scale = self.scales.get("offset", np.inf)
+        if free and self.structure.revolute[-1] and sd[last] >= UNTOLD * scale:
+            sd[last] = np.pi / 1.96
+        return sd
+
     def parameters(self) -> tuple[Parameter, ...]:
         """The fitted parameters with 95 % intervals; the curves' harmonics are left out."""
-        sd = self.deviations
+        sd = self.told
         out = []
         for index in self.active:
             group, joint, name, unit = self.structure.label(int(index))
@@ -142,7 +157,7 @@ class Body(OfStructure):
         """The body in words, one line for each joint, curve and view."""
         from .words import words_of  # modules of every kind of arm
 
-        lines = (*words_of(self.structure, self.beta, self.deviations), *self._bounds_in_words())
+        lines = (*words_of(self.structure, self.beta, self.told), *self._bounds_in_words())
         if (sensor := SensorPose.of(self)) is None or self.structure.view == "base":
             return lines
         what = "camera" if is_camera(self.structure.view) else "sensor's frame"

@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from ..arm.rotations import exponential, logarithm, quaternion_of
+from ..arm.rotations import cross_matrix, exponential, logarithm, quaternion_of
 from ..common.arrays import Array
 from .belief import Body
 from .fitting import BodyFit, fit
@@ -55,11 +55,13 @@ class Corners(Measurement):
             back = np.swapaxes(turn, 1, 2)
             arm = also - shift
             point = np.einsum("nij,nj->ni", back, arm)
-            by = np.concatenate([-back, back @ _cross(arm)], axis=2)
+            by = np.concatenate([-back, back @ cross_matrix(arm)], axis=2)
         else:
             arm = np.einsum("nij,nj->ni", turn, also)
             point = arm + shift
-            by = np.concatenate([np.broadcast_to(np.eye(3), turn.shape), -_cross(arm)], axis=2)
+            by = np.concatenate(
+                [np.broadcast_to(np.eye(3), turn.shape), -cross_matrix(arm)], axis=2
+            )
         camera = pixels(Placed("pinhole", np.eye(3), np.zeros(3), 1.0, own["lens"]), point.T)
         slope = np.asarray(camera.slope).transpose(2, 0, 1)
         return _Corner(camera.values, seen, camera, (slope @ by).transpose(1, 2, 0))
@@ -80,8 +82,7 @@ class _Corner:
 
     def push(self, velocity: Array, angular: Any = 0.0) -> Array:
         """How outputs (..., 2, n) move when the hand does."""
-        moved = self.pose.push(velocity, angular)
-        return np.asarray((self.slope * moved[..., None, :, :]).sum(axis=-2))
+        return self._seen(self.pose.push(velocity, angular))
 
     def columns(self) -> Iterator[tuple[str, Callable[[], Array]]]:
         """The derivative by each of the sensor's own blocks."""
@@ -92,13 +93,6 @@ class _Corner:
 
     def _seen(self, moved: Array) -> Array:
         return np.asarray((self.slope * moved[..., None, :, :]).sum(axis=-2))
-
-
-def _cross(vectors: Array) -> Array:
-    """Matrices (n, 3, 3) of cross products with vectors (n, 3)."""
-    x, y, z = vectors.T
-    nil = np.zeros_like(x)
-    return np.stack([nil, -z, y, z, nil, -x, -y, x, nil], axis=1).reshape(-1, 3, 3)
 
 
 def fit_corners(
@@ -129,8 +123,7 @@ def fit_corners(
     camera = structure.with_view("board", unit="px", extent=extent, reading=reading)
     found = fit(camera, np.column_stack([q[rows], corners]), seen)
     # as poses: noise of a pixel at the boards' distance stands for that of a position
-    focal = found.body.beta[camera.groups["lens"]][0]
-    off = found.body.noise[0] / focal
+    off = found.body.noise[0] / found.body.beta[camera.groups["lens"]][0]
     noise = np.repeat([off * float(np.median(np.abs(poses[:, 2]))), off], 3)
     nil = np.zeros(6)
     body = replace(found.body, noise=noise, tau=nil, residual=nil, second=None)

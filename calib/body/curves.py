@@ -41,20 +41,20 @@ def powers(q: Array) -> NDArray[np.complex128]:
 
 
 def curve_value(q: Array, coefficients: Array) -> Array:
-    """Curve (n,) [rad] at joint values (n,), by Horner's rule."""
-    c = coefficients[:HARMONICS] - 1j * coefficients[HARMONICS:]
+    """Curve (n,) [rad] at joint values (n,), or curves (k, n) at (k, n), by Horner's rule."""
+    c = coefficients[..., :HARMONICS, None] - 1j * coefficients[..., HARMONICS:, None]
     e = np.exp(1j * q)
-    total = np.full(len(q), c[-1])
+    total = np.zeros_like(e) + c[..., -1, :]
     for k in range(HARMONICS - 2, -1, -1):
         total *= e
-        total += c[k]
+        total += c[..., k, :]
     return np.asarray((total * e).real)
 
 
 def curve_slope(q: Array, coefficients: Array) -> Array:
-    """Derivative (n,) [rad/rad] of the curve by the joint value."""
-    a, b = coefficients[:HARMONICS] * ORDERS, coefficients[HARMONICS:] * ORDERS
-    return curve_value(q, np.concatenate([b, -a]))
+    """Derivative [rad/rad] of the curve by the joint value, as `curve_value`."""
+    a, b = coefficients[..., :HARMONICS] * ORDERS, coefficients[..., HARMONICS:] * ORDERS
+    return curve_value(q, np.concatenate([b, -a], axis=-1))
 
 
 def curve_rms(coefficients: Array) -> float:

@@ -57,32 +57,35 @@ class SensorPose:
         structure: Any = body.structure if body is not None else None
         if body is None or structure.kind != "spatial" or not structure.informed:
             return None
-        groups, sensor = structure.groups, structure.sensor(body.beta)
+        sensor, based = structure.sensor(body.beta), structure.view == "base"
         back = sensor.rotation.T
         position = -back @ sensor.shift / sensor.scale
-        index = np.concatenate([groups[f"view.{part}"] for part in ("rotation", "shift", "scale")])
-        held = np.flatnonzero(np.isin(index, body.active))
-        place = np.ix_(*2 * (np.searchsorted(body.active, index[held]),))
-        covariance, told = np.zeros((7, 7)), np.zeros((7, 7))
-        covariance[np.ix_(held, held)] = told[np.ix_(held, held)] = body.covariance[place]
-        if structure.view != "base":
-            root = without_gauge(structure, body, not structure.camera)
-            told[np.ix_(held, held)] = (root @ root.T)[place]
+        index = np.concatenate(
+            [structure.groups[f"view.{part}"] for part in ("rotation", "shift", "scale")]
+        )
         # position = -R' t / s, and R turned by d on its left moves it by R' (d x t) / s
         slope = -np.hstack([back @ cross_matrix(sensor.shift), back]) / sensor.scale
         slope = np.hstack([slope, -position[:, None]])
-        spread = slope @ covariance @ slope.T
-        ahead = back[:, 2]
-        free = structure.view != "base" and structure.revolute[0]
+        turn = np.hstack([back, np.zeros((3, 4))])
+        held = np.flatnonzero(np.isin(index, body.active))
+        rows = np.searchsorted(body.active, index[held])
+
+        def spread(root: Array, by: Array) -> Array:
+            moved = by[:, held] @ root[rows]
+            return np.asarray(np.sqrt((moved**2).sum(axis=1)))
+
+        told = 0.0 * body.root
+        if not based:
+            told = without_gauge(structure, body, not structure.camera)
         return SensorPose(
             position,
             back,
-            np.sqrt(np.diag(spread)),
-            np.sqrt(np.diag(back @ covariance[:3, :3] @ back.T)),
-            np.sqrt(np.maximum(np.diag(slope @ told @ slope.T), 0.0)),
-            np.sqrt(np.maximum(np.diag(back @ told[:3, :3] @ back.T), 0.0)),
-            float(np.sqrt(ahead @ spread @ ahead)),
-            structure.joint_names[0] if free else None,
+            spread(body.root, slope),
+            spread(body.root, turn),
+            spread(told, slope),
+            spread(told, turn),
+            float(spread(body.root, back[:, 2][None] @ slope)[0]),
+            structure.joint_names[0] if not based and structure.revolute[0] else None,
         )
 
     @property

@@ -37,6 +37,7 @@ from .parameters import (
 )
 from .views import VIEWS_OF_BODIES, ViewKind
 
+_ROWS = 1024  # whose loads are asked for at once
 _STEP = 1e-5  # [rad or m], of differences of loads, which bend by mrad: exact to 1e-12 rad
 
 Ladder = tuple[tuple[str, tuple[str, ...]], ...]
@@ -179,16 +180,21 @@ class Structure:
         groups = self.groups
         gain = beta[groups["gain"]] * self.directions
         own = np.ascontiguousarray(q.T) * gain[:, None] + self.offsets(beta)[:, None]
-        for k in range(self.dof):
-            curve = groups[f"curve.{k}"]
-            if len(curve) and beta[curve].any():
-                own[k] += curve_value(q[:, k], beta[curve])
+        bent, curves = self._curves(beta)
+        if len(bent):  # all at once: of one row each operation costs as much as of a hundred
+            own[bent] += curve_value(q.T[bent], curves)
         values, elastic = self.coupled(own), beta[groups["elastic"]]
         if elastic.any():
             loads, joints = self.known_loads(q)
             for e in np.flatnonzero(elastic):
                 values[joints[e]] += elastic[e] * loads[e]
         return values
+
+    def _curves(self, beta: Array) -> tuple[list[int], Array]:
+        """Joints that have an error curve, and the curves (k, 96)."""
+        each = [beta[self.groups[f"curve.{k}"]] for k in range(self.dof)]
+        bent = [k for k, curve in enumerate(each) if curve.any()]
+        return bent, np.array([each[k] for k in bent])
 
     def offsets(self, beta: Array) -> Array:
         """What is added to the joints' values (dof,)."""
@@ -298,7 +304,13 @@ class Structure:
     def load_slopes(self, q: Array) -> Array:
         """Derivatives (e, dof, n) of the loads by the joint values, as central differences."""
         steps = _STEP * np.eye(self.dof)
-        return np.stack([self.loads(q + s)[0] - self.loads(q - s)[0] for s in steps], 1) / 2 / _STEP
+        if len(q) > _ROWS:
+            parts = np.array_split(q, -(-len(q) // _ROWS))
+            return np.concatenate([self.load_slopes(part) for part in parts], axis=-1)
+        rows = np.concatenate([q + step for step in (*steps, *-steps)])
+        loads = self.loads(rows)[0]
+        ahead, behind = np.split(loads.reshape(len(loads), 2 * self.dof, len(q)), 2, axis=1)
+        return np.asarray(ahead - behind) / 2 / _STEP
 
     def led(self, chained: Array) -> Array:
         """How outputs move with each logged joint (dof, m, n), from the chain's (c, m, n)."""
@@ -313,17 +325,18 @@ class Structure:
         motion, sight = self.seen(q, beta)
         chained = sight.push(*motion.joints())
         led, groups = self.led(chained), self.groups
-        rates = beta[groups["gain"]] * self.directions
+        rates = np.repeat((beta[groups["gain"]] * self.directions)[:, None], len(q), axis=1)
+        bent, curves = self._curves(beta)
+        if len(bent):
+            rates[bent] += curve_slope(q.T[bent], curves)
         elastic = beta[groups["elastic"]]
         out = np.empty((*sight.values.shape, self.dof))
         slopes = elastic[:, None, None] * self.load_slopes(q) if elastic.any() else None
+        bending = chained[self.known_loads(self.apart(q)[0])[1]] if slopes is not None else chained
         for k, rate in enumerate(rates):
-            curve = groups[f"curve.{k}"]
-            bent = len(curve) and beta[curve].any()
-            moved = led[k] * (rate + curve_slope(q[:, k], beta[curve]) if bent else rate)
+            moved = led[k] * rate
             if slopes is not None:
-                joints = self.loads(q[:1])[1]
-                moved = moved + np.einsum("emn,en->mn", chained[joints], slopes[:, k])
+                moved = moved + np.einsum("emn,en->mn", bending, slopes[:, k])
             out[:, :, k] = moved.T
         return sight.values, out
 

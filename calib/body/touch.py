@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,19 +19,19 @@ from numpy.typing import NDArray
 from ..arm.rotations import logarithm, similarity
 from ..common.arrays import Array
 from ..samples.sockets import Known
-from .belief import Body
+from .belief import Body, Second
 from .covariance import as_kept
-from .fit import BLOCKS
+from .fit import BLOCKS, maximise
 from .fitting import BodyFit, fit
 from .measurement import Measurement
 from .parameters import Block, Indices
-from .settings import FREE, STATED, TOUCH_SCALES
+from .settings import FINE_SCALES, FREE, LOG_FLOOR, STATED, STUDENT
 from .spatial import SpatialStructure
 from .spatial_view import InSpace
 
 _POSTURES = 400  # all over the joints' range, of which the mean motion is that of the whole arm
 
-_ALIKE = 1.5  # factor on the noise within which stated distances need not be weighed again
+_Belief = TypeVar("_Belief", Body, Second)
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,20 +54,17 @@ class Touch(Measurement):
     def scales(self) -> tuple[float, ...]:  # type: ignore[override]
         """Scales of joint origins; not large ones where no distance tells how large the arm is."""
         sized = self.tip.kind != "base" or any(each.value is not None for each in self.known)
-        return TOUCH_SCALES[: len(TOUCH_SCALES) if sized else 2]
+        return FINE_SCALES[: 3 if sized else 2]
 
     def parameters(self) -> tuple[Block, ...]:
         """The sockets."""
-        parts = tuple((None, f"point.{k}.{axis}", "m") for k in range(self.count) for axis in "xyz")
-        return (*self.tip.parameters(), Block("point", parts, sd=FREE * self.tip.size))
-
-    def facts(self) -> int:
-        """Rows that what is known of the sockets takes."""
-        return sum(1 if each.value is not None else len(each.points) for each in self.known)
+        names = [f"point.{k}.{axis}" for k in range(self.count) for axis in "xyz"]
+        return (*self.tip.parameters(), Block.of("point", "m", names, FREE * self.tip.size))
 
     def rows(self, q: Array, point: NDArray[np.intp], x: Array) -> Array:
         """Rows of the fit: touches and measured positions, then what is known of the sockets."""
-        facts = np.zeros((self.facts(), q.shape[1] + 4))
+        counts = [1 if each.value is not None else len(each.points) for each in self.known]
+        facts = np.zeros((sum(counts), q.shape[1] + 4))
         facts[:, -4] = self.count + np.arange(len(facts))
         return np.concatenate([np.column_stack([q, point, x]), facts])
 
@@ -89,18 +86,16 @@ class Touch(Measurement):
             slopes = np.concatenate([weight * by for weight, (_, by) in told])
             values[facts, 0] = misfit[number[facts] - self.count]
             slope[facts, 0] = slopes[number[facts] - self.count]
-        return _Touched(
-            values, seen, touches, np.asarray(trust * measured), slope.reshape(len(number), 3, -1)
-        )
+        trusted = np.asarray(trust * measured)
+        return _Touched(values, seen, touches, trusted, slope.reshape(len(number), 3, -1))
 
     def start(self, structure: Any, q: Array) -> Array:
         """The drawing, with each socket where it says that the tip was on average."""
         beta = structure.neutral()
         joints, also = structure.apart(q)
-        tip = structure.pose(joints, beta)[0]
-        number = also[:, 0].astype(int)
-        for k in range(self.count):
-            beta[structure.groups["point"][3 * k : 3 * k + 3]] = tip[number == k].mean(axis=0)
+        tip, number = structure.pose(joints, beta)[0], also[:, 0].astype(int)
+        means = [tip[number == k].mean(axis=0) for k in range(self.count)]
+        beta[structure.groups["point"]] = np.ravel(means)
         if (measured := number < 0).any():
             tip, x = tip[measured], also[measured, 1:]
             turn = similarity(tip, x)[0]
@@ -162,26 +157,26 @@ def fit_touches(
     x : (n, 3), what the sensor measured [m]
     """
     point = np.asarray(point, dtype=int)
-    tip, drawn = structure.measurement, structure.pose(q, structure.neutral())[0]
-    assert isinstance(tip, InSpace)  # noqa: S101 - these views see the tip
-    touch = Touch(tip, int(point.max()) + 1, tuple(known))
-    rows = touch.rows(q, point, np.zeros((len(q), 3)) if x is None else x)
-    view = "touch" if structure.view == "base" else "touch and rigid"
+    drawn = structure.pose(q, structure.neutral())[0]
     extent = float(np.sqrt(((drawn - drawn.mean(axis=0)) ** 2).sum(axis=1).mean()))
-
-    def fitted(touch: Touch) -> BodyFit:
-        seen = structure.with_view(view, reading=touch, extent=extent)
-        return fit(seen, rows, np.zeros((len(rows), 3)), seed=seed)
-
-    found = fitted(touch)
-    misjudged = abs(np.log(float(found.body.noise[0]) / STATED)) > np.log(_ALIKE)
-    if (len(rows) > len(q) and misjudged) or (point < 0).any():
+    touch = Touch(_tip(structure), int(point.max()) + 1, tuple(known))
+    rows = touch.rows(q, point, np.zeros((len(q), 3)) if x is None else x)
+    none = np.zeros((len(rows), 3))
+    view = "touch" if structure.view == "base" else "touch and rigid"
+    seen = structure.with_view(view, reading=touch, extent=extent)
+    if len(rows) > len(q) or (point < 0).any():
         # distances weigh as they were stated, and positions as they are, beside touches' own noise
-        off = found.body.structure.predict(rows, found.body.beta)[: len(q)][point < 0]
+        chain = dict(seen.members())["chain"]
+        first = maximise(
+            seen, rows, none, touch.start(seen, rows), seen.prior(chain),
+            nu=STUDENT, floor=LOG_FLOOR * seen.extents,
+        )  # fmt: skip
+        off, noise = first.residual[: len(q)][point < 0], float(first.noise[0])
         sensor = 1.48 * float(np.median(np.abs(off))) if len(off) else STATED
-        noise = float(found.body.noise[0])
-        found = fitted(replace(touch, noise=noise, sensor=max(sensor, noise / 10)))
-    points = found.body.beta[found.body.structure.groups["point"]].reshape(-1, 3)
+        touch = replace(touch, noise=noise, sensor=max(sensor, noise / 10))
+        seen = replace(seen, reading=touch)
+    found = fit(seen, rows, none, seed=seed)
+    points = found.body.beta[seen.groups["point"]].reshape(-1, 3)
     body = restated(found.body, structure)
     if structure.view == "base":
         range_of = np.random.default_rng(seed).random((_POSTURES, q.shape[1]))
@@ -191,6 +186,12 @@ def fit_touches(
         points = points @ sensor_at.rotation.T + sensor_at.shift
     held = _scattered(found.held_out, point, len(rows))[: len(q)]
     return TouchFit(replace(found, body=body, held_out=held), points)
+
+
+def _tip(structure: SpatialStructure) -> InSpace:
+    tip = structure.measurement
+    assert isinstance(tip, InSpace)  # noqa: S101 - views of the tip
+    return tip
 
 
 def _scattered(residual: Array, point: NDArray[np.intp], rows: int) -> Array:
@@ -211,33 +212,17 @@ def _scattered(residual: Array, point: NDArray[np.intp], rows: int) -> Array:
 def restated(body: Body, structure: SpatialStructure) -> Body:
     """The belief in another structure of the same arm; what that does not have is left out."""
     place = {label.name: k for k, label in enumerate(structure.layout.labels)}
-    names = [label.name for label in body.structure.layout.labels]
+    to = np.array([place.get(label.name, -1) for label in body.structure.layout.labels])
 
-    def kept(active: Indices) -> tuple[NDArray[np.bool_], Indices]:
-        stays = np.array([names[k] in place for k in active], dtype=bool)
-        return stays, np.array([place[names[k]] for k in active[stays]], dtype=np.intp)
+    def carried(belief: _Belief) -> _Belief:
+        beta, active = structure.neutral(), to[belief.active]
+        beta[to[to >= 0]] = belief.beta[to >= 0]
+        kept = active >= 0
+        root = as_kept(belief.covariance[np.ix_(kept, kept)])
+        return replace(belief, beta=beta, active=active[kept], root=root)
 
-    def carried(beta: Array) -> Array:
-        out = structure.neutral()
-        for name, value in zip(names, beta, strict=True):
-            if name in place:
-                out[place[name]] = value
-        return out
-
-    stays, active = kept(body.active)
-    second = body.second
-    if second is not None:
-        own, others = kept(second.active)
-        root = as_kept(second.covariance[np.ix_(own, own)])
-        second = replace(second, beta=carried(second.beta), active=others, root=root)
-    return replace(
-        body,
-        structure=structure,
-        beta=carried(body.beta),
-        active=active,
-        root=as_kept(body.covariance[np.ix_(stays, stays)]),
-        second=second,
-    )
+    second = body.second and carried(body.second)
+    return replace(carried(body), structure=structure, second=second)
 
 
 def anchored(body: Body, q: Array) -> Body:
@@ -248,18 +233,13 @@ def anchored(body: Body, q: Array) -> Body:
     """
     structure = body.structure
     assert isinstance(structure, SpatialStructure)  # noqa: S101 - touches are of these alone
-    base = np.concatenate([structure.shifts[0], structure.turns[0]])
+    base: Indices = np.concatenate([structure.shifts[0], structure.turns[0]])
 
-    def without(beta: Array, active: Indices, root: Array) -> tuple[Indices, Array]:
-        _, x = structure.linearise(q, beta, np.concatenate([base, active]))
-        x = x.reshape(-1, x.shape[2])
+    def without(belief: _Belief) -> _Belief:
+        both = np.concatenate([base, belief.active])
+        x = structure.linearise(q, belief.beta, both)[1].reshape(-1, len(both))
         whole = np.linalg.lstsq(x[:, :6], x[:, 6:], rcond=None)[0]
-        both, order = np.concatenate([base, active]), np.argsort(np.concatenate([base, active]))
-        return both[order], np.concatenate([-whole @ root, root])[order]
+        order, root = np.argsort(both), np.concatenate([-whole @ belief.root, belief.root])
+        return replace(belief, active=both[order], root=root[order])
 
-    active, root = without(body.beta, body.active, body.root)
-    second = body.second
-    if second is not None:
-        others, roots = without(second.beta, second.active, second.root)
-        second = replace(second, active=others, root=roots)
-    return replace(body, active=active, root=root, second=second)
+    return replace(without(body), second=body.second and without(body.second))

@@ -38,7 +38,9 @@ def _of_joints(structure: Structure, beta: Array, half: Array) -> Iterator[str]:
         parts = []
         for (group, unit), at in own.items():
             size, width = float(np.linalg.norm(away[at])), float(np.sqrt((half[at] ** 2).mean()))
-            if group == "offset":
+            if group == "offset" and unit == "rad" and width >= np.pi:
+                parts.append("offset not told apart from the tool's turn")
+            elif group == "offset":
                 parts.append(_interval(float(away[at[0]]), width, unit, "+"))
             elif group == "length":
                 parts.append(f"length {_interval(float(beta[at[0]]), width, unit)}")

@@ -44,6 +44,8 @@ class Newton:
         would push further is left out of that step, so that the others take over. A target counts
         as met within a share `tolerance` of the extent.
         """
+        if not len(u):
+            return u, np.zeros(0)
         if len(u) <= _CHUNK:
             return self._refine(u, x, tolerance, steps)
         chunks = (slice(i, i + _CHUNK) for i in range(0, len(u), _CHUNK))
@@ -193,15 +195,22 @@ class Newton:
         # rows next to each other in memory: einsum is ten times slower on a transposed view
         return np.ascontiguousarray(slope.transpose(2, 1, 0))
 
-    def best(self, owner: Index, u: Array, distance: Array, near: Array) -> Index:
-        """Of answers (k, dof) to questions `owner` (k,) the best of each, questions ascending.
+    def take_better(
+        self, u: Array, left: Array, near: Array, owner: Index, found: Array, now: Array
+    ) -> None:
+        """Replace answers (n, dof) to targets, and what is left (n,), by better ones, in place.
 
-        A target that is met before one that is missed, then the joints closest to `near` (k, dof).
+        `found` (k, dof) leave `now` (k,) of the targets `owner` (k,).  A target that is met goes
+        before one that is missed, then joints close to `near` (n, dof).
         """
-        met = distance <= CLOSE * self.extent
-        away = np.linalg.norm(self.scale.difference(u, near), axis=1)
-        order = np.lexsort((np.where(met, away, distance), ~met, owner))
-        return order[np.append(True, np.diff(owner[order]) > 0)] if len(order) else order
+        asked = np.unique(owner)
+        owner = np.append(asked, owner)
+        every, left_over = np.concatenate([u[asked], found]), np.append(left[asked], now)
+        met = left_over <= CLOSE * self.extent
+        away = np.linalg.norm(self.scale.difference(every, near[owner]), axis=1)
+        order = np.lexsort((np.where(met, away, left_over), ~met, owner))
+        best = order[np.append(True, np.diff(owner[order]) > 0)] if len(order) else order
+        u[asked], left[asked] = every[best], left_over[best]
 
 
 def damped_solution(slope: Array, gap: Array, damping: Array) -> Array:

@@ -11,16 +11,18 @@ from .newton import CLOSE, Newton
 _STEP = 0.03  # of the joints' range: length of a step along a self-motion
 _WALK = 60  # most steps from one solution to another
 _STUCK = 0.05  # share of the way ahead that a step has to be able to go
-_ROUNDS = 8  # most attempts to join what is still apart
+_ROUNDS = 7  # attempts to join what is still apart, each of twice as many pairs of a group
+_NEAREST = 31  # solutions of the same target that one may be joined with
 
 
 def representatives(newton: Newton, target: Index, u: Array, x: Array) -> tuple[Index, Array]:
     """One solution of each connected family: the one closest to the middle of the ranges.
 
     Two solutions belong to one family if small steps along the self-motion, on target and inside of
-    the limits, lead from one to the other. Each group of solutions tries the nearest solution of
-    another group, until no more can be joined. `target` (m,) says, ascending, to which row of `x`
-    (n, m) each solution of `u` (m, dof, unit box) belongs; returned are the same of what is left.
+    the limits, lead from one to the other. Each group of solutions tries the nearest solutions of
+    other groups, more and more of them, until no more can be joined. `target` (m,) says, ascending,
+    to which row of `x` (n, m) each solution of `u` (m, dof, unit box) belongs; returned are the
+    same of what is left.
     """
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
@@ -29,15 +31,16 @@ def representatives(newton: Newton, target: Index, u: Array, x: Array) -> tuple[
     label = np.arange(m)
     joined: list[tuple[Index, Index]] = []
     pair = _pairs(newton, target, u)
-    for _ in range(_ROUNDS):
+    for round_ in range(_ROUNDS):
         a, b, gap = pair
         other = label[a] != label[b]
         a, b, gap = pair = a[other], b[other], gap[other]
         if not len(a):
             break
-        # the shortest way out of each group
+        # the shortest ways out of each group
         order = np.lexsort((gap, label[a]))
-        first = order[np.append(True, np.diff(label[a][order]) > 0)]
+        group = label[a][order]
+        first = order[np.arange(len(order)) - np.searchsorted(group, group) < 2**round_]
         met = _walk(newton, u[a[first]], u[b[first]], x[target[a[first]]])
         joined.append((a[first][met], b[first][met]))
         rows, columns = (np.concatenate(side) for side in zip(*joined, strict=True))
@@ -56,16 +59,15 @@ def representatives(newton: Newton, target: Index, u: Array, x: Array) -> tuple[
 
 
 def _pairs(newton: Newton, target: Index, u: Array) -> tuple[Index, Index, Array]:
-    """All ordered pairs of solutions of the same target and their distances."""
-    rows: list[Index] = []
-    columns: list[Index] = []
-    for lag in range(1, int(np.bincount(target).max(initial=1))):
-        same = np.flatnonzero(target[lag:] == target[:-lag])
-        rows += [same, same + lag]
-        columns += [same + lag, same]
-    a = np.concatenate([np.zeros(0, dtype=np.intp), *rows])
-    b = np.concatenate([np.zeros(0, dtype=np.intp), *columns])
-    return a, b, np.linalg.norm(newton.scale.difference(u[a], u[b]), axis=1)
+    """Pairs of solutions of the same target, each with those nearest to it, and their distances."""
+    rows, columns, gaps = [target[:0]], [target[:0]], [np.zeros(0)]
+    for own in np.split(np.arange(len(u)), np.flatnonzero(np.diff(target)) + 1):
+        gap = np.linalg.norm(newton.scale.difference(u[own, None], u[own]), axis=2)
+        near = np.argsort(gap, axis=1)[:, 1 : _NEAREST + 1]
+        rows.append(np.repeat(own, near.shape[1]))
+        columns.append(own[near].ravel())
+        gaps.append(np.take_along_axis(gap, near, axis=1).ravel())
+    return np.concatenate(rows), np.concatenate(columns), np.concatenate(gaps)
 
 
 def _walk(newton: Newton, start: Array, goal: Array, x: Array) -> NDArray[np.bool_]:

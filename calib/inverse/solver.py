@@ -24,6 +24,7 @@ SAME = 1e-5
 _BESIDE = 0.1  # of the sine between the Jacobian's columns: a step so long stays on its branch
 _SHORT = 0.03  # of the joints' range: no longer step is taken for one
 _ALIKE = 4.0  # node spacings: solutions of redundant joints that are about as close
+_MANY, _DRAWN = 3, 128  # spare joints of which no lattice holds all families: starts are drawn
 _WIDE = 8  # sensory nodes whose partners are tried where others have failed
 
 
@@ -82,7 +83,9 @@ class Solver:
             unsure = (distance > CLOSE * self.extent) | (away > _ALIKE * self._spacing)
             rows = np.flatnonzero(unsure)
             if len(rows):
-                self._take_better(u, distance, rows, *self._from_starts(x[rows], near[rows]), near)
+                self.newton.take_better(
+                    u, distance, near, rows, *self._from_starts(x[rows], near[rows])
+                )
         return self._rescued(u, distance, x, near)
 
     def _from_near(self, x: Array, near: Array) -> tuple[Array, Array]:
@@ -116,50 +119,26 @@ class Solver:
         rows = np.arange(n)
         first = away.argmin(axis=1)
         u, distance = self.newton.settle(start[rows, first], x, near)
-        # a second start that may lead closer, because a start is not yet a solution
-        nearest, doubt = away[rows, first], step[rows, first]
-        away[rows, first] = np.inf
-        second = away.argmin(axis=1)
-        margin = self._spacing * (1.0 + doubt + step[rows, second] if dof <= outputs else _ALIKE)
-        met = distance <= CLOSE * self.extent
-        again = np.flatnonzero((away[rows, second] < nearest + margin) | ~met)
-        again = again[np.isfinite(away[again, second[again]])]
-        if len(again):
-            other = self.newton.settle(start[again, second[again]], x[again], near[again])
-            self._take_better(u, distance, again, *other, near)
-        away[rows, second] = np.inf
-        missed = np.flatnonzero(distance > CLOSE * self.extent)
-        if len(missed):
-            row, column = np.nonzero(np.isfinite(away[missed]))
-            row = missed[row]
+        # others that may lead closer, because a start is not yet a solution; all where it missed
+        doubt = 1.0 + step[rows, first][:, None] + step if dof <= outputs else _ALIKE
+        other = away < away[rows, first][:, None] + self._spacing * doubt
+        other |= (distance > CLOSE * self.extent)[:, None] & np.isfinite(away)
+        other[rows, first] = False
+        row, column = np.nonzero(other)
+        if len(row):
             found = self.newton.settle(start[row, column], x[row], near[row])
-            self._take_better(u, distance, row, *found, near)
+            self.newton.take_better(u, distance, near, row, *found)
         folds = np.flatnonzero(folded)
         if len(folds):
-            row, twin = twins(self.newton, u[folds], self._spacing)
+            row, twin = twins(self.newton, u[folds])
             owner = folds[row]
-            self._take_better(u, distance, owner, *self.newton.refine(twin, x[owner]), near)
+            found = self.newton.refine(twin, x[owner])
+            self.newton.take_better(u, distance, near, owner, *found)
         return u, distance
 
     @property
     def _spacing(self) -> float:
         return self.association.motor.spacing
-
-    def _take_better(
-        self,
-        u: Array,
-        distance: Array,
-        rows: Index,
-        found: Array,
-        found_distance: Array,
-        near: Array,
-    ) -> None:
-        """Replace answers in place by better ones; `rows` says to which target each belongs."""
-        asked = np.unique(rows)
-        owner = np.append(asked, rows)
-        every, left = np.concatenate([u[asked], found]), np.append(distance[asked], found_distance)
-        best = self.newton.best(owner, every, left, near[owner])
-        u[asked], distance[asked] = every[best], left[best]
 
     def _rescued(self, u: Array, distance: Array, x: Array, near: Array) -> tuple[Array, Array]:
         """Answers whose targets were missed, tried again from more places."""
@@ -169,7 +148,7 @@ class Solver:
             for target, start in (starts.propose(x[missed], _WIDE), starts.around(x[missed])):
                 row = missed[target]
                 found = self.newton.settle(start, x[row], near[row])
-                self._take_better(u, distance, row, *found, near)
+                self.newton.take_better(u, distance, near, row, *found)
             missed = np.flatnonzero(distance > CLOSE * self.extent)
             u[missed], distance[missed] = closest(self.newton, u[missed], x[missed])
         return u, distance
@@ -205,9 +184,13 @@ class Solver:
             # where branches meet they can change much between neighbouring nodes
             row, more = self.starts.propose(x[folded], _WIDE)
             target, u = np.append(target, np.flatnonzero(folded)[row]), np.concatenate([u, more])
+        if u.shape[1] >= x.shape[1] + _MANY:
+            drawn = np.random.default_rng(0).random((_DRAWN, u.shape[1]))
+            target = np.append(target, np.repeat(np.arange(len(x)), _DRAWN))
+            u = np.concatenate([u, np.tile(drawn, (len(x), 1))])
         u, distance = self.newton.refine(u, x[target])
-        if u.shape[1] == x.shape[1] == 2:
-            row, other = twins(self.newton, u, self._spacing)
+        if not self.redundant:
+            row, other = twins(self.newton, u)
             other, other_distance = self.newton.refine(other, x[target[row]])
             target = np.concatenate([target, target[row]])
             u, distance = np.concatenate([u, other]), np.concatenate([distance, other_distance])

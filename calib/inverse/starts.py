@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import itertools
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,9 +15,6 @@ from ..common.arrays import Array, Index
 from ..maps.association import Association
 from ..maps.map import search_tree
 from .newton import CLOSE, Newton
-
-if TYPE_CHECKING:
-    from scipy.spatial import cKDTree
 
 _SENSORY = 3  # sensory nodes whose partners are looked at
 _REACH = 2.0  # a node's first step is at most so many node spacings long
@@ -33,12 +29,10 @@ _CORNERED = 4  # most joints whose corners are tried as well
 _AHEAD = 48  # sensory nodes that a single query makes known
 _CHUNK = 512  # sensory nodes at once
 
-_SINGULAR = 0.3
-"""Sine between the motions of both joints below which a fold may be near."""
+FOLDED = 0.05
+"""Share of the Jacobian's sum of squares below which that of its least direction tells a fold."""
 
-_FINE = 0.1  # the same between solutions, for twins of a map whose nodes stand close
-_COARSE = 5.0  # and per node spacing, where they do not
-_PROBE = 1e-4  # of the joints' range: step of the derivative of the determinant
+_PROBE = 1e-4  # of the joints' range: step of the derivative of the least singular value
 _FAR = 0.3  # of the joints' range: a twin is not looked for further away
 
 
@@ -87,15 +81,12 @@ class Starts:
 
     def _ask(self, nodes: Index) -> None:
         """Make sure that the starts of these sensory nodes are known."""
-        if self._known[nodes].all():
-            return
         missing = np.unique(nodes[~self._known[nodes]])
-        if len(missing) < _AHEAD:
+        if 0 < len(missing) < _AHEAD:
             # single queries follow each other: their neighbours in one go, for later
             sensory = self.association.sensory
-            k = min(_AHEAD, sensory.size)
-            around = np.unique(sensory.nearest(sensory.units[missing], k)[1])
-            missing = around[~self._known[around]]
+            around = sensory.nearest(sensory.units[missing], min(_AHEAD, sensory.size))[1]
+            missing = np.unique(around[~self._known[around]])
         for first in range(0, len(missing), _CHUNK):
             self._learn(missing[first : first + _CHUNK])
         self._known[missing] = True
@@ -107,29 +98,28 @@ class Starts:
         u, distance = self.newton.refine(u, x[target], CLOSE)
         order = np.lexsort((distance, target))
         target, u, distance = target[order], u[order], distance[order]
-        place = np.arange(len(target)) - np.searchsorted(target, target)
-        width, dof = int(place.max()) + 1, u.shape[1]
-        table = np.full((len(nodes), width, dof), np.nan)
-        missed = np.full((len(nodes), width), np.inf)
+        place = _place(target)
+        table = np.full((len(nodes), int(place.max()) + 1, u.shape[1]), np.nan)
+        missed = np.full(table.shape[:2], np.inf)
         table[target, place], missed[target, place] = u, distance
-        kept = self._distinct(table, missed)
         # the best of each node first, as many as there is room for
-        row, column = np.nonzero(kept)
-        place = np.arange(len(row)) - np.searchsorted(row, row)
+        row, column = np.nonzero(self._distinct(table, missed))
+        place = _place(row)
         fits = place < self._u.shape[1]
         row, column, place = row[fits], column[fits], place[fits]
         u = table[row, column]
         value, slope = self.newton.task.value_and_slope(u)
         self._u[nodes[row], place], self._value[nodes[row], place] = u, value
         self._inverse[nodes[row], place] = damped_inverse(slope, 1e-4)
-        if slope.shape[1:] == (2, 2):
-            self._folded[nodes[row[singular(slope, _SINGULAR)]]] = True
+        if slope.shape[1] == slope.shape[2]:
+            size = np.linalg.svd(slope, compute_uv=False)
+            flat = size[:, -1] ** 2 <= FOLDED * (size * size).sum(axis=1)
+            self._folded[nodes[row[flat]]] = True
 
     def _distinct(self, table: Array, missed: Array) -> NDArray[np.bool_]:
         """Which of the starts (n, k, dof), best first, are near their node and no repeats."""
         motor, sensory = self.association.motor, self.association.sensory
-        spacing = sensory.spacing * float(sensory.scale.span.mean())
-        kept = missed <= _MISSED * spacing
+        kept = missed <= _MISSED * sensory.spacing * float(sensory.scale.span.mean())
         kept[:, :3] |= ~kept.any(axis=1, keepdims=True) & np.isfinite(missed[:, :3])
         hit = missed <= CLOSE * self.newton.extent
         redundant = table.shape[2] > sensory.units.shape[1]
@@ -147,31 +137,27 @@ class Starts:
         ascend.
         """
         motor, sensory = self.association.motor, self.association.sensory
-        partners = self.association.partners
         seen = sensory.nearest(sensory.scale.to_unit(x), min(sensory_nodes, sensory.size))[1]
-        found = partners.take(seen.ravel())
-        target = found.rows // seen.shape[1]
-        pair = np.unique(target * motor.size + found.indices)
+        found = self.association.partners.take(seen.ravel())
+        pair = np.unique(found.rows // seen.shape[1] * motor.size + found.indices)
         target, node = np.divmod(pair, motor.size)
-
         value, inverse = self._nodes
         gap = x[target] - value[node]
         step = np.einsum("nij,nj->ni", inverse[node], gap)
         length = np.linalg.norm(step, axis=1) / motor.spacing
         u = self.newton.clip(motor.units[node] + step / np.maximum(length / _REACH, 1.0)[:, None])
-        close = length <= _REACH
         # one proposal per cell: the one with the shortest step
         cell = np.floor(u / (_CELL * motor.spacing)).astype(np.int64)
         order = np.lexsort((length, *cell.T, target))
         key = np.column_stack([target, cell])[order]
         keep = order[np.append(True, np.any(key[1:] != key[:-1], axis=1))]
         # where none is likely (a target out of reach, a singular pose) the best three
-        rank = np.lexsort((np.linalg.norm(gap[keep], axis=1), ~close[keep], target[keep]))
-        keep = keep[rank]
+        close = length[keep] <= _REACH
+        rank = np.lexsort((np.linalg.norm(gap[keep], axis=1), ~close, target[keep]))
+        keep, close = keep[rank], close[rank]
         owner = target[keep]
-        place = np.arange(len(keep)) - np.searchsorted(owner, owner)
-        likely = np.bincount(owner, close[keep], minlength=len(x))[owner] > 0
-        keep = keep[(close[keep] & (place < _MOST)) | (~likely & (place < 3))]
+        likely = np.bincount(owner, close, minlength=len(x))[owner] > 0
+        keep = keep[np.where(likely, close, True) & (_place(owner) < np.where(likely, _MOST, 3))]
         return target[keep], u[keep]
 
     def around(self, x: Array) -> tuple[Index, Array]:
@@ -180,9 +166,10 @@ class Starts:
         The nearest ones, and fewer and fewer of those further away: of two lobes of the
         workspace the nearer one can have the further nodes.
         """
-        ranks = np.array([k for k in _RANKS if k <= self.association.motor.size])
-        index = np.asarray(self._positions.query(x, k=ranks)[1])
-        nodes = np.clip(self.association.motor.units[index], 0.0, 1.0)
+        motor = self.association.motor
+        ranks = np.array([k for k in _RANKS if k <= motor.size])
+        tree = search_tree(self._nodes[0], self.association.sensory.scale)
+        nodes = np.clip(motor.units[np.asarray(tree.query(x, k=ranks)[1])], 0.0, 1.0)
         # no node stands in a corner of the joints' range, where the workspace may end
         dof = nodes.shape[2]
         corners = list(itertools.product((0.0, 1.0), repeat=dof)) if dof <= _CORNERED else []
@@ -191,15 +178,16 @@ class Starts:
         return np.repeat(np.arange(len(x)), u.shape[1]), u.reshape(-1, dof)
 
     @cached_property
-    def _positions(self) -> cKDTree:
-        return search_tree(self._nodes[0], self.association.sensory.scale)
-
-    @cached_property
     def _nodes(self) -> tuple[Array, Array]:
         """Position (nodes, m) and damped inverse Jacobian (nodes, dof, m) of each node."""
         units = np.clip(self.association.motor.units, 0.0, 1.0)
         value, slope = self.newton.task.value_and_slope(units)
         return value, damped_inverse(slope, 1e-4)
+
+
+def _place(owner: Index) -> Index:
+    """The how many-eth of its owner each row is, of owners (n,) that ascend."""
+    return np.arange(len(owner)) - np.searchsorted(owner, owner)
 
 
 def damped_inverse(slope: Array, share: float) -> Array:
@@ -213,39 +201,24 @@ def damped_inverse(slope: Array, share: float) -> Array:
     return np.asarray(np.einsum("nid,nij->ndj", slope, np.linalg.inv(power)))
 
 
-def twins(newton: Newton, u: Array, spacing: float = 0.0) -> tuple[Index, Array]:
-    """Starts (m, 2) for the solutions across a nearby fold of `u` (n, 2), and of which rows (m,).
+def twins(newton: Newton, u: Array, share: float = FOLDED) -> tuple[Index, Array]:
+    """Starts (m, dof) for the solutions across a nearby fold of `u` (n, dof), and of which rows.
 
-    A Jacobian of determinant zero is a fold: two solutions meet there. Along the direction that
-    hardly moves the tip the determinant falls linearly to zero, and the other solution lies about
-    as far beyond as this one lies before. A coarse map, its nodes `spacing` apart in the unit box,
-    overlooks branches that are further apart, so that twins are looked for further away.
+    At a fold, where the Jacobian loses a direction, two solutions meet. Along the direction that
+    hardly moves the tip its least singular value falls linearly to zero, and the other solution
+    lies about as far beyond as this one lies before. Of as many joints as residuals.
     """
     slope = newton.task.value_and_slope(u)[1]
-    share = min(max(_FINE, _COARSE * spacing), _SINGULAR)
-    rows = np.flatnonzero(singular(slope, share))
-    if not len(rows):
-        return rows, u[rows]
-    # the right singular vector of the smaller singular value
-    flat = np.linalg.svd(slope[rows])[2][:, 1]
-    ahead = _determinant(newton.task.value_and_slope(u[rows] + _PROBE * flat)[1])
-    behind = _determinant(newton.task.value_and_slope(u[rows] - _PROBE * flat)[1])
+    sides, size, ways = np.linalg.svd(slope)
+    rows = np.flatnonzero(size[:, -1] ** 2 <= share * (size * size).sum(axis=1))
+    side, flat = sides[rows, :, -1], ways[rows, -1]
+    ahead, behind = (
+        np.einsum(
+            "nm,nmd,nd->n", side, newton.task.value_and_slope(u[rows] + probe * flat)[1], flat
+        )
+        for probe in (_PROBE, -_PROBE)
+    )
     rate = (ahead - behind) / (2 * _PROBE)
-    reach = -2.0 * _determinant(slope[rows]) / np.where(rate == 0.0, np.inf, rate)
+    reach = -2.0 * size[rows, -1] / np.where(rate == 0.0, np.inf, rate)
     near = (np.abs(reach) < _FAR) & (reach != 0.0)
-    rows = rows[near]
-    return rows, newton.clip(u[rows] + reach[near, None] * flat[near])
-
-
-def singular(slope: Array, share: float) -> NDArray[np.bool_]:
-    """Whether both joints move the tip along nearly the same line, (n,).
-
-    The determinant of the Jacobians (n, 2, 2) over the lengths of their columns is the sine
-    of the angle between them.
-    """
-    first, second = np.einsum("nij,nij->jn", slope, slope)
-    return np.asarray(np.abs(_determinant(slope)) < share * np.sqrt(first * second))
-
-
-def _determinant(slope: Array) -> Array:
-    return np.asarray(slope[:, 0, 0] * slope[:, 1, 1] - slope[:, 0, 1] * slope[:, 1, 0])
+    return rows[near], newton.clip(u[rows[near]] + reach[near, None] * flat[near])

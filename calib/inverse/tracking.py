@@ -2,10 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
-import math
-from collections.abc import Callable
-from functools import cache, partial
 from typing import NamedTuple
 
 import numpy as np
@@ -15,10 +11,8 @@ from ..common.arrays import Array
 from .newton import CLOSE
 from .solver import Solver
 
-_INNER = 0.01  # of the extent: a target moves by no more at a time
-_FAR = 3.0  # extents of the workspace
 _SMOOTH = 0.05  # of the joints' range: joints that move by more are looked at closely
-_CLOSELY = 16  # parts of a step that is looked at closely
+_HALVED = 10  # times that a step is halved at most
 # of the workspace, and of its nodes' spacing: targets further away from all nodes are not followed
 _BEYOND, _SPACINGS = 0.1, 1.5
 _FRONT = 8  # solutions of redundant joints that set out together
@@ -52,27 +46,21 @@ def follow_targets(solver: Solver, x: Array, start: Array | None) -> Track:
         wish = np.full((1, solver.scale.span.size), 0.5) if start is None else start[None]
         held = np.arange(len(x)) > 0
         return Track(np.repeat(solver.solve(x[:1], wish)[0], len(x), axis=0), [], held)
-    if not close.all():
-        near = np.flatnonzero(close)
-        track = follow_targets(solver, x[near], start)
-        last = np.maximum(np.searchsorted(near, np.arange(len(x)), side="right") - 1, 0)
-        return Track(track.u[last], near[track.jumps].tolist(), ~close)
+    near = np.flatnonzero(close)
+    u, jumps = _followed(solver, x[near], start)
+    last = np.maximum(np.searchsorted(near, np.arange(len(x)), side="right") - 1, 0)
+    return Track(u[last], near[jumps].tolist(), ~close)
+
+
+def _followed(solver: Solver, x: Array, start: Array | None) -> tuple[Array, list[int]]:
+    """Joints (k, dof) for targets that are near what the arm reaches, and the rows of jumps."""
     front = _everywhere(solver, x[0]) if start is None else solver.solve(x[:1], start[None])[0]
-
-    @cache
-    def reachable() -> NDArray[np.bool_]:
-        return _reachable(solver, x)
-
-    def within(first: int, k: int) -> bool:
-        return bool(reachable()[first + k])
-
-    rows: list[Array] = []
+    follower, rows = _Follower(solver, x), np.empty((0, len(front[0])))
     jumps: list[int] = []
     while True:
-        best = _furthest(solver, x[len(rows) :], partial(within, len(rows)), front)
-        rows += list(best)
+        rows = np.concatenate([rows, follower.furthest(len(rows), front)])
         if len(rows) == len(x):
-            return Track(np.array(rows), jumps, ~close)
+            return rows, jumps
         jumps.append(len(rows))
         front = _everywhere(solver, x[len(rows)])
         # of branches that are as good the closest one: the first counts
@@ -82,92 +70,79 @@ def follow_targets(solver: Solver, x: Array, start: Array | None) -> Track:
 
 def _everywhere(solver: Solver, x: Array) -> Array:
     """Solutions of one target, of redundant joints some of each family, (n, dof)."""
+    families = solver.solve_all(x[None])[1]
     if not solver.redundant:
-        return solver.solve_all(x[None])[1]
-    families, more = solver.solve_all(x[None])[1], solver.solutions(x[None])[1]
-    return np.concatenate([families, more])[:_FRONT]
+        return families
+    return np.concatenate([families, solver.solutions(x[None])[1]])[:_FRONT]
 
 
-def _reachable(solver: Solver, x: Array) -> NDArray[np.bool_]:
-    """Whether the links lead to joints that meet each target, (n,)."""
-    start, _, _ = solver.starts.of(x)
-    row, column = np.nonzero(~np.isnan(start[..., 0]))
-    distance = solver.newton.refine(start[row, column], x[row], CLOSE)[1]
-    met = np.zeros(len(x), dtype=bool)
-    met[row[distance <= CLOSE * solver.extent]] = True
-    return met
+class _Follower:
+    """Steps of joints on their branches along the targets (k, m)."""
 
+    def __init__(self, solver: Solver, x: Array) -> None:
+        self._solver, self._x = solver, x
+        self._reached = np.full(len(x), -1)  # not known yet
 
-def _furthest(solver: Solver, x: Array, reachable: Callable[[int], bool], front: Array) -> Array:
-    """Rows of the joints that follow the targets furthest, (at most k, dof)."""
-    history = [front]
-    length = np.zeros(len(front))
-    alive = np.arange(len(front))
-    for k in range(1, len(x)):
-        u = history[-1][alive]
-        moved, going = _advance(solver, u, x[k - 1], x[k], partial(reachable, k))
-        if not going.any():
-            break
-        rows = history[-1].copy()
-        rows[alive] = moved
-        gap = np.linalg.norm(solver.scale.difference(moved, u), axis=1)
-        length[alive] += gap
-        alive = alive[going]
-        history.append(rows)
-    best = alive[np.argmin(length[alive].round(6))]
-    return np.array([rows[best] for rows in history])
+    def furthest(self, first: int, front: Array) -> Array:
+        """Rows of the joints that follow the targets from `first` on furthest, (at most k, dof)."""
+        history, length, alive = [front], np.zeros(len(front)), np.arange(len(front))
+        for k in range(first + 1, len(self._x)):
+            u = history[-1][alive]
+            moved, going = self._advance(u, self._x[k - 1 : k + 1], k, _HALVED)
+            if not going.any():
+                break
+            rows = history[-1].copy()
+            rows[alive] = moved
+            length[alive] += np.linalg.norm(self._solver.scale.difference(moved, u), axis=1)
+            alive = alive[going]
+            history.append(rows)
+        best = alive[np.argmin(length[alive].round(6))]
+        return np.array([rows[best] for rows in history])
 
+    def _advance(
+        self, u: Array, way: Array, row: int, halved: int, last: bool = True
+    ) -> tuple[Array, NDArray[np.bool_]]:
+        """Joints (n, dof) moved along a way (2, m), and whether they kept their branch.
 
-def _advance(
-    solver: Solver, u: Array, x: Array, goal: Array, reachable: Callable[[], bool]
-) -> tuple[Array, NDArray[np.bool_]]:
-    """Joints (n, dof) moved along with the target, and whether they kept their branch."""
-    shares = _shares(float(np.linalg.norm(goal - x)) / solver.extent)
-    going = np.ones(len(u), dtype=bool)
-    for begin, end in itertools.pairwise(shares):
-        here, there = x + (goal - x) * begin, x + (goal - x) * end
-        trial, smooth, met = _step(solver, u, there)
-        closely = np.flatnonzero(~smooth)
-        if len(closely) and reachable():  # else joints are as close as they can be
-            v, kept = u[closely], np.ones(len(closely), dtype=bool)
-            for share in np.arange(1, _CLOSELY + 1) / _CLOSELY:
-                v, smooth, met[closely] = _step(solver, v, here + (there - here) * share)
-                kept &= smooth
-            trial[closely] = v
-            going[closely] &= kept
-        u = trial
-    if not met.all() and reachable():  # then it has to be met
-        going &= met
-    return u, going
+        What moves far, or misses the target of a row although it can be reached, goes in halves.
+        """
+        trial, smooth, met = self._step(u, way[1])
+        going = smooth & (met | ~np.array(last))
+        again = np.flatnonzero(~going)
+        if len(again) and not self._reachable(row):
+            going[:] = True  # joints are as close as they can be
+        elif len(again) and halved:
+            middle = way.mean(axis=0)
+            half, kept = self._advance(u[again], np.stack([way[0], middle]), row, halved - 1, False)
+            rest = np.stack([middle, way[1]])
+            trial[again], going[again] = self._advance(half, rest, row, halved - 1, last)
+            going[again] &= kept
+        return trial, going
 
+    def _reachable(self, row: int) -> bool:
+        """Whether the links lead to joints that meet the target of a row."""
+        if self._reached[row] < 0:
+            solver, x = self._solver, self._x[row : row + 1]
+            start, _, _ = solver.starts.of(x)
+            u = start[~np.isnan(start[..., 0])]
+            left = solver.newton.refine(u, np.repeat(x, len(u), axis=0), CLOSE)[1]
+            self._reached[row] = (left <= CLOSE * solver.extent).any()
+        return bool(self._reached[row])
 
-def _shares(length: float) -> list[float]:
-    """Shares of a way of so many extents at which it is looked at, 0 and 1 among them.
-
-    Of a way that leads far out of the workspace only both ends are looked at closely.
-    """
-    if length <= 2.0 * _FAR:
-        parts = max(1, math.ceil(length / _INNER))
-        return [k / parts for k in range(parts + 1)]
-    parts = math.ceil(_FAR / _INNER)
-    ends = [k / parts * (_FAR / length) for k in range(parts + 1)]
-    return ends + [1.0 - share for share in reversed(ends)]
-
-
-def _step(solver: Solver, u: Array, x: Array) -> tuple[Array, NDArray[np.bool_], NDArray[np.bool_]]:
-    """One small step of the target; whether joints moved by little, and met it, (n,)."""
-    newton = solver.newton
-    targets = np.broadcast_to(x, (len(u), len(x)))
-    trial, distance = newton.refine(u, targets, CLOSE, _FEW)
-    moved = np.linalg.norm(newton.scale.difference(trial, u), axis=1)
-    met = distance <= CLOSE * solver.extent
-    if solver.redundant:
-        # redundant joints use what is free to keep away from their limits
-        drift = newton.tangent(trial, newton.scale.difference(np.full_like(trial, 0.5), trial))
-        most = _DRIFT * moved / np.maximum(np.linalg.norm(drift, axis=1), 1e-300)
-        drift *= np.minimum(0.2, most)[:, None]
-        slid, after = newton.refine(trial + drift, targets, CLOSE, _FEW)
-        near = np.linalg.norm(newton.scale.difference(slid, trial), axis=1) <= moved + 1e-12
-        good = met & (after <= CLOSE * solver.extent) & near
-        trial = np.where(good[:, None], slid, trial)
-    return trial, moved <= _SMOOTH, met
+    def _step(self, u: Array, x: Array) -> tuple[Array, NDArray[np.bool_], NDArray[np.bool_]]:
+        """One step of the target; whether joints moved by little, and met it, (n,)."""
+        newton = self._solver.newton
+        targets = np.broadcast_to(x, (len(u), len(x)))
+        trial, distance = newton.refine(u, targets, CLOSE, _FEW)
+        moved = np.linalg.norm(newton.scale.difference(trial, u), axis=1)
+        met = distance <= CLOSE * newton.extent
+        if self._solver.redundant:
+            # redundant joints use what is free to keep away from their limits
+            drift = newton.tangent(trial, newton.scale.difference(np.full_like(trial, 0.5), trial))
+            most = _DRIFT * moved / np.maximum(np.linalg.norm(drift, axis=1), 1e-300)
+            drift *= np.minimum(0.2, most)[:, None]
+            slid, after = newton.refine(trial + drift, targets, CLOSE, _FEW)
+            near = np.linalg.norm(newton.scale.difference(slid, trial), axis=1) <= moved + 1e-12
+            good = met & (after <= CLOSE * newton.extent) & near
+            trial = np.where(good[:, None], slid, trial)
+        return trial, moved <= _SMOOTH, met

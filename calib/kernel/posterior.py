@@ -28,7 +28,7 @@ _WAYS = 32
 _ASKED = 400  # joint values by whose positions directions are compared
 _TOLD = 1e-6  # of what a parameter moves: more that no part of the arm moves is a parameter of ours
 _STILL = 1e-10  # of the largest motion: what moves less moves nothing
-_CHUNK = 2000  # rows at a time
+_CHUNK = 64  # rows at a time: a BLAS splits larger products over threads, which round otherwise
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,21 +103,19 @@ class CompactPosterior:
         return np.concatenate(parts) if parts else np.zeros(0)
 
     def _bound(self, q: Array, noise: bool) -> Array:
-        geometry, own = self.arm.derivatives(q)
+        geometry, own = (part.transpose(2, 1, 0).copy() for part in self.arm.derivatives(q))
         extra = np.diag(self.residual + (self.noise if noise else 0.0))
-        turn = np.exp(1j * q.T[:, None] * np.arange(1, 4 * HARMONICS // 2 + 1)[:, None])
+        turn = np.exp(1j * q.T[:, None] * np.arange(1, 2 * HARMONICS + 1)[:, None])
         waves = np.concatenate([turn[:, :HARMONICS].real, turn[:, :HARMONICS].imag], axis=1)
         out = np.zeros(len(q))
         for b, (factor, share) in enumerate(self.scale):
-            y = np.einsum("dmn,dr->nmr", geometry, self.root[b], optimize=True)
-            z = np.einsum("dmn,dw->nmw", geometry, self.coupled[b], optimize=True)
+            y, z = geometry @ self.root[b], geometry @ self.coupled[b]
             spread = y @ np.swapaxes(y, 1, 2)
             if self.waved.any():
                 size = self.own[b, :, :1] + np.einsum("kh,khn->kn", self.own[b, :, 1::2], turn.real)
                 size = size + np.einsum("kh,khn->kn", self.own[b, :, 2::2], turn.imag)
-                spread += np.einsum("kn,kmn,kln->nml", size, own, own, optimize=True)
-                sums = np.einsum("khn,khw->knw", waves, self.waved[b], optimize=True)
-                z += np.einsum("knw,kmn->nmw", sums, own, optimize=True)
+                spread += (own * size.T[:, None]) @ np.swapaxes(own, 1, 2)
+                z += own @ np.swapaxes(np.swapaxes(waves, 1, 2) @ self.waved[b], 0, 1)
             kept = z[:, :, :-1]
             spread += (kept * self.gains[b]) @ np.swapaxes(kept, 1, 2)
             apart = np.linalg.norm(z[:, :, -1], axis=1)

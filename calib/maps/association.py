@@ -38,9 +38,7 @@ def check_readout(name: str) -> None:
 class Clusters:
     """Motor nodes linked to each sensory node, grouped into branches."""
 
-    # (sensory nodes, c, dof), link-weighted mean of each cluster in the unit box, the strongest
-    # cluster first
-    center: Array
+    center: Array  # (sensory nodes, c, dof), link-weighted mean in the unit box, strongest first
     strength: Array  # (sensory nodes, c), sum of its links, 0 where there is no such cluster
     core: Index  # (sensory nodes, c), motor node with the strongest link of each cluster
 
@@ -121,16 +119,15 @@ class Association:
         return predicted
 
     def inverse(self, v: Array, near: Array, readout: str) -> Array:
-        """Joints in the unit box (n, dof) for positions `v` (n, 2) in theirs; `inverses`."""
+        """Joints (n, dof) for positions `v` (n, 2), see :meth:`inverses`."""
         return self.inverses(v, near, (readout,))[readout]
 
     def inverses(self, v: Array, near: Array, readouts: Sequence[str]) -> dict[str, Array]:
         """Joints in the unit box (n, dof) for positions `v` (n, 2) in theirs, by readout.
 
-        Of the branches of the winner the one closest to `near` (n, dof) answers:
-        ``winner`` with its strongest partner there, ``activity`` with the mean within that
-        connected cluster of motor nodes, never across branches.  ``linear`` regresses the
-        same nodes on the mean activity positions of the sensory ones.
+        Of the winner's branches the one closest to `near` (n, dof) answers: ``winner`` with its
+        strongest partner there, ``activity`` with the mean of that cluster of nodes, ``linear``
+        with a regression on the sensory nodes' mean activity positions.
         """
         scale, clusters = self.motor.scale, self.clusters
         winner = self.sensory.nearest(v)[1][:, 0]
@@ -184,19 +181,13 @@ class Association:
 
     @cached_property
     def _strongest_partner(self) -> Index:
-        """Sensory node most strongly linked to each motor node, (nodes,).
-
-        A motor node without links has that of the nearest one with some.
-        """
+        """Sensory node most strongly linked to each motor node, or to the nearest linked one."""
         source = _linked(self.motor, np.diff(self.linked.indptr))
         return np.asarray(self.links.argmax(axis=1)).ravel()[source]
 
     @cached_property
     def partners(self) -> Compressed:
-        """Links by sensory node, (sensory nodes, motor nodes).
-
-        An unlinked node has the links of the nearest linked one.
-        """
+        """Links by sensory node, (sensory nodes, motor nodes), or those of the nearest linked."""
         links = cast("Compressed", self.linked).transposed()
         return links.take(_linked(self.sensory, np.diff(links.indptr)))
 

@@ -42,17 +42,12 @@ def present_dsom(
     elasticity: float = _ELASTICITY,
     rate: float = _RATE,
 ) -> list[float]:
-    """Show samples to a map one after the other, in place.
+    """Show samples to a map one after the other, in place; their distances to the winners.
 
     With d the distance to a node over the diagonal of the box, s the winner and p the
     nodes' places in a lattice of unit sides,
 
         w_i += rate d_i exp(-|p_i - p_s|^2 / (elasticity d_s)^2) (x - w_i).
-
-    Exact, but for the neighbourhood being cut where it falls below exp(-8).
-
-    Arguments and result are those of :meth:`calib.maps.vdsom.VDSOM.show`, but for the source's
-    `elasticity` and `rate`.
     """
     dim = samples.shape[1]
     diagonal = float(np.sqrt(dim))

@@ -1,13 +1,8 @@
 """Growing neural gas (Fritzke, NIPS 1995): nodes and edges that grow where errors are.
 
-The paper: "the same concept can be applied to vary the structure of a Growing Neural Gas
-(GNG) network".  A gain weighs the errors that a node accumulates, which is what decides
-where the next node is inserted.
-
-Samples are shown in blocks.  With blocks of one sample :func:`present_gng` is the source's
-algorithm to the letter.  Within a longer block the winners are those at its start, the
-order of the samples is forgotten, and edges that were renewed have the age 0; a block is
-at most a tenth of the nodes long, so that few nodes win twice.
+A gain weighs the errors that a node accumulates, which decide where the next node is inserted.
+With blocks of one sample :func:`present_gng` is the source's algorithm to the letter.  Within a
+longer block, of at most a tenth of the nodes, the winners are those at its start.
 """
 
 from __future__ import annotations
@@ -39,9 +34,7 @@ class Pace:
     neighbour: float = 0.006
     oldest: int = 50  # age a_max beyond which an edge is removed
     shared: float = 0.5  # share alpha of the error that the two parents of a new node keep
-    # factor d on every error, per sample.  The source's 0.995 remembers 200 samples, too few for
-    # thousands of nodes: :func:`learn_gng` makes it remember twice their number.
-    decay: float = 0.995
+    decay: float = 0.995  # factor d on every error, per sample; see `learn_gng`
 
 
 @dataclass
@@ -79,17 +72,15 @@ def learn_gng(
     rng: np.random.Generator,
     error: float | None = None,
 ) -> Iterator[Epoch]:
-    """Grow a gas of `nodes` nodes; yields after each pass over the samples.
+    """Grow a gas within the first 60 % of the samples; yields after each pass over these.
 
-    Parameters that are not here are those of :func:`calib.maps.vdsom.passes`.
-
-    nodes : nodes to grow to: within the first 60 % of the samples, at an even pace
     gain : varying density: a factor on the errors that are accumulated
     epochs : passes over the samples, each in another order; a pass ends after 15 per node
     error : quantization error, in the unit box, at which the gas stops growing; `nodes` are then
         the most that it may have
     """
     gas = Gas(u[rng.permutation(len(u))[:2]] + 1e-9 * rng.random((2, u.shape[1])), np.zeros(2))
+    # the source's decay remembers 200 samples, too few for thousands of nodes
     pace = Pace(decay=1.0 - 1.0 / (2.0 * max(nodes, 100)))
     shown = samples_shown(len(u), nodes)
     growth = _GROWING * epochs * shown
@@ -120,9 +111,9 @@ def learn_gng(
 def present_gng(
     gas: Gas, samples: Array, pace: Pace, gain: Gain | None = None, progress: float = 1.0
 ) -> float:
-    """Show a block of samples: move the winners and their neighbours, renew and age edges.
+    """Move the winners of a block and their neighbours, renew and age edges.
 
-    Returns float, sum of the samples' distances to their winners.
+    Returns the sum of the samples' distances to their winners.
     """
     distance, index = nearest_nodes(search_tree(gas.weights), samples, 2)
     n, first, second = len(gas.weights), index[:, 0], index[:, 1]
@@ -144,39 +135,24 @@ def present_gng(
     moved = np.flatnonzero(rate > 0.0)
     target = pull[moved] / rate[moved, None]
     gas.weights[moved] -= np.expm1(-rate[moved])[:, None] * (target - gas.weights[moved])
-    _renew(gas, np.minimum(first, second), np.maximum(first, second))
-    _prune(gas, pace)
-    return float(distance[:, 0].sum())
-
-
-def _renew(gas: Gas, low: Index, high: Index) -> None:
-    """Join the two nearest nodes of each sample by an edge of age 0."""
-    n = len(gas.weights)
-    fresh = np.unique(low * n + high)
+    # the two nearest nodes of each sample are joined by an edge of age 0
+    fresh = np.unique(np.minimum(first, second) * n + np.maximum(first, second))
     key = gas.pairs[:, 0] * n + gas.pairs[:, 1]
     # fresh is sorted: a search is sooner than np.isin, which sorts all edges
     stay = fresh[np.minimum(np.searchsorted(fresh, key), len(fresh) - 1)] != key
-    joined = np.stack(np.divmod(fresh, n), axis=1)
-    gas.pairs = np.concatenate([gas.pairs[stay], joined])
-    gas.age = np.concatenate([gas.age[stay], np.zeros(len(joined))])
-
-
-def _prune(gas: Gas, pace: Pace) -> None:
-    """Remove edges that are too old, and nodes that are left without an edge."""
+    gas.pairs = np.concatenate([gas.pairs[stay], np.stack(np.divmod(fresh, n), axis=1)])
+    gas.age = np.concatenate([gas.age[stay], np.zeros(len(fresh))])
     young = gas.age <= pace.oldest
-    if young.all():
-        return
-    gas.pairs, gas.age = gas.pairs[young], gas.age[young]
-    kept = np.bincount(gas.pairs.ravel(), minlength=len(gas.weights)) > 0
-    place = np.cumsum(kept) - 1
-    gas.weights, gas.error, gas.pairs = gas.weights[kept], gas.error[kept], place[gas.pairs]
+    if not young.all():  # edges that are too old go, and nodes that are left without one
+        gas.pairs, gas.age = gas.pairs[young], gas.age[young]
+        kept = np.bincount(gas.pairs.ravel(), minlength=n) > 0
+        place = np.cumsum(kept) - 1
+        gas.weights, gas.error, gas.pairs = gas.weights[kept], gas.error[kept], place[gas.pairs]
+    return float(distance[:, 0].sum())
 
 
 def insert(gas: Gas, pace: Pace) -> int:
-    """Insert a node between the one with the largest error and its worst neighbour.
-
-    Returns int, the new node.
-    """
+    """Insert a node between the one with the largest error and its worst neighbour; its number."""
     worst = int(gas.error.argmax())
     near = gas.neighbours(worst)
     if not len(near):

@@ -1,9 +1,8 @@
 """Linear models of maps and links: what the readout ``linear`` regresses.
 
-``activity`` is a mean over the active nodes.  A mean of partners is right where the nodes
-surround the query; at the border, where they stand on one side of it, it is the value at
-their middle.  A regression of the partners on the nodes' mean activity positions continues
-to the query instead.
+At the border, where the active nodes stand on one side of a query, the mean of their partners is
+the value at their middle.  A regression of the partners on the nodes' mean activity positions
+continues to the query.
 """
 
 from __future__ import annotations
@@ -28,11 +27,7 @@ _RIDGE = 1e-2
 
 
 class MeanPositions:
-    """Mean of samples weighted by the activity of each node, part after part.
-
-    At the border it lies inside of the node's own weight.  A periodic coordinate is
-    averaged the short way round.
-    """
+    """Mean of samples weighted by the activity of each node, the short way round of a turn."""
 
     def __init__(self, network: Map) -> None:
         self._network = network
@@ -60,8 +55,7 @@ _SEEN = 1e-9  # activity below which a node was never active
 def from_shifts(network: Map, shifts: Array) -> Array:
     """Means (nodes, d) that lie `shifts` (nodes, d) [node spacings] away from the weights.
 
-    The shifts are rounded to half precision, as a model file holds them: to a thousandth of
-    a spacing, far less than what a mean of some samples is uncertain by.
+    The shifts are rounded to half precision, as a model file holds them.
     """
     rounded = np.clip(shifts, -_FAR, _FAR).astype(np.float16)
     return np.asarray(network.units + rounded.astype(float) * network.spacing)
@@ -79,11 +73,9 @@ _FAR = 6e4  # node spacings: the largest number in half precision is a little mo
 def regress(place: Array, value: Array, weight: Array) -> tuple[Array, Array, Array]:
     """Weighted ridge regressions of values on places, one for each row.
 
-    place : (n, k, d), where the nodes stand, relative to the query
-    value : (n, k, o), what they say
-    weight : (n, k), how active they are; a row of zeros gives zeros
-    Returns middle, mean, slope : (n, d), (n, o), (n, d, o), weighted means of the places and of the
-        values, and the slope between them
+    place, value, weight : (n, k, d), (n, k, o), (n, k), where nodes stand, what they say, how
+        active they are; a row of zeros gives zeros
+    Returns (n, d), (n, o), (n, d, o), means of the places and of the values, slope between them.
     """
     total = weight.sum(axis=1, keepdims=True)
     share = weight / np.where(total > 0.0, total, 1.0)
@@ -101,8 +93,8 @@ def regress(place: Array, value: Array, weight: Array) -> tuple[Array, Array, Ar
 class LinearModels(ReadOnly):
     """The forward direction of maps and links as a smooth function of the joints.
 
-    It answers what :class:`~calib.maps.predictor.Predictor` answers, so that bounds and the
-    search for branches run on it: there is no kinematic model behind it.
+    It answers what :class:`~calib.maps.predictor.Smooth` asks, so that bounds and the search for
+    branches run on it: there is no kinematic model behind it.
     """
 
     motor: Map  # the map whose nodes carry the models
@@ -144,7 +136,6 @@ class LinearModels(ReadOnly):
     ) -> LinearModels:
         """Regress the partners' values around each node.
 
-        motor : the map whose nodes carry the models
         places : (nodes, d), mean activity position of each node, in the unit box
         partners, strength : (nodes, o), (nodes,), link-weighted mean of each node's partners [unit]
             and the sum of its links

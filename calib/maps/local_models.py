@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from ..common.arrays import Array, Index, Shape
 from ..common.frozen import ReadOnly
-from ..common.scale import Scale
 from .map import Map, nearest_points
 
 MOST_DEGREE = 5
@@ -34,14 +33,12 @@ def blend_size(dim: int) -> int:
 class LocalModels(ReadOnly):
     """One polynomial per motor node."""
 
-    # largest total degree, -1 for none: the smooth part stands alone.  A node that is silent, or of
-    # a lower degree, has zeros for the other coefficients.
-    degree: int
+    degree: int  # largest total degree, -1 for none: the smooth part stands alone
     samples: int  # number of samples that each was fitted to
     # distance to the first sample that was left out, in the unit box
     radius: Annotated[Array, Shape("nodes")]
-    # (nodes, terms, 2), coefficients of the monomials of (u - w) / radius, in the unit of the
-    # positions
+    # of the monomials of (u - w) / radius [unit]; a node that is silent, or of a lower degree, has
+    # zeros for the others
     coefficients: Annotated[Array, Shape("nodes", "terms", "width")]
 
 
@@ -61,13 +58,6 @@ def monomials(z: Array, degree: int) -> Array:
     return _products(z, exponents(z.shape[-1], degree))
 
 
-def _monomial_slopes(z: Array, degree: int) -> Array:
-    """Derivatives of the monomials by each coordinate, (d, ..., terms)."""
-    terms = exponents(z.shape[-1], degree)
-    lower = np.maximum(terms - np.eye(z.shape[-1], dtype=np.intp)[:, None], 0)
-    return np.stack([own * _products(z, part) for own, part in zip(terms.T, lower, strict=True)])
-
-
 def _products(z: Array, terms: NDArray[np.intp]) -> Array:
     """Products of powers of `z` (..., d) by their exponents (terms, d), (..., terms)."""
     found = np.ones((*z.shape[:-1], len(terms)))
@@ -80,17 +70,12 @@ def _products(z: Array, terms: NDArray[np.intp]) -> Array:
 def fit(motor: Map, nodes: Index, u: Array, residual: Array, shape: tuple[int, int]) -> LocalModels:
     """Kernel-weighted least squares around some of the nodes (k,); the others are silent.
 
-    u, residual : (n, d), (n, o), samples in the unit box and what the smooth part leaves over of
-        their positions
-    shape : degree of the polynomials and number of samples that each is fitted to
+    The weight of a sample at the distance d is (1 - (d / radius)^2)^2.  A node whose samples do not
+    carry a polynomial of this degree has one of a lower degree: what is fitted to rows on a line or
+    on one side multiplies their noise beside them, which is asked half a spacing around it.
 
-    Notes
-    -----
-    The weight of a sample at the distance d is (1 - (d / radius)^2)^2, which ends smoothly.
-    A node whose samples do not carry a polynomial of this degree has one of a lower degree: what is
-    fitted to rows on a line, in clusters or on one side multiplies their noise beside them.  The
-    variance of its answers is asked half a spacing around it.
-    Moments of activity and position are what a Hebbian covariance rule would learn.
+    u, residual : (n, d), (n, o), samples in the unit box and what the smooth part leaves over
+    shape : degree of the polynomials and number of samples that each is fitted to
     """
     degree, samples = shape
     places, scale = motor.units[nodes], motor.scale
@@ -99,7 +84,11 @@ def fit(motor: Map, nodes: Index, u: Array, residual: Array, shape: tuple[int, i
     radius = np.maximum(distance[:, samples], 1e-12)
     z = scale.difference(u[near[:, :samples]], places[:, None]) / radius[:, None, None]
     kernel = (1.0 - (distance[:, :samples] / radius[:, None]) ** 2) ** 2
-    ring = _ring(places, motor.spacings[nodes], scale) / radius[:, None, None]
+    away = np.random.default_rng(0).standard_normal((_RING, u.shape[1]))
+    away *= 0.5 / np.linalg.norm(away, axis=1, keepdims=True)
+    ring = places[:, None] + motor.spacings[nodes][:, None, None] * away
+    ring = np.where(scale.periodic, ring, np.clip(ring, 0.0, 1.0)) - places[:, None]
+    ring /= radius[:, None, None]
     coefficients = np.zeros((motor.size, len(exponents(z.shape[2], degree)), outputs))
     shaky = np.arange(len(nodes))
     for lower in range(degree, -1, -1):
@@ -122,14 +111,6 @@ def fit(motor: Map, nodes: Index, u: Array, residual: Array, shape: tuple[int, i
     reach = np.full(motor.size, motor.spacing)
     reach[nodes] = radius
     return LocalModels(degree, samples, reach, coefficients)
-
-
-def _ring(nodes: Array, spacings: Array, scale: Scale) -> Array:
-    """Offsets (nodes, k, d) of places half a spacing around each node, within the unit box."""
-    away = np.random.default_rng(0).standard_normal((_RING, nodes.shape[1]))
-    away *= 0.5 / np.linalg.norm(away, axis=1, keepdims=True)
-    at = nodes[:, None] + spacings[:, None, None] * away
-    return np.where(scale.periodic, at, np.clip(at, 0.0, 1.0)) - nodes[:, None]
 
 
 def blend(motor: Map, u: Array, m: int) -> tuple[Index, Array]:
@@ -167,13 +148,13 @@ def blend_and_slopes(motor: Map, u: Array, m: int, *, slope: bool) -> tuple[Inde
 def speaking(motor: Map, u: Array) -> tuple[Index, Array, Array]:
     """Nodes that speak for each point, their weights (n, m), and the offsets (n, m, d) from them.
 
-    A node's say ends between once and twice the reach of its lattice cell (0.7 of its
-    diagonal), so that the nodes of a dense region do not speak for the coarse one
-    beside it.  The others share it; where none is left the weights fall to zero.
+    A node's say ends between once and twice its reach, so that the nodes of a dense region do not
+    speak for the coarse one beside it.  The others share it; where none is left weights are zero.
     """
     index, weight = blend(motor, u, blend_size(u.shape[1]))
     gap = motor.scale.difference(u[:, None], motor.units[index])
-    share = _fade(np.sqrt(np.einsum("nmd,nmd->nm", gap, gap)) / reach_of(motor)[index])
+    ratio = np.sqrt(np.einsum("nmd,nmd->nm", gap, gap)) / reach_of(motor)[index]
+    share = (1.0 - np.clip(ratio - 1.0, 0.0, 1.0) ** 2) ** 2
     weight = weight * share
     total = weight.sum(axis=1, keepdims=True)
     left = share.max(axis=1, keepdims=True)
@@ -185,17 +166,10 @@ def reach_of(motor: Map) -> Array:
     return np.asarray(_REACH * np.sqrt(motor.units.shape[1]) * motor.spacings)
 
 
-def _fade(ratio: Array) -> Array:
-    """1 up to a ratio of 1, then smoothly down to 0 at 2."""
-    return np.asarray((1.0 - np.clip(ratio - 1.0, 0.0, 1.0) ** 2) ** 2)
-
-
 def heard(share: Array) -> Array:
     """Factor on what speaking nodes say, by their share of the weight beside silent ones.
 
-    Below three tenths the silent nodes decide and nothing is said; from a half on the others
-    speak in full.  The edge of a sharp defect then lies between nodes, and neither side dilutes the
-    other.
+    The edge of a sharp defect then lies between nodes, and neither side dilutes the other.
     """
     t = np.clip((share - SILENT) / (FULL - SILENT), 0.0, 1.0)
     return np.asarray(t * t * (3.0 - 2.0 * t) / np.maximum(share, SILENT))
@@ -220,7 +194,9 @@ def predict(
         return value, None
     # of the polynomials alone: what the weights add is small where neighbours agree, and a
     # Newton step that is a little off is corrected by the next
-    radius = models.radius[index][..., None]
-    slopes = _monomial_slopes(gap / radius, models.degree) / radius
+    radius, terms = models.radius[index][..., None], exponents(u.shape[1], models.degree)
+    lower = np.maximum(terms - np.eye(u.shape[1], dtype=np.intp)[:, None], 0)
+    own_slopes = [k * _products(gap / radius, part) for k, part in zip(terms.T, lower, strict=True)]
+    slopes = np.stack(own_slopes) / radius
     spoken = models.coefficients[index] * weight[..., None, None]
     return value, np.einsum("dnmt,nmto->nod", slopes, spoken)

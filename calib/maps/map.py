@@ -88,24 +88,22 @@ class Map:
     @cached_property
     def spacings(self) -> Array:
         """Mean distance of each node to those it is joined to, (nodes,), in the unit box."""
-        ends = self.edges.T.ravel()
-        total = np.bincount(ends, np.tile(self._lengths, 2), self.size)
-        own = total / np.maximum(np.bincount(ends, minlength=self.size), 1)
+        own = self._node_means(self._lengths)
         # a node on top of its neighbours, or joined to none, has the spacing of the map
         return frozen(np.where(own > 1e-6 * self.spacing, own, max(self.spacing, 1e-300)))
 
     @property
     def u_matrix(self) -> Array:
-        """Mean distance of each node to its neighbours in the space's own unit.
-
-        Shaped like the lattice; of a map without one (nodes,).
-        """
+        """Mean distance of each node to its neighbours [unit], shaped like the lattice."""
         a, b = self.edges.T
         gap = self.scale.difference(self.units[a], self.units[b]) * self.scale.span
-        length = np.tile(np.linalg.norm(gap, axis=1), 2)
+        return self._node_means(np.linalg.norm(gap, axis=1)).reshape(self.lattice.shape)
+
+    def _node_means(self, lengths: Array) -> Array:
+        """Means (nodes,) over the edges of each node, 0 of a node without one."""
         ends = self.edges.T.ravel()
-        count = np.maximum(np.bincount(ends, minlength=self.size), 1)
-        return np.asarray(np.bincount(ends, length, self.size) / count).reshape(self.lattice.shape)
+        total = np.bincount(ends, np.tile(lengths, 2), self.size)
+        return np.asarray(total / np.maximum(np.bincount(ends, minlength=self.size), 1))
 
     def nearest(self, u: Array, k: int = 1) -> tuple[Array, Index]:
         """Distances and indices, (n, k), of the `k` nodes nearest to `u` in the unit box."""

@@ -17,19 +17,15 @@ _MANY = 20_000  # rows that are averaged over; more tell no more
 
 
 def misfit(scale: Scale, u: Array, held: Array, extent: float, at: Array) -> Array | None:
-    """Mean square of held-out residuals around points beyond noise, None where all is noise.
+    """Mean square (k,) of held-out residuals around points beyond noise, None where all is noise.
 
-    The median over the samples is taken for the noise and subtracted.  A mean square that
-    exceeds it by no more than chance (four standard errors of a chi-square mean) counts as
-    zero, so that noise draws no nodes.
+    The median over the samples is taken for the noise and subtracted.  A mean square that exceeds
+    it by no more than chance counts as zero, so that noise draws no nodes.
 
-    scale : knows the periodic joints
-    u : (n, dof), joints in the unit box
-    held : (n, 2) or (n, 3) [unit], what a smooth model, which has not seen the row, leaves over of
-        its position
+    u, held : (n, dof), (n, m) [unit], joints in the unit box, and what a smooth model that has not
+        seen the row leaves over
     extent : [unit], diagonal of the workspace
     at : (k, dof), the points, in the unit box: what a map will learn from
-    Returns (k,).
     """
     floor = (_ROUNDING * extent) ** 2
     square = np.maximum(np.einsum("no,no->n", held, held), floor)

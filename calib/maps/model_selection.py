@@ -80,9 +80,8 @@ def follows_the_motion(x: Array, residual: Array) -> bool:
     """Whether residuals (n, o) of rows at positions (n, o) point along the rows' motion.
 
     A late clock leaves -speed x delay along the path, a play its half: what depends on the
-    direction in which a place was passed is no function of the joints, and a node that learned it
-    would be wrong for the other direction.  The mean along the path has to exceed a tenth of the
-    residuals and five standard errors of twenty blocks of rows.
+    direction in which a place was passed is no function of the joints.  The mean along the path has
+    to exceed a tenth of the residuals and five standard errors of twenty blocks of rows.
     """
     way = np.gradient(x, axis=0)
     length = np.linalg.norm(way, axis=1, keepdims=True)
@@ -96,11 +95,10 @@ def follows_the_motion(x: Array, residual: Array) -> bool:
 def select(motor: Map, u: Array, candidate: SmoothCandidate) -> Selected:
     """Give nodes local models of one shape where that mends what a smooth part leaves over.
 
-    Nodes that stand among wrong rows may speak; those that mend held-out rows do, the others
-    are silent.  Cost of a row is log(1 + |residual|^2 / noise): to halve a large error counts the
-    same wherever it is.  The shape with the least cost is taken.
+    Nodes that stand among wrong rows may speak; those that mend held-out rows do.  Cost of a row is
+    log(1 + |residual|^2 / noise): to halve a large error counts the same wherever it is.  The shape
+    with the least cost is taken.
 
-    motor : nodes that will carry the local models
     u : (n, dof), joints of the samples in their order, in the unit box
     """
     n, dof, held = *u.shape, candidate.held_out

@@ -103,10 +103,8 @@ class SOM:
             raise OptionError(f"rule {self.rule!r} is unknown, choose one of {', '.join(RULES)}")
         if self.epochs is not None and not 1 <= self.epochs <= _MOST_EPOCHS:
             raise OptionError(f"epochs {self.epochs}: at least 1, at most {_MOST_EPOCHS:,}")
-        if self.sigma is not None and not (
-            np.isfinite(self.sigma).all() and self.sigma[0] >= self.sigma[1] > 0
-        ):
-            start, end = self.sigma
+        start, end = self.sigma or (1.0, 1.0)
+        if not np.inf > start >= end > 0:
             raise OptionError(
                 f"sigma {start:g}:{end:g}: give START:END in nodes with START >= END > 0"
             )
@@ -119,29 +117,18 @@ class SOM:
         progress: _Progress | None = None,
         residual: Array | None = None,
     ) -> Map:
-        """Train on the rows of `x` (n, d) and return the map.
+        """Train on the rows of `x` and return the map.
 
         Parameters
         ----------
         x : (n, d) array
-            Samples, in any unit.
+            Samples, in any unit; a LogError says what is wrong with them.
         scale : Scale, optional
             Unit box of the space; the box of the data where not given.
         progress : callable, optional
-            Called now and then with the share of the work done and the current
-            quantization error in the unit box.
+            Called with the share of the work done and the quantization error in the unit box.
         residual : (n,) array, optional
-            How wrong a smooth model is at each sample, see
-            :func:`calib.maps.misfit.misfit`, for the default varying density.
-
-        Returns
-        -------
-        Map
-
-        Raises
-        ------
-        LogError
-            If `x` has no rows, is not two-dimensional, or holds a value that is not finite.
+            How wrong a smooth model is at each sample, for the default varying density.
         """
         x = np.asarray(x, dtype=float)
         if x.ndim != 2 or not len(x):

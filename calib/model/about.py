@@ -93,7 +93,7 @@ class About(ReadOnly):
             or not bool(((sizes > 0.0) & (sizes < _WIDEST)).all()),
             "origin, x and y of the plane": not all(_numbers(each, 3) for each in axes),
             "noise and changes of a simulation": not _numbers([simulated.get("noise")], 1)
-            or not _texts(simulated.get("changes")),
+            or not all(isinstance(v, str) for v in simulated.get("changes", (0,))),
             "sides of a picture [px]": min(self.picture or (1,)) < 1,
             "zero or more samples": min(counts) < 0,
             f"options {', '.join(_OPTIONS)}": not set(_OPTIONS) <= set(self.options),
@@ -108,10 +108,6 @@ def _numbers(values: Any, count: int) -> bool:
         and all(isinstance(v, int | float) and not isinstance(v, bool) for v in values)
         and all(map(math.isfinite, values))
     )
-
-
-def _texts(values: Any) -> bool:
-    return isinstance(values, list | tuple) and all(isinstance(v, str) for v in values)
 
 
 def _errors(told: Any, joints: Sequence[str]) -> bool:

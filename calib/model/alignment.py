@@ -63,16 +63,11 @@ class Alignment:
 
     def words(self, unit: str) -> str:
         """The whole map in words."""
-        parts = []
-        if self.swapped:
-            parts.append("x and y exchanged")
-        elif self.mirrored:
-            parts.append("mirrored")
-        parts.append(f"turned {math.degrees(self.angle):.3g} deg" if not self.swapped else "")
+        turned = f"turned {math.degrees(self.angle):.3g} deg"
+        kind = ["x and y exchanged"] if self.swapped else ["mirrored"] * self.mirrored + [turned]
         factor, name = for_people(unit)
-        parts.append(f"scaled {self.scale:.5g}")
-        parts.append(f"shifted {factor * self.shift[0]:.4g}, {factor * self.shift[1]:.4g} {name}")
-        return ", ".join(p for p in parts if p)
+        shift = f"shifted {factor * self.shift[0]:.4g}, {factor * self.shift[1]:.4g} {name}"
+        return ", ".join([*kind, f"scaled {self.scale:.5g}", shift])
 
     def to_json(self) -> list[list[float]]:
         """Rows of [A | b]."""

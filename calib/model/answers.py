@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -12,7 +11,6 @@ from numpy.typing import ArrayLike, NDArray
 from ..common.arrays import Array
 from ..common.rows import checked_rows
 from ..errors import QueryError
-from ..maps.association import check_readout
 from .parts import Parts
 
 _REACHED = 1e-9  # share of the workspace's extent that always counts as reached
@@ -22,42 +20,21 @@ _LONGEST = 0.1  # of the joints' range: no step of a servo is longer
 
 
 class Answer(NamedTuple):
-    """Inverse answers, one row each.
+    """Inverse answers, one row each."""
 
-    Attributes
-    ----------
-    q : (n, dof) array [rad or m]
-        Joint values.
-    position : (n, 2) array [unit]
-        Where the map says that they lead.
-    distance : (n,) array [unit]
-        From the target to that position.
-    expected_error : (n,) array [unit]
-        95 % bound on the distance from that position to what the sensor will read (a log) or
-        to the true one (a simulation).
-    model_error : (n,) array [unit]
-        95 % bound on the distance to the true position in the sensor's frame.
-    reachable : (n,) bool array
-        Whether the distance is within the expected error and within 1 % of the extent.
-    """
-
-    q: Array
-    position: Array
-    distance: Array
+    q: Array  # (n, dof) [rad or m], joint values
+    position: Array  # (n, m) [unit], where the map says that they lead
+    distance: Array  # (n,) [unit], from the target to that position
+    # (n,) [unit], 95 % bounds on the distance from that position to what the sensor will read (a
+    # log) or to the true one (a simulation), and to the true one in the sensor's frame
     expected_error: Array
     model_error: Array
+    # (n,), whether the distance is within the expected error and within 1 % of the extent
     reachable: NDArray[np.bool_]
 
     def take(self, rows: slice | list[int] | NDArray[np.intp]) -> Answer:
         """Some of the rows."""
         return Answer._make(values[rows] for values in self)
-
-
-def solve_targets(model: Parts, x: Array, near: Array, readout: str) -> Answer:
-    """Answer the targets `x` (n, 2) with the solutions closest to `near` (n, dof, unit box)."""
-    check_readout(readout)
-    u = unit_joints(model, x, near, (readout,))[readout]
-    return answer(model, u, x, model.predicted(u, readout))
 
 
 def unit_joints(model: Parts, x: Array, near: Array, readouts: Sequence[str]) -> dict[str, Array]:
@@ -86,14 +63,6 @@ def joints(model: Parts, x: Array, near: Array, *, nearest: bool) -> Array:
         beyond = distance[far] > _within_reach(model, model.bound_at(u[far]))
         q[far[beyond]] = np.nan
     return q
-
-
-def solve_all(model: Parts, x: Array) -> list[Answer]:
-    """Every distinct solution of each target, see :meth:`calib.Model.solve_all`."""
-    target, u, _ = model.solver.solve_all(in_sight(model, x))
-    every = answer(model, u, x[target])
-    edges = np.searchsorted(target, np.arange(len(x) + 1)).tolist()
-    return [every.take(slice(a, b)) for a, b in itertools.pairwise(edges)]
 
 
 def in_sight(model: Parts, x: Array) -> Array:

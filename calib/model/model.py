@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NoReturn
 
@@ -30,36 +31,9 @@ _NOTHING = 3  # what the compiled kernel says of a position that nothing reaches
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Model(Parts):
-    """A calibrated arm.
+    """A calibrated arm: its parts, see :class:`calib.model.parts.Parts`, and what it answers.
 
-    Attributes
-    ----------
-    about : About
-        What it is a model of and where it came from.
-    association : Association
-        Motor map, sensory map and the links between them.
-    predictor : Predictor
-        Body, and local models of the motor nodes for what it leaves over.
-    bounds : (motor nodes,) array [unit]
-        95 % bound around each node on what `about.bound_of` says.
-    model_bounds : (motor nodes,) array [unit]
-        95 % bound around each node on the true position in the sensor's frame.
-    visited : (motor nodes,) bool array
-        Nodes that training samples have visited.
-    body : Body or None
-        The kinematic model under the maps: its parameters with intervals.
-    rows : Rows or None
-        Measured rows that are kept with the model of a log.
-    history : tuple of dict
-        Earlier states of this model: trained, adapted, with their errors.
-    baseline : Baseline or None
-        What an undisturbed arm's distortions look like, for `check` and `monitor`.
-    seconds : dict
-        How long the steps of its training took; not stored in a file.
-    approach : Approach or None
-        Backlash, where the order of the samples showed that the direction counts.
-    photo : Photo or None
-        A picture by the camera that measured the arm, to draw the map over.
+    Queries take single vectors as well as batches, with one row each.
     """
 
     if not TYPE_CHECKING:  # which would take every attribute for one
@@ -75,12 +49,6 @@ class Model(Parts):
 
         save(self, path)
 
-    def _repr_html_(self) -> str:
-        """What it is and how well it does, as a small table for notebooks."""
-        from .facts import as_html
-
-        return as_html(self)
-
     def warm_up(self) -> str:
         """Make single queries fast: compile the model's own C, where a C compiler is found.
 
@@ -88,22 +56,30 @@ class Model(Parts):
         C, or by the batch, and why.  Answers are the same.  Nothing is compiled without this, and
         nothing with the environment variable ``CALIB_NO_CC=1``.
         """
-        middle = (self.about.lower + self.about.upper) / 2
-        x = self.forward(middle[None])[0]
-        known = bool(np.isfinite(x).all())
-        target = x if known else self.sensory.weights[0]
-        self.inverse(target[None], near=middle[None])
-        self.expected_error(middle)
         from .fast import compiled_of
 
+        middle = (self.about.lower + self.about.upper) / 2
+        x = self.forward(middle[None])[0]
+        target = x if np.isfinite(x).all() else self.sensory.weights[0]
+        self.inverse(target[None], near=middle[None])
+        self.expected_error(middle)
         kernel, told = compiled_of(self)
         object.__setattr__(self, "kernel", kernel)
         return told
 
+    def _quickly(self, name: str, q: ArrayLike) -> Array | None:
+        """What the compiled kernel answers; None where the batch has to."""
+        found = None if self.kernel is None else self.kernel.ask(name, q)
+        answer: Array | None = None if found is None else found[0]
+        return answer if found is not None and (found[1] or self.sure) else None
+
     def forward(
         self, q: ArrayLike, readout: str | None = None, *, approach: ArrayLike | None = None
     ) -> Array:
-        """Position of the tip for joint values.
+        """Position (n, m) [unit] of the tip for joint values.
+
+        NaN outside of the joints' range, and where the bound on the position exceeds a tenth of
+        the reach.
 
         Parameters
         ----------
@@ -113,12 +89,6 @@ class Model(Parts):
         approach : (n, dof) or (dof,) array, optional
             Sign of the last motion of each joint, 0 where it is not known.  It counts
             where training found backlash (``model.approach``), else it changes nothing.
-
-        Returns
-        -------
-        (n, 2) or (2,) array [unit]
-            NaN outside of the joints' range, and where the bound on the position exceeds a
-            tenth of the reach.
 
         Raises
         ------
@@ -145,13 +115,6 @@ class Model(Parts):
         x = self.answered(q, readout, moved)
         return x[0] if single else x
 
-    def _quickly(self, name: str, q: ArrayLike) -> Array | None:
-        """What the compiled kernel answers; None where the batch has to."""
-        assert self.kernel is not None  # noqa: S101
-        found = self.kernel.ask(name, q)
-        answer: Array | None = None if found is None else found[0]
-        return answer if found is not None and (found[1] or self.sure) else None
-
     def inverse(
         self,
         x: ArrayLike,
@@ -160,23 +123,18 @@ class Model(Parts):
         *,
         nearest: bool = False,
     ) -> Array:
-        """Joint values that bring the tip to a position.
+        """Joint values (n, dof) [rad or m] that bring the tip to positions (n, m) [unit].
 
         Parameters
         ----------
-        x : (n, 2) or (2,) array [unit]
+        x : (n, m) or (m,) array [unit]
         near : (n, dof) or (dof,) array [rad or m], optional
             Of several solutions the one closest to these joints answers, distances in
             units of the joints' ranges; the middle of the ranges where not given.
         readout : {"local", "body", "linear", "activity", "winner"}, optional
-            The model's default where not given.
         nearest : bool
             Where a target is out of reach, answer with the nearest reachable point
             instead of NaN.
-
-        Returns
-        -------
-        (n, dof) or (dof,) array [rad or m]
         """
         if self.kernel is not None and readout in (None, "local") and near is not None:
             found = self.kernel.ask("inverse", near, x)
@@ -197,18 +155,22 @@ class Model(Parts):
         """Answer inverse queries in full; see :meth:`inverse` for the parameters."""
         readout = self._readout(readout)
         rows, _ = checked_rows(x, self.axes, "positions")
-        return answers.solve_targets(self, rows, answers.anchor(self, near, len(rows)), readout)
+        u = answers.unit_joints(self, rows, answers.anchor(self, near, len(rows)), (readout,))
+        return answers.answer(self, u[readout], rows, self.predicted(u[readout], readout))
 
     def solve_all(self, x: ArrayLike) -> list[Answer]:
-        """All branches of each target, the one closest to the middle of the ranges first.
+        """All branches of each target (n, m), the one closest to the middle of the ranges first.
 
         A target out of reach has one answer, the nearest attainable point.
         """
         rows, _ = checked_rows(x, self.axes, "positions")
-        return answers.solve_all(self, rows)
+        target, u, _ = self.solver.solve_all(answers.in_sight(self, rows))
+        every = answers.answer(self, u, rows[target])
+        edges = np.searchsorted(target, np.arange(len(rows) + 1)).tolist()
+        return [every.take(slice(a, b)) for a, b in itertools.pairwise(edges)]
 
     def inverse_all(self, x: ArrayLike) -> list[Array]:
-        """Joint values of every branch that reaches each target, list of (k, dof) arrays.
+        """Joint values (k, dof) of every branch that reaches each target (n, m).
 
         The solution closest to the middle of the joints' ranges comes first; a target out
         of reach has none.  A redundant arm reaches a target on curves or surfaces of
@@ -236,10 +198,9 @@ class Model(Parts):
         return self._bound(q, "model_bounds")
 
     def _bound(self, q: ArrayLike, which: str) -> Array:
-        if self.kernel is not None:
-            quick = self._quickly(which, q)
-            if quick is not None:
-                return quick
+        quick = self._quickly(which, q)
+        if quick is not None:
+            return quick
         q, single = checked_rows(q, self.about.joint_names, "joint values")
         bound = self.bounded(q, which)
         return bound[0] if single else bound
@@ -254,7 +215,7 @@ class Model(Parts):
 
         Parameters
         ----------
-        x : (n, 2) array [unit]
+        x : (n, m) array [unit]
             Waypoints, two or more.
         start : (dof,) array [rad or m], optional
             Joints that the path should start near; without it the branch that can follow
@@ -262,11 +223,6 @@ class Model(Parts):
         step : float [unit], optional
             Longest way of the tip between two rows, 1 % of the workspace's extent where not
             given.  ``math.inf`` gives the waypoints alone.
-
-        Returns
-        -------
-        Path
-            Rows of joints without times, and where a jump cannot be avoided.
         """
         from .paths import follow_path
 
@@ -295,9 +251,9 @@ class Model(Parts):
         """
         from .poses import solve_poses
 
-        quick = self.kernel is not None and self.kernel.has("inverse_pose") and frame == "sensor"
-        if self.kernel is not None and quick and quaternion is not None and near is not None:
-            answer = self.kernel.ask("inverse_pose", near, position, quaternion)
+        kernel, posed = self.kernel, quaternion is not None and near is not None
+        if kernel is not None and posed and frame == "sensor" and kernel.has("inverse_pose"):
+            answer = kernel.ask("inverse_pose", near, position, quaternion)
             if answer is not None and answer[1]:
                 return np.asarray(answer[0])
         found = solve_poses(self, position, quaternion, near, frame=frame)
@@ -309,10 +265,9 @@ class Model(Parts):
 
         NaN where there is no position.
         """
-        if self.kernel is not None:
-            quick = self._quickly("jacobian", q)
-            if quick is not None:
-                return quick
+        quick = self._quickly("jacobian", q)
+        if quick is not None:
+            return quick
         rows, single = checked_rows(q, self.about.joint_names, "joint values")
         u, scale = self.motor.scale.to_unit(rows), self.motor.scale
         inside = self.trust.covers(u)
@@ -324,12 +279,8 @@ class Model(Parts):
     def pose(self, q: ArrayLike) -> tuple[Array, Array]:
         """Position (n, 3) and quaternion (n, 4) qx, qy, qz, qw of the tip in the sensor's frame.
 
-        NaN where there is no position.  A single vector of joint values gives (3,) and (4,).
-
-        Raises
-        ------
-        QueryError
-            If the model is of a planar arm, of pixels, or knows no arm in space.
+        NaN where there is no position.  Raises QueryError if the model is of a planar arm, of
+        pixels, or knows no arm in space.
         """
         from .poses import forward_poses
 
@@ -340,25 +291,19 @@ class Model(Parts):
     def servo(
         self, x_measured: ArrayLike, target: ArrayLike, q: ArrayLike, gain: float = 0.5
     ) -> Array:
-        """Joints a step closer to a target, from where the sensor sees the tip.
+        """Joints (n, dof) a step closer to a target, from where the sensor sees the tip.
 
         A resolved-rate correction with the learned Jacobian: it closes the loop on the
-        sensor, so that it converges even where the arm differs from the map.
+        sensor, so that it converges even where the arm differs from the map.  The step stays
+        within the joints' range and is at most a tenth of it long.
 
         Parameters
         ----------
-        x_measured, target : (n, 2) or (2,) array [unit]
+        x_measured, target : (n, m) or (m,) array [unit]
             Where the tip is seen and where it should be.
         q : (n, dof) or (dof,) array [rad or m]
             Present joints; next time the joints that this returns.
         gain : float
             Share of the way that a step goes: smaller is calmer with a noisy sensor.
-
-        Returns
-        -------
-        (n, dof) or (dof,) array [rad or m]
-            Within the joints' range, at most a tenth of it away from `q`.
         """
-        from .answers import servo_step
-
-        return servo_step(self, x_measured, target, q, gain)
+        return answers.servo_step(self, x_measured, target, q, gain)

@@ -15,9 +15,10 @@ from ..arm.arm import PlanarArm, SpatialArm
 from ..arm.loading import arm_from_urdf
 from ..body.nominal import nominal_of
 from ..body.planar import PlanarStructure
-from ..body.spatial import SpatialStructure
+from ..body.spatial import SpatialStructure, structure_of
 from ..common.arrays import Array
-from ..errors import OptionError
+from ..errors import CalibError, OptionError
+from ..kernel.arm import KernelArm
 from .parts import Parts
 
 
@@ -79,3 +80,28 @@ def nominal_arm(model: Parts) -> PlanarArm | SpatialArm:
         )
     planar = not moves_in_space(model)
     return arm_from_urdf(about.urdf, about.joint_names, about.tip, lock=about.locked, planar=planar)
+
+
+def nominal_for_kernel(model: Parts, arm: KernelArm) -> tuple[KernelArm | None, int]:
+    """The nominal arm, and what a correction asks for: a position (0), a place (1), a pose (2)."""
+    body, simulated = model.body, model.about.source == "simulation" and not model.history
+    assert body is not None  # noqa: S101
+    own = body.structure
+    if not model.about.urdf:
+        return None, 0
+    try:
+        if isinstance(own, PlanarStructure):
+            nominal, beta = nominal_in_plane(model, based=simulated)
+            same = nominal.signs == own.signs  # of a reversed joint the wiring has to be mended
+            return (KernelArm.of(nominal, beta) if same else None), 0
+        if isinstance(own, SpatialStructure) and own.informed:
+            beta = nominal_in_space(own, body.beta)
+            kind = 2 if own.dof >= 6 else 1 if own.outputs == 2 else 0
+            return KernelArm.of(own, beta), kind
+        drawn = nominal_arm(model) if simulated and moves_in_space(model) else None
+    except CalibError:
+        return None, 0
+    if not isinstance(drawn, SpatialArm) or drawn.chain.joints != len(arm.bends):
+        return None, 0
+    structure = structure_of(drawn, "base")
+    return KernelArm.of(structure, structure.neutral()), 0

@@ -37,21 +37,25 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Parts:
-    """The fields of a :class:`calib.Model`, see there."""
+    """The fields of a :class:`calib.Model`."""
 
-    about: About
-    association: Association
-    predictor: Predictor
+    about: About  # what it is a model of and where it came from
+    association: Association  # motor map, sensory map and the links between them
+    predictor: Predictor  # body, and local models of the motor nodes for what it leaves over
+    # (motor nodes,) [unit], 95 % bounds around each node, on what `about.bound_of` says and on
+    # the true position in the sensor's frame
     bounds: Array
     model_bounds: Array
-    visited: NDArray[np.bool_]
-    body: Body | None = None
-    rows: Rows | None = None
-    history: tuple[dict[str, Any], ...] = field(default=())
-    baseline: Baseline | None = field(default=None)
+    visited: NDArray[np.bool_]  # (motor nodes,), those that training samples have visited
+    body: Body | None = None  # the kinematic model under the maps, with intervals
+    rows: Rows | None = None  # measured rows that are kept with the model of a log
+    # earlier states of this model: trained, adapted, with their errors
+    history: tuple[dict[str, Any], ...] = ()
+    baseline: Baseline | None = None  # what an undisturbed arm's distortions look like
+    # how long the steps of its training took; not stored in a file
     seconds: dict[str, float] = field(default_factory=dict)
-    approach: Approach | None = None
-    photo: Photo | None = None
+    approach: Approach | None = None  # backlash, where the direction of motion counts
+    photo: Photo | None = None  # by the camera that measured the arm, to draw the map over
 
     # what `warm_up` compiled, which answers single queries
     kernel: ClassVar[Compiled | None] = None

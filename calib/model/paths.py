@@ -22,33 +22,23 @@ _MOST = 1_000_000  # rows of a path
 
 @dataclass(frozen=True, eq=False)
 class Path:
-    """Joints along straight lines through waypoints, without times; one row for each target.
+    """Joints along straight lines through waypoints, without times; one row for each target."""
 
-    Attributes
-    ----------
-    target : (k, m) array [unit]
-        Points on the lines between the waypoints.
-    q, position, distance, expected_error, model_error, reachable
-        As of `Answer`; joints stay on one branch between jumps.
-    waypoint : (k,) int array
-        Index of the waypoint that each row leads to; the last such row stands on it.
-    jumps : (j,) int array
-        Rows whose joints do not follow from those of the row before: the branch ends there,
-        whichever way the path is followed from its start.
-    held : (k,) bool array
-        Rows that were left out: a tenth of the workspace and more beyond all that the arm reaches;
-        joints stay as they were.
-    """
-
-    target: Array
+    target: Array  # (k, m) [unit], points on the lines between the waypoints
+    # as of `Answer`; joints stay on one branch between jumps
     q: Array
     position: Array
     distance: Array
     expected_error: Array
     model_error: Array
     reachable: NDArray[np.bool_]
+    # (k,), index of the waypoint that each row leads to; the last such row stands on it
     waypoint: NDArray[np.intp]
+    # (j,), rows whose joints do not follow from those of the row before: the branch ends there,
+    # whichever way the path is followed from its start
     jumps: NDArray[np.intp]
+    # (k,), rows that were left out: a tenth of the workspace and more beyond all that the arm
+    # reaches; joints stay as they were
     held: NDArray[np.bool_]
 
 

@@ -5,7 +5,7 @@ Use it for tables of poses; `calib.Model.solve` answers positions alone, in the 
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -38,8 +38,7 @@ class PoseAnswers(NamedTuple):
 def forward_poses(model: Parts, q: Array) -> tuple[Array, Array]:
     """Positions (n, m) and quaternions (n, 4) at joints (n, dof); see :meth:`calib.Model.pose`."""
     space = Space.of(model)
-    structure: Any = space.body.structure
-    position, turns = model.answered(q), structure.pose(q, space.body.beta)[1]
+    position, turns = model.answered(q), space.evaluate(q)[1]
     known = np.isfinite(position[:, :1])
     return position, np.where(known, quaternion_of(space.sensor[0] @ turns), np.nan)
 

@@ -25,17 +25,15 @@ from ..inverse.newton import Newton
 from ..inverse.pixel import on_plane
 from ..inverse.pose import TOLERANCE, Joints, pose_branches
 from ..inverse.self_motions import free_directions
+from ..inverse.starts import twins
 from ..inverse.tasks import Places, Poses, Positions
 from .base import drawn, in_base
 from .parts import Parts
 
 _BESIDE = 0.5  # rad: of joints no further from `near` the other branches are looked for there
-_ACROSS = (-4.0, -2.0, -1.0, 1.0, 2.0, 4.0)  # least singular values to the other side of a fold
-_AROUND = 12  # more starts, within twice the distance from `near`
+_FOLDED = 0.1  # as `FOLDED` of the starts, beside `near`
 _FEW = 12  # of a start that is near
-_CLEAR = 0.3  # share of the least singular value that joints may move by beside `near`
 _STEPS = 40  # of a search whose residual stays
-_TOGETHER = 50  # targets that are tried again side by side
 #: A pose or a position counts as reached within this share of the arm's length.
 REACHED = 1e-6
 _STARTS = 64  # joints from which what was missed is tried again
@@ -173,78 +171,48 @@ class Space:
         One of each, or `every` branch.  Where none reaches it, the one that comes nearest; of the
         infinitely many of an arm of more than six joints the nearest to `near` (n, dof).
         """
-        wish, target = self._unit(near), Poses.target(p, r)
-        beside, q = self._beside(wish, target)
+        newton, scale, wish = self._posing, self._scale, self._unit(near)
+        target, spare = Poses.target(p, r), wish.shape[1] > 6
+        u, left = newton.refine(wish, target)
+        if len(u) and not spare:  # another branch is as near only beside a fold
+            row, across = twins(newton, u, _FOLDED)
+            found = newton.refine(across, target[row], steps=_FEW)
+            newton.take_better(u, left, wish, row, *found)
+        moved = np.abs(scale.difference(u, wish) * scale.span).max(axis=1)
+        beside = (left <= TOLERANCE * self.length) & (moved <= _BESIDE) & (not spare)
+        answers = [scale.from_unit(row[None]) for row in u]
         alone = np.flatnonzero(~beside | every)
-        found = [q[i : i + 1] for i in range(len(p))]
         branches = pose_branches(
             self.evaluate, p[alone], r[alone], self.joints, self.length, starts=near[alone]
         )
         lost = []
         for i, rows in zip(alone.tolist(), branches, strict=True):
-            u = self._scale.to_unit(rows)
-            if len(u) and u.shape[1] > 6:
-                nearest = u[self._order(u, wish[i])[:4]]
-                n = len(nearest)
-                slid, left = self._posing.settle(
-                    nearest, np.tile(target[i], (n, 1)), np.tile(wish[i], (n, 1))
-                )
-                u = np.where((left <= REACHED * self.length)[:, None], slid, nearest)
-            if len(u):
-                rows = self._scale.from_unit(u[self._order(u, wish[i])])
-                found[i] = rows if every else rows[:1]
+            v = scale.to_unit(rows)
+            order = np.argsort(np.linalg.norm(scale.difference(v, wish[i]), axis=1), kind="stable")
+            if len(v) and spare:
+                v = v[order[:4]]
+                goal, middle = (np.tile(part[i], (len(v), 1)) for part in (target, wish))
+                slid, apart = newton.settle(v, goal, middle)
+                v = np.where((apart <= REACHED * self.length)[:, None], slid, v)
+                order = np.argsort(np.linalg.norm(scale.difference(v, wish[i]), axis=1))
+            if len(v):
+                answers[i] = scale.from_unit(v[order if every else order[:1]])
             else:
                 lost.append(i)
         if lost:
-            u, left = self._posing.refine(wish[lost], target[lost])
-            self._again(self._posing, u, left, target[lost], wish[lost])
-            for i, row in zip(lost, self._scale.from_unit(u), strict=True):
-                found[i] = row[None]
-        return found
-
-    def _beside(self, wish: Array, target: Array) -> tuple[NDArray[np.bool_], Array]:
-        """Which poses are reached so close to a wish that no other branch is nearer; joints."""
-        newton, span = self._posing, self._scale.span
-        u, left = newton.refine(wish, target)
-        if u.shape[1] > 6 or not len(u):
-            return np.zeros(len(u), dtype=bool), self._scale.from_unit(u)
-        moved = np.abs(self._scale.difference(u, wish) * span).max(axis=1)
-        beside = (left <= TOLERANCE * self.length) & (moved <= _BESIDE)
-        # another branch is as near only beside a fold, where the Jacobian loses a direction
-        slope = self.evaluate(self._scale.from_unit(u))[2].copy()
-        slope[:, :3] /= self.length
-        least, lost = (part[:, -1] for part in np.linalg.svd(slope)[1:])
-        rows = np.flatnonzero(beside & (moved > _CLEAR * least))
-        if len(rows):  # across the fold, and as near all around
-            across = least[rows, None, None] * np.array(_ACROSS)[:, None] * lost[rows, None]
-            around = np.random.default_rng(0).uniform(-2, 2, (_AROUND, u.shape[1]))
-            starts = np.concatenate(
-                [
-                    u[rows, None] + across / span,
-                    wish[rows, None] + moved[rows, None, None] * around / span,
-                ],
-                axis=1,
-            )
-            owner = np.repeat(rows, starts.shape[1])
-            tried = newton.clip(starts.reshape(-1, u.shape[1]))
-            found, now = newton.refine(tried, target[owner], steps=_FEW)
-            owner = np.append(rows, owner)
-            every, now = np.concatenate([u[rows], found]), np.append(left[rows], now)
-            u[rows] = every[newton.best(owner, every, now, wish[owner])]
-        return beside, self._scale.from_unit(u)
+            u, left = u[lost], left[lost]
+            self._again(newton, u, left, target[lost], wish[lost])
+            for i, row in zip(lost, scale.from_unit(u), strict=True):
+                answers[i] = row[None]
+        return answers
 
     def _again(self, newton: Newton, u: Array, left: Array, target: Array, wish: Array) -> None:
         """Answers that missed their target, tried from all over the ranges; in place."""
-        missed = np.flatnonzero(left > REACHED * self.length)
+        owner = np.repeat(np.flatnonzero(left > REACHED * self.length), _STARTS)
         start = np.random.default_rng(0).random((_STARTS, u.shape[1]))
-        for part in np.array_split(missed, max(1, len(missed) // _TOGETHER)):
-            owner = np.append(part, np.repeat(part, _STARTS))
-            tried = np.tile(start, (len(part), 1))
-            rows = owner[len(part) :]
-            found, now = newton.settle(tried, target[rows], wish[rows])
-            every, distance = np.concatenate([u[part], found]), np.append(left[part], now)
-            best = newton.best(owner, every, distance, wish[owner])
-            u[part], left[part] = every[best], distance[best]
+        tried = np.tile(start, (len(owner) // _STARTS, 1))
+        found = newton.settle(tried, target[owner], wish[owner])
+        newton.take_better(u, left, wish, owner, *found)
 
     def _unit(self, q: Array) -> Array:
         return self._placing.clip(self._scale.to_unit(q))
@@ -261,10 +229,6 @@ class Space:
     @cached_property
     def _posing(self) -> Newton:
         return Newton(Poses(self.evaluate, self._scale, self.length), self._scale, self.length)
-
-    def _order(self, u: Array, wish: Array) -> NDArray[np.intp]:
-        away = np.linalg.norm(self._scale.difference(u, wish), axis=1)
-        return np.argsort(away, kind="stable")
 
     def free(self, q: Array, rows: int) -> Array:
         """Directions (k, dof) that leave the answer at q (dof,); `rows` is 3, or 6 for a pose."""

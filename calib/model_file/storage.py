@@ -98,16 +98,14 @@ def parts_of(data: bytes, name: str = "model") -> Parts:
     """Read a model from the content of its file; `name` is for messages."""
     header, tensors = _unpack(data, name)
     version = header.get("format")
-    if not isinstance(version, int) or version < VERSION:
-        raise ModelError(
-            f"{name}: model format {version!r}, expected {VERSION}: an older program wrote it, "
-            "train the model again"
+    if version != VERSION:
+        newer = isinstance(version, int) and version > VERSION
+        remedy = (
+            "a newer program wrote it, upgrade this one with 'pip install -U calib-arm'"
+            if newer
+            else "an older program wrote it, train the model again"
         )
-    if version > VERSION:
-        raise ModelError(
-            f"{name}: model format {version} is newer than {VERSION}, the newest that this "
-            "program reads: upgrade it with 'pip install -U calib-arm'"
-        )
+        raise ModelError(f"{name}: model format {version!r}, expected {VERSION}: {remedy}")
     if header.get("sha256") != _checksum(tensors, header):
         raise ModelError(
             f"{name}: damaged or edited, it does not match its checksum: restore or train it again"

@@ -55,18 +55,11 @@ def lattice_figure(setting: Setting, path: Path, formats: Sequence[str] = ("png"
             (pair.sensory, x, inverse, 1e3, "mm", "inverse error [deg]", top[1]),
         )
         for ax, (net, points, error, factor, unit, label, most) in zip(row, parts, strict=True):
-            heat = _node_means(net, points, error)
-            lines = _draw_lattice(ax, net, heat, factor, (0.0, most))
-            names = setting.joints if unit == "deg" else ("x", "y")
-            which = "motor" if unit == "deg" else "sensory"
-            ax.set(
-                title=f"{network.upper()}, {which} map",
-                xlabel=f"{names[0]} [{unit}]",
-                ylabel=f"{names[1]} [{unit}]",
-            )
-            if unit == "mm":
-                ax.set_aspect("equal")
-            _bar(figure, lines, ax, label)
+            which, names = ("sensory", "xy") if unit == "mm" else ("motor", setting.joints)
+            _draw_lattice(ax, net, _node_means(net, points, error), factor, most, label)
+            ax.set(xlabel=f"{names[0]} [{unit}]", ylabel=f"{names[1]} [{unit}]")
+            ax.set_title(f"{network.upper()}, {which} map")
+            ax.set_aspect("equal" if unit == "mm" else "auto")
     figure.suptitle(
         f"{setting.side}x{setting.side} nodes, {setting.samples:,} samples, {SAME_SCHEDULE}, "
         "readout activity",
@@ -83,7 +76,8 @@ def changed_figure(
     axes = np.atleast_2d(figure.subplots(len(episodes), 3, sharex="row", sharey="row"))
     for row, (name, e) in zip(axes, episodes.items(), strict=True):
         span = float(e.before.sensory.scale.span.mean()) * 1e3
-        old, new = (_distortion(model.sensory, e.x) * span for model in (e.before, e.after))
+        sensory = e.before.sensory, e.after.sensory  # in the unit box, then in mm
+        old, new = (n.nearest(n.scale.to_unit(e.x))[0][:, 0] * span for n in sensory)
         most = float(np.quantile(old, 0.98))
         error = np.linalg.norm(e.after.forward(e.q, "activity") - e.x, axis=1) * 1e3
         seen = np.isfinite(error)
@@ -96,9 +90,8 @@ def changed_figure(
         titles = (f"link {name}, before adapting", "after adapting", "error after adapting")
         for ax, (net, values, top, label), title in zip(row, panels, titles, strict=True):
             ax.plot(*(e.x[::20] * 1e3).T, ".", color="#b8c2cb", markersize=1.2, zorder=0)
-            lines = _draw_lattice(ax, net, values, 1e3, (0.0, top))
+            _draw_lattice(ax, net, values, 1e3, top, label)
             ax.set(title=title, xlabel="x [mm]", ylabel="y [mm]", aspect="equal")
-            _bar(figure, lines, ax, label)
     _save(figure, path, formats)
 
 
@@ -146,13 +139,11 @@ def _save(figure: Any, path: Path, formats: Sequence[str] = ("png",)) -> None:
     """Write a figure, as bitmap or as vectors; the same figure gives the same bytes."""
     from matplotlib import rc_context
 
+    dated: dict[str, Any] = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}
     for kind in formats:
-        dated: dict[str, Any] = {"png": {}, "svg": {"Date": None}, "pdf": {"CreationDate": None}}
+        write = partial(figure.savefig, format=kind, dpi=_DPI, metadata=dated.get(kind, {}))
         with rc_context({"svg.hashsalt": path.stem}):
-            atomic_write(
-                path.with_suffix(f".{kind}"),
-                partial(figure.savefig, format=kind, dpi=_DPI, metadata=dated[kind]),
-            )
+            atomic_write(path.with_suffix(f".{kind}"), write)
 
 
 def _node_means(net: Map, points: Array, values: Array) -> Array:
@@ -163,15 +154,8 @@ def _node_means(net: Map, points: Array, values: Array) -> Array:
     return np.where(count > 0, total / np.maximum(count, 1), np.nan)
 
 
-def _distortion(net: Map, points: Array) -> Array:
-    """Distance of each point to its winner, (n,), in the unit box."""
-    return net.nearest(net.scale.to_unit(points))[0][:, 0]
-
-
-def _draw_lattice(
-    ax: Any, net: Map, heat: Array, factor: float, limits: tuple[float, float]
-) -> Any:
-    """Draw the edges of a map, coloured by the mean of their nodes' values."""
+def _draw_lattice(ax: Any, net: Map, heat: Array, factor: float, most: float, label: str) -> None:
+    """Draw the edges of a map, coloured by the mean of their nodes' values, up to `most`."""
     from matplotlib.collections import LineCollection
 
     points = net.weights[:, :2] * factor
@@ -185,14 +169,10 @@ def _draw_lattice(
         ax.add_collection(grey)
     lines = LineCollection(list(segments[known]), cmap=_COLOURS, linewidths=0.7)
     lines.set_array(colour)
-    lines.set_clim(*limits)
+    lines.set_clim(0.0, most)
     ax.add_collection(lines)
     ax.autoscale()
-    return lines
-
-
-def _bar(figure: Any, lines: Any, ax: Any, label: str) -> None:
-    bar = figure.colorbar(lines, ax=ax, shrink=0.7, aspect=18, pad=0.02, extend="max")
+    bar = ax.figure.colorbar(lines, ax=ax, shrink=0.7, aspect=18, pad=0.02, extend="max")
     bar.set_label(label)
     bar.outline.set_visible(False)
 

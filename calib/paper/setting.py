@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
@@ -48,16 +48,7 @@ class Setting:
     lengths: tuple[tuple[str, float], ...] = ()
 
     @staticmethod
-    def of(
-        seed: int = 0,
-        *,
-        quick: bool = False,
-        report: _Report | None = None,
-        robot: str = ROBOT,
-        joints: Iterable[str] | None = None,
-        ranges: Mapping[str, tuple[float, float]] | None = None,
-        lengths: Mapping[str, float] | None = None,
-    ) -> Setting:
+    def of(seed: int = 0, *, quick: bool = False, **other: Any) -> Setting:
         """The paper's setting, or a small one; the seeds start at `seed`.
 
         Raises OptionError if the robot has not two joints that turn in a plane, or a joint is
@@ -66,15 +57,7 @@ class Setting:
         size: dict[str, Any] = {"seeds": tuple(range(seed, seed + 5))}
         if quick:
             size = {"side": 12, "sides": (8, 12), "samples": 1500, "seeds": (seed, seed + 1)}
-        setting = Setting(
-            **size,
-            quick=quick,
-            report=report or (lambda _share, _what: None),
-            robot=robot,
-            named=None if joints is None else tuple(joints),
-            ranges=tuple((ranges or {}).items()),
-            lengths=tuple((lengths or {}).items()),
-        )
+        setting = Setting(**size, quick=quick, **other)
         _ = setting.joints  # an arm that does not fit is told here
         return setting
 
@@ -95,10 +78,8 @@ class Setting:
             )
         for joint, length in self.lengths:
             if joint not in arm.joint_names:
-                raise OptionError(
-                    f"length of {joint!r}: no such joint, choose one of "
-                    f"{', '.join(arm.joint_names)}"
-                )
+                known = ", ".join(arm.joint_names)
+                raise OptionError(f"length of {joint!r}: no such joint, choose one of {known}")
             arm = arm.with_link_length(joint, length)
         return arm
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import csv
 import io
+import itertools
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -36,12 +38,8 @@ class Table:
 
     def csv(self) -> str:
         """Content of a CSV file, numbers in full."""
-        import csv
-
         text = io.StringIO()
-        writer = csv.writer(text, lineterminator="\n")
-        writer.writerow(self.header)
-        writer.writerows([["" if c is None else c for c in row] for row in self.rows])
+        csv.writer(text, lineterminator="\n").writerows([self.header, *self.rows])
         return text.getvalue()
 
 
@@ -119,25 +117,18 @@ def table2(setting: Setting) -> Result:
 def _comparison(
     name: str, title: str, lines: Mapping[str, tuple[Row, Mapping[str, Printed] | None]]
 ) -> Table:
-    """Mean and largest errors, spread over the seeds and share of the range, beside the paper's.
-
-    name, title : of the table
-    lines : our errors and those of the paper, where it has them
-    """
-    header = ["network", "readout", "error"]
-    header += ["mean", "+-", "max", "+-", "mean % of range", "max % of range"]
-    header += ["paper mean", "paper max"]
+    """Mean and largest errors, spread over the seeds and share of the range, beside the paper's."""
+    header = ["network", "readout", "error", "mean", "+-", "max", "+-"]
+    header += ["mean % of range", "max % of range", "paper mean", "paper max"]
     rows: list[Cells] = []
-    for label, (row, paper) in lines.items():
-        for readout in _READOUTS:
-            for column in columns_of(row):
-                cell, unit = row[readout][column], _unit_of(column)
-                factor = _FACTORS[unit]
-                keys = ("mean", "mean_spread", "max", "max_spread")
-                values: Cells = [cell[k] * factor for k in keys]
-                values += [100 * cell["mean_of_range"], 100 * cell["max_of_range"]]
-                values += list(paper[column]) if paper else [None, None]
-                rows.append([label, readout, f"{column} [{unit}]", *values])
+    for (label, (row, paper)), readout in itertools.product(lines.items(), _READOUTS):
+        for column in columns_of(row):
+            cell, unit = row[readout][column], _unit_of(column)
+            keys = ("mean", "mean_spread", "max", "max_spread")
+            values: Cells = [cell[k] * _FACTORS[unit] for k in keys]
+            values += [100 * cell["mean_of_range"], 100 * cell["max_of_range"]]
+            values += list(paper[column]) if paper else [None, None]
+            rows.append([label, readout, f"{column} [{unit}]", *values])
     return Table(name, title, header, rows)
 
 
@@ -166,7 +157,6 @@ def error_cells(columns: _Columns, names: Iterable[str]) -> list[float]:
 
 
 def _unit_of(column: str) -> str:
-    """Unit in which a column is printed."""
     return UNITS.get(column, "deg")
 
 
@@ -190,10 +180,8 @@ def _ratio_table(found: Mapping[str, Mapping[str, Mapping[str, float]]]) -> Tabl
 
 def conditions(setting: Setting) -> str:
     """How large an experiment was, in words."""
-    return (
-        f"{setting.samples:,} samples, {len(setting.seeds)} seeds, "
-        "10,000 exact test points for each"
-    )
+    size = f"{setting.samples:,} samples, {len(setting.seeds)} seeds"
+    return f"{size}, 10,000 exact test points for each"
 
 
 def _conditions(setting: Setting) -> dict[str, Any]:

@@ -55,10 +55,7 @@ class NetworkTrial:
         return joined([self.errors(setting.babble(seed, n), seed) for seed in setting.seeds])
 
     def errors(self, samples: Samples, seed: int) -> dict[str, Any]:
-        """Errors of one seed: every readout of maps and links, in both directions.
-
-        The points are those on which ``calib train`` tests a model of this seed.
-        """
+        """Errors of one seed, on the points on which ``calib train`` tests a model of it."""
         pair = association(samples, self.network, self.schedule, self.side, seed)
         simulation = samples.simulation
         assert simulation is not None  # noqa: S101
@@ -72,14 +69,10 @@ class NetworkTrial:
             found.inverse[readout] = motor.difference(answer, u) * motor.span
             there = simulation.exact(motor.from_unit(answer))
             found.distance[readout] = np.linalg.norm(there - x, axis=1)
-        return {"errors": summarise(found), "ranges": _ranges(samples)}
-
-
-def _ranges(samples: Samples) -> dict[str, float]:
-    """Width of each coordinate: of what the samples cover, and of the joints' limits."""
-    width = np.ptp(samples.x, axis=0)
-    spans = dict(zip(samples.joint_names, samples.upper - samples.lower, strict=True))
-    return {"x": float(width[0]), "y": float(width[1]), **{k: float(v) for k, v in spans.items()}}
+        # widths of what the samples cover, and of the joints' limits
+        widths = *np.ptp(samples.x, axis=0).tolist(), *(samples.upper - samples.lower).tolist()
+        ranges = dict(zip(("x", "y", *samples.joint_names), widths, strict=True))
+        return {"errors": summarise(found), "ranges": ranges}
 
 
 def joined(results: list[dict[str, Any]]) -> Row:
@@ -111,14 +104,9 @@ def association(
     """Both maps and their links alone, as ``calib train`` would learn them."""
     scale = Scale.of_range(samples.lower, samples.upper, samples.revolute)
     options = TrainingOptions(
-        side,
-        map=network,
-        rule=schedule.rule,
-        epochs=schedule.epochs,
-        sigma=schedule.radii(side),
-        seed=seed,
-        links=schedule.links,
-    )
+        side, map=network, rule=schedule.rule, epochs=schedule.epochs, sigma=schedule.radii(side),
+        seed=seed, links=schedule.links,
+    )  # fmt: skip
     with one_blas_thread():
         return associate(scale, scale.to_unit(samples.q), samples.x, options)
 

@@ -21,7 +21,7 @@ from ..body.derivative import Derivative
 from ..body.fit import Fit, maximise
 from ..body.normal import Factor, with_prior
 from ..body.parameters import Indices, Prior
-from ..body.settings import FREE, SCALES, SHIFT, STUDENT
+from ..body.settings import FREE, SCALES, SHIFT, STUDENT, UNTOLD
 from ..body.spatial import SpatialStructure, structure_of
 from ..body.spatial_start import frame
 from ..common.arrays import Array
@@ -193,7 +193,11 @@ def fit_in_space(
     still = [*(() if probe or move_tip else tool), *(() if move_base else first)]
     fit = _fitted(structure, q, x, nominal, _held(prior, np.array(still, dtype=np.intp)))
     reach, metre = _reach(x), 1.0 if structure.camera else structure.metre
-    return _geometry(arm, fit, nominal, free, move_tip, reach / metre, metre)
+    found = _geometry(arm, fit, nominal, free, move_tip, reach / metre, metre)
+    last = groups["offset"][-1]
+    if probe and arm.revolute[-1] and found.sd[last] >= UNTOLD * fit.scales["offset"]:
+        found.sd[last] = np.pi / 1.96  # nothing tells it apart from the probe's place
+    return found
 
 
 def fit_in_plane(

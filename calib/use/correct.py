@@ -33,64 +33,43 @@ _TRIED, _SAME = 5, 1e-6  # rows by which the compiled kernel is compared, and ho
 _FITTED = ("view.", "tool", "lens")  # parameters of the sensor and of what is put on the tip
 _TURNED = 1e-4  # a turn of the frame that is worth a word [rad]
 
-_FREE_FRAME = (
-    "the sensor's frame is fitted to the log, so the first joint's offset is taken as zero; if "
-    "the log is in the robot's root frame, give `view='base'`"
-)
-
-_CAUSE_OF_NOTHING = (
-    "`cause='joints'` applies to what an adaptation found; this frame was fitted to the model's "
-    "own log, so the first joint's offset stays zero"
-)
-
-_FRAME_BEFORE = (
-    "the sensor's frame is taken as it was before the adaptation, where the first joint's offset "
-    "was taken as zero"
-)
-
-_FRAME_IN_SPACE = (
-    "of an arm in space `cause='joints'` is said to the adaptation itself: adapt with it, then the "
-    "first joint's offset is corrected without it"
-)
-
-_TURNED_FRAME = (
-    "an adaptation found that the sensor's frame turned, which is not corrected; an offset of the "
-    "first joint looks the same: if the sensor stayed, give `cause='joints'`"
-)
-
-
-_POSITIONS = (
-    "positions alone are corrected; the tool's orientation follows from the smallest change of "
-    "the joints"
-)
+_FREE = "the sensor's frame is fitted to the log, so the first joint's offset is taken as zero; if "
+_NOTES = {
+    "free": _FREE + "the log is in the robot's root frame, give `view='base'`",
+    "nothing moved": (
+        "`cause='joints'` applies to what an adaptation found; this frame was fitted to the "
+        "model's own log, so the first joint's offset stays zero"
+    ),
+    "before": (
+        "the sensor's frame is taken as it was before the adaptation, where the first joint's "
+        "offset was taken as zero"
+    ),
+    "in space": (
+        "of an arm in space `cause='joints'` is said to the adaptation itself: adapt with it, then "
+        "the first joint's offset is corrected without it"
+    ),
+    "turned": (
+        "an adaptation found that the sensor's frame turned, which is not corrected; an offset of "
+        "the first joint looks the same: if the sensor stayed, give `cause='joints'`"
+    ),
+    "positions": (
+        "positions alone are corrected; the tool's orientation follows from the smallest change of "
+        "the joints"
+    ),
+}
 
 
 @dataclass(frozen=True, eq=False)
 class Corrected:
-    """Corrected joint values, one row each; what is not asked for is not found.
+    """Corrected joint values, one row each; what is not asked for is not found."""
 
-    Attributes
-    ----------
-    given : (n, dof) array [rad or m]
-        Joint values that are right for the nominal arm.
-    nearest : (n, dof) array [rad or m]
-        What to command; where the real arm cannot get there the joints that come nearest.
-    reachable : (n,) bool array
-        Whether the real arm gets there.
-    limit : (dof,) array [rad or m]
-        Largest change of each joint that is trusted.
-    notes : tuple of str
-        What was assumed.
-    single : bool
-        Whether one vector was given rather than rows.
-    """
-
-    given: Array
+    given: Array  # (n, dof) [rad or m], joint values that are right for the nominal arm
+    # (n, dof) [rad or m], what to command; where the real arm cannot get there what comes nearest
     nearest: Array
-    reachable: NDArray[np.bool_]
-    limit: Array
-    notes: tuple[str, ...]
-    single: bool
+    reachable: NDArray[np.bool_]  # (n,), whether the real arm gets there
+    limit: Array  # (dof,) [rad or m], largest change of each joint that is trusted
+    notes: tuple[str, ...]  # what was assumed
+    single: bool  # whether one vector was given rather than rows
     _model: Model = field(repr=False)
     _wanted: Wanted = field(repr=False)
 
@@ -169,7 +148,10 @@ def correct(
 
     A controller that trusts its URDF commands `q` to bring the tip to a place.  The real
     arm gets there with other joint values: those for which the learned map says that
-    place, nearest to `q` and on the same turn.
+    place, nearest to `q` and on the same turn.  Places are compared in the sensor's frame: that
+    of a simulation is the root link's plane, and moves with what an adaptation found; that of a log
+    is fitted together with joint offsets and link placements, so that only what is the arm's own
+    is compensated.
 
     Parameters
     ----------
@@ -185,13 +167,6 @@ def correct(
     cause : {"sensor", "joints"}
         A sensor that turned about the first joint and an offset of that joint look the same.
         "joints" says that the sensor stayed, so that the offset is compensated.
-
-    Notes
-    -----
-    Places are compared in the sensor's frame.  That of a simulation is the root link's plane;
-    where an adaptation found that it moved, the nominal place moves with it.  That of a log is
-    fitted together with joint offsets and link placements, so that only what is the arm's own
-    is compensated.
     """
     if model.kernel is not None and limit is None and view == "auto" and cause == "sensor":
         quick = _quick(model, model.kernel, q)
@@ -215,11 +190,10 @@ def correct(
 def _notes(model: Model, nominal: Wanted, cause: str) -> tuple[str, ...]:
     """What a correction assumes."""
     notes = free_frame(model, cause) if nominal.free else ()
-    if moves_in_space(model) and not nominal.posed:
-        notes = (*notes, _POSITIONS)
-    if any(abs(frame.angle) > _TURNED for frame in frames(model, cause)):
-        notes = (*notes, _TURNED_FRAME)
-    return notes
+    positions = moves_in_space(model) and not nominal.posed
+    turned = any(abs(frame.angle) > _TURNED for frame in frames(model, cause))
+    told = {"positions": positions, "turned": turned}
+    return (*notes, *(_NOTES[name] for name, there in told.items() if there))
 
 
 def _quick(model: Model, kernel: Compiled, q: ArrayLike) -> Corrected | None:
@@ -260,11 +234,9 @@ def _same_for_all(model: Model, kernel: Compiled) -> dict[str, Any]:
 
 def free_frame(model: Model, cause: str) -> tuple[str, ...]:
     """Return what is assumed where the sensor's frame is fitted to the model's own log."""
-    if cause == "sensor":
-        return (_FREE_FRAME,)
-    if not model.history:
-        return (_FREE_FRAME, _CAUSE_OF_NOTHING)
-    return (_FRAME_IN_SPACE,) if moves_in_space(model) else (_FRAME_BEFORE,)
+    if cause == "sensor" or not model.history:
+        return (_NOTES["free"], *([_NOTES["nothing moved"]] if cause != "sensor" else []))
+    return (_NOTES["in space" if moves_in_space(model) else "before"],)
 
 
 def usual_limit(model: Model, view: str = "auto", cause: str = "sensor") -> Array:

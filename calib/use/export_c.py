@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
-
-import numpy as np
+from dataclasses import dataclass, replace
 
 from ..common.parallel import one_blas_thread
 from ..common.wording import one_line
 from ..errors import OptionError
-from ..maps.local_models import predict
-from ..model.fast import kernel_of
+from ..model.header import Header
 from ..model.model import Model
 from ..model_file.storage import to_bytes
 from .correct import usual_limit
@@ -25,7 +22,6 @@ class CHeader:
 
     text: str
     tables: int  # bytes of its constant tables
-    notes: tuple[str, ...]  # what the user should be told
 
 
 def c_header(model: Model, *, prefix: str = "calib_", single: bool = False) -> CHeader:
@@ -35,22 +31,17 @@ def c_header(model: Model, *, prefix: str = "calib_", single: bool = False) -> C
     prefix : starts every name
     single : ``float`` instead of ``double``, for microcontrollers
     Raises OptionError if the model has no body, or the prefix is no C name.
-
-    Notes
-    -----
-    The header holds the body and, where there are some, the local models of what it leaves over.
-    Where a trend stands between them both stay behind, and a note says by how much they differ.
     """
     if not _NAME.fullmatch(prefix):
         raise OptionError(f"prefix {prefix!r}: expected a C name such as 'calib_'")
     with one_blas_thread():  # the same bytes on any number of cores
-        kernel = kernel_of(model)
-        if kernel.nominal is not None:
-            kernel = kernel_of(model, usual_limit(model))
+        header = Header.of(model)
+        if header.nominal is not None:
+            header = replace(header, limit=usual_limit(model))
     about = model.about
     joints = zip(about.joint_names, about.lower, about.upper, strict=True)
     lines = [f" *   {_comment(name)}: {low:.6g} to {high:.6g}" for name, low, high in joints]
-    text, tables = kernel.text(
+    text, tables = header.text(
         prefix,
         single,
         {
@@ -61,19 +52,7 @@ def c_header(model: Model, *, prefix: str = "calib_", single: bool = False) -> C
             "bound_of": _comment(about.bound_of),
         },
     )
-    u = np.clip(model.motor.units, 0.0, 1.0)
-    with one_blas_thread():
-        held = model.predicted(u, "body")
-        if kernel.local:
-            held = held + predict(kernel.models, model.motor, u)[0]
-        apart = np.linalg.norm(model.predictor.value(u) - held, axis=1)
-    notes = []
-    if apart.max() > 1e-9 * model.solver.extent:
-        notes.append(
-            "the header holds the body without its local models, which move positions by "
-            f"{apart.mean():.3g} {about.unit} on average, {apart.max():.3g} at most"
-        )
-    return CHeader(text, _bytes(tables), tuple(notes))
+    return CHeader(text, _bytes(tables))
 
 
 def _bytes(tables: str) -> int:

@@ -83,7 +83,6 @@ def export(
             say(["the ends of the motors' ranges move with their zeros: drive to them with care"])
     if output is not None and lerobot is None:
         header = c_header(loaded, prefix=prefix, single=single)
-        say(header.notes)
         # names of joints may hold any letter, a C99 compiler need not take them in comments
         contents["output"] = header.text.encode("ascii", "replace")
         size = len(contents["output"])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args
 
@@ -73,21 +73,16 @@ def reproduce(
         arm = robot or ROBOT
         typed = in_si("--range", ranges, kinds_of_joints(arm), degrees) if ranges else None
         setting = Setting.of(
-            seed,
-            quick=quick,
-            report=report,
-            robot=arm,
-            joints=joints,
-            ranges=typed,
-            lengths=dict(lengths or ()),
-        )
+            seed, quick=quick, report=report, robot=arm, named=joints,
+            ranges=tuple((typed or {}).items()), lengths=tuple(dict(lengths or ()).items()),
+        )  # fmt: skip
         drawn = tuple(dict.fromkeys(formats or ("png",)))
         # the figures bring the adaptation along
         every = [name for name in get_args(Subject) if name not in ("adaptation", "all")]
         for name in every if what == "all" else [what]:
-            for key, result in _run(name, setting, folder, drawn):
-                document[key] = result.data
-                tables += _written(result, folder)
+            key, result = _run(name, setting, folder, drawn)
+            document[key] = result.data
+            tables += _written(result, folder)
     document["units"] = {"joints": "rad", "positions": "m", "seconds": "s"}
     document["seconds"] = time.perf_counter() - started
     document["files"] = sorted(str(path) for path in folder.iterdir())
@@ -95,22 +90,19 @@ def reproduce(
     return Outcome(document, [*tables, line], result=[line])
 
 
-def _run(
-    name: str, setting: Setting, folder: Path, formats: Sequence[str]
-) -> Iterator[tuple[str, Result]]:
-    """Redo one subject: draw its figures, and yield its results by name."""
+def _run(name: str, setting: Setting, folder: Path, formats: Sequence[str]) -> tuple[str, Result]:
+    """Redo one subject: draw its figures, and return its result and the name of that."""
     from calib.paper import figures, tables
     from calib.paper.adaptation import adaptation
 
+    if name.startswith("table"):
+        return name, {"table1": tables.table1, "table2": tables.table2}[name](setting)
     if name == "figures":
         figures.lattice_figure(setting, folder / "lattices.png", formats)
-    if name in ("figures", "adaptation"):
-        result, episodes = adaptation(setting)
-        figures.changed_figure(episodes, folder / "changed.png", formats)
-        figures.curves_figure(episodes, folder / "adaptation.png", formats)
-        yield "adaptation", result
-    if name.startswith("table"):
-        yield name, {"table1": tables.table1, "table2": tables.table2}[name](setting)
+    result, episodes = adaptation(setting)
+    figures.changed_figure(episodes, folder / "changed.png", formats)
+    figures.curves_figure(episodes, folder / "adaptation.png", formats)
+    return "adaptation", result
 
 
 _LONG = ("schedules", "adaptation_curves")  # for the CSV files only

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -133,23 +134,17 @@ def _check_same_origin(path: str, log: Samples) -> None:
 
     if not Path(path).exists():
         return
-    try:
+    with suppress(calib.CalibError):  # what cannot be read is no model of this robot either
         old = calib.load(path)
-    except calib.CalibError:
-        what = "a file that is no model which this program reads"
-    else:
-        urdf = log.arm.urdf if log.arm else ""
-        simulated = log.simulation is not None
+        urdf, source = log.arm.urdf if log.arm else "", old.about.source
         # the URDF's text and the joints tell robots apart, the first kept row tells logs apart
         same = (old.about.urdf, old.about.joint_names) == (urdf, log.joint_names)
-        if not simulated and old.rows is not None and len(old.rows):
-            pairs = ((old.rows.q, log.q), (old.rows.x, log.x))
-            same &= all(bool(np.array_equal(a[0], b[0])) for a, b in pairs)
-        if same and simulated == (old.about.source == "simulation"):
+        if source == "log" and old.rows is not None and len(old.rows):
+            same &= np.array_equal([*old.rows.q[0], *old.rows.x[0]], [*log.q[0], *log.x[0]])
+        if same and (log.simulation is not None) == (source == "simulation"):
             return
-        what = "a model of another robot or log"
     raise calib.OptionError(
-        f"{path} is {what}",
+        f"{path} is a model of another robot or log, or none that this program reads",
         hint="name another file with -o, or replace it with `force=True`",
         parameter="force",
     )
@@ -157,6 +152,5 @@ def _check_same_origin(path: str, log: Samples) -> None:
 
 def _file_name(source: str) -> str:
     """Return the default name of a model, without what would lead elsewhere or hide the file."""
-    stem = "log" if source == "-" else Path(source).stem
-    safe = re.sub(r"[^\w.+-]+", "_", stem).lstrip(".")
-    return f"{safe or 'robot'}.calib"
+    safe = re.sub(r"[^\w.+-]+", "_", Path(source).stem).lstrip(".")
+    return "log.calib" if source == "-" else f"{safe or 'robot'}.calib"

@@ -94,6 +94,23 @@ def test_orientations_in_the_base_frame_find_the_last_joints_offset():
     assert last.value == pytest.approx(off[-1], abs=np.radians(0.2))
 
 
+def test_a_turned_tool_leaves_the_last_joints_offset_untold():
+    """It was said to be 0 within .2 deg where .757 deg was true."""
+    arm, rng = calib.load_arm("six_axis"), np.random.default_rng(1)
+    q = rng.uniform(arm.lower, arm.upper, (120, 6))
+    off = np.radians([0.3, -0.2, 0.4, -0.3, 0.2, 0.757])
+    position, quaternion = arm.pose(q + off)
+    turned = matrix_of(quaternion) @ exponential([0.0, np.radians(12.0), 0.0])
+    seen = quaternion_of(turned @ exponential(rng.normal(0, 2e-4, (120, 3))))
+    log = log_of(arm, q, position + 1e-4 * rng.normal(size=(120, 3)), orientation=seen)
+    body = calib.train(log, size=3, view="base").body
+    found = {p.name: p for p in body.parameters()}
+    *others, last = (found[f"{name}.offset"] for name in arm.joint_names)
+    assert last.low < off[-1] < last.high
+    assert max(each.high - each.low for each in others[1:]) < np.radians(1.5)
+    assert any("not told apart from the tool's turn" in line for line in body.describe())
+
+
 def test_thirty_rows_are_covered_by_a_bound_of_a_few_times_their_error():
     """It was 7 times the error: the guard against joint curves was ten times those of a UR10."""
     arm, ratios = calib.load_arm("two_link"), []

@@ -16,7 +16,7 @@ from models import in_pixels, in_plane, in_space, measured, six, trained, turnin
 
 import calib
 from calib.errors import QueryError
-from calib.model.fast import kernel_of
+from calib.model.header import Header
 
 needs_compiler = pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler here")
 
@@ -158,7 +158,7 @@ def test_no_text_of_a_model_gets_into_the_source():
         joint_names=(evil, "b"),
         source=model.about.source,
     )
-    text = kernel_of(replace(model, about=about)).text()[0]
+    text = Header.of(replace(model, about=about)).text()[0]
     assert "hacked" not in text
     assert "stdlib" not in text
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from models import measured, trained
+from models import draw, measured, six, trained
 
 from calib.common.scale import TURN, Scale
 from calib.maps.lattice import Lattice
@@ -66,3 +66,12 @@ def test_info_says_in_which_session_the_bounds_of_a_log_hold(tmp_path, run):
     for model, told in ((measured(), True), (trained("two_link", 600, 6), False)):
         model.save(tmp_path / "m.calib")
         assert ("in the session of the log" in run("info", tmp_path / "m.calib").out) is told
+
+
+def test_a_bound_in_space_is_the_same_alone_and_among_many():
+    """A BLAS splits large products over threads, which round otherwise where sums cancel."""
+    model = six()
+    q = draw(model, 3000)
+    together = model.expected_error(q)
+    alone = np.array([model.expected_error(row) for row in q[::60]])
+    np.testing.assert_allclose(together[::60], alone, rtol=2e-9)

@@ -100,7 +100,10 @@ def test_a_quick_run_writes_tables_and_one_json_document(run, tmp_path):
 
 def test_another_arm_has_its_own_lengths_and_ranges_and_no_printed_figures():
     setting = Setting.of(
-        quick=True, robot="two_link_full", ranges={"elbow": (0.2, 1.7)}, lengths={"elbow": 0.4}
+        quick=True,
+        robot="two_link_full",
+        ranges=(("elbow", (0.2, 1.7)),),
+        lengths=(("elbow", 0.4),),
     )
     assert tuple(setting.arm.link_lengths.values())[1] == pytest.approx(0.4)
     samples = setting.babble(0, 300)
@@ -110,7 +113,7 @@ def test_another_arm_has_its_own_lengths_and_ranges_and_no_printed_figures():
     with pytest.raises(OptionError, match="need two that turn in a plane"):
         Setting.of(robot="three_link")
     with pytest.raises(OptionError, match="no such joint, choose one of shoulder, elbow"):
-        Setting.of(lengths={"wrist": 0.1})
+        Setting.of(lengths=(("wrist", 0.1),))
 
 
 def test_figures_and_curves_of_the_adaptation_are_drawn(run, tmp_path):

@@ -117,6 +117,21 @@ def test_positions_of_a_sensor_stand_beside_touches(tmp_path, run):
     assert calib.evaluate(model, log).touch["scatter"]["mean"] < 0.5e-3
 
 
+def test_points_of_a_plane_are_stated_on_the_command_line(tmp_path, run):
+    world, path = World(3, each=12, flat=True), tmp_path / "flat.csv"
+    rows = zip(world.q, world.number, strict=True)
+    lines = [",".join([*map(repr, row.tolist()), "ABCD"[number]]) for row, number in rows]
+    path.write_text("\n".join([",".join([*world.arm.joint_names, "point"]), *lines]))
+    told = ("train", "six_axis", "--data", path, "-o", tmp_path / "m.calib", "--size", "3")
+    done = run(*told, "--plane", "A,B,C,D", "--distance", "A,B=1m+-1m")
+    assert done.code == 0, done.err
+    tips = calib.load(tmp_path / "m.calib").forward(world.q)
+    means = np.array([tips[world.number == k].mean(axis=0) for k in range(4)])
+    out_of_plane = np.linalg.svd(means - means.mean(axis=0))[1][2]
+    assert out_of_plane < 1e-4
+    assert "four points" in run(*told, "--plane", "A,B,C").err
+
+
 def test_what_touches_cannot_be_used_for_is_said(log, tmp_path, run):
     _, path, _ = log
     assert run("train", "two_link", "--data", path, "-o", tmp_path / "m.calib").code == 1

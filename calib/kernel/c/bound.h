@@ -115,7 +115,7 @@ static inline void calib_spread(calib_real *y, int count, int width, const int *
 }
 
 static inline calib_real calib_posterior(const calib_real q[CALIB_DOF], const calib_real more[3]) {
-  calib_real geometry[CALIB_GEOMETRY][3], own[CALIB_DOF][3], wave[CALIB_DOF][4 * @waves@];
+  calib_real geometry[CALIB_GEOMETRY][3], own[CALIB_DOF][3], wave[CALIB_DOF][4 * CALIB_HARMONICS];
   calib_real y[3 * CALIB_ROOT], z[3 * CALIB_WAYS], sum[CALIB_WAYS], S[6], bound = 0, apart;
   int b, i, k, n, r;
   calib_derivatives(q, geometry, own);
@@ -123,7 +123,7 @@ static inline calib_real calib_posterior(const calib_real q[CALIB_DOF], const ca
     const calib_real c = cos(q[i]), s = sin(q[i]);
     wave[i][0] = c;
     wave[i][1] = s;
-    for (n = 1; n < 2 * @waves@; ++n) {
+    for (n = 1; n < 2 * CALIB_HARMONICS; ++n) {
       wave[i][2 * n] = wave[i][2 * n - 2] * c - wave[i][2 * n - 1] * s;
       wave[i][2 * n + 1] = wave[i][2 * n - 2] * s + wave[i][2 * n - 1] * c;
     }
@@ -143,13 +143,13 @@ static inline calib_real calib_posterior(const calib_real q[CALIB_DOF], const ca
     for (i = 0; i < CALIB_DOF; ++i) {
       const float *term = calib_own[b * CALIB_DOF + i];
       calib_real size = term[0];
-      for (n = 0; n < 4 * @waves@; ++n) size += term[1 + n] * wave[i][n];
+      for (n = 0; n < 4 * CALIB_HARMONICS; ++n) size += term[1 + n] * wave[i][n];
       for (r = 0; r < 3; ++r)
         for (k = r; k < 3; ++k) S[r * (5 - r) / 2 + k] += size * own[i][r] * own[i][k];
       for (r = 0; r < CALIB_WAYS; ++r) sum[r] = 0;
-      for (n = 0; n < 2 * @waves@; ++n)
+      for (n = 0; n < 2 * CALIB_HARMONICS; ++n)
         for (r = 0; r < CALIB_WAYS; ++r)
-          sum[r] += wave[i][n] * calib_waved[b][2 * @waves@ * i + n][r];
+          sum[r] += wave[i][n] * calib_waved[b][2 * CALIB_HARMONICS * i + n][r];
       for (k = 0; k < CALIB_OUT; ++k)
         for (r = 0; r < CALIB_WAYS; ++r) z[k * CALIB_WAYS + r] += sum[r] * own[i][k];
     }

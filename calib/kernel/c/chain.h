@@ -167,7 +167,7 @@ static inline void calib_pinhole(const calib_real at[3], calib_real x[2], calib_
                                  calib_real u[2]) {
   const calib_real depth = at[2] > @nearest@ ? at[2] : @nearest@, f = calib_lens[0];
   const calib_real a = at[0] / depth, b = at[1] / depth, r2 = a * a + b * b;
-  const calib_real k1 = calib_lens[3], @law@, bent = 1 + rise * ratio, twice = 2 * rise;
+  const calib_real k1 = calib_lens[3], bent = 1 + k1 * r2, twice = 2 * k1;
   int i;
   u[0] = a;
   u[1] = b;

@@ -1,64 +1,79 @@
-"""The header: a model as C99 source, from numbers alone."""
+"""The header: a model as C99 source, from numbers alone, for single queries and `calib export`."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from ..body.covariance import NORMAL_95
 from ..body.curves import HARMONICS
 from ..common.arrays import Array
-from ..maps.local_models import FULL, SILENT, LocalModels, blend_size, exponents, reach_of
-from ..maps.map import Map
-from .arm import KernelArm
-from .posterior import CompactPosterior
-from .source import array, braces, c_number, c_source, integers, source
+from ..common.rows import thinned
+from ..errors import OptionError
+from ..kernel.arm import KernelArm
+from ..kernel.source import array, braces, c_number, c_source, integers, source
+from ..maps.local_models import FULL, SILENT, blend_size, exponents, reach_of
+from .nominal import nominal_for_kernel
+from .parts import Parts
+from .trust import ROUNDED
 
 _FILES = ("chain", "nodes", "bound", "local", "answers", "inverse")
-# in double and in single precision: damping, and what counts as met and as close, of the extent
-_CALM, _ENOUGH, _CLOSE = (1e-12, 1e-7), (2e-15, 1e-6), (1e-9, 1e-4)
-_LONGEST = 0.25  # of the joints' range: no step is longer
-_PULLED = 1e-4  # of the joints' range: redundant joints that slide by less are there
-_FOLDED = 0.1  # share of the Jacobian's power below which a fold may be near
-_BEYOND = 0.3  # of the joints' range: the other side of a fold is not looked for further away
-_BESIDE = 0.005  # of the joints' range: an answer so near is on the same branch
-_SURELY = 0.3  # the same, of redundant joints and of poses
-_TRIES = 24  # starts; out of reach all of them are tried, else a third
-_MARGIN = 0.1  # of the joints' range: by so much a start may be further away than its answer
+_NO_LIMIT = 3e38  # of corrections
+_PLACES, _POSTURES = 256, 128  # rows of the table of starts: places, of redundant joints postures
+
+_SEARCH = {
+    "longest": 0.25,  # of the joints' range: no step is longer
+    "pulled": 1e-4,  # of the joints' range: redundant joints that slide by less are there
+    "folded": 0.1,  # share of the Jacobian's power below which a fold may be near
+    "beyond": 0.3,  # of the joints' range: the other side of a fold is not looked for further away
+    "beside": 0.005,  # of the joints' range: an answer so near is on the same branch
+    "surely": 0.3,  # the same, of redundant joints and of poses
+    "margin": 0.1,  # of the joints' range: by so much a start may be further away than its answer
+    "tries": 24,  # starts; out of reach all of them are tried, else a third
+}
+_PRECISION = (
+    # in double and in single precision: damping, and what counts as met and as close, of the extent
+    {"calm": 1e-12, "enough": 2e-15, "close": 1e-9, "real": "double"},
+    {"calm": 1e-7, "enough": 1e-6, "close": 1e-4, "real": "float"},
+)
 
 
 @dataclass(frozen=True, eq=False)
-class Kernel:
+class Header:
     """What of a model its C source is made of."""
 
+    model: Parts
     arm: KernelArm
-    motor: Map
-    models: LocalModels
-    extent: float  # diagonal of the workspace [unit]
-    reach: float  # length of the chain
-    scale: float  # units of the sensor in one of the chain's
-    most: float  # largest bound with which a position is still an answer
-    bounds: Array  # (nodes,)
-    model_bounds: Array  # (nodes,)
-    slack: float  # of a joint's range: what counts as within
-    # joints (s, dof) and positions (s, m) from where the inverse is sought
-    starts: tuple[Array, Array]
-    posterior: CompactPosterior | None = None
-    nominal: KernelArm | None = None
-    correcting: int = 0  # kind of the task that `calib_correct` solves, see inverse.h
-    limit: Array = field(default_factory=lambda: np.zeros(0))  # (dof,), largest correction
+    nominal: KernelArm | None
+    correcting: int  # kind of the task that `calib_correct` solves, see inverse.h
+    limit: Array  # (dof,) [rad or m], largest correction that is trusted
+
+    @staticmethod
+    def of(model: Parts, limit: Array | None = None) -> Header:
+        """What the C source of a model is made of.
+
+        Raises OptionError if the model has no body, or one that has no C form.
+        """
+        if model.body is None:
+            raise OptionError(
+                "the model has no body, which a C header needs: train it with body='auto'"
+            )
+        arm = KernelArm.of(model.body.structure, model.body.beta)
+        limit = np.full(len(model.about.lower), _NO_LIMIT) if limit is None else limit
+        return Header(model, arm, *nominal_for_kernel(model, arm), limit)
 
     @property
     def trusted(self) -> bool:
         """Whether there is an answer wherever joints are within their range."""
-        return bool((self.model_bounds <= self.most).all())
+        return bool((self.model.model_bounds <= self.model.trust.most).all())
 
     @property
     def local(self) -> bool:
         """Whether local models stand on the body."""
-        return self.models.degree >= 0
+        return self.model.predictor.models.degree >= 0
 
     def text(
         self,
@@ -76,29 +91,30 @@ class Kernel:
         return c_source(whole, filled, prefix, single), tables
 
     def _words(self, single: bool) -> dict[str, object]:
-        arm, dof, posterior = self.arm, self.motor.units.shape[1], self.posterior
-        bounded = c_number(self.most, single)
-        blended = f" || !(calib_blended(calib_position_bound, q) <= {bounded})"
-        models, local = self.models, self.local
+        model, arm, posterior = self.model, self.arm, self.model.posterior
+        dof, models, local = len(self.limit), model.predictor.models, self.local
+        most = c_number(model.trust.most, single)
+        blended = f" || !(calib_blended(calib_position_bound, q) <= {most})"
         told = ("calib_posterior(inside, calib_more)", "calib_posterior(inside, calib_less)")
         nodes = tuple(
             f"calib_blended({name}, inside)" for name in ("calib_bound", "calib_true_bound")
         )
         bound, model_bound = told if posterior is not None else nodes
+        lengths = np.linalg.norm(np.vstack([arm.links.strides[1:], arm.links.tip]), axis=1)
         return {
+            **_SEARCH,
+            **_PRECISION[single],
             "posterior": posterior is not None,
             "bound": bound,
             "model_bound": model_bound,
             "nodes_asked": local or posterior is None or not self.trusted,
-            "real": "float" if single else "double",
             "dof": dof,
             "out": arm.outputs,
             "chain": len(arm.bends),
-            "nodes": self.motor.size,
-            "near": min(blend_size(dof), self.motor.size - 1),
-            "starts": len(self.starts[0]),
+            "nodes": model.motor.size,
+            "near": min(blend_size(dof), model.motor.size - 1),
+            "starts": len(self._starts[0]),
             "harmonics": HARMONICS,
-            "waves": HARMONICS,
             "normal": NORMAL_95,
             "curved": len(arm.curves) > 0,
             "waved": posterior is not None and bool(posterior.waved.any()),
@@ -106,34 +122,40 @@ class Kernel:
             "flexible": arm.flex is not None,
             "projective": arm.projective,
             "placed": arm.outputs == 3,
-            "law": "rise = k1, ratio = r2",
             "nearest": arm.nearest,
             "trusted": "" if self.trusted else blended,
             "local": local,
             "silent": SILENT,
             "full": float(FULL),
             "terms": models.coefficients.shape[1] if local else 1,
-            "slack": -float(self.slack),
-            "extent": float(self.extent),
-            "lever": float(self.reach),
-            "scale": float(self.scale),
-            "calm": _CALM[single],
-            "enough": _ENOUGH[single],
-            "close": _CLOSE[single],
-            "longest": _LONGEST,
-            "pulled": _PULLED,
-            "folded": _FOLDED,
-            "beyond": _BEYOND,
-            "beside": _BESIDE,
-            "surely": _SURELY,
-            "margin": _MARGIN,
-            "tries": _TRIES,
+            "slack": -float(ROUNDED),
+            "extent": float(model.solver.extent),
+            "lever": max(float(lengths.sum()), 1e-9),
+            "scale": float(np.cbrt(abs(np.linalg.det(arm.view)))) if arm.outputs == 3 else 1.0,
             "corrected": self.nominal is not None,
             "correcting": self.correcting,
         }
 
+    @cached_property
+    def _starts(self) -> tuple[Array, Array]:
+        """Joints (s, dof) and the positions (s, m) there, from where the inverse is sought.
+
+        The solutions that the links lead to, of places all over the workspace; of redundant joints,
+        which have too many, postures all over their ranges.
+        """
+        model, solver = self.model, self.model.solver
+        if solver.redundant:
+            nodes = np.flatnonzero(model.visited)
+            u = np.clip(model.motor.units[nodes[thinned(len(nodes), _POSTURES)]], 0.0, 1.0)
+        else:
+            places = model.sensory.weights
+            start, _, _ = solver.starts.of(places[thinned(len(places), _PLACES)])
+            u = start.reshape(-1, start.shape[2])
+            u = u[np.isfinite(u[:, 0])]
+        return model.motor.scale.from_unit(u), model.predictor.value(u)
+
     def _tables(self, single: bool) -> str:
-        arm, scale = self.arm, self.motor.scale
+        arm, scale = self.arm, self.model.motor.scale
         parts = [
             array("calib_lower", scale.lower, single),
             array("calib_span", scale.span, single),
@@ -144,8 +166,8 @@ class Kernel:
             array("calib_view", arm.view.ravel(), single),
             array("calib_shift", arm.shift, single),
             array("calib_aim", arm.aim.ravel(), single),
-            array("calib_start_q", self.starts[0], single),
-            array("calib_start_x", self.starts[1], single),
+            array("calib_start_q", self._starts[0], single),
+            array("calib_start_x", self._starts[1], single),
             _arm("calib_body", arm, single, own=True),
         ]
         if arm.projective:
@@ -174,15 +196,15 @@ class Kernel:
 
     def _nodes(self, single: bool) -> str:
         """Nodes of the motor map, their bounds and their local models."""
-        motor, models = self.motor, self.models
+        model, motor, models = self.model, self.model.motor, self.model.predictor.models
         out = ""
-        if self.local or self.posterior is None or not self.trusted:
+        if self.local or model.posterior is None or not self.trusted:
             out += array("calib_node", motor.units, single)
-        if self.posterior is None:
-            out += array("calib_bound", self.bounds, single)
-            out += array("calib_true_bound", self.model_bounds, single)
+        if model.posterior is None:
+            out += array("calib_bound", model.bounds, single)
+            out += array("calib_true_bound", model.model_bounds, single)
         if not self.trusted:
-            out += array("calib_position_bound", self.model_bounds, single)
+            out += array("calib_position_bound", model.model_bounds, single)
         if not self.local:
             return out
         terms = exponents(motor.units.shape[1], models.degree)
@@ -205,7 +227,7 @@ class Kernel:
 
     def _posterior(self, single: bool) -> str:
         """The beliefs, most of them in single precision."""
-        kept = self.posterior
+        kept = self.model.posterior
         if kept is None:
             return ""
         beliefs, size, rank = kept.root.shape
@@ -220,7 +242,8 @@ class Kernel:
             curves = array("calib_own", own, True, kind="float")
             curves += array("calib_waved", waved, True, kind="float")
         more = np.zeros((2, 3))
-        more[:, : len(kept.residual)] = kept.residual + kept.noise, kept.residual
+        noise = kept.noise if self.model.about.bound_of == "sensor reading" else 0.0
+        more[:, : len(kept.residual)] = kept.residual + noise, kept.residual
         return (
             f"enum {{ {sizes}, CALIB_BELIEFS = {beliefs} }};\n"
             + array("calib_root", kept.root, True, kind="float")
