@@ -16,8 +16,7 @@ from ablation_cases import Case, measured, simulated
 
 from calib.common.parallel import one_blas_thread
 from calib.common.scale import Scale
-from calib.training.learn import associate
-from calib.training.map_choice import resolved
+from calib.training.learn import associate, resolved
 from calib.training.options import TrainingOptions
 
 JOINTS = ("shoulder_lift_joint", "elbow_joint")

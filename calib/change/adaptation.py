@@ -1,31 +1,34 @@
-"""An adaptation: what came of a model and a log, and how the paper's rule makes one.
-
-`calib.change.adapt` makes one by a Bayesian update; the paper's rule (eq. 10 to 12) re-forms maps
-and links sample by sample.
-"""
+"""An adaptation: what came of a model and a log, and the new model with its facts."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
+from ..body.belief import Body
 from ..common.arrays import Array
 from ..common.rows import thinned
-from ..maps.model_selection import better, blocks
-from ..maps.node_bounds import learn_bounds
+from ..common.scale import Scale
+from ..maps import local_models
+from ..maps.association import Association
+from ..maps.linear_models import from_shifts, to_shifts
+from ..maps.local_models import NO_MODELS, exponents
+from ..maps.map import Map
+from ..maps.predictor import BodyInBox, Predictor
 from ..model.alignment import Alignment
 from ..model.baseline import learn_baseline
 from ..model.measured import Rows
 from ..model.model import Model
 from ..training.evaluate import error_sizes, evaluate_residuals, summarise
-from ..training.learn import Progress
-from .cause import Cause
-from .causes import find_causes
+from .causes import Cause
 from .comparison import Comparison
-from .follow import BLOCK, HORIZON, OnlineAdapter
+from .frame import carried_offset
 
+_PER_NODE = 5
+_DEGREE, _SAMPLES = 2, 20  # of local models where there were none
+_NOTHING = 1e-9  # of the extent: less is nothing to keep
 _BASELINE = 6000  # imagined samples that tell what is usual after an adaptation
 _EVALUATED = 500  # rows that the readouts are evaluated on
 
@@ -74,7 +77,7 @@ class Adaptation:
     changed: tuple[Cause, ...]
     kept: tuple[str, ...]
     coverage: float
-    notes: tuple[str, ...] = field(default=())
+    notes: tuple[str, ...] = ()
     everywhere: bool = True
     left_out: int = 0
 
@@ -93,40 +96,31 @@ def finished(
     held: Array,
     residual: Array,
     method: str,
-    frame: Alignment | None,
-) -> Model:
-    """The new model with its facts, its baseline and the history of the old one.
+    frame: Alignment | None = None,
+) -> Adaptation:
+    """The adaptation with the new model, its facts, its baseline and the history of the old one.
 
     held, residual : (k, dof) and (k, m) [unit], joints of held-out rows, and how far they are from
         what the others predict
     """
-    old = found.model
+    old, readout = found.model, fresh.default_readout
     some = thinned(len(found.q), _EVALUATED)
     errors = summarise(evaluate_residuals(fresh, found.q[some], found.x[some], None))
     # rows that were held out tell the error of the default readout, and how it keeps its bound
-    readout = fresh.default_readout
     errors = {name: each for name, each in errors.items() if name != "body" or name == readout}
     after = np.linalg.norm(residual, axis=1)
     for axis, part in zip("xyz", residual.T, strict=False):
         errors[readout]["forward"][axis] = error_sizes(part)
     errors[readout]["forward"]["distance"] = error_sizes(after)
-    bound = fresh.expected_error(held)
-    within = {
-        "p95": float(np.quantile(after, 0.95)),
-        "covered": float(np.mean(after <= np.nan_to_num(bound) + 1e-12)),
-    }
+    covered = np.mean(after <= np.nan_to_num(fresh.expected_error(held)) + 1e-12)
     usual = old.about.errors.get(readout, {}).get("forward", {}).get("distance", {})
+    told = ("samples", "outliers", "before", "after", "correction", "coverage")
     event: dict[str, Any] = {
         "event": "adapted",
         "method": method,
-        "samples": made.samples,
-        "outliers": made.outliers,
-        "before": made.before,
-        "after": made.after,
-        "correction": made.correction,
+        **{name: getattr(made, name) for name in told},
         "changed": [c.to_json() for c in made.changed],
         "kept": list(made.kept),
-        "coverage": made.coverage,
         "frame": None if frame is None else frame.to_json(),
         "from": {
             "source": old.about.source,
@@ -137,11 +131,12 @@ def finished(
     }
     about = old.about.measured(
         samples=made.samples, unit=found.unit_seen, errors=errors, notes=made.notes,
-        tested=len(after), left_out=made.left_out, within=within,
+        tested=len(after), left_out=made.left_out,
+        within={"p95": float(np.quantile(after, 0.95)), "covered": float(covered)},
     )  # fmt: skip
     points = np.random.default_rng(0).random((_BASELINE, found.q.shape[1]))
     baseline = learn_baseline(fresh.association, points, fresh.predictor.value(points), after)
-    return replace(
+    model = replace(
         fresh,
         about=about,
         baseline=baseline,
@@ -150,46 +145,57 @@ def finished(
         # a camera that was moved sees another picture
         photo=old.photo if method == "few-shot" and frame is None else None,
     )
+    return replace(made, model=model)
 
 
-def adapt_online(found: Comparison, report: Progress) -> Adaptation:
-    """Show a log to the online rule, again and again where it is short."""
-    model, kept = found.model, found.kept
-    u, q, x = found.u[kept], found.q[kept], found.x[kept]
-    # every tenth block is kept apart to judge by
-    held = np.concatenate(blocks(len(u), max(10, len(u) // BLOCK))[4::10])
-    learned = np.setdiff1d(np.arange(len(u)), held)
-    adapter = OnlineAdapter(model, max(HORIZON, len(learned)), force=True)
-    shown = 0
-    while shown < HORIZON:  # a short stream is shown again
-        step = adapter.feed(q[learned], x[learned])
-        shown += len(learned)
-        report(0.9 * min(1.0, shown / HORIZON), "online", step.error)
-    fresh = adapter.model()
-    before = found.missed[kept][held]
-    residual = x[held] - fresh.predictor.value(u[held])
-    after = np.linalg.norm(residual, axis=1)
-    known = np.isfinite(fresh.expected_error(q[held]))
-    notes = found.notes
-    if shown > len(learned):
-        notes.append(f"{len(learned)} samples were shown {shown // len(learned)} times")
-    causes, unsettled = find_causes(found, found.changed or not found.explained)
-    made = Adaptation(
+def rebuilt(found: Comparison, body: Body) -> Model:
+    """The model with the updated body, maps that follow it, and new bounds."""
+    model, motor, old = found.model, found.model.motor, found.model.association
+    nodes = np.clip(motor.units, 0.0, 1.0)
+    drawn = np.random.default_rng(0).random((_PER_NODE * motor.size, nodes.shape[1]))
+    u = np.concatenate([nodes, drawn])
+    q = motor.scale.from_unit(u)
+    before = model.predictor.value(u)
+    added = before - found.body.predict(q)
+    if np.any(added):
+        added = carried_offset(found.body, body, body.beta, q, added)
+    smooth, extent = BodyInBox(body, motor.scale), float(np.linalg.norm(np.ptp(before, axis=0)))
+    models = NO_MODELS
+    if float(np.abs(added).max()) > _NOTHING * extent:
+        degree = max(model.predictor.models.degree, _DEGREE)
+        samples = max(_SAMPLES, 2 * len(exponents(u.shape[1], degree)))
+        models = local_models.fit(motor, np.arange(motor.size), u, added, (degree, samples))
+    predictor = Predictor(motor, smooth, models)
+    sensory = _moved(model, before[: len(nodes)], predictor.value(nodes))
+    means = old.sensory_means
+    if means is not None:  # as many spacings from the nodes as before
+        means = from_shifts(sensory, to_shifts(old.sensory, means).astype(float))
+    reading, position = (body.bound(q[: len(nodes)], noise=noise) for noise in (True, False))
+    winners = motor.nearest(found.u)[1][:, 0]
+    return replace(
         model,
-        better(after, before) and bool(known.mean() > 0.5),
-        len(u),
-        found.outliers,
-        error_sizes(before),
-        error_sizes(after),
-        "maps and Hebbian links trained online",
-        tuple(c for c in causes if c.cause != "noise"),
-        (),
-        found.coverage,
-        (*notes, *unsettled),
-        left_out=found.left_out,
+        association=Association(motor, sensory, model.links, old.wiring, old.motor_means, means),
+        predictor=predictor,
+        body=body,
+        rows=None,
+        seconds={},
+        bounds=reading,
+        model_bounds=position,
+        visited=model.visited | (np.bincount(winners, minlength=motor.size) > 0),
     )
-    if not made.improved:
-        return made
-    bounds = learn_bounds(fresh.motor, u[held], after)
-    fresh = replace(fresh, bounds=bounds, model_bounds=bounds)
-    return replace(made, model=finished(found, made, fresh, q[held], residual, "online", None))
+
+
+def _moved(model: Model, before: Array, after: Array) -> Map:
+    """The sensory map, each node moved by the mean of the motor nodes that it is linked with.
+
+    before, after : (motor nodes, m) [unit], what was and what is predicted at the motor nodes
+    """
+    old, links = model.sensory, model.links
+    total = np.asarray(links.sum(axis=0)).ravel()
+    here, there = (links.T @ x / np.maximum(total, 1e-300)[:, None] for x in (before, after))
+    # an affine map of the means, so that what a node differs from its partners is mapped too
+    frame, known = Alignment.between(before, after), total > 0
+    moved = frame.apply(old.weights)
+    moved[known] += (there - frame.apply(here))[known]
+    scale = Scale.of_data(np.concatenate([moved, after]))
+    return Map(scale.to_unit(moved), old.lattice, scale, old.history)

@@ -9,18 +9,19 @@ and links that are all longer.
 from __future__ import annotations
 
 import math
+from dataclasses import asdict, dataclass, replace
+from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..body.parameters import Label
 from ..common.arrays import Array
 from ..common.wording import for_people
 from ..model.alignment import Alignment
 from ..samples.diagnosis import unit_hint
-from .cause import AS_ONE, Cause
 from .comparison import Comparison
-from .explain import Explanation, simplest
-from .hypotheses import FRAME, NOTHING, parts_of
+from .explain import simplest
+from .hypotheses import FRAME, NOTHING, is_sensors, parts_of
 from .score import fired
 from .settings import CREEP
 
@@ -32,37 +33,113 @@ _MATTERS = 0.05  # share of the largest displacement from which a cause is named
 _WHICH = "are the same to this log: give `cause='joints'` or `cause='sensor'` if you know which"
 
 
-def find_causes(found: Comparison, drifted: bool) -> tuple[tuple[Cause, ...], tuple[str, ...]]:
-    """Causes of a log, and what else must be said of them.
+class Words(NamedTuple):
+    """A group of parameters in words."""
 
-    drifted : whether something fired; otherwise more noise is the only cause there may be
-    Returns causes : the largest first
-    Returns notes : directions that the log cannot tell apart
+    kept: str  # of what an adaptation leaves as it was; "" where that is not told
+    # of a change; `value` and `half` its interval are in deg or %
+    changed: str = "{name} changed by {raw:.4g} ± {raw_half:.2g} {unit}"
+    whole: bool = False  # whether all of its parameters are one cause
+
+
+_OFF = "{who} is off by {value:+.3g} ± {half:.2g} deg"
+WORDS = {
+    "view.rotation": Words("the sensor's frame"),
+    "view.scale": Words("the sensor's scale", "the sensor's scale changed by {value:+.3g} %", True),
+    "view.shear": Words("", "the sensor's axes are stretched or sheared", True),
+    "view.tilt": Words("the camera's tilt", "the camera is tilted", True),
+    "lens": Words("the lens", "the sensor's frame is bent, as by a lens", True),
+    "length": Words("the links' lengths", "the link of {joint} is {share}{size} {longer}"),
+    "offset": Words("the joints' offsets", _OFF),
+    "gain": Words(
+        "the joints' gains", "{joint} moves {value:+.3g} ± {half:.2g} % further than it says"
+    ),
+    "elastic": Words("elasticity", "{joint} bends under load, by up to {most:.3g} deg", True),
+    "placement": Words("the joints' placements"),
+    "tool": Words("the tool"),
+    "curve": Words("", "{joint} has another error curve, by up to {most:.3g} deg", True),
+}
+"""What is said of each group; its numbers are those of the posterior."""
+
+
+@dataclass(frozen=True)
+class Cause:
+    """One change that explains a log."""
+
+    # ``"sensor"``, ``"offset:JOINT"``, ``"length:JOINT"``, ``"gain:JOINT"``, ``"elastic:JOINT"``,
+    # ``"curve:JOINT"``, ``"curve"`` of all joints, ``"scale"``, ``"tilt"``, ``"lens"``,
+    # ``"mirror"``, ``"sign:JOINT"``, ``"lost:JOINT"``, ``"noise"`` or ``"unknown"``
+    cause: str
+    group: str  # group of parameters: ``"view.rotation"``, ``"offset"``, ``"length"``,
+    words: str  # the same in words
+    value: float | None = None  # size of the change, None where no number tells it
+    interval: tuple[float, float] | None = None  # 95 % interval of the value
+    unit: str = ""  # unit of the value
+
+    @staticmethod
+    def measured(name: str, group: str, words: str, value: float, half: float, unit: str) -> Cause:
+        """A cause with half the width of its 95 % interval."""
+        return Cause(name, group, words, value, (value - half, value + half), unit)
+
+    @staticmethod
+    def of_parameter(
+        label: Label, old: float, change: float, sd: float, most: float = 0.0
+    ) -> Cause:
+        """A cause that one parameter tells: its old value, its change and that one's sd.
+
+        most : the largest change of all parameters of its group and joint
+        """
+        group, joint, half = label.group.partition(".")[0], label.joint or "", 1.96 * sd
+        group = label.group if group in ("view", "tool") else group
+        told = WORDS.get(group, Words(""))
+        if label.unit == "rad" and not told.whole:
+            told = Words("", _OFF)
+        factor = math.degrees(1.0) if label.unit == "rad" else 100.0
+        value = math.expm1(change) if group == "view.scale" else change
+        share = f"{100 * abs(change / old) if old else math.nan:.3g} %"
+        size = f" ({1e3 * abs(change):.3g} ± {1e3 * half:.2g} mm)" if label.unit == "m" else ""
+        words = told.changed.format(
+            joint=joint, name=label.name, who=joint or label.name, unit=label.unit, raw=change,
+            raw_half=half, value=factor * value, half=factor * half, share=share, size=size,
+            longer="longer" if change > 0 else "shorter", most=math.degrees(most),
+        )  # fmt: skip
+        kind = group.removeprefix("view.")
+        return Cause.measured(
+            f"{kind}:{joint}" if joint else kind, label.group, words, change, half, label.unit
+        )
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain data."""
+        return {k: list(v) if isinstance(v, tuple) else v for k, v in asdict(self).items()}
+
+
+def find_causes(found: Comparison) -> tuple[tuple[Cause, ...], tuple[str, ...]]:
+    """Causes of a log, the largest first, and directions that the log cannot tell apart.
+
+    Where nothing changed, more noise is the only cause there may be.
     """
+    drifted = found.score > 1.0
+    if found.model.body is None:
+        words = f"{100 * found.beyond:.0f} % of the rows are beyond the maps' bound"
+        return ((Cause("unknown", "maps", words),) if drifted else ()), ()
     if drifted and not found.explained:
         return (Cause("unknown", "", found.why_not()),), ()
     causes: list[Cause] = []
     notes: list[str] = []
     if drifted:
-        causes += _of_frame(found)
-        best = simplest(found.explanations)
-        if found.changed and best.hypothesis != NOTHING:
-            causes += _of_parameters(found, best)
-        elif found.changed and best.waves > CREEP:
-            words = "the joints have waves that the model does not know: gears, or their sensors"
-            causes.append(Cause("curve", "curve", words))
-        elif not causes:
-            causes += _of_tests(found)
-        named = tuple(causes)
-        for same, told in (_same_as_first_joint(found, named), _same_as_scale(found, named)):
-            causes += same
-            notes += told
+        causes += _of_frame(found) + _of_change(found)
+        notes = _twins(found, causes)
         if not causes:
             words = "no single change of the sensor, a joint or a link explains it"
             causes.append(Cause("unknown", "", words))
     noise, usual, noisy = found.tested.noise, found.tested.usual, found.tested.noisy
-    if noisy is not None and not drifted:
-        causes.append(_noisy_encoder(found, *noisy))
+    if noisy is not None and not drifted:  # an encoder, or what it drives
+        joint, sd = noisy
+        name, turns = found.model.about.joint_names[joint], found.model.about.revolute[joint]
+        size = f"{math.degrees(sd):.2g} deg" if turns else f"{1e3 * sd:.2g} mm"
+        words = f"{name} is noisy, by {size}: its encoder, or play; no calibration mends that"
+        unit = "rad" if turns else "m"
+        causes.append(Cause(f"noise:{name}", "noise", words, sd, None, unit))
     if drifted and found.changed:  # a large change is not linear: what the best one leaves
         noise = min(noise, found.explanations[0].noise * float(found.reference.sizes[0]))
     if noise >= _NOISIER * usual:
@@ -70,22 +147,6 @@ def find_causes(found: Comparison, drifted: bool) -> tuple[tuple[Cause, ...], tu
         words = f"the scatter is {factor * noise:.3g} {unit} per axis, {noise / usual:.2g} times "
         causes.append(Cause("noise", "noise", words + "the usual", noise, None, found.unit_seen))
     return tuple(causes), tuple(notes)
-
-
-def causes_of_maps(found: Comparison) -> tuple[Cause, ...]:
-    """What is told of maps alone, whose rows are compared with their bound."""
-    if found.score <= 1.0:
-        return ()
-    words = f"{100 * found.beyond:.0f} % of the rows are beyond the maps' bound"
-    return (Cause("unknown", "maps", words),)
-
-
-def _noisy_encoder(found: Comparison, joint: int, sd: float) -> Cause:
-    """One joint's encoder, or what it drives, that is noisy."""
-    name, turns = found.model.about.joint_names[joint], found.model.about.revolute[joint]
-    size = f"{math.degrees(sd):.2g} deg" if turns else f"{1e3 * sd:.2g} mm"
-    words = f"{name} is noisy, by {size}: its encoder, or play; no calibration mends that"
-    return Cause(f"noise:{name}", "noise", words, sd, None, "rad" if turns else "m")
 
 
 def _lost(name: str) -> Cause:
@@ -114,73 +175,58 @@ def _of_frame(found: Comparison) -> list[Cause]:
     return causes
 
 
-def _of_tests(found: Comparison) -> list[Cause]:
-    """The most telling group that fired, where no member is clearly better than no change."""
-    structure, above = found.body.structure, fired(found.tested.groups)
-    if found.cause == "sensor":
-        above = tuple(g for g in above if g.name.startswith("sensor") or g.name == "lens")
-    if not above:
-        return []
-    best = above[0]
-    if best.name.startswith("sensor") or best.name == "lens":
-        value, half = float(best.estimate[0]), 1.96 * float(best.deviation[0])
-        label = structure.label(int(best.indices[0]))
-        words = "the sensor's frame moved a little"
-        if label.unit == "rad":
-            words = f"the sensor turned by {math.degrees(value):.3g} ± {math.degrees(half):.2g} deg"
-        return [Cause.measured("sensor", label.group, words, value, half, label.unit)]
-    causes = []
-    for index, value, sd in zip(best.indices, best.estimate, best.deviation, strict=True):
-        label = structure.label(int(index))
-        own = label.joint is not None and abs(value) > _SIGNIFICANT * sd
-        if own and label.group in ("offset", "length", "gain", "placement"):
-            causes.append(Cause.of_parameter(label, found.body.beta[index], value, sd))
-    return causes
+def _of_change(found: Comparison) -> list[Cause]:
+    """Each parameter that is clearly away from where it was, the largest effect first.
 
-
-def _of_parameters(found: Comparison, best: Explanation) -> list[Cause]:
-    """Each freed parameter that is clearly away from where it was, the largest effect first."""
+    It is that of the simplest hypothesis, or of the most telling test where no hypothesis is
+    clearly better than no change.
+    """
     structure, old = found.reference.structure, found.belief.beta
-    change = best.beta - old
-    clear = (best.deviation > 0) & (np.abs(change) > _SIGNIFICANT * best.deviation)
-    size = np.zeros(len(old))  # root mean square displacement by one of each parameter
-    free = np.flatnonzero(best.sd > 0)
-    _, moves = structure.linearise(found.probes, best.beta, free)
+    if found.changed:
+        best = simplest(found.explanations)
+        if best.hypothesis == NOTHING:
+            words = "the joints have waves that the model does not know: gears, or their sensors"
+            return [Cause("curve", "curve", words)] if best.waves > CREEP else []
+        groups, beta, deviation = best.hypothesis.groups, best.beta, best.deviation
+    else:
+        above = [g for g in fired(found.tested.groups) if _known(found.cause, g.name)]
+        if not above:
+            return []
+        ix, step, deviation = above[0].indices, *np.zeros((2, len(old)))
+        groups = tuple(dict.fromkeys(structure.label(int(k)).group for k in ix))
+        step[ix], deviation[ix] = above[0].estimate, above[0].deviation
+        beta = structure.retract(old, step)
+    change, size = beta - old, np.zeros(len(old))
+    clear = (deviation > 0) & (np.abs(change) > _SIGNIFICANT * deviation)
+    # root mean square displacement by one of each parameter
+    free = np.flatnonzero(deviation)
+    moves = structure.linearise(found.probes, beta, free)[1]
     size[free] = np.sqrt((moves**2).sum(axis=1).mean(axis=0))
     causes: list[tuple[float, Cause]] = []
-    for group in best.hypothesis.groups:
+    for group in groups:
         if group in FRAME or (group == "view.scale" and found.reference.scale != 1.0):
             continue
-        for name, every in parts_of(structure, group):
-            ix = every[clear[every]]
-            kind = "curve" if name.startswith("curve.") else name
-            if kind not in AS_ONE:
-                causes += [
-                    (
-                        abs(float(change[k])) * float(size[k]),
-                        Cause.of_parameter(
-                            structure.label(int(k)), old[k], change[k], best.deviation[k]
-                        ),
-                    )
-                    for k in ix
-                ]
-            elif len(ix):
-                most = int(ix[np.argmax(np.abs(change[ix]))])
-                label, value = structure.label(most), float(change[most])
-                bent = math.degrees(float(np.abs(change[every]).max()))
-                words = AS_ONE[kind].format(joint=label.joint, size=bent)
-                if name == "view.scale":
-                    words += f" by {100 * math.expm1(value):+.3g} %"
-                told = f"{kind}:{label.joint}" if label.joint else name.removeprefix("view.")
-                half = 1.96 * float(best.deviation[most])
-                cause = Cause.measured(told, name, words, value, half, label.unit)
-                causes.append((float(np.linalg.norm(change[every] * size[every])), cause))
-    if best.hypothesis.framed:
-        causes += _of_sensor(found, best, change, clear, size)
+        whole = group in WORDS and WORDS[group].whole
+        for _, every in parts_of(structure, group):
+            told, most = every[clear[every]], float(np.abs(change[every]).max())
+            if whole and len(told):  # by its largest one
+                told = told[[np.argmax(np.abs(change[told]))]]
+            for k in told.tolist():
+                of = every if whole else [k]
+                moved = float(np.linalg.norm(change[of] * size[of]))
+                label = structure.label(k)
+                cause = Cause.of_parameter(label, old[k], change[k], deviation[k], most)
+                causes.append((moved, cause))
+    frame = np.concatenate([structure.groups[g] for g in FRAME])
+    new = found.reference.mirrored or found.reference.scale != 1.0
+    only = not found.changed and {*groups} <= {*filter(is_sensors, groups)}
+    if FRAME[0] in groups and (new or only or clear[frame].any()):
+        moved = math.inf if new else float(np.linalg.norm(change[frame] * size[frame]))
+        causes.append((moved, _moved_sensor(found, beta, deviation)))
     if not found.reference.locked:  # joints that moved the tip and no longer do
         before, after = (
             np.sqrt((structure.slope(found.probes, b) ** 2).sum(axis=1).mean(axis=0))
-            for b in (old, best.beta)
+            for b in (old, beta)
         )
         scale = min(float(np.sum(after) / max(float(np.sum(before)), 1e-300)), 1.0)
         gone = np.flatnonzero(after < 0.02 * before * scale)
@@ -190,125 +236,77 @@ def _of_parameters(found: Comparison, best: Explanation) -> list[Cause]:
     return [cause for moved, cause in causes if moved >= least]
 
 
-def _of_sensor(
-    found: Comparison, best: Explanation, change: Array, clear: NDArray[np.bool_], size: Array
-) -> list[tuple[float, Cause]]:
-    """The sensor's frame as one cause, its rotation as the number; the displacement by it."""
-    turn, shift = (found.reference.structure.groups[g] for g in FRAME)
-    both = np.concatenate([turn, shift])
-    new = found.reference.mirrored or found.reference.scale != 1.0
-    if not new and not clear[both].any():
-        return []
-    before, after = _seen_before_and_after(found, best.beta)
-    if before.shape[1] == 3:
-        half = 1.96 * float(np.linalg.norm(best.deviation[turn]))
-        value, motion = _rigid_motion(before, after, found.unit_seen)
-    else:
-        half = 1.96 * float(best.deviation[turn[0]])
-        value = (float(change[turn[0]]) + math.pi) % (2 * math.pi) - math.pi
-        motion = Alignment.between(before, after).words(found.unit_seen)
-    words = f"the sensor's frame moved: {motion}"
+def _known(cause: str | None, test: str) -> bool:
+    return cause != "sensor" or test.startswith("sensor") or test == "lens"
+
+
+def _moved_sensor(found: Comparison, beta: Array, deviation: Array) -> Cause:
+    """The sensor's frame as one cause, its rotation as the number."""
+    turn, moved = found.reference.structure.groups["view.rotation"], frame_between(found, beta)
+    half, value = 1.96 * float(np.linalg.norm(deviation[turn])), moved.angle
+    if len(turn) == 1:  # with its sign, also of a mirrored one
+        value = float(beta[turn[0]] - found.belief.beta[turn[0]])
+        value = (value + math.pi) % (2 * math.pi) - math.pi
+    words = f"the sensor's frame moved: {moved.words(found.unit_seen)}"
     if half > _VAGUE:
         words += f" (the turn to ± {math.degrees(half):.2g} deg)"
-    moved = math.inf if new else float(np.linalg.norm(change[both] * size[both]))
-    return [(moved, Cause.measured("sensor", "view.rotation", words, value, half, "rad"))]
+    return Cause.measured("sensor", "view.rotation", words, value, half, "rad")
 
 
 def frame_between(found: Comparison, beta: Array) -> Alignment:
     """The sensor's new frame, of parameters (d,), as an affine map of the old one."""
-    places = slice(found.belief.structure.blocks[0])
-    before, after = _seen_before_and_after(found, beta)
+    structure, mixed = found.reference.structure, found.belief.beta.copy()
+    for name, ix in structure.groups.items():
+        if is_sensors(name):
+            mixed[ix] = beta[ix]
+    before, after = found.body.predict(found.probes), structure.predict(found.probes, mixed)
+    places = slice(structure.blocks[0])
     return Alignment.between(before[:, places], after[:, places])
 
 
-def _seen_before_and_after(found: Comparison, beta: Array) -> tuple[Array, Array]:
-    """Probes (p, m) as the sensor saw them before and sees them now, the arm unchanged."""
-    structure, old = found.reference.structure, found.body
-    mixed = found.belief.beta.copy()
-    for name, ix in structure.groups.items():
-        if name.startswith("view.") or name == "lens":
-            mixed[ix] = beta[ix]
-    before = old.structure.predict(found.probes, old.beta)
-    return np.asarray(before), np.asarray(structure.predict(found.probes, mixed))
-
-
-def _rigid_motion(before: Array, after: Array, unit: str) -> tuple[float, str]:
-    """Angle [rad] of the rotation that takes positions (p, 3) over, and the motion in words."""
-    from scipy.spatial.transform import Rotation
-
-    middle = before.mean(axis=0)
-    turn, _ = Rotation.align_vectors(after - after.mean(axis=0), before - middle)
-    angle = float(turn.magnitude())
-    factor, name = for_people(unit)
-    axis = np.round(turn.as_rotvec() / max(angle, 1e-300), 2) + 0.0
-    about = ", ".join(f"{part:.2f}" for part in axis.tolist())
-    moved = ", ".join(f"{part:.4g}" for part in factor * (after.mean(axis=0) - middle))
-    return angle, (
-        f"turned {math.degrees(angle):.3g} deg about ({about}), shifted by ({moved}) {name} at "
-        "the middle of the workspace"
-    )
-
-
-def _same_as_first_joint(
-    found: Comparison, causes: tuple[Cause, ...]
-) -> tuple[list[Cause], list[str]]:
-    """The first joint's offset where a moved sensor says the same, and the other way round."""
-    first = found.model.about.joint_names[0]
-    named = {c.cause: c for c in causes}
-    body, structure = found.body, found.body.structure
-    offset = structure.groups.get("offset")
-    if offset is None or not found.model.about.revolute[0] or "mirror" in named:
-        return [], []
-    words = f"an offset of the first joint and a turn of the sensor about its axis {_WHICH}"
-    told = [words] if found.cause is None else []
-    angle, sensor = named.get(f"offset:{first}"), named.get("sensor")
-    if angle is not None:
-        words = f"or the sensor turned by {math.degrees(angle.value or 0.0):.3g} deg about {first}"
-        same = Cause("sensor", "view.rotation", words, angle.value, angle.interval, "rad")
-        return ([same] if sensor is None else []), told
-    if sensor is None or sensor.value is None or sensor.interval is None or sensor.unit != "rad":
-        return [], []
-    seen = structure.predict(found.probes, body.beta)
-    moved, framed = body.beta.copy(), body.beta.copy()
+def _twins(found: Comparison, causes: list[Cause]) -> list[str]:
+    """Add what says the same as a cause that is named; the directions that are one, in words."""
+    named, about, structure = {c.cause: c for c in causes}, found.model.about, found.body.structure
+    groups, beta, notes = structure.groups, found.body.beta, []
+    name, turns = about.joint_names[0], about.revolute[0] and "mirror" not in named
+    first, sensor = named.get(f"offset:{name}"), named.get("sensor")
     sense = int(getattr(structure, "mirror", 1))
-    moved[offset[0]] += sense * sensor.value
-    if found.changed:
+    if turns and first is not None and sensor is None:
+        words = f"or the sensor turned by {math.degrees(first.value or 0.0):.3g} deg about {name}"
+        causes.append(replace(first, cause="sensor", group="view.rotation", words=words))
+    elif turns and first is None and sensor is not None and found.changed and "offset" in groups:
+        value, (low, high) = sense * (sensor.value or 0.0), sensor.interval or (0.0, 0.0)
+        offset, framed = beta.copy(), beta.copy()
+        offset[groups["offset"][0]] += value
         for group in FRAME:
-            ix = structure.groups[group]
-            framed[ix] = found.explanations[0].beta[ix]
-    change = structure.predict(found.probes, framed) - seen
-    gap = change - (structure.predict(found.probes, moved) - seen)
-    if np.linalg.norm(gap) > _ALIKE * np.linalg.norm(change) + 1e-12:
-        return [], []
-    value = sense * sensor.value
-    low, high = sorted(sense * end for end in sensor.interval)
-    words = f"or {first} is off by {math.degrees(value):.3g} deg"
-    return [Cause(f"offset:{first}", "offset", words, value, (low, high), "rad")], told
-
-
-def _same_as_scale(found: Comparison, causes: tuple[Cause, ...]) -> tuple[list[Cause], list[str]]:
-    """A sensor's scale where all links say the same, and the other way round."""
-    about, body = found.model.about, found.belief
-    lengths = body.structure.groups.get("length")
-    if lengths is None or not all(about.revolute) or len(lengths) != len(about.joint_names):
-        return [], []
-    words = f"a sensor that shows all larger and links that are all longer {_WHICH}"
-    told = [words] if found.cause is None else []
-    if any(c.cause == "scale" and c.interval is not None for c in causes):
-        return [], told
-    longer = {
-        c.cause: (c.interval[0], c.value, c.interval[1])
-        for c in causes
-        if c.group == "length" and c.value is not None and c.interval is not None
-    }
-    if len(longer) < len(about.joint_names):
-        return [], []
-    change = np.array([longer[f"length:{name}"] for name in about.joint_names])
-    low, value, high = (change / body.beta[lengths][:, None]).T
-    if low.max() > high.min():
-        return [], []
-    share = float(np.mean(value))
-    words = f"or the sensor shows all {100 * abs(share):.3g} % "
-    words += "larger" if share > 0 else "smaller"
-    interval = math.log1p(low.max()), math.log1p(high.min())
-    return [Cause("scale", "view.scale", words, math.log1p(share), interval, "1")], told
+            framed[groups[group]] = found.explanations[0].beta[groups[group]]
+        seen, moved, turned = (structure.predict(found.probes, b) for b in (beta, offset, framed))
+        if np.linalg.norm(turned - moved) <= _ALIKE * np.linalg.norm(turned - seen) + 1e-12:
+            words = f"or {name} is off by {math.degrees(value):.3g} deg"
+            interval = min(sense * low, sense * high), max(sense * low, sense * high)
+            first = Cause(f"offset:{name}", "offset", words, value, interval, "rad")
+            causes.append(first)
+    if turns and first is not None:
+        notes.append(
+            f"an offset of the first joint and a turn of the sensor about its axis {_WHICH}"
+        )
+    lengths = groups.get("length", ())
+    if not all(about.revolute) or len(lengths) != len(about.joint_names):
+        return notes if found.cause is None else []
+    same = "scale" in named and named["scale"].interval is not None
+    links = [named.get(f"length:{each}") for each in about.joint_names]
+    shares = [
+        np.array([c.value, *c.interval]) / found.belief.beta[k]
+        for c, k in zip(links, lengths, strict=True)
+        if c is not None and c.interval is not None
+    ]
+    if len(shares) == len(links) and not same:
+        value, low, high = np.transpose(shares)
+        share, interval = float(value.mean()), (math.log1p(low.max()), math.log1p(high.min()))
+        if same := interval[0] <= interval[1]:
+            words = f"or the sensor shows all {100 * abs(share):.3g} % "
+            words += "larger" if share > 0 else "smaller"
+            causes.append(Cause("scale", "view.scale", words, math.log1p(share), interval, "1"))
+    if same:
+        notes.append(f"a sensor that shows all larger and links that are all longer {_WHICH}")
+    return notes if found.cause is None else []

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -13,11 +13,9 @@ from ..common.parallel import one_blas_thread
 from ..maps.map import Map, search_tree
 from ..model.model import Model
 from ..samples.samples import Samples
-from .cause import Cause
-from .causes import causes_of_maps, find_causes
+from .causes import Cause, find_causes
 from .comparison import Comparison, compare
 from .decision import decide
-from .maps_alone import adapt_maps
 from .orientation import hand_told_once, turned_tool
 from .score import GroupTest, fired
 from .settings import FALSE_ALARM
@@ -40,10 +38,6 @@ class Signal:
         """Value over threshold."""
         return self.value / self.threshold if self.threshold > 0 else float(self.value > 0)
 
-    def to_json(self) -> dict[str, float]:
-        """Value and threshold by name."""
-        return {"value": self.value, "threshold": self.threshold}
-
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Drift:
@@ -59,7 +53,7 @@ class Drift:
     outliers : int
         Rows that contradict all others; they count for next to nothing.
     score : float
-        Largest statistic over its threshold.
+        Largest score of a test: above 1 it fired.
     groups : tuple of GroupTest
         Every group that was tested.
     smallest : float [unit]
@@ -79,7 +73,7 @@ class Drift:
     notes : tuple of str
         What else the user should be told.
     adapts : bool
-        Whether `adapt` re-calibrates the model by these rows, by its own comparison.
+        Whether `adapt` re-calibrates the model by these rows.
     left_out : int
         Rows of the log that are wrong, or outside of what the model has learned.
     """
@@ -95,7 +89,7 @@ class Drift:
     noise: float
     usual_noise: float
     causes: tuple[Cause, ...]
-    notes: tuple[str, ...] = field(default=())
+    notes: tuple[str, ...] = ()
     adapts: bool = False
     left_out: int = 0
 
@@ -117,19 +111,13 @@ class Drift:
 
     def to_json(self) -> dict[str, Any]:
         """What `calib check --json` prints."""
+        plain = ("drifted", "samples", "outliers", "left_out", "score", "smallest", "tolerance")
         return {
-            "drifted": self.drifted,
-            "samples": self.samples,
-            "outliers": self.outliers,
-            "left_out": self.left_out,
-            "score": self.score,
+            **{name: getattr(self, name) for name in (*plain, "adapts")},
             "threshold": 1,
-            "distortion": {name: signal.to_json() for name, signal in self.distortion.items()},
+            "distortion": {name: asdict(signal) for name, signal in self.distortion.items()},
             "fired": list(self.fired),
             "causes": [cause.to_json() for cause in self.causes],
-            "smallest": self.smallest,
-            "tolerance": self.tolerance,
-            "adapts": self.adapts,
             "smallest_by_group": {g.name: g.smallest for g in self.groups},
             "explanations": list(self.explanations),
             "noise": {"now": self.noise, "usual": self.usual_noise},
@@ -164,22 +152,22 @@ def check(
     """
     with one_blas_thread():
         found = compare(model, log, cause)
-        tested, far = found.tested, found.beyond
-        if model.body is None:
-            score, smallest = found.score, float(np.median(model.expected_error(found.q)))
-            causes, adapts = causes_of_maps(found), adapt_maps(found).improved
-            told: tuple[str, ...] = (_NO_BODY,)
+        score, smallest, adapts = found.score, found.tested.smallest, False
+        tool = None if model.body is None else turned_tool(found)
+        if tool is not None and max(score, tool.score) > 1.0:
+            made = decide(found)
+            causes, told, adapts = made.causes, made.notes, made.improved
+            score = max(score, tool.score)
         else:
-            causes, told = find_causes(found, found.score > 1.0)
-            tool = turned_tool(found)
-            score, smallest = max(found.score, tool.score), tested.smallest
-            seen = model.about.options.get("board")
-            causes, told = hand_told_once((*causes, *tool.causes), seen), (*told, *tool.notes)
-            adapts = score > 1.0 and decide(found).improved
+            causes, told = find_causes(found)
+            told = (*told, *(tool.notes if tool else (_NO_BODY,)))
+        if model.body is None:
+            smallest = float(np.median(model.expected_error(found.q)))
+        causes = hand_told_once(causes, model.about.options.get("board"))
         drifted: bool | None = score > 1.0
         if not drifted and tolerance is not None and smallest > tolerance:
             drifted = None
-        notes = [*found.notes, *told]
+        notes, far = [*found.notes, *told], found.beyond
         if far > 0.5 or (found.unexpected and found.explained):
             noisier = "" if drifted else "a noisier sensor or encoder, "
             notes.append(
@@ -187,21 +175,10 @@ def check(
                 f"where 5 % should be: {noisier}the bound does not hold"
             )
         return Drift(
-            drifted,
-            len(found.q),
-            found.outliers,
-            score,
-            found.groups,
-            smallest,
-            tolerance,
-            _distortions(found),
-            tested.noise,
-            tested.usual,
-            causes,
-            tuple(notes),
-            adapts,
-            found.left_out,
-        )
+            drifted, len(found.q), found.outliers, score,
+            (*found.tested.groups, found.bound_test), smallest, tolerance, _distortions(found),
+            found.tested.noise, found.tested.usual, causes, tuple(notes), adapts, found.left_out,
+        )  # fmt: skip
 
 
 def _distortions(found: Comparison) -> dict[str, Signal]:

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import combinations
 
 import numpy as np
 
 from ..arm.rotations import quaternion_of
 from ..body.belief import knows_orientation
-from ..common.arrays import Array, Mask
+from ..common.arrays import Array
 from ..errors import LogError
 from ..model.model import Model
 from ..model.space import Space
@@ -18,19 +20,46 @@ from ..training.sound_rows import sound_log
 
 _LEAST_ROWS = 10  # fewest different rows that a judgement or a correction can rest on
 _MISREAD = ("exchanged", "turns", "inverted")
+_WIDE = 0.5  # least spread of rows in any direction, over that of the learned range
+_CELLS = 5  # along each joint, for the share of the range that a log measured
 _CORNER = 0.5  # share of a joint's range below which it is said how little was covered
 
 
-class Comparable(NamedTuple):
-    """Rows of a log, repeated ones once."""
+@dataclass(frozen=True, eq=False)
+class Comparable:
+    """A model, and rows of a log that it can be compared with, repeated ones once."""
 
+    model: Model
     u: Array  # (n, dof), joints in the unit box
     q: Array  # (n, dof) [rad or m]
     x: Array  # (n, m) [unit]
     orientation: Array | None  # (n, 4), qx, qy, qz, qw, where the log has them
     wrong: int  # rows that contradict their neighbours and were left out
-    left_out: int  # these, and rows outside of what the model has learned
-    notes: tuple[str, ...]  # what the user should be told
+    lost: int  # these, and rows outside of what the model has learned
+    told: tuple[str, ...]  # what the user should be told
+
+    @cached_property
+    def spans(self) -> bool:
+        """Whether the rows vary in every direction of the joints, as over the learned range.
+
+        Held-out rows of a line or a corner say nothing of a prediction elsewhere.
+        """
+        spread = np.cov(self.u.T)
+        # along each axis the variance of uniform rows is 1 / 12
+        return bool(np.linalg.eigvalsh(np.atleast_2d(spread))[0] > _WIDE**2 / 12.0)
+
+    @property
+    def coverage(self) -> float:
+        """Share of the learned range, in cells of a fifth of each joint's range, that rows visit.
+
+        Six joints have 15,625 cells, which no log visits: of more than three joints it is the mean
+        over all pairs of joints.
+        """
+        u = np.clip(self.u, 0.0, 1.0 - 1e-12)
+        cells, dof = (u * _CELLS).astype(int), u.shape[1]
+        some = combinations(range(dof), 2) if dof > 3 else [tuple(range(dof))]
+        shares = [len(np.unique(cells[:, ix], axis=0)) / _CELLS ** len(ix) for ix in some]
+        return float(np.mean(shares))
 
 
 def comparable(model: Model, log: Samples) -> Comparable:
@@ -49,7 +78,13 @@ def comparable(model: Model, log: Samples) -> Comparable:
     if len(first) < len(log):
         notes.append(f"{len(log) - len(first)} repeated rows count once")
     known = np.isfinite(model.expected_error(log.q[first]))
-    _refuse_few(model, log.q[first], known)
+    if np.count_nonzero(known) < _LEAST_ROWS:
+        outer = log.q[first][~known]
+        why = model.outside(outer[0]) if len(outer) else "others were left out as wrong"
+        raise LogError(
+            f"{np.count_nonzero(known)} of the log's {len(first)} different rows lie within "
+            f"what the model has learned, expected at least {_LEAST_ROWS}: {why}"
+        )
     if not known.all():
         outside = np.count_nonzero(~known)
         notes.append(f"{outside} rows outside of what the model has learned are left out")
@@ -64,8 +99,9 @@ def comparable(model: Model, log: Samples) -> Comparable:
                 f"the log covers {100 * width:.0f} % of the learned range of {name}: the result "
                 "says little about the rest"
             )
-    left_out = given - (len(log) - len(first)) - len(rows)
-    return Comparable(u, model.motor.scale.from_unit(u), x, turns, wrong, left_out, tuple(notes))
+    lost = given - (len(log) - len(first)) - len(rows)
+    back = model.motor.scale.from_unit(u)
+    return Comparable(model, u, back, x, turns, wrong, lost, tuple(notes))
 
 
 def _refuse_other(model: Model, log: Samples) -> None:
@@ -86,15 +122,6 @@ def _refuse_other(model: Model, log: Samples) -> None:
     ):
         if np.isfinite(model.expected_error(np.where(turning, q * factor, q))).mean() > 0.9:
             raise LogError(f"the log's joint values look like {other}: {remedy}")
-
-
-def _refuse_few(model: Model, q: Array, known: Mask) -> None:
-    if np.count_nonzero(known) < _LEAST_ROWS:
-        why = model.outside(q[~known][0]) if not known.all() else "others were left out as wrong"
-        raise LogError(
-            f"{np.count_nonzero(known)} of the log's {len(q)} different rows lie within "
-            f"what the model has learned, expected at least {_LEAST_ROWS}: {why}"
-        )
 
 
 def _misread(model: Model, q: Array, x: Array, turns: Array | None) -> list[str]:

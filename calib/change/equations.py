@@ -15,23 +15,22 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..body.covariance import root_of
+from ..body.fit import maximise
 from ..body.likeness import lengths_of, matern
-from ..body.parameters import Indices
+from ..body.parameters import Indices, Prior
+from ..body.settings import STUDENT
 from ..common.arrays import Array, Mask
 from ..common.rows import thinned
 from .frame import Reference
 from .hypotheses import creep, freedom, hypotheses_of
-from .settings import (
-    CREEP,
-    LEAST_NOISE,
-    NODES,
-    NOISES,
-    OUTLIER,
-    PSEUDO,
-    ROBUST_ROWS,
-    STEPS,
-    STUDENT,
-)
+from .settings import CREEP, LEAST_NOISE, OUTLIER, PSEUDO
+
+STEPS = 12
+"""Gauss-Newton steps at most."""
+
+_ROBUST_ROWS = 400  # of the fit that finds outliers: enough for every parameter
+_NODES = 40  # of the log's own residual; more did not change a verdict on A and C
+_NOISES = 32  # sizes of the noise: steps of a fifth change a likelihood by .02 nats
 
 
 @dataclass(frozen=True)
@@ -65,65 +64,29 @@ def weighted(
     """
     body, structure = reference.body, reference.structure
     sd = np.hypot(freedom(body, hypotheses_of(structure, cause)[-1], cause), creep(body))
-    free, size = np.flatnonzero(sd > 0), reference.sizes
-    beta, moved, noise = reference.beta.copy(), np.zeros(len(free)), 1.0
-    rows = thinned(len(q), ROBUST_ROWS)
-    for _ in range(STEPS):
-        predicted, x = structure.linearise(q[rows], beta, free)
-        r = structure.residual(z[rows], predicted) / size
-        weight, noise = _student(r)
-        root = np.sqrt(weight) / noise
-        j = (x / size[:, None] * sd[free] * root[:, None, None]).reshape(-1, len(free))
-        a = j.T @ j
-        a[np.diag_indices(len(free))] += 1.0
-        step = np.linalg.solve(a, j.T @ (r * root[:, None]).ravel() - moved)
-        step *= min(1.0, 10.0 / max(float(np.abs(step).max(initial=0.0)), 1e-12))
-        moved += step
-        full = np.zeros(len(beta))
-        full[free] = step * sd[free]
-        beta = structure.retract(beta, full)
-        if float(np.abs(step).max(initial=0.0)) < 1e-3:
-            break
-    r = structure.residual(z, structure.predict(q, beta)) / size
-    weight, noise = _student(r)
-    kept = np.sqrt((r**2).sum(axis=1)) <= OUTLIER * np.sqrt(r.shape[1]) * noise
-    return Log(q, z, weight, kept, shared)
+    rows, size = thinned(len(q), _ROBUST_ROWS), reference.sizes
+    fit = maximise(
+        structure, q[rows], z[rows], reference.beta, Prior(reference.beta, sd), nu=STUDENT,
+        floor=size, steps=STEPS,
+    )  # fmt: skip
+    r = structure.residual(z, structure.predict(q, fit.beta)) / size
+    m, e2 = r.shape[1], (r**2).sum(axis=1)
+    noise = max(float(np.median(e2[rows])) / (m - 2 / 3), 1.0)
+    kept = e2 <= OUTLIER**2 * m * noise
+    return Log(q, z, (STUDENT + m) / (STUDENT + e2 / noise), kept, shared)
 
 
-def _student(r: Array) -> tuple[Array, float]:
-    """Weights (n,) of residuals (n, m) in sizes, and their noise, at least one size."""
-    m = r.shape[1]
-    e2 = (r**2).sum(axis=1)
-    noise = max(float(np.median(e2)) / (m - 2 / 3), 1.0)
-    return (STUDENT + m) / (STUDENT + e2 / noise), float(np.sqrt(noise))
+def own_columns(reference: Reference, log: Log, factor: float) -> Array:
+    """A smooth residual of one log: outputs (n, m, p m) [unit] by its values at p of the rows.
 
-
-@dataclass(frozen=True)
-class OwnResidual:
-    """A residual of one log: its values at some nodes, as independent standard normals."""
-
-    nodes: Array  # (p, dof) [rad or m]
-    lengths: Array  # (dof,), correlation lengths [rad or m]
-    sd: Array  # (m,) [unit], of each output
-
-    @staticmethod
-    def of(reference: Reference, log: Log, factor: float) -> OwnResidual:
-        """That of a log: `factor` times the usual size, at nodes among its rows."""
-        lengths, nodes = lengths_of(reference.body, log.q), log.q[thinned(len(log.q), NODES)]
-        return OwnResidual(nodes, lengths, factor * reference.own_sd)
-
-    def features(self, q: Array) -> Array:
-        """Values at joints (k, dof) by each node (k, p), in standard deviations."""
-        alike = matern(self.nodes, self.nodes, self.lengths)
-        alike[np.diag_indices(len(alike))] += 1e-6
-        root = np.linalg.cholesky(alike)
-        return np.asarray(np.linalg.solve(root, matern(self.nodes, q, self.lengths)).T)
-
-    def columns(self, q: Array) -> Array:
-        """Outputs (k, m, p m) [unit] by each of the normals."""
-        features, m = self.features(q), len(self.sd)
-        out = np.einsum("kn,ij,j->knij", features, np.eye(m), self.sd)
-        return np.asarray(out.transpose(0, 2, 1, 3).reshape(len(q), m, -1))
+    factor : times the usual size
+    """
+    lengths, nodes = lengths_of(reference.body, log.q), log.q[thinned(len(log.q), _NODES)]
+    alike = matern(nodes, nodes, lengths)
+    alike[np.diag_indices(len(alike))] += 1e-6
+    features = np.linalg.solve(np.linalg.cholesky(alike), matern(nodes, log.q, lengths))
+    sd = np.diag(factor * reference.own_sd)
+    return np.asarray(np.einsum("kn,ij->nikj", features, sd).reshape(*log.z.shape, -1))
 
 
 class Equations:
@@ -157,25 +120,24 @@ class Equations:
             self.log_determinant += float(np.log(value).sum())
         active, known = prior_columns(reference, waves, crept)
         seen, x = structure.linearise(log.q, reference.beta, active)
-        own = OwnResidual.of(reference, log, factor * body.kappa).columns(log.q)
+        own = own_columns(reference, log, factor * body.kappa)
         parts = [own, x @ known, shared_columns(reference, log, seen)]
         self.own = own.shape[2]
         self.columns = self.whiten(np.concatenate(parts, axis=2))
-        self._decompose(self.columns.T @ self.columns)
+        self._decompose()
         self.floor = float(np.min(LEAST_NOISE * np.asarray(structure.extents) / self.size))
         self.usual = max(float(np.min(body.noise / self.size)), self.floor)
 
-    def _decompose(self, gram: Array) -> None:
-        values, self._vectors = np.linalg.eigh(gram)
-        self.values, self._gram = np.maximum(values, 0.0), gram
+    def _decompose(self) -> None:
+        values, self._vectors = np.linalg.eigh(self.columns.T @ self.columns)
+        self.values = np.maximum(values, 0.0)
 
     def larger(self, factor: float) -> Equations:
         """The same with another size of the log's own residual."""
-        scale = np.ones(len(self._gram))
-        scale[: self.own] = factor
         other = copy(self)
-        other.columns = self.columns * scale
-        other._decompose(self._gram * scale[:, None] * scale)
+        other.columns = self.columns.copy()
+        other.columns[:, : self.own] *= factor
+        other._decompose()
         return other
 
     def whiten(self, x: Array) -> Array:
@@ -211,12 +173,12 @@ class Equations:
     def noises(self, y: Array) -> Array:
         """Sizes of the noise that are compared, from the usual one."""
         most = max(2.0 * float(np.sqrt(np.mean(y**2))), 2.0 * self.usual)
-        return np.geomspace(self.usual, most, NOISES)
+        return np.geomspace(self.usual, most, _NOISES)
 
     def most_likely_noise(self, y: Array) -> Array:
         """Size (1,) of the noise of the greatest likelihood; the old noise counts for some rows."""
         high = 2.0 * max(float(np.sqrt(np.mean(y**2))), 1.0)
-        grid = np.geomspace(max(self.floor, 1e-2), high, 2 * NOISES)
+        grid = np.geomspace(max(self.floor, 1e-2), high, 2 * _NOISES)
         value = self.likelihood(y, grid) - PSEUDO * (np.log(grid) + 0.5 / grid**2)
         return np.asarray(grid[[int(np.argmax(value))]])
 

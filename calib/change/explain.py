@@ -14,23 +14,15 @@ import numpy as np
 
 from ..body.covariance import autocorrelation_time
 from ..body.normal import Factor
+from ..body.settings import NATS
 from ..common.arrays import Array
-from .equations import Equations, Log
+from .equations import STEPS, Equations, Log
 from .frame import Reference
 from .hypotheses import NOTHING, Hypothesis, freedom, hypotheses_of
-from .settings import (
-    AVERAGED,
-    COUNTS,
-    CREEP,
-    EXPLAINED_ROWS,
-    HARDLY,
-    HOPELESS,
-    MARGIN,
-    OWN,
-    STEPS,
-    USUAL,
-)
+from .settings import CREEP, MARGIN, OWN, USUAL
 
+_ROWS = 200  # that hypotheses are compared on
+_AVERAGED = 6  # explanations at most
 _NOTHING_LEFT = 1e-2  # twice the nats by which a step must better the fit
 
 
@@ -51,7 +43,6 @@ class Explanation:
     noise: float  # noise of the log, in `Reference.sizes`
     temper: float  # rows that count for one
     residual: Array  # (n, m) [unit], measured less predicted outputs of the rows that were compared
-    margin: float  # [nats], by which it must be better than no change
 
     @property
     def unchanged(self) -> bool:
@@ -71,7 +62,7 @@ def explain(
     """
     every = (NOTHING,) if calm else hypotheses_of(reference.structure, cause)
     *narrow, richest = (h for h in every if h.framed or calm or not reference.new)
-    log, found, at = log.some(EXPLAINED_ROWS), list[Explanation](), dict[Hypothesis, Array]()
+    log, found, at = log.some(_ROWS), list[Explanation](), dict[Hypothesis, Array]()
     temper, best = max(reference.body.kappa, 1.0) ** 2, -np.inf
     for factor, waves in OWN:
         equations = Equations(reference, log, factor=factor, waves=waves)
@@ -82,7 +73,7 @@ def explain(
             rest = equations.rest(y, np.zeros((len(y), 0)), rich.noise)
             temper = max(temper, autocorrelation_time(rest))
             rich = _fitted(richest, equations, (factor, waves), temper, rich.beta, cause)
-        hopeless = rich.fit < best - HOPELESS
+        hopeless = rich.fit < best - 2 * MARGIN
         found.append(rich)
         for each in narrow:
             if not hopeless or each == NOTHING:
@@ -111,11 +102,8 @@ def _fitted(
         with np.errstate(all="ignore"):
             return structure.residual(log.z, structure.predict(log.q, beta))
 
-    def away(beta: Array) -> Array:
-        return (beta - origin)[free] / sd[free]
-
     def cost(y: Array, noise: Array, beta: Array) -> float:
-        moved = away(beta)
+        moved = (beta - origin)[free] / sd[free]
         return -float(equations.likelihood(y, noise)[0]) / temper + 0.5 * float(moved @ moved)
 
     left = residual(beta)
@@ -126,7 +114,7 @@ def _fitted(
         power, pull = equations.information(y, equations.whiten(x * sd[free]), noise)
         a = power[0] / temper
         a[np.diag_indices(len(a))] += 1.0
-        factor, lead = Factor(a), pull[0] / temper - away(beta)
+        factor, lead = Factor(a), pull[0] / temper - (beta - origin)[free] / sd[free]
         step = factor.solve(lead)
         if not len(free) or float(lead @ step) < _NOTHING_LEFT:
             break
@@ -135,10 +123,9 @@ def _fitted(
             full = np.zeros(len(beta))
             full[free] = share * step * sd[free]
             moved = structure.retract(beta, full)
-            trial = residual(moved)
-            after = (
-                cost(equations.whiten(trial), noise, moved) if np.isfinite(trial).all() else np.inf
-            )
+            trial, after = residual(moved), np.inf
+            if np.isfinite(trial).all():
+                after = cost(equations.whiten(trial), noise, moved)
             if after <= before:
                 break
             share *= 0.3
@@ -152,29 +139,26 @@ def _fitted(
     fit = -cost(y, noise, beta)
     deviation = np.zeros(len(beta))
     deviation[free] = sd[free] * np.sqrt(factor.variances()) if len(free) else 0.0
-    simulated = reference.body.simulated
-    free_of_charge = hypothesis == NOTHING and (own in OWN[:USUAL] or simulated)
     return Explanation(
         hypothesis, *own, origin, beta, deviation, sd, fit - 0.5 * factor.log_determinant(), fit,
-        float(noise[0]), temper, left, 0.0 if free_of_charge else MARGIN,
+        float(noise[0]), temper, left,
     )  # fmt: skip
 
 
 def changed(found: tuple[Explanation, ...]) -> bool:
     """Whether something else than nothing explains the log, by the margin."""
-    best = max(found, key=lambda e: e.evidence - e.margin)
     nothing = [e.evidence for e in found if e.unchanged]
-    return not nothing or best.evidence > max(nothing) + MARGIN
+    return not nothing or found[0].evidence > max(nothing) + MARGIN
 
 
 def likely(found: Sequence[Explanation]) -> list[tuple[float, Explanation]]:
     """The explanations that count, best first, with their posterior weights."""
-    return weighed([e for e in found if e.evidence > found[0].evidence - COUNTS][:AVERAGED])
+    return weighed([e for e in found if e.evidence > found[0].evidence - MARGIN][:_AVERAGED])
 
 
 def simplest(found: Sequence[Explanation]) -> Explanation:
     """The one that frees least, of those that the evidence hardly tells from the best."""
-    some = [e for e in found if e.evidence > found[0].evidence - HARDLY]
+    some = [e for e in found if e.evidence > found[0].evidence - NATS]
     return min(some, key=lambda e: (len(e.hypothesis.groups), -e.evidence))
 
 

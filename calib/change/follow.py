@@ -8,11 +8,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 
-from ..common.arrays import Array
+from ..common.arrays import Array, Index
 from ..errors import OptionError
 from ..maps import dsom
 from ..maps.density import gain_of, kind_of
@@ -22,7 +23,6 @@ from ..maps.map import Map
 from ..maps.vdsom import VDSOM, Layer, Rates
 from ..model.model import Model
 from .settled import settled_model
-from .watch import Step, Watch, matching_sigma
 
 HORIZON = 10_000
 """Samples over which a re-formed map settles: half of what training takes."""
@@ -34,6 +34,54 @@ _GLANCE = 5  # one sample in so many tells the error
 _SIGMA_END = 0.5  # neighbourhood radius once settled [nodes]
 _KEPT = 20_000  # latest samples that the local models are fitted to
 _LEAST = 10  # samples since a change that a model can rest on
+_WINDOW = 200.0  # samples that a running mean remembers
+_SETTLED = 1.2  # a re-formed map has settled within this factor of a trained one
+_FIRED = 4.0  # standard deviations of a running mean that are no chance
+
+
+@dataclass(frozen=True)
+class Step:
+    """The state after some samples of the stream."""
+
+    samples: int  # samples seen so far
+    # distortion of the maps (eq. 9): running mean of the squared distance to the winner, in the
+    # unit box.
+    zeta_motor: float
+    zeta_sensory: float
+    threshold: float  # what the sensory distortion exceeds by chance next to never
+    # [unit], running mean of the distance from each sample to what the readout ``activity`` said of
+    # it before it was learned
+    error: float
+    # [nodes], neighbourhood radius of the sensory map (eq. 10), 0 before a change was noticed.
+    sigma: float
+    # learning rate and forgetting factor of the links (eq. 12).
+    eta: float
+    beta: float
+    adapting: bool  # whether a change was noticed and the maps are re-forming
+
+
+def matching_sigma(network: Map, error: float) -> float:
+    """Neighbourhood radius [nodes] at which training had a quantization error (eq. 10).
+
+    network : its history tells how the error fell with sigma; the radii of its coarse lattices
+        count as the same share of the full one
+    error : root mean square distance to the winner after the change, in the unit box
+    Returns float, the radius of the whole map where the error is larger than at the start.
+    """
+    dim = len(network.lattice.shape)
+    side = network.lattice.size ** (1 / dim)
+    nodes, sigma, past = network.history[:, 0], network.history[:, 1], network.history[:, 2]
+    full = sigma * side / nodes ** (1 / dim)
+    # the error of an epoch is that of the radius before it
+    past, full = past[1:], full[:-1]
+    if not len(past) or error > past.max():
+        return max(network.lattice.shape) / 2
+    # the last epoch that was as bad
+    epoch = int(np.flatnonzero(past >= error)[-1])
+    if epoch + 1 == len(past) or past[epoch] == past[epoch + 1]:
+        return float(full[epoch])
+    share = (past[epoch] - error) / (past[epoch] - past[epoch + 1])
+    return float(full[epoch] * (full[epoch + 1] / full[epoch]) ** share)
 
 
 class OnlineAdapter:
@@ -54,26 +102,31 @@ class OnlineAdapter:
     def __init__(self, model: Model, horizon: int = HORIZON, *, force: bool = False) -> None:
         if horizon < 1:
             raise OptionError(f"horizon {horizon}: expected one or more samples")
-        check_followable(model)
-        self._model = model
-        self._horizon = horizon
-        self._force = force
-        rule = str(model.about.options.get("map", "vdsom"))
+        rule, maps = str(model.about.options.get("map", "vdsom")), (model.motor, model.sensory)
         try:
             gain, kind = gain_of(rule), kind_of(rule)
         except OptionError:  # a function that the model file could not keep
             gain, kind = gain_of("vdsom"), "som"
+        self._model, self._horizon, self._force = model, horizon, force
         self._dynamic = kind == "dsom"  # its rate and radius follow the distance, not time
         layers = [
             Layer(part.units, part.lattice, part.scale, gain)
-            for part in (model.motor, model.sensory)
+            for part in maps
             if isinstance(part.lattice, Lattice)
         ]
+        if len(layers) < len(maps):
+            raise OptionError(
+                "online adaptation resets the neighbourhood radius of a lattice (eq. 10), and a "
+                "growing neural gas has neither: its edges age by wins, so that a region which "
+                "is no longer visited keeps its nodes; use method 'few-shot', or train with "
+                "map 'vdsom', 'som' or 'dsom'"
+            )
         self._net = VDSOM(layers, model.association.wiring, model.links.toarray())
         self._idle = np.zeros(model.sensory.size)  # what unvisited nodes should have forgotten
-        self._seen = 0
-        self._since = -1
-        self._watch = Watch(model)
+        self._seen, self._since = 0, -1
+        # running means of distortion and error, and those of the latest block
+        self._mean: dict[str, float] = {}
+        self._latest: dict[str, float] = {}
         self._start = {"motor": _SIGMA_END, "sensory": _SIGMA_END}
         self._q: list[Array] = []
         self._x: list[Array] = []
@@ -89,28 +142,57 @@ class OnlineAdapter:
         v = self._model.sensory.scale.to_unit(np.asarray(x, dtype=float))
         if not len(u):
             raise OptionError("no samples: expected one or more rows")
-        for first in range(0, len(u), BLOCK):
-            step = self._feed(u[first : first + BLOCK], v[first : first + BLOCK])
-        return step
+        steps = [self._feed(u[k : k + BLOCK], v[k : k + BLOCK]) for k in range(0, len(u), BLOCK)]
+        return steps[-1]
 
     def _feed(self, u: Array, v: Array) -> Step:
         motor, sensory = self._map("motor"), self._map("sensory")
         some = slice(0, None, _GLANCE)
         gap = (self._net.said(u[some], self._idle) - v[some]) * sensory.scale.span
-        error = float(np.linalg.norm(gap, axis=1).mean())
-        expected = self._watch.look(motor, sensory, u, v, error, self._since >= 0)
+        distance, winner = sensory.nearest(v)
+        self._latest = {
+            "motor": float(np.mean(motor.nearest(u)[0] ** 2)),  # eq. 9
+            "sensory": float(np.mean(distance[:, 0] ** 2)),
+            "error": float(np.linalg.norm(gap, axis=1).mean()),
+        }
+        mean, share = self._mean, min(1.0, len(u) / _WINDOW)
+        for name, value in self._latest.items():
+            mean[name] = (1 - share) * mean.get(name, value) + share * value
+        expected = self._expected(sensory, winner[:, 0])
         self._seen += len(u)
         kept = slice(None)
-        if self._since < 0 and (self._force or self._watch.fired(expected)):
-            self._reset()
+        if self._since < 0 and (self._force or self._left(expected)):
+            self._since = 0
+            for name in self._start:  # sigma where training had the same distortion (eq. 10)
+                after = max(mean[name], self._latest[name])
+                sigma = matching_sigma(getattr(self._model, name), math.sqrt(after))
+                self._start[name] = max(_SIGMA_END, sigma)
             if not self._force:  # this block may have begun before the change
                 kept = slice(0)
         sigma, eta, beta = (0.0, 0.0, 0.0) if self._since < 0 else self._learn(u, v, kept)
-        mean = self._watch.mean
         return Step(
             self._seen, mean["motor"], mean["sensory"], expected, mean["error"], sigma, eta, beta,
             self.adapting,
         )  # fmt: skip
+
+    def _expected(self, sensory: Map, winner: Index) -> float:
+        """Sensory distortion that samples of some winners exceed by chance next to never."""
+        baseline = self._model.baseline
+        if baseline is None:
+            return math.inf
+        chance = _FIRED * math.sqrt(baseline.spread[1] / _WINDOW)
+        # distances scale with the lattice: a larger arm's nodes stand further apart
+        size = (sensory.spacing / self._model.sensory.spacing) ** 2
+        size *= _SETTLED if self._since >= 0 else 1.0
+        return float(baseline.sensory[winner].mean()) * size * (1.0 + chance)
+
+    def _left(self, expected: float) -> bool:
+        """Whether the distortion (eq. 9) or the links' residual left what is usual."""
+        errors, baseline = self._model.about.errors, self._model.baseline
+        usual = errors["activity"]["forward"]["distance"]["mean"] if errors else math.inf
+        usual += baseline.noise if baseline else 0.0
+        far = self._mean["sensory"] > expected or self._mean["error"] > 2.0 * usual
+        return self._seen >= _WINDOW / 2 and far
 
     def _learn(self, u: Array, v: Array, kept: slice) -> tuple[float, float, float]:
         """Form maps and links by samples; sigma, eta and beta of the last one."""
@@ -158,26 +240,6 @@ class OnlineAdapter:
         network: Map = getattr(self._model, name)
         layer = self._net.layers[name == "sensory"]
         return Map(layer.weights, network.lattice, network.scale, network.history)
-
-    def _reset(self) -> None:
-        """Set sigma to where training had the same distortion (eq. 10)."""
-        self._since = 0
-        for name in self._start:
-            network: Map = getattr(self._model, name)
-            after = max(self._watch.mean[name], self._watch.block[name])
-            self._start[name] = max(_SIGMA_END, matching_sigma(network, math.sqrt(after)))
-
-
-def check_followable(model: Model) -> None:
-    """Refuse a model whose maps have no lattice to re-form."""
-    for part in (model.motor, model.sensory):
-        if not isinstance(part.lattice, Lattice):
-            raise OptionError(
-                "online adaptation resets the neighbourhood radius of a lattice (eq. 10), and a "
-                "growing neural gas has neither: its edges age by wins, so that a region which "
-                "is no longer visited keeps its nodes; use method 'few-shot', or train with "
-                "map 'vdsom', 'som' or 'dsom'"
-            )
 
 
 def follow(

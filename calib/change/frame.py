@@ -7,7 +7,7 @@ more than anything else; so the frame comes first, in closed form, and small cha
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, fields, is_dataclass, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from ..arm.rotations import logarithm
 from ..body.belief import Body
-from ..body.parameters import Indices
 from ..body.structure import Structure
 from ..body.views import is_camera
 from ..common.arrays import Array
@@ -68,77 +67,76 @@ def kept_reference(body: Body) -> Reference:
     return Reference(body, body.beta, False, False, (), (), 1.0, np.zeros(0, dtype=np.intp))
 
 
-def reference_of(body: Body, q: Array, z: Array, unit: str | None = None) -> Reference:
+def reference_of(body: Body, q: Array, z: Array, unit: str) -> Reference:
     """Bring a belief into the frame of a log.
 
     body : the old belief
     q, z : (n, dof), (n, m), the log
-    unit : unit of its positions, where it is another
+    unit : unit of its positions
     """
-    kept = kept_reference(body)
-    places = body.structure.blocks[0]
+    kept, old = kept_reference(body), body.structure
+    places, extent = slice(old.blocks[0]), float(old.extents[0])
     rows = thinned(len(q), _ROWS)
     q, z = q[rows], z[rows]
-    seen = body.structure.predict(q, body.beta)
-    extent = float(np.asarray(body.structure.extents)[0])
-    gap = float(np.median(np.linalg.norm((z - seen)[:, :places], axis=1)))
-    if gap < _FAR * extent:
+    gap = np.linalg.norm((z - old.predict(q, body.beta))[:, places], axis=1)
+    if float(np.median(gap)) < _FAR * extent:
         return kept
-    if is_camera(body.structure.view):
-        return replace(kept, beta=_camera_moved(body, q, z), forgotten=_moving(body.structure))
-    tries: list[tuple[float, dict[str, Any], Array, tuple[int, ...], float]] = []
+    if is_camera(old.view):
+        moved = _placed(old, q, z, [body.beta, _camera_anew(body, q, z)])
+        return replace(kept, beta=moved, forgotten=indices_of(old, FRAME))
+    tries: list[tuple[float, dict[str, Any], Array, tuple[int, ...], float, Array]] = []
     for change, start, held in _variants(body):
-        structure = _replaced(body.structure, change)
-        p = structure.predict(q, start)[:, :places]
+        p = _replaced(old, change).predict(q, start)[:, places]
         for scaled in (False,) if held else (False, True):
-            error, ratio, _ = rigid_misfit(p, z[:, :places], scaled)
+            error, ratio, turn = _rigid_misfit(p, z[:, places], scaled)
             # each further freedom must halve what is left
             free = len(change) + len(held) + (scaled and not 0.5 < ratio < 2.0)
-            tries.append((max(error, _EXACT * extent) / _BETTER**free, change, start, held, ratio))
-    _, change, start, locked, ratio = min(tries, key=lambda t: t[0])
-    other = not _SCALES[0] < ratio < _SCALES[1]
-    factor = ratio if other else 1.0
-    structure = _replaced(body.structure, change)
+            error = max(error, _EXACT * extent) / _BETTER**free
+            tries.append((error, change, start, held, ratio, turn))
+    _, change, start, locked, ratio, turn = min(tries, key=lambda t: t[0])
+    structure, other = _replaced(old, change), not _SCALES[0] < ratio < _SCALES[1]
     if other:  # in the log's own unit
-        known = unit not in (None, getattr(structure, "unit", None))
-        told: dict[str, Any] = {
-            "extent": ratio * getattr(structure, "extent", 1.0),
-            "centre": tuple(z.mean(axis=0).tolist()),
-            "unit": unit if known else "sensor",
-        }
-        structure = _replaced(structure, told)
-    beta = _framed(structure, start, q, z, ratio if other else None)
+        told = "sensor" if unit == old.unit else unit
+        centre = tuple(z.mean(axis=0).tolist())
+        structure = _replaced(
+            structure, {"extent": ratio * old.extent, "centre": centre, "unit": told}
+        )
+    factor = ratio if other else 1.0
+    starts = []
+    for by in (np.eye(len(turn)), turn):
+        beta, step = start.copy(), np.zeros(structure.size)
+        beta[indices_of(structure, ("view.scale",))] += np.log(factor)
+        about = structure.groups["view.rotation"]
+        step[about] = np.arctan2(by[1:2, 0], by[0, 0]) if len(about) == 1 else logarithm(by)
+        beta, shift = structure.retract(beta, step), structure.groups["view.shift"]
+        residual = structure.residual(z, structure.predict(q, beta))
+        beta[shift] += np.median(residual, axis=0)[: len(shift)]
+        starts.append(beta)
+    beta = _placed(structure, q, z, starts, other)
+    if len(about) == 1:  # the same angle, the short way round
+        beta[about] -= 2 * np.pi * np.round((beta[about] - start[about]) / (2 * np.pi))
     new = bool(change) or bool(locked) or other
-    signs, old = change.get("signs", ()), getattr(body.structure, "signs", ())
-    turned = tuple(k for k, (now, was) in enumerate(zip(signs, old, strict=False)) if now != was)
-    view = indices_of(structure, [g for g in structure.groups if is_sensors(g)])
-    moved = replace(
+    signs = zip(change.get("signs", ()), getattr(old, "signs", ()), strict=False)
+    turned = tuple(k for k, (now, was) in enumerate(signs) if now != was)
+    view = [g for g in structure.groups if is_sensors(g)] if new else FRAME
+    body = replace(
         body, structure=structure, noise=body.noise * factor, tau=body.tau * factor,
         residual=body.residual * factor,
     )  # fmt: skip
-    forgotten = view if new else _moving(structure)
-    return Reference(moved, beta, new, "mirror" in change, turned, locked, factor, forgotten)
+    forgotten = indices_of(structure, view)
+    return Reference(body, beta, new, "mirror" in change, turned, locked, factor, forgotten)
 
 
-def _moving(structure: Structure) -> Indices:
-    """Parameters of a sensor that was moved."""
-    return indices_of(structure, FRAME)
-
-
-def _camera_moved(body: Body, q: Array, z: Array) -> Array:
-    """Parameters of a camera elsewhere, its lens and the arm as they were."""
+def _camera_anew(body: Body, q: Array, z: Array) -> Array:
+    """Parameters of a camera that stands anywhere, its lens and the arm as they were."""
     from ..body.spatial_start import frame  # brings SciPy's linear algebra
 
     structure: Any = body.structure
-    groups = structure.groups
-    lens = tuple(body.beta[groups["lens"]].tolist())
+    lens = tuple(body.beta[structure.groups["lens"]].tolist())
     known = replace(structure, lens=lens, lens_sd=(0.0, 0.0, 0.0, 0.0))
-    beta = body.beta.copy()
-    free = _moving(structure)
+    beta, free = body.beta.copy(), indices_of(structure, FRAME)
     beta[free] = frame(known, q, z, body.beta)[free]
-    careful = np.isin(free, groups["view.rotation"])
-    tries = [_aligned(structure, each, q, z, free, careful) for each in (body.beta, beta)]
-    return min(tries, key=lambda t: t[0])[1]
+    return beta
 
 
 def _variants(body: Body) -> Iterator[tuple[dict[str, Any], Array, tuple[int, ...]]]:
@@ -148,40 +146,33 @@ def _variants(body: Body) -> Iterator[tuple[dict[str, Any], Array, tuple[int, ..
     """
     structure, beta = body.structure, body.beta
     yield {}, beta, ()
-    names = _fields(structure)
     mirrors: list[dict[str, Any]] = [{}]
-    if "mirror" in names:
-        mirrors.append({"mirror": -structure.mirror})  # type: ignore[attr-defined]
+    if (mirror := getattr(structure, "mirror", None)) is not None:
+        mirrors.append({"mirror": -mirror})
         yield mirrors[1], beta, ()
-    chain = {"offset", "gain"} <= set(structure.groups)
-    for k, turns in enumerate(structure.revolute):
-        if "signs" in names and chain and turns:
-            signs = structure.signs  # type: ignore[attr-defined]
+    if not {"offset", "gain"} <= set(structure.groups):
+        return
+    signs = getattr(structure, "signs", ())
+    for k in np.flatnonzero(structure.revolute).tolist():
+        if signs:
             other = tuple(-s if j == k else s for j, s in enumerate(signs))
-            for mirror in mirrors:
-                yield {**mirror, "signs": other}, beta, ()
-        if chain and turns and k:
-            held, offset = beta.copy(), structure.groups["offset"][k]
+            for seen in mirrors:
+                yield {**seen, "signs": other}, beta, ()
+        for angle in np.arange(-np.pi, np.pi, _LOCKED_STEP) if k else ():
+            held = beta.copy()
             held[structure.groups["gain"][k]] = 0.0
-            for angle in np.arange(-np.pi, np.pi, _LOCKED_STEP):
-                held = held.copy()
-                held[offset] = beta[offset] + angle
-                yield {}, held, (k,)
-
-
-def _fields(structure: Structure) -> set[str]:
-    """Names of the fields of a structure."""
-    return {f.name for f in fields(structure)} if is_dataclass(structure) else set()
+            held[structure.groups["offset"][k]] += angle
+            yield {}, held, (k,)
 
 
 def _replaced(structure: Structure, change: dict[str, Any]) -> Structure:
     """The structure with other values of those fields that it has."""
-    own = {name: value for name, value in change.items() if name in _fields(structure)}
+    own = {name: value for name, value in change.items() if name in structure.__dict__}
     # a copy would compute again what a structure keeps of itself
     return replace(structure, **own) if own else structure  # type: ignore[type-var]
 
 
-def rigid_misfit(p: Array, z: Array, scaled: bool) -> tuple[float, float, Array]:
+def _rigid_misfit(p: Array, z: Array, scaled: bool) -> tuple[float, float, Array]:
     """Typical distance after the best motion, its scale and its rotation (Umeyama 1991).
 
     The rotation is a proper one: mirrors are variants of the structure.  Rows that contradict
@@ -204,56 +195,32 @@ def rigid_misfit(p: Array, z: Array, scaled: bool) -> tuple[float, float, Array]
     return typical, max(ratio, 1e-12), turn
 
 
-def _framed(structure: Structure, beta: Array, q: Array, z: Array, ratio: float | None) -> Array:
-    """Parameters with the frame that fits a log best, from where it is and from a rigid motion."""
-    groups = structure.groups
-    turn, shift = np.asarray(groups["view.rotation"]), np.asarray(groups["view.shift"])
-    scale = np.asarray(groups["view.scale"]) if ratio is not None else np.zeros(0, dtype=int)
-    free = np.concatenate([turn, shift, scale]).astype(np.intp)
-    beta = beta.copy()
-    if ratio is not None:
-        beta[scale] += np.log(ratio)
-    places = structure.blocks[0]
-    seen = structure.predict(q, beta)[:, :places]
-    _, _, matrix = rigid_misfit(seen, z[:, :places], ratio is not None)
-    angle = np.arctan2(matrix[1:2, 0], matrix[0, 0]) if len(turn) == 1 else logarithm(matrix)
-    tries: list[tuple[float, Array]] = []
-    for start in (np.zeros(len(turn)), angle):
-        full = np.zeros(len(beta))
-        full[turn] = start
-        found = structure.retract(beta, full)
-        residual = structure.residual(z, structure.predict(q, found))
-        found[shift] += np.median(residual, axis=0)[: len(shift)]
-        tries.append(_aligned(structure, found, q, z, free, ~np.isin(free, shift)))
-    best = min(tries, key=lambda t: t[0])[1]
-    if len(turn) == 1:  # the same angle, the short way round
-        best[turn] -= 2 * np.pi * np.round((best[turn] - beta[turn]) / (2 * np.pi))
-    return best
-
-
-def _aligned(
-    structure: Structure, beta: Array, q: Array, z: Array, free: Indices, careful: NDArray[np.bool_]
-) -> tuple[float, Array]:
-    """Gauss-Newton of the frame alone on absolute residuals, and the median error.
-
-    Steps of the parameters `careful` (bool, of `free`), a rotation and a scale, stay below 0.5.
-    """
-    for _ in range(30):
-        predicted, x = structure.linearise(q, beta, free)
-        r = structure.residual(z, predicted)
-        error = np.linalg.norm(r, axis=1)
-        root = 1.0 / np.sqrt(np.maximum(error, 0.3 * np.median(error) + 1e-12))
-        j = (x * root[:, None, None]).reshape(-1, len(free))
-        size = np.sqrt((j**2).sum(axis=0)) + 1e-300
-        step = np.linalg.lstsq(j / size, (r * root[:, None]).ravel(), rcond=1e-12)[0] / size
-        step *= min(1.0, 0.5 / max(float(np.abs(step[careful]).max()), 1e-12))
-        full = np.zeros(len(beta))
-        full[free] = step
-        beta = structure.retract(beta, full)
-        if float(np.abs(step * size).max()) < 1e-9 * float(size.max()):
-            break
-    residual = structure.residual(z, structure.predict(q, beta))
-    return float(np.median(np.linalg.norm(residual, axis=1))), beta
+def _placed(
+    structure: Structure, q: Array, z: Array, starts: list[Array], scaled: bool = False
+) -> Array:
+    """Gauss-Newton of the frame alone on absolute residuals, from the best of some starts."""
+    free = indices_of(structure, (*FRAME, "view.scale") if scaled else FRAME)
+    # steps of a rotation and a scale stay below 0.5
+    careful = ~np.isin(free, structure.groups["view.shift"])
+    tries = []
+    for beta in starts:
+        for _ in range(30):
+            predicted, x = structure.linearise(q, beta, free)
+            r = structure.residual(z, predicted)
+            error = np.linalg.norm(r, axis=1)
+            root = 1.0 / np.sqrt(np.maximum(error, 0.3 * np.median(error) + 1e-12))
+            j = (x * root[:, None, None]).reshape(-1, len(free))
+            size = np.sqrt((j**2).sum(axis=0)) + 1e-300
+            step = np.linalg.lstsq(j / size, (r * root[:, None]).ravel(), rcond=1e-12)[0] / size
+            step *= min(1.0, 0.5 / max(float(np.abs(step[careful]).max()), 1e-12))
+            full = np.zeros(len(beta))
+            full[free] = step
+            beta = structure.retract(beta, full)
+            if float(np.abs(step * size).max()) < 1e-9 * float(size.max()):
+                break
+        residual = structure.residual(z, structure.predict(q, beta))
+        tries.append((float(np.median(np.linalg.norm(residual, axis=1))), beta))
+    return min(tries, key=lambda t: t[0])[1]
 
 
 def carried_offset(old: Body, new: Body, beta: Array, q: Array, offset: Array) -> Array:

@@ -17,7 +17,7 @@ from ..body.covariance import root_of
 from ..body.parameters import Indices
 from ..body.settings import SHIFT, TURN
 from ..body.structure import Structure
-from ..common.arrays import Array, Mask
+from ..common.arrays import Array
 from ..common.choices import CAUSES
 from ..errors import OptionError
 from .settings import ANYWHERE, BUILT_CURVE, CREEP, OWN_FLOOR
@@ -39,7 +39,7 @@ _SIZES = {
     "view.shift": _Sizes(0.05),  # of the extents
     "view.scale": _Sizes(0.3),
     "view.shear": _Sizes(0.1),
-    "view.tilt": _Sizes(0.3),  # of the chain's size
+    "view.tilt": _Sizes(0.3),  # over an extent
     "lens": _Sizes(0.2),
     "offset": _Sizes(np.radians(5.0), np.radians(0.02), np.radians(0.1)),
     "length": _Sizes(0.15, 1e-4, 1e-3),  # of the mean length; as built [m]
@@ -76,20 +76,10 @@ TESTED = ("offset", "length", "gain", "placement", "tool")
 """Groups that are tested joint by joint."""
 
 _CAMERA = ("view.scale", "view.shear", "view.tilt")
-_GEOMETRY = ("offset", "length", "gain")
 _SENSOR = ((), ("view.scale",), _CAMERA, ("view.scale", "view.shear", "lens"))
-_ARM = (
-    ("offset",),
-    ("length",),
-    ("gain",),
-    ("elastic",),
-    ("tool",),
-    _GEOMETRY,
-    ("placement", "offset", "gain"),
-    (*_GEOMETRY, "elastic"),
-    (*_GEOMETRY, "elastic", "placement", "tool", "curve"),
-)
-_BOTH = ((*_GEOMETRY, *_CAMERA), (*_ARM[-1], *_CAMERA, "lens"))
+_GEOMETRY = ("offset", "length", "gain", "placement")
+_EVERY = (*_GEOMETRY, "elastic", "tool", "curve")
+_ARM = (("offset",), ("length",), ("gain",), ("elastic",), ("tool",), _GEOMETRY, _EVERY)
 
 
 def hypotheses_of(structure: Structure, cause: str | None = None) -> tuple[Hypothesis, ...]:
@@ -106,13 +96,10 @@ def hypotheses_of(structure: Structure, cause: str | None = None) -> tuple[Hypot
             parameter="cause",
             value=cause,
         )
-    sets: list[tuple[str, ...]] = [()]
-    if cause != "joints":
-        sets += [(*FRAME, *more) for more in _SENSOR]
-    if cause != "sensor":
-        sets += list(_ARM)
-    if cause is None:
-        sets += [(*FRAME, *more) for more in _ARM + _BOTH]
+    sensor, arm = cause != "joints", cause != "sensor"
+    sets = [(), *((*FRAME, *more) for more in _SENSOR if sensor), *(_ARM if arm else ())]
+    if sensor and arm:
+        sets += [(*FRAME, *more) for more in (*_ARM, (*_EVERY, *_CAMERA, "lens"))]
     known = (tuple(g for g in groups if len(indices_of(structure, (g,)))) for groups in sets)
     return tuple(Hypothesis(groups) for groups in dict.fromkeys(known))
 
@@ -156,21 +143,15 @@ def creep(body: Body, waves: float = CREEP) -> Array:
     The curves of the joints by `waves` times their prior's; beyond `CREEP` those too that the
     belief leaves out.
     """
-    structure = body.structure
-    sd = _deviations(body, _arm_groups(structure), "creep", waves)
-    _keep_gauge(body, sd, None)
-    known = _mask(structure, body.active)
+    sd, known = _deviations(body, _arm_groups(body), "creep", waves), body.active
+    _keep_gauge(body, sd)
     if waves > CREEP:
-        known |= _mask(structure, indices_of(structure, ("curve",)))
-    return np.where(known, sd, 0.0)
+        known = np.union1d(known, indices_of(body.structure, ("curve",)))
+    return np.where(np.isin(np.arange(len(sd)), known), sd, 0.0)
 
 
-def _arm_groups(structure: Structure) -> list[str]:
-    return [g for g in structure.groups if not is_sensors(g)]
-
-
-def _mask(structure: Structure, indices: Indices) -> Mask:
-    return np.isin(np.arange(structure.size), indices)
+def _arm_groups(body: Body) -> list[str]:
+    return [g for g in body.structure.groups if not is_sensors(g)]
 
 
 def _deviations(
@@ -183,50 +164,36 @@ def _deviations(
     metre : [unit], what lengths are told in; their mean where not given
     """
     structure, sd = body.structure, np.zeros(body.structure.size)
+    extent, length = float(structure.extents[0]), metre or _length(body)
+    times = {"view.shift": extent, "view.tilt": 1.0 / extent, "length": length}
     for group in groups:
-        size = getattr(_SIZES.get(group, _OTHER), kind)
+        size = getattr(_SIZES.get(group, _OTHER), kind) * times.get(group, 1.0)
         for name, ix in parts_of(structure, group):
-            if group not in _SIZES:
-                share = curve if name.startswith("curve") else size
-                sd[ix] = share * _usual(structure, name, ix)
+            sd[ix] = curve if name.startswith("curve") else size
+            if group in _SIZES:
                 continue
-            sd[ix] = size
-            if group == "view.shift":
-                sd[ix] *= float(structure.extents[0])
-            elif group == "view.tilt":
-                # a forged file may hold links of no length, and a chain no such group
-                total = float(np.abs(_lengths(body)).sum())
-                sd[ix] /= total or float(structure.extents[0])
-            elif group == "length":
-                sd[ix] *= metre or float(np.abs(_lengths(body)).mean())
+            usual = structure.prior((name,)).sd[ix]
+            # A chain without a drawing has flat priors of its joint origins.  What was learned has
+            # taken their place: shares of them let origins creep by a tenth of the reach.
+            if group == "placement" and (turns := getattr(structure, "turns", None)) is not None:
+                usual = np.minimum(usual, np.where(np.isin(ix, turns), TURN, SHIFT))
+            sd[ix] *= usual
     return sd
 
 
-def _usual(structure: Structure, group: str, ix: Indices) -> Array:
-    """Prior sd of the parameters `ix` of one group of an arm whose geometry is known.
-
-    A chain without a drawing has flat priors of its joint origins.  What was learned has taken
-    their place: shares of them let origins creep by a tenth of the reach, which hid any change.
-    """
-    sd = structure.prior((group,)).sd[ix]
-    if group == "placement" and (turns := getattr(structure, "turns", None)) is not None:
-        sd = np.minimum(sd, np.where(np.isin(ix, turns), TURN, SHIFT))
-    return np.asarray(sd)
+def _length(body: Body) -> float:
+    """Mean length of the links [unit]; 1 of a chain without such a group."""
+    lengths = body.beta[indices_of(body.structure, ("length",))]
+    return float(np.abs(lengths).mean()) if len(lengths) else 1.0
 
 
-def _lengths(body: Body) -> Array:
-    """Lengths (k,) of the links, none of a chain without such a group [unit]."""
-    return body.beta[indices_of(body.structure, ("length",))]
-
-
-def _keep_gauge(body: Body, sd: Array, cause: str | None) -> None:
+def _keep_gauge(body: Body, sd: Array, cause: str | None = None) -> None:
     """Hold what a free frame already says: the first joint's offset, the first length."""
-    active = _mask(body.structure, body.active)
     offset, length = (indices_of(body.structure, (g,)) for g in ("offset", "length"))
     # with the frame held, the first joint's offset is what a turn about its axis is
-    if len(offset) and not active[offset[0]] and cause != "joints":
+    if len(offset) and offset[0] not in body.active and cause != "joints":
         sd[offset[0]] = 0.0
-    if len(length) and active[length[1:]].any() and not active[length[0]]:
+    if np.isin(length[1:], body.active).any() and length[0] not in body.active:
         sd[length[0]] = 0.0
 
 
@@ -242,9 +209,9 @@ def as_built(body: Body) -> Body:
         return body
     metre = float(getattr(structure, "metre", 1.0))
     if structure.view not in ("rigid", "base", "pose"):
-        metre = float(np.abs(_lengths(body)).mean()) / 0.3
-    sd = _deviations(body, _arm_groups(structure), "built", BUILT_CURVE, metre)
-    _keep_gauge(body, sd, None)
+        metre = _length(body) / 0.3
+    sd = _deviations(body, _arm_groups(body), "built", BUILT_CURVE, metre)
+    _keep_gauge(body, sd)
     if structure.kind == "spatial":  # the first origin's place is the frame's own
         first = (getattr(structure, name)[0] for name in ("shifts", "turns"))
         sd[np.concatenate(list(first))] = 0.0

@@ -12,20 +12,14 @@ import numpy as np
 from ..common.arrays import Array
 from ..errors import ModelError, QueryError
 from ..model.model import Model
-from ..model.trust import MOST_BLENDED
 from .equations import affine_columns
 from .score import groups_of
-from .settings import (
-    CLIP,
-    COLLINEAR,
-    DIRECTIONS,
-    LEAST_NOISE,
-    LONG,
-    MONITOR_ALARM,
-    NUISANCE,
-    WARM,
-    WINDOW,
-)
+from .settings import LEAST_NOISE, LONG, MONITOR_ALARM, NUISANCE, WINDOW
+
+_WARM = 20  # samples before the first judgement
+_DIRECTIONS = 8  # strongest displacements; further ones are nearly sums of these
+_COLLINEAR = 1e-3  # directions that are so much weaker than the strongest are left out
+_CLIP = 8.0  # a residual counts for at most so many times the usual one
 
 
 class State(NamedTuple):
@@ -75,17 +69,21 @@ class Monitor:
         if model.baseline is None:
             raise ModelError("the model has no baseline of its distortions: train it again")
         self._model, self._expected = model, model.baseline.sensory
-        self._directions = _Directions(model)
-        axes, p = self._directions.nodes.shape[1:]
+        self._every = np.zeros(0, dtype=np.intp)
+        if model.body is not None:
+            self._every = np.unique(np.concatenate(list(groups_of(model.body).values())))
+        self._combined = _orthonormal(self._moves(np.clip(model.motor.units, 0.0, 1.0)))
+        axes, p = model.sensory.scale.span.size, self._combined.shape[1]
         self._fade = 1.0 - 1.0 / window
         self._moments = np.zeros((p + 1, p + 1))
         self._own = _own_error(model)
         self._noise = model.baseline.noise
-        self._extent = float(np.linalg.norm(model.sensory.scale.span))
+        self._least = LEAST_NOISE * float(np.linalg.norm(model.sensory.scale.span))
         # by numbers of independent samples: what chance explains of noise, in its variances
         free = np.maximum(axes * np.arange(int(2.0 * window) + 2.0) - p, 1.0)
         self._chance = p * np.asarray(fdtri(p, free, 1.0 - MONITOR_ALARM))
-        self._weight = self._square = self._ratio = self._bound = self._usual = 0.0
+        # sums that fade: samples, their squared weights, zeta over what is usual, squared bounds
+        self._sums, self._usual = np.zeros(4), 0.0
         self._last, self._lagged, self._long = np.zeros(axes), 0.0, 0.0
         self._seen = 0
         self._state = State(0, False, 0.0, 0.0, 0.0, 0.0, ())
@@ -108,23 +106,18 @@ class Monitor:
         residual = x - model.forward(q)
         if not np.isfinite(residual).all():
             return self._state
-        node = int(model.motor.nearest(model.motor.scale.to_unit(q[None]))[1][0, 0])
-        bound = float(self._own[node])
+        unit = model.motor.scale.to_unit(q[None])
+        bound = float(self._own[int(model.motor.nearest(unit)[1][0, 0])])
         size = float(np.sqrt(residual @ residual))
         usual = max(self._usual, self._noise, bound)
         self._usual += 0.05 * (min(size, 3.0 * usual) - self._usual)
-        limit = CLIP * max(self._usual, self._noise, bound)
-        if size > limit:
-            residual = residual * (limit / size)
-        row = np.concatenate([self._directions.at(q, node), residual[:, None]], axis=1)
+        residual *= min(1.0, _CLIP * max(self._usual, self._noise, bound) / max(size, 1e-300))
+        row = np.concatenate([self._moves(unit)[0] @ self._combined, residual[:, None]], axis=1)
         away, winner = model.sensory.nearest(model.sensory.scale.to_unit(x[None]))
         ratio = float(away[0, 0]) ** 2 / float(self._expected[int(winner[0, 0])])
-        fade = self._fade  # means over a window that forgets, in constant memory
+        fade = self._fade  # sums over a window that forgets, in constant memory
         self._moments = fade * self._moments + row.T @ row
-        self._weight = fade * self._weight + 1.0
-        self._square = fade * fade * self._square + 1.0
-        self._ratio = fade * self._ratio + ratio
-        self._bound = fade * self._bound + bound**2
+        self._sums = self._sums * [fade, fade**2, fade, fade] + [1.0, 1.0, ratio, bound**2]
         self._seen += 1
         self._judge(row)
         return self._state
@@ -135,13 +128,13 @@ class Monitor:
         return self._state
 
     def _judge(self, row: Array) -> None:
-        moments, weight, axes = self._moments, self._weight, len(row)
-        p = len(moments) - 1
+        moments, axes, p = self._moments, len(row), len(self._moments) - 1
+        weight, square, ratio, bound = self._sums.tolist()
         gram, products = moments[:-1, :-1].copy(), moments[:-1, -1]
         gram[np.diag_indices(p)] += 1e-9 * np.trace(gram) / p + 1e-300
         combined = np.linalg.solve(gram, products)
         explained = max(float(products @ combined), 0.0) / weight
-        independent = weight**2 / self._square
+        independent = weight**2 / square
         rest = row[:, -1] - row[:, :-1] @ combined
         # A change leaves a rest that lasts: of a long memory and by direction, it counts little
         rest = rest / max(math.sqrt(float(rest @ rest)), 1e-300)
@@ -157,17 +150,35 @@ class Monitor:
         left /= max(1.0 - p / (axes * independent), 0.1)
         variance = max(left, self._noise**2)
         chance = variance * float(self._chance[int(independent)]) / independent
-        own = NUISANCE**2 * self._bound / weight + (LEAST_NOISE * self._extent) ** 2
-        score = math.sqrt(explained / (chance + own)) if self._seen >= WARM else 0.0
+        own = NUISANCE**2 * bound / weight + self._least**2
+        score = math.sqrt(explained / (chance + own)) if self._seen >= _WARM else 0.0
         self._state = State(
-            self._seen, score > 1.0, score, self._ratio / weight, math.sqrt(explained),
+            self._seen, score > 1.0, score, ratio / weight, math.sqrt(explained),
             math.sqrt(left), ("links",) if score > 1.0 else (),
         )  # fmt: skip
+
+    def _moves(self, units: Array) -> Array:
+        """Displacements (n, m, k) at joints (n, dof) in the unit box by what may change."""
+        model = self._model
+        if model.body is None:  # a sensor that is moved
+            return affine_columns(model.predictor.value(units))
+        q = model.motor.scale.from_unit(units)
+        return np.asarray(model.body.structure.linearise(q, model.body.beta, self._every)[1])
 
 
 def monitor(model: Model) -> Monitor:
     """A monitor for a stream of samples: ``monitor.update(q, x)`` after each."""
     return Monitor(model)
+
+
+def _orthonormal(moves: Array) -> Array:
+    """Combinations (k, p) of displacements (n, m, k) that are orthonormal over the rows."""
+    n, m, k = moves.shape
+    flat = moves.reshape(n * m, k)
+    lengths = np.linalg.norm(flat, axis=0) + 1e-300
+    _, size, turn = np.linalg.svd(flat / lengths, full_matrices=False)
+    kept = np.flatnonzero(size > _COLLINEAR * size[0])[:_DIRECTIONS]
+    return np.asarray(turn[kept].T / size[kept] * np.sqrt(n) / lengths[:, None])
 
 
 def _own_error(model: Model) -> Array:
@@ -186,39 +197,3 @@ def _own_error(model: Model) -> Array:
     # a play of joints or an adaptation in places is beyond the body
     beyond = np.nan_to_num(model.model_bounds) - body.bound(q, noise=False)
     return np.asarray(own.bound(q, noise=False) + np.maximum(beyond, 0.0))
-
-
-class _Directions:
-    """Displacements by what may change, combined to be orthonormal over the motor nodes."""
-
-    def __init__(self, model: Model) -> None:
-        self._model, self._every = model, np.zeros(0, dtype=np.intp)
-        if model.body is not None:
-            self._every = np.unique(np.concatenate(list(groups_of(model.body).values())))
-        units = np.clip(model.motor.units, 0.0, 1.0)
-        x = self._moves(units)
-        n, m, k = x.shape
-        flat = x.reshape(n * m, k)
-        lengths = np.linalg.norm(flat, axis=0) + 1e-300
-        _, size, turn = np.linalg.svd(flat / lengths, full_matrices=False)
-        kept = np.flatnonzero(size > COLLINEAR * size[0])[:DIRECTIONS]
-        combined = turn[kept].T / size[kept] * np.sqrt(n) / lengths[:, None]
-        self._combined = combined
-        self.nodes = np.ascontiguousarray(x @ combined)  # (nodes, m, p)
-        # of more joints the next node is too far away to tell them
-        self._coarse = model.body is not None and units.shape[1] > MOST_BLENDED
-
-    def at(self, q: Array, node: int) -> Array:
-        """Those (m, p) at joints (dof,), or at the node next to them."""
-        if not self._coarse:
-            return np.asarray(self.nodes[node])
-        return np.asarray(self._moves(self._model.motor.scale.to_unit(q[None]))[0] @ self._combined)
-
-    def _moves(self, units: Array) -> Array:
-        """Displacements (n, m, k) by each parameter alone."""
-        model = self._model
-        if model.body is None:  # a sensor that is moved
-            return np.asarray(affine_columns(model.predictor.value(units)))
-        q = model.motor.scale.from_unit(units)
-        x = model.body.structure.linearise(q, model.body.beta, self._every)[1]
-        return np.asarray(x)

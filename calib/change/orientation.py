@@ -15,11 +15,13 @@ import numpy as np
 from ..arm.rotations import exponential, logarithm, matrix_of
 from ..body.belief import Body, knows_orientation
 from ..body.covariance import autocorrelation_time, root_of
+from ..body.settings import STUDENT
 from ..common.arrays import Array
 from ..common.wording import for_people
-from .cause import Cause
+from .causes import Cause
 from .comparison import Comparison
-from .settings import FALSE_ALARM, STEPS, STUDENT
+from .equations import STEPS
+from .settings import FALSE_ALARM
 
 
 @dataclass(frozen=True)
@@ -61,7 +63,7 @@ def turned_tool(found: Comparison, body: Body | None = None) -> TurnedTool:
     from scipy.special import chdtri
 
     none = np.zeros(3), np.zeros((3, 3))
-    if found.rows.orientation is None:
+    if found.orientation is None:
         return TurnedTool(0.0, *none)
     if not knows_orientation(found.model.body):
         told = "orientations are not compared: the model was learned without them"
@@ -73,7 +75,7 @@ def turned_tool(found: Comparison, body: Body | None = None) -> TurnedTool:
         structure, beta = body.structure, body.beta
     tool, posed = structure.groups["tool.rotation"], structure.with_view("pose")
     predicted, x = posed.linearise(found.q, beta, tool)
-    seen, x = matrix_of(found.rows.orientation), x[:, 3:]
+    seen, x = matrix_of(found.orientation), x[:, 3:]
     # in the tool's own axes, so that a sensor that is turned, too, does not mix in
     back = np.swapaxes(exponential(predicted[:, 3:]), 1, 2)
     turns = logarithm(seen @ back)

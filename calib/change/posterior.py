@@ -7,7 +7,7 @@ bound because nobody knows it elsewhere.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -16,32 +16,31 @@ from ..body.covariance import radius_95, root_of
 from ..body.normal import Factor
 from ..body.parameters import Indices
 from ..common.arrays import Array
-from .equations import Log, OwnResidual, prior_columns, shared_columns
+from .equations import Log, own_columns, prior_columns, shared_columns
 from .explain import Explanation
 from .frame import Reference
-from .settings import BLOCKS, SIMULATED_KAPPA, UPDATED_ROWS
+from .settings import SIMULATED_KAPPA
 
+UPDATED_ROWS = 600
+"""Rows that an update takes: linear in them."""
+
+_BLOCKS = 5  # contiguous ones that are held out in turn
 _ENOUGH = 30  # rows that tell a quantile
 _OUTLIER = 2.5  # 95 % radii from which a row is an outlier
 _STEPS = 4
 
 
-@dataclass(frozen=True, eq=False)
-class Posterior:
-    """Belief over the parameters after a log, under one explanation."""
+def posterior_of(
+    reference: Reference, e: Explanation, log: Log
+) -> tuple[Array, Indices, Array, Array]:
+    """Gauss-Newton steps of all parameters from where the explanation ended.
 
-    beta: Array  # (d,)
-    active: Indices  # (k,)
-    covariance: Array  # (k, k)
-    # (n, m) [unit], residuals of contiguous blocks of the rows, predicted from the others
-    held_out: Array
-
-
-def posterior_of(reference: Reference, e: Explanation, log: Log) -> Posterior:
-    """Gauss-Newton steps of all parameters from where the explanation ended."""
+    Returns parameters (d,), which are known (k,), their covariance (k, k), and held-out residuals
+    (n, m) [unit] of contiguous blocks of the rows.
+    """
     structure = reference.structure
     active, ways = prior_columns(reference, e.waves, freed=e.sd)
-    smooth, r = OwnResidual.of(reference, log, e.factor).columns(log.q), ways.shape[1]
+    smooth, r = own_columns(reference, log, e.factor), ways.shape[1]
     weight = np.sqrt(log.weight[:, None] / e.temper) / (e.noise * reference.sizes)
     beta = e.beta.copy()
     normals = np.linalg.lstsq(ways, (e.beta - e.origin)[active], rcond=1e-12)[0]
@@ -62,26 +61,14 @@ def posterior_of(reference: Reference, e: Explanation, log: Log) -> Posterior:
         full[active] = ways @ delta[:r]
         beta, normals = structure.retract(beta, full), normals + delta[:r]
     held = np.empty_like(residual)
-    for block in np.array_split(np.arange(len(residual)), BLOCKS):
+    for block in np.array_split(np.arange(len(residual)), _BLOCKS):
         # without the block's rows the information is a difference: no fit is needed
         flat = (columns[block] * weight[block, :, None]).reshape(-1, len(gram))
         less = Factor(gram - flat.T @ flat)
         delta = less.solve(pull - flat.T @ (residual[block] * weight[block]).ravel())
         held[block] = residual[block] - columns[block, :, :r] @ delta[:r]
     spread = ways @ factor.inverse()[:r, :r] @ ways.T
-    return Posterior(beta, active, spread, held)
-
-
-def gain_on_held_out(before: Array, after: Array) -> tuple[float, float]:
-    """How much held-out rows gained: mean ratio of errors, and gain over its standard error.
-
-    before, after : (n,) [unit], distances of the same rows from the old prediction, and from the
-        new one without their block
-    """
-    gain = [float(part.mean()) for part in np.array_split(before - after, BLOCKS)]
-    error = float(np.std(gain, ddof=1)) / np.sqrt(len(gain))
-    ratio = float(after.mean() / max(float(before.mean()), 1e-300))
-    return ratio, float(np.mean(gain)) / max(error, 1e-300)
+    return beta, active, spread, held
 
 
 def updated(
@@ -96,30 +83,28 @@ def updated(
     log : `z` less what maps add to the body
     """
     old, log = reference.body, log.some(UPDATED_ROWS)
-    parts = [(w, posterior_of(reference, e, log)) for w, e in chosen]
-    best = parts[0][1]
-    active = np.unique(np.concatenate([p.active for _, p in parts]))
+    parts = [(w, *posterior_of(reference, e, log)) for w, e in chosen]
+    _, beta, _, _, held = parts[0]
+    active = np.unique(np.concatenate([part[2] for part in parts]))
     covariance = np.zeros((len(active), len(active)))
-    for share, part in parts:
-        place = np.searchsorted(active, part.active)
-        covariance[np.ix_(place, place)] += share * part.covariance
-        away = (part.beta - best.beta)[active]
-        covariance += share * np.outer(away, away)
+    for share, other, known, spread, _ in parts:
+        place = np.searchsorted(active, known)
+        covariance[np.ix_(place, place)] += share * spread
+        covariance += share * np.outer((other - beta)[active], (other - beta)[active])
     own = np.sqrt(sum(w * e.factor**2 for w, e in chosen)) * reference.own_sd
     noise = np.sqrt(sum(w * e.noise**2 for w, e in chosen)) * reference.sizes
-    noise = _readings(old, noise, best.held_out)
+    noise = _readings(old, noise, held)
     second = old.second
     if second is not None:  # after the same log, under the most likely explanation
         e, apart = chosen[0][1], second.beta - old.beta
         wide = replace(old, beta=second.beta, active=second.active, root=second.root, kappa=1.0)
         there = replace(reference, body=wide, beta=reference.beta + apart)
-        found = posterior_of(there, replace(e, origin=e.origin + apart, beta=e.beta + apart), log)
-        second = Second(
-            found.beta, found.active, root_of(found.covariance), np.maximum(noise, second.noise)
-        )
+        e = replace(e, origin=e.origin + apart, beta=e.beta + apart)
+        wider, known, spread, _ = posterior_of(there, e, log)
+        second = Second(wider, known, root_of(spread), np.maximum(noise, second.noise))
     body = replace(
         old,
-        beta=best.beta,
+        beta=beta,
         active=active,
         # the bound inflates by kappa what is kept here without it
         root=root_of(covariance) / old.kappa,
@@ -128,7 +113,7 @@ def updated(
         residual=np.maximum(old.residual, own),
         second=second,
     )
-    return body, best.held_out
+    return body, held
 
 
 def _readings(old: Body, noise: Array, held: Array) -> Array:

@@ -3,20 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
 
-from ..common.arrays import Array
 from ..common.parallel import one_blas_thread
 from ..errors import LogError, OptionError
 from ..model.model import Model
 from ..samples.samples import Samples
 from .comparison import compare
-
-_FREEDOM = 6.0  # of the Student distribution of a row: one wrong detection decides nothing
-_GRAIN = 1e-6  # share of the reach below which a bound is none: exact simulations have none
 
 
 @dataclass(frozen=True)
@@ -27,11 +23,10 @@ class ModelFit:
     fits: bool  # whether `check` finds it still calibrated
     score: float  # that of `check`; infinite where it cannot be compared
     distance: float  # [unit], median distance from predicted to measured position
-    likelihood: float  # mean log density of a row [1 / unit^m]; the larger one fits better
 
     def to_json(self) -> dict[str, Any]:
         """By name; infinite numbers are none."""
-        return {k: None if v in (np.inf, -np.inf) else v for k, v in vars(self).items()}
+        return {k: None if v == np.inf else v for k, v in asdict(self).items()}
 
 
 @dataclass(frozen=True)
@@ -45,7 +40,7 @@ class Recognition:
     samples : int
         Rows of the log.
     fits : tuple of ModelFit
-        All models, the most likely first.
+        All models, those that fit first, the nearest before the others.
     """
 
     index: int | None
@@ -56,8 +51,8 @@ class Recognition:
 def recognise(models: Sequence[Model], log: Samples) -> Recognition:
     """Tell which of some models a log fits; ten to thirty rows do.
 
-    A model fits where `check` calls it still calibrated.  Of those that fit the one under which
-    the rows are most likely answers.
+    A model fits where `check` calls it still calibrated.  Of those that fit the one nearest to the
+    rows answers.
 
     Parameters
     ----------
@@ -86,26 +81,15 @@ def recognise(models: Sequence[Model], log: Samples) -> Recognition:
     if not len(models):
         raise OptionError("no models: give one or more, one for each state of the arm")
     found, why = [], None
-    with one_blas_thread():
-        for index, model in enumerate(models):
-            try:
-                found.append(_fit_of(index, model, log))
-            except LogError as error:  # outside of what this one has learned
-                why = error
-                found.append(ModelFit(index, False, np.inf, np.inf, -np.inf))
+    for index, model in enumerate(models):
+        try:
+            with one_blas_thread():
+                compared = compare(model, log)
+                score, distance = compared.score, float(np.median(compared.missed))
+        except LogError as error:  # outside of what this one has learned
+            why, score, distance = error, np.inf, np.inf
+        found.append(ModelFit(index, score <= 1.0, score, distance))
     if why is not None and all(f.score == np.inf for f in found):
         raise why
-    found.sort(key=lambda f: -f.likelihood)
-    return Recognition(next((f.index for f in found if f.fits), None), len(log), tuple(found))
-
-
-def _fit_of(index: int, model: Model, log: Samples) -> ModelFit:
-    """How a log fits one model."""
-    compared = compare(model, log)
-    miss: Array = compared.missed
-    axes = compared.x.shape[1]
-    sigma = np.maximum(model.expected_error(compared.q), _GRAIN * model.reach) / np.sqrt(2 * axes)
-    density = -axes * np.log(sigma)
-    density -= (_FREEDOM + axes) / 2 * np.log1p((miss / sigma) ** 2 / _FREEDOM)
-    score = compared.score
-    return ModelFit(index, score <= 1.0, score, float(np.median(miss)), float(density.mean()))
+    found.sort(key=lambda f: (not f.fits, f.distance))
+    return Recognition(found[0].index if found[0].fits else None, len(log), tuple(found))

@@ -3,12 +3,13 @@
 One set of normal equations.  A log of an arm that has not changed is normal: its covariance is
 that of the model's posterior, of a residual of this log alone, and of noise.  The size of the
 noise is unknown, and it may be that of one joint's encoder; each is what makes the log most
-likely, with the group freed and without.  Twice the gain in log likelihood is the statistic; its
-threshold is that of an F test, so that a noise of few rows is not taken for known.
+likely, with the group freed and without.  The gain in log likelihood has a chance where nothing
+changed, that of an F test, so that a noise of few rows is not taken for known.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
@@ -31,12 +32,15 @@ from .settings import (
     LEFT,
     NOISIER,
     POWER,
-    TESTED_ROWS,
     WAVES,
 )
 
+_ROWS = 300  # their power grows with the rows, their work with the rows too
+
 DRIFT = "drift"
 """Name of the hypothesis that a smooth residual is larger than the model told."""
+
+_SAME = "same"
 
 
 @dataclass(frozen=True)
@@ -44,12 +48,11 @@ class GroupTest:
     """One group of parameters, freed alone."""
 
     name: str  # ``"sensor"``, ``"sensor scale"``, ``"length:elbow"``, ``"geometry"``, ``"drift"``
-    # twice the gain in log likelihood, and what chance stays below but in `FALSE_ALARM` of the logs
-    statistic: float
-    threshold: float
-    p_value: float  # chance of such a statistic where nothing changed, after Bonferroni
-    indices: Indices  # (p,), its parameters; the first is the one that the group is about
+    p_value: float  # chance of such rows where nothing changed, after Bonferroni
+    statistic: float = 0.0  # twice the gain in log likelihood
     freedom: int = 1  # directions that the rows tell apart
+    # (p,), its parameters; the first is the one that the group is about
+    indices: Indices = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
     # (p,), change of each parameter and its standard deviation
     estimate: Array = field(default_factory=lambda: np.zeros(0))
     deviation: Array = field(default_factory=lambda: np.zeros(0))
@@ -59,8 +62,8 @@ class GroupTest:
 
     @property
     def score(self) -> float:
-        """Statistic over threshold: above 1 where the p-value is below the false-alarm rate."""
-        return self.statistic / self.threshold
+        """Logarithm of the p-value over that of `FALSE_ALARM`: above 1 it fired."""
+        return abs(math.log(max(self.p_value, 1e-300)) / math.log(FALSE_ALARM))
 
 
 @dataclass(frozen=True)
@@ -133,28 +136,58 @@ class _Profile:
     """Log likelihoods [nats] of all hypotheses over sizes of the noise, for one shape of it."""
 
     def __init__(
-        self, equations: Equations, y: Array, groups: _Groups,
-        joint: int | None = None, ratio: float = 0.0,
+        self, reference: Reference, log: Log, y: Array, groups: _Groups,
+        noisy: tuple[int, float] | None = None,
     ) -> None:  # fmt: skip
-        self.joint, self.ratio = joint, ratio
-        flat = equations.whiten(y)
-        self.x = equations.whiten(groups.x)
-        self.sizes = equations.noises(flat)  # in `Reference.sizes`
-        self.same = equations.likelihood(flat, self.sizes)
-        self.power, self.pull = equations.information(flat, self.x, self.sizes)
-        told = equations.values / (self.sizes[:, None] ** 2 + equations.values)
-        square = 1.0 - (1.0 - told) ** 2
-        self.freedom = len(flat) - square.sum(axis=1)  # of the noise
+        self.noisy = noisy
+        self.equations = e = Equations(reference, log, crept=CREPT, noisy=noisy)
+        self.y, self.x = e.whiten(y), e.whiten(groups.x)
+        self.sizes = e.noises(self.y)  # in `Reference.sizes`
+        self.power, self.pull = e.information(self.y, self.x, self.sizes)
+        told = e.values / (self.sizes[:, None] ** 2 + e.values)
+        self.freedom = len(self.y) - (1.0 - (1.0 - told) ** 2).sum(axis=1)  # of the noise
         # a larger smooth residual, or waves of a joint's curve, as of no smooth residual
-        reference, log = equations.reference, equations.log
-        others = [equations.larger(factor) for factor in DRIFTS]
-        if joint is None and reference.body.rows:
+        others = [e.larger(factor) for factor in DRIFTS]
+        if noisy is None and reference.body.rows:
             others.append(Equations(reference, log, waves=WAVES / CREPT, crept=CREPT))
-        self.drift = np.max([e.likelihood(flat, self.sizes) for e in others], axis=0)
-        self.gain: dict[str, Array] = {}
-        self.directions: dict[str, int] = {}
+        same = e.likelihood(self.y, self.sizes)
+        drift = np.max([other.likelihood(self.y, self.sizes) for other in others], axis=0)
+        self.value = {_SAME: same, DRIFT: drift}
+        self.directions = {_SAME: 0, DRIFT: 1}
         for name, ix in groups.columns.items():
-            self.gain[name], self.directions[name] = _explained(self.power, self.pull, ix)
+            gain, self.directions[name] = _explained(self.power, self.pull, ix)
+            self.value[name] = same + 0.5 * gain
+
+
+class _Best(NamedTuple):
+    """The most likely size of the noise."""
+
+    value: float
+    profile: _Profile
+    at: int
+
+    @staticmethod
+    def of(profiles: Sequence[_Profile], name: str) -> _Best:
+        """Under one hypothesis."""
+        found = (
+            _Best(float(p.value[name].max()), p, int(p.value[name].argmax())) for p in profiles
+        )
+        return max(found, key=lambda each: each.value)
+
+    @staticmethod
+    def whatever(profiles: Sequence[_Profile]) -> _Best:
+        """Of all hypotheses, by Akaike's criterion with its term of few rows (Hurvich 1989)."""
+        tried = []
+        for p in profiles:
+            for name, k in p.directions.items():
+                value = p.value[name] - k * (1 + (k + 1) / np.maximum(p.freedom - k - 1, 0.1))
+                tried.append(_Best(float(value.max()), p, int(value.argmax())))
+        return max(tried, key=lambda each: each.value)
+
+    @property
+    def size(self) -> float:
+        """That size, in `Reference.sizes`."""
+        return float(self.profile.sizes[self.at])
 
 
 def _explained(power: Array, pull: Array, ix: Indices) -> tuple[Array, int]:
@@ -176,35 +209,38 @@ def group_tests(reference: Reference, log: Log, probes: Array) -> Tested:
     log : rows; `z` less what maps add to the body
     probes : (p, dof), joints all over the learned range
     """
-    log = log.some(TESTED_ROWS)
+    from scipy.special import chdtrc
+
+    log = log.some(_ROWS)
     if len(log.q) < FEW_ROWS:  # weights of few rows favour what their fit could follow
         log = replace(log, weight=np.where(log.kept, 1.0, log.weight))
-    body, structure = reference.body, reference.structure
+    structure = reference.structure
     groups, y = _tested(reference, log, probes)
-    equations = Equations(reference, log, crept=CREPT)
-    profiles = [_Profile(equations, y, groups)]
-    flat = equations.whiten(y)
-    found, noise = _judged(profiles, equations, groups, flat)
-    noisy = None
-    more = noise > NOISIER * equations.usual or any(g.name == DRIFT and g.score > 1 for g in found)
+    profiles = [calm := _Profile(reference, log, y, groups)]
+    found, noise = _judged(profiles, groups)
+    noisy, usual = None, calm.equations.usual
+    more = noise > NOISIER * usual or any(g.name == DRIFT and g.score > 1 for g in found)
     if more and not len(reference.forgotten):
         slope = structure.slope(log.q, reference.beta) / reference.sizes[:, None]
         lengths = np.sqrt((slope**2).sum(axis=1).mean(axis=0))
-        for joint in np.flatnonzero(lengths > 0.0).tolist():
+        for joint in (joints := np.flatnonzero(lengths > 0.0).tolist()):
             for times in JOINT_NOISES:  # so that at the tip both are alike
-                ratio = times / float(lengths[joint])
-                other = Equations(reference, log, crept=CREPT, noisy=(joint, ratio))
-                profiles.append(_Profile(other, y, groups, joint, ratio))
-        noisy = _noisy_joint(profiles)
-        if noisy is not None:
-            found, noise = _judged(profiles, equations, groups, flat)
-    # what the weights leave out, as the median tells it
-    rest = equations.rest(flat, profiles[0].x, noise)
-    rest = np.linalg.norm(noise * rest, axis=1) / np.sqrt(log.weight)
-    free = y.size / max(y.size - len(groups.every), 1.0)
-    told = float(np.median(rest)) / (1.177 if y.shape[1] == 2 else 1.54)
-    told = max(told * float(np.sqrt(min(free, 2.0))), equations.usual) if not noisy else noise
-    return Tested(tuple(found), told * float(reference.sizes[0]), float(body.noise[0]), noisy)
+                own = joint, times / float(lengths[joint])
+                profiles.append(_Profile(reference, log, y, groups, own))
+        # the joint whose encoder's noise makes the log clearly more likely, whatever changed
+        best = _Best.whatever(profiles)
+        gain = max(2.0 * (best.value - _Best.whatever(profiles[:1]).value), 0.0)
+        if best.profile.noisy and float(chdtrc(1, gain)) * len(joints) < FALSE_ALARM:
+            noisy = best.profile.noisy[0], best.profile.noisy[1] * best.size
+            found, noise = _judged(profiles, groups)
+    if noisy is None:  # what the weights leave out, as the median tells it
+        rest = noise * calm.equations.rest(calm.y, calm.x, noise)
+        away = np.linalg.norm(rest, axis=1) / np.sqrt(log.weight)
+        told = float(np.median(away)) / (1.177 if y.shape[1] == 2 else 1.54)
+        free = y.size / max(y.size - len(groups.every), 1.0)
+        noise = max(told * float(np.sqrt(min(free, 2.0))), usual)
+    size = float(reference.sizes[0])
+    return Tested(tuple(found), noise * size, float(reference.body.noise[0]), noisy)
 
 
 def _tested(reference: Reference, log: Log, probes: Array) -> tuple[_Groups, Array]:
@@ -224,94 +260,41 @@ def _tested(reference: Reference, log: Log, probes: Array) -> tuple[_Groups, Arr
     return _Groups(every, columns, moves, x), structure.residual(log.z, predicted)
 
 
-def _noisy_joint(profiles: Sequence[_Profile]) -> tuple[int, float] | None:
-    """The joint whose encoder's noise makes the log clearly more likely, whatever changed."""
-    from scipy.special import chdtrc
-
-    best, calm = _most_likely(profiles), _most_likely(profiles[:1])
-    if best.profile.joint is None:
-        return None
-    joints = len({p.joint for p in profiles}) - 1
-    if float(chdtrc(1, max(2.0 * (best.value - calm.value), 0.0))) * joints > FALSE_ALARM:
-        return None
-    return best.profile.joint, best.profile.ratio * float(best.profile.sizes[best.at])
-
-
-def _judged(
-    profiles: list[_Profile], equations: Equations, groups: _Groups, y: Array
-) -> tuple[list[GroupTest], float]:
-    """Each group's statistic and threshold, and the noise in sizes."""
+def _judged(profiles: list[_Profile], groups: _Groups) -> tuple[list[GroupTest], float]:
+    """Each group's test, and the noise in sizes."""
     from scipy.special import chndtrinc, fdtrc, fdtri
 
-    tests = len(groups.columns) + 1
-    level = FALSE_ALARM / tests
-    calm = max(profiles, key=lambda p: float(p.same.max()))
-    least, at = float(calm.same.max()), int(np.argmax(calm.same))
-    noise = _most_likely(profiles)
+    names = [*groups.columns, DRIFT]
+    same, likely = _Best.of(profiles, _SAME), _Best.whatever(profiles)
     # rows that err together count once
-    temper = autocorrelation_time(equations.rest(y, profiles[0].x, float(calm.sizes[at])))
-    count = len(y) / temper
-
-    def judged(freedom: int, gain: float, left: float) -> tuple[float, float, float]:
-        left = left / temper - freedom
-        statistic = max(2.0 * gain, 0.0) / temper
-        if left < LEFT:
-            return statistic, np.inf, 1.0
+    first = profiles[0]
+    temper = autocorrelation_time(first.equations.rest(first.y, first.x, same.size))
+    count, found = len(first.y) / temper, []
+    for name in names:
+        best = _Best.of(profiles, name)
+        freedom, k = best.profile.directions[name], best.at
+        left = float(best.profile.freedom[k]) / temper - freedom
+        if not freedom or left < LEFT:
+            continue
+        statistic = max(2.0 * (best.value - same.value), 0.0) / temper
         # a gain of a log likelihood, as the F of a regression with as many rows
-        most = freedom / left * float(fdtri(freedom, left, 1.0 - level))
         f = left / freedom * np.expm1(min(statistic / count, 500.0))
-        p = min(1.0, float(fdtrc(freedom, left, f)) * tests)
-        return statistic, count * float(np.log1p(most)), p
-
-    found = []
-    for name, place in groups.columns.items():
-        best = max(profiles, key=lambda p: float((p.same + 0.5 * p.gain[name]).max()))
-        k = int(np.argmax(best.same + 0.5 * best.gain[name]))
-        freedom = best.directions[name]
-        gain = float(best.same[k] + 0.5 * best.gain[name][k]) - least
-        if not freedom:
+        p = min(1.0, float(fdtrc(freedom, left, f)) * len(names))
+        if name == DRIFT:
+            found.append(GroupTest(name, p, statistic))
             continue
-        statistic, threshold, p = judged(freedom, gain, float(best.freedom[k]))
-        if not np.isfinite(threshold):
-            continue
-        power, pull = best.power[k][np.ix_(place, place)], best.pull[k][place]
+        place = groups.columns[name]
+        power, pull = best.profile.power[k][np.ix_(place, place)], best.profile.pull[k][place]
         size = np.sqrt(np.maximum(np.diag(power), 1e-300))
         inverse = np.linalg.pinv(power / size[:, None] / size, rcond=1e-9, hermitian=True)
         estimate, deviation = inverse @ (pull / size) / size, np.sqrt(np.diag(inverse)) / size
-        needed = float(chndtrinc(threshold, freedom, 1.0 - POWER)) * temper
-        told = np.sqrt(max(noise.profile.power[noise.at][place[0], place[0]], 1e-300))
-        smallest = float(np.sqrt(needed) / told * groups.moves[place[0]])
+        most = freedom / left * float(fdtri(freedom, left, 1.0 - FALSE_ALARM / len(names)))
+        needed = chndtrinc(count * np.log1p(most), freedom, 1.0 - POWER) * temper
+        told = max(float(likely.profile.power[likely.at][place[0], place[0]]), 1e-300)
         found.append(
             GroupTest(
-                name, statistic, threshold, p, groups.every[place], freedom, estimate,
-                deviation * np.sqrt(temper), smallest,
+                name, p, statistic, freedom, groups.every[place], estimate,
+                deviation * np.sqrt(temper), float(np.sqrt(needed / told) * groups.moves[place[0]]),
             )
         )  # fmt: skip
-    best = max(profiles, key=lambda p: float(p.drift.max()))
-    k = int(np.argmax(best.drift))
-    statistic, threshold, p = judged(1, float(best.drift[k]) - least, float(best.freedom[k]))
-    found.append(GroupTest(DRIFT, statistic, threshold, p, np.zeros(0, dtype=np.intp)))
-    size = noise.profile.sizes[noise.at] if any(g.score > 1.0 for g in found) else calm.sizes[at]
-    return found, float(size)
-
-
-class _Likely(NamedTuple):
-    """The most likely size of the noise, whatever changed."""
-
-    value: float
-    profile: _Profile
-    at: int
-
-
-def _most_likely(profiles: Sequence[_Profile]) -> _Likely:
-    """Of all hypotheses, by Akaike's criterion with its term of few rows (Hurvich 1989)."""
-    tried = []
-    for p in profiles:
-        free = [
-            p.same + 0.5 * gain - k * (1.0 + (k + 1.0) / np.maximum(p.freedom - k - 1.0, 0.1))
-            for k, gain in zip(p.directions.values(), p.gain.values(), strict=True)
-        ]
-        for value in (p.same, p.drift - 1.0, *free):
-            at = int(np.argmax(value))
-            tried.append(_Likely(float(value[at]), p, at))
-    return max(tried, key=lambda each: each.value)
+    return found, (likely if any(g.score > 1.0 for g in found) else same).size

@@ -8,35 +8,11 @@ FALSE_ALARM = 1e-3
 POWER = 0.9
 """Share of logs in which the smallest change that is told would be found."""
 
-TESTED_ROWS = 300
-"""Rows of the score tests: their power grows with the rows, their work with the rows too."""
-
-EXPLAINED_ROWS = 200
-"""Rows that hypotheses are compared on."""
-
-UPDATED_ROWS = 600
-"""Rows that an update takes: linear in them."""
-
-ROBUST_ROWS = 400
-"""Rows of the robust fit that finds outliers: enough for every parameter."""
-
-NODES = 40
-"""Places of the log's own residual; more did not change a verdict on A and C."""
-
-STUDENT = 6.0
-"""Degrees of freedom of the noise of rows."""
-
 OUTLIER = 5.0
 """Noises from which a row contradicts all others."""
 
-STEPS = 12
-"""Gauss-Newton steps at most."""
-
 PSEUDO = 4.0
 """Observations that the old noise counts for."""
-
-NOISES = 32
-"""Sizes of the noise that are compared: steps of a fifth change a likelihood by .02 nats."""
 
 JOINT_NOISES = (0.5, 2.0, 8.0, 32.0)
 """Noise of one encoder over that of the sensor, at the tip: a factor of four is .4 nats at most."""
@@ -82,18 +58,6 @@ WINDOW = 200.0
 
 MONITOR_ALARM = 1e-6
 """Share of the samples of a calm stream that may raise an alarm."""
-
-WARM = 20
-"""Samples before the monitor's first judgement."""
-
-DIRECTIONS = 8
-"""Strongest displacements that the monitor watches; further ones are nearly sums of these."""
-
-COLLINEAR = 1e-3
-"""Directions that are so much weaker than the strongest are left out."""
-
-CLIP = 8.0
-"""A residual counts in the monitor for at most so many times the usual one."""
 
 NUISANCE = 1.5
 """Times its own bound of 95 % that a model may be off for a while, as where an arm dwells."""
@@ -141,18 +105,7 @@ model of 400 rows has not learned of a real UR10: taken for a change of the arm,
 error where nothing was measured."""
 
 MARGIN = 5.0
-"""Nats by which a change must be better than none."""
-
-COUNTS, AVERAGED, HOPELESS = 5.0, 6, 10.0
-"""Explanations so many nats behind the best are averaged, so many at most; nats behind the best
-with which none counts any more."""
-
-HARDLY = 3.0
-"""Nats behind the best within which the explanation that frees least is told: a bumped camera is no
-lens."""
-
-BLOCKS = 5
-"""Contiguous blocks that are held out in turn."""
+"""Nats by which a change must be better than none, and within which explanations are averaged."""
 
 UNEXPLAINED = 0.1
 """Share of the positions' spread: a log that is further off from every hypothesis is explained by

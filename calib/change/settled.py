@@ -7,15 +7,13 @@ links stand alone.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..body.belief import Body
-from ..body.fitting import fit
-from ..common.arrays import Array
+from ..body.fitting import BodyFit, fit
+from ..common.arrays import Array, Index
 from ..errors import CalibError
 from ..maps.association import Association
 from ..maps.local_models import NO_MODELS
@@ -30,9 +28,7 @@ if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
 
-IMAGINED = 20_000
-"""Samples that a model imagines to learn its links from."""
-
+_IMAGINED = 20_000  # samples that links are learned from where the stream is short
 _ROWS = 3000  # rows that a body is refitted to: more would tell it hardly more
 _FEW_ROWS = 1000  # fewer have no links of their own
 
@@ -51,73 +47,53 @@ def settled_model(
     # a short stream may have been shown again and again
     first = np.sort(np.unique(np.hstack([q, x]), axis=0, return_index=True)[1])
     u, x = motor.scale.to_unit(q[first]), x[first]
-    fitted = _with_body(model, motor, u, x)
-    wiring = model.association.wiring
+    every, wiring = -(-len(u) // _ROWS), model.association.wiring
+    found, seen = _body_of(model, motor.scale.from_unit(u[::every]), x[::every]), (u, x)
+    if found is not None:
+        selected = select(motor, u[::every], of_body(found, motor.scale, u[::every], x[::every]))
+        predictor, rows, errors = selected.predictor, selected.rows * every, selected.errors
+        if len(u) < _FEW_ROWS:
+            drawn = np.random.default_rng(model.about.seed).random((_IMAGINED, u.shape[1]))
+            seen = drawn, predictor.value(drawn)
     if links is not None:
         association = Association(motor, sensory, links, wiring)
     else:
-        seen_u, seen_x = (u, x) if fitted is None else (fitted.u, fitted.v)
-        v = sensory.scale.to_unit(seen_x)
-        association = Association.learn(motor, seen_u, sensory, v, wiring)
-    fitted = fitted or _alone(association, u, x)  # maps and links, without anything else
+        v = sensory.scale.to_unit(seen[1])
+        association = Association.learn(motor, seen[0], sensory, v, wiring)
+    if found is None:  # maps and links, without anything else
+        predictor = Predictor(motor, association.linear, NO_MODELS)
+        rows, errors = _held_out(association, u, x)
     made = replace(
         model,
         association=association,
-        predictor=fitted.predictor,
-        body=fitted.body,
+        predictor=predictor,
+        body=None if found is None else found.body,
         visited=np.bincount(motor.nearest(u)[1][:, 0], minlength=motor.size) > 0,
         rows=Rows.of(motor.scale.from_unit(u), x) if model.rows is not None else None,
     )
-    reading, position = node_bounds(made, u, fitted.rows, fitted.errors)
+    reading, position = node_bounds(made, u, rows, errors)
     true = model.about.bound_of == "true position"
     return replace(made, bounds=position if true else reading, model_bounds=position)
 
 
-@dataclass(frozen=True, eq=False)
-class _Refit:
-    """What rows say of the way from joints to positions."""
-
-    predictor: Predictor  # smooth part and local models
-    body: Body | None  # the body under the local models, if there is one
-    rows: NDArray[np.intp]  # (m,), rows that were held out in turn
-    errors: Array  # (m,) [unit], their held-out errors
-    # (k, dof), (k, n), samples from which links come to rest: joints in the unit box and positions
-    u: Array
-    v: Array
-
-
-def _alone(association: Association, u: Array, x: Array) -> _Refit:
-    """The readout ``linear`` and its errors on unseen blocks."""
-    motor, sensory, wiring = association.motor, association.sensory, association.wiring
-    folds = blocks(len(u))
-    errors, rows = [], []
-    for half in (0, 1):
-        held = np.concatenate(folds[half::2])
-        seen = np.concatenate(folds[1 - half :: 2])
-        other = Association.learn(motor, u[seen], sensory, sensory.scale.to_unit(x[seen]), wiring)
-        errors.append(np.linalg.norm(other.linear.value(u[held]) - x[held], axis=1))
-        rows.append(held)
-    predictor = Predictor(motor, association.linear, NO_MODELS)
-    return _Refit(predictor, None, np.concatenate(rows), np.concatenate(errors), u, x)
-
-
-def _with_body(model: Model, motor: Map, u: Array, x: Array) -> _Refit | None:
-    """A body of the rows (n, dof, unit box) and (n, m), None where none can be fitted to them."""
+def _body_of(model: Model, q: Array, x: Array) -> BodyFit | None:
+    """A body of rows (n, dof) and (n, m), None where none can be fitted to them."""
     if model.body is None:
         return None
-    scale, about, simulated = motor.scale, model.about, model.body.simulated
-    every = -(-len(u) // _ROWS)
-    seen = u, x
-    u, x = u[::every], x[::every]
     try:
-        found = fit(
-            model.body.structure, scale.from_unit(u), x, simulated=simulated, seed=about.seed
+        return fit(
+            model.body.structure, q, x, simulated=model.body.simulated, seed=model.about.seed
         )
     except CalibError:  # too few rows, or too close to each other
         return None
-    selected = select(motor, u, of_body(found, scale, u, x))
-    if len(seen[0]) < _FEW_ROWS:  # too few for links of their own
-        drawn = np.random.default_rng(about.seed).random((IMAGINED, u.shape[1]))
-        seen = drawn, selected.predictor.value(drawn)
-    kept = np.arange(0, len(u) * every, every)[selected.rows]
-    return _Refit(selected.predictor, found.body, kept, selected.errors, *seen)
+
+
+def _held_out(association: Association, u: Array, x: Array) -> tuple[Index, Array]:
+    """Rows, and errors (n,) [unit] of the readout ``linear`` on them, from every other block."""
+    motor, sensory, wiring = association.motor, association.sensory, association.wiring
+    folds, errors = blocks(len(u)), np.empty(len(u))
+    for half in (0, 1):
+        held, seen = (np.concatenate(folds[k::2]) for k in (half, 1 - half))
+        other = Association.learn(motor, u[seen], sensory, sensory.scale.to_unit(x[seen]), wiring)
+        errors[held] = np.linalg.norm(other.linear.value(u[held]) - x[held], axis=1)
+    return np.arange(len(u)), errors

@@ -14,9 +14,8 @@ from numpy.typing import NDArray
 
 from ..common.arrays import Array
 from .density import Gain, Visit
-from .epoch import Epoch, topographic_error
 from .lattice import REACH, Lattice
-from .map import nearest_nodes, search_tree
+from .map import Epoch, nearest_nodes, search_tree, topographic_error
 from .schedule import Stage
 
 _CELLS = 65_535  # parts of the unit box by which samples are sorted

@@ -130,7 +130,7 @@ def rho(visit: Visit) -> Array:
 def residual(visit: Visit) -> Array:
     """Gain of samples where a smooth model is wrong, times that of the border: the default.
 
-    g = border (r / mean r)^(min(1, 3/2 t/T)), r of :func:`calib.maps.misfit.misfit`, rationed by
+    g = border (r / mean r)^(min(1, 3/2 t/T)), r of `model_selection.misfit`, rationed by
     :func:`rationed`; "concentration of nodes in regions with large transformation errors".  The
     border's gain has two thirds of its strength; without residuals it is all there is.
     """

@@ -13,8 +13,8 @@ from collections.abc import Iterator
 import numpy as np
 
 from ..common.arrays import Array
-from .epoch import Epoch
 from .lattice import Lattice
+from .map import Epoch
 
 _ELASTICITY = 3.0
 """How far a sample's pull reaches: 1 to 3 in the source."""

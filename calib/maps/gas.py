@@ -13,9 +13,8 @@ from collections.abc import Iterator
 import numpy as np
 
 from ..common.arrays import Array
-from .epoch import Epoch
 from .graph import Graph
-from .map import nearest_nodes, search_tree
+from .map import Epoch, nearest_nodes, search_tree
 from .schedule import decay
 
 _RANGE = (2.0, 0.1)  # lambda, the rank over which a sample's pull falls by a factor e

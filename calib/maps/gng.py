@@ -15,9 +15,8 @@ import numpy as np
 
 from ..common.arrays import Array, Index
 from .density import Gain, Visit
-from .epoch import Epoch, topographic_error
 from .graph import Graph
-from .map import nearest_nodes, search_tree
+from .map import Epoch, nearest_nodes, search_tree, topographic_error
 
 _GROWING = 0.6  # share of the samples during which nodes are inserted
 _BLOCK = 512

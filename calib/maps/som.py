@@ -18,13 +18,11 @@ from .association import Association
 from .batch import learn_batch
 from .density import Gain, checked_gain, gain_of, kind_of
 from .dsom import learn_dsom
-from .epoch import Epoch
 from .gas import learn_gas
 from .gng import learn_gng, samples_shown
 from .lattice import Lattice, Size, shape_of
 from .links import wiring_of, without_weak
-from .map import Map
-from .pair import CURVE, Pair
+from .map import Epoch, Map
 from .schedule import coarse_to_fine, growing, total_work
 from .vdsom import VDSOM, Layer, Rates, passes, zeta
 
@@ -33,6 +31,36 @@ _Progress = Callable[[float, float], None]
 
 _MOST_EPOCHS = 1_000_000
 _GLANCE = 5  # one sample in so many tells the error of a curve
+
+
+CURVE = ("samples", "sigma", "zeta_motor", "zeta_sensory", "error")
+"""Columns of a curve: samples shown, radius [nodes], distortions (eq. 9, unit box), and the
+mean distance from new samples to what the readout ``activity`` says of them [unit]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Pair:
+    """Two maps that were learned from the same samples.
+
+    Attributes
+    ----------
+    association : Association
+        The maps, their links and the readouts of these, in the unit boxes of both spaces.
+    curve : (m, 5) array
+        How they developed, columns as :data:`CURVE`; empty with the batch rule.
+    """
+
+    association: Association
+    curve: Array
+
+    def __repr__(self) -> str:
+        return f"Pair({self.association!r}, curve of {len(self.curve)} points)"
+
+    def forward(self, q: Array, readout: str = "activity") -> Array:
+        """What the links say of rows (n, d) of the first space, (n, k) in the second's unit."""
+        pair = self.association
+        u = pair.motor.scale.to_unit(np.atleast_2d(np.asarray(q, dtype=float)))
+        return pair.sensory.scale.from_unit(pair.forward(u, readout))
 
 
 @dataclass(frozen=True)

@@ -11,10 +11,9 @@ from collections.abc import Iterator
 import numpy as np
 
 from ..common.arrays import Array
-from .epoch import Epoch
 from .graph import Graph
 from .lattice import Lattice
-from .map import nearest_nodes, search_tree
+from .map import Epoch, nearest_nodes, search_tree
 
 KINDS = ("grid", "random", "rows")
 """Names in ``map=``."""
@@ -24,15 +23,7 @@ _JITTER = 1e-7  # of the unit box: repeated rows make no two nodes in one place
 
 
 def place(kind: str, u: Array, lattice: Lattice, rng: np.random.Generator) -> Iterator[Epoch]:
-    """Nodes of one kind, as a single epoch.
-
-    kind : {"grid", "random", "rows"}, the middles of even cells of the unit box, where the lattice
-        has as many axes as the space, else of its first axes, the others in the middle; places
-        drawn from the box; or samples drawn from `u`
-    u : (n, d), samples in the unit box
-    lattice : how many nodes, and their arrangement in a grid
-    rng : source of what is drawn
-    """
+    """Nodes of one kind, as a single epoch: "grid", "random" or "rows" drawn from `u` (n, d)."""
     joined: Lattice | Graph = lattice
     if kind == "grid":
         weights = np.full((lattice.size, u.shape[1]), 0.5)

@@ -23,10 +23,9 @@ from ..common.arrays import Array
 from ..common.scale import Scale
 from ..errors import OptionError
 from .density import Gain, Visit, as_printed
-from .epoch import Epoch
 from .lattice import Lattice
 from .links import Wiring
-from .map import Map, nearest_nodes, search_tree
+from .map import Epoch, Map, nearest_nodes, search_tree
 
 ALPHA = 0.5
 """Learning rate of the maps at the start, alpha_init of eq. 4."""

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..change.follow import follow
-from ..change.watch import Step
+from ..change.follow import Step, follow
 from ..common.arrays import Array
 from ..maps.vdsom import zeta
 from ..training.train import train

@@ -24,11 +24,9 @@ class TrainingOptions:
 
     Attributes
     ----------
-    size : int, str or tuple of int, optional
-        Nodes along each axis of both lattices.  70 by default, which stands for 70x70 and,
-        with three joints, a 17x17x17 motor map; for a log about five rows per node.
-    motor_size, sensory_size : int, str or tuple of int, optional
-        Where they differ from `size`.
+    size, motor_size, sensory_size : int, str or tuple of int, optional
+        Nodes along each axis of both lattices, or of one.  70 by default, which stands for 70x70
+        and, with three joints, a 17x17x17 motor map; for a log about five rows per node.
     map : str or gain function, optional
         Network: "vdsom:residual" (default; "gas" where held-out blocks of a log without a body
         prefer it) or another name that :class:`calib.SOM` knows, or a function of a
@@ -47,8 +45,7 @@ class TrainingOptions:
         alone, as the paper does.
     view : {"auto", "base", "rigid", "similarity", "affine", "homography", "pinhole"}
         What the sensor measures: ``base`` says that positions are in the robot's root frame,
-        ``auto`` is rigid for lengths, a homography for pixels, and for those of an arm in
-        space a pinhole camera that looks from anywhere.
+        ``auto`` is rigid for lengths, a homography for pixels, a pinhole for an arm in space.
     seed : int
         The same seed gives the same model, byte for byte.
 

@@ -23,8 +23,7 @@ from ..common.arrays import Array
 from ..common.choices import VIEWS
 from ..common.scale import METRES, Scale
 from ..errors import OptionError
-from ..maps.misfit import misfit
-from ..maps.model_selection import SmoothCandidate, of_body
+from ..maps.model_selection import SmoothCandidate, misfit, of_body
 from ..samples.samples import Samples
 from .options import TrainingOptions
 

@@ -9,13 +9,12 @@ import numpy as np
 from ..arm.arm import SpatialArm
 from ..body.spatial import structure_of
 from ..body.touch import TouchFit, fit_touches
-from ..common.arrays import Array, Mask
+from ..common.arrays import Mask
 from ..common.scale import Scale
 from ..common.wording import listed
 from ..errors import LogError
 from ..maps.model_selection import of_body
 from ..samples.samples import Samples
-from ..samples.sockets import Touches
 from .smooth import SmoothPart
 
 _MOST = 0.25  # share of rows that may be wrong
@@ -35,7 +34,19 @@ def fit_sockets(samples: Samples, scale: Scale, seed: int) -> tuple[Samples, Smo
     assert touch is not None  # noqa: S101 - samples of touches
     if not isinstance(arm, SpatialArm):
         raise LogError("touches need the robot in space that made them: give its URDF")
-    _check(samples.q, touch)
+    touched = touch.number >= 0
+    spans = [np.ptp(samples.q[touch.number == k], axis=0) for k in np.unique(touch.number[touched])]
+    counts = np.bincount(touch.number[touched])
+    if counts.sum() < _FEW or counts.max() < 4:
+        raise LogError(
+            f"{counts.sum()} touches of {len(spans)} sockets tell nothing of the arm: expected "
+            "20 postures and more in each socket, with the wrist turned each way"
+        )
+    if np.max(spans) < _ALIKE:
+        raise LogError(
+            "the postures in each socket are all alike, which tells nothing of the arm: touch it "
+            "from other sides, with the elbow up and down and the wrist turned each way"
+        )
     seen = bool((touch.number < 0).any())
     structure = structure_of(arm, "rigid" if seen else "base")
 
@@ -49,7 +60,7 @@ def fit_sockets(samples: Samples, scale: Scale, seed: int) -> tuple[Samples, Smo
         points[own] = found.points
         return replace(found, points=points)
 
-    kept, touched = np.ones(len(samples), bool), touch.number >= 0
+    kept = np.ones(len(samples), bool)
     for _ in range(3):
         found = fitted(kept)
         tip = found.fit.body.predict(samples.q)
@@ -90,19 +101,3 @@ def fit_sockets(samples: Samples, scale: Scale, seed: int) -> tuple[Samples, Smo
     u = scale.to_unit(samples.q)
     part = SmoothPart(of_body(found.fit, scale, u, samples.x), found.fit, np.arange(len(u)))
     return samples, part, notes
-
-
-def _check(q: Array, touch: Touches) -> None:
-    """Raise LogError if touches tell nothing of an arm."""
-    rows = [touch.number == k for k in np.unique(touch.number[touch.number >= 0])]
-    counts = [int(row.sum()) for row in rows]
-    if sum(counts) < _FEW or max(counts) < 4:
-        raise LogError(
-            f"{sum(counts)} touches of {len(counts)} sockets tell nothing of the arm: expected "
-            "20 postures and more in each socket, with the wrist turned each way"
-        )
-    if max(float(np.ptp(q[row], axis=0).max()) for row in rows) < _ALIKE:
-        raise LogError(
-            "the postures in each socket are all alike, which tells nothing of the arm: touch it "
-            "from other sides, with the elbow up and down and the wrist turned each way"
-        )

@@ -28,8 +28,7 @@ from ..samples.wrong_rows import screen
 from .approach import BOUND_SAMPLES, approached, play_of, play_words
 from .evaluate import Residuals, answered_within, fresh_residuals, summarise
 from .held_out import held_out_residuals, node_bounds, turned_of
-from .learn import UNFOLD, Progress, associate
-from .map_choice import resolved
+from .learn import UNFOLD, Progress, associate, resolved
 from .options import TrainingOptions
 from .smooth import find_smooth_part, taught, to_learn
 from .sound_rows import fit_sound_rows

@@ -44,11 +44,12 @@ def adapt(
     with progress_bar(loaded.about.unit) as progress:
         found = calib.adapt(loaded, log, method=method, cause=cause, progress=progress)
     say(found.notes)
-    if found.improved:
+    written = found.model is not loaded  # a better one, or the old one with a wider bound
+    if written:
         photo_of_log(found.model, log, data).save(path)
     about = found.model.about
     document = {
-        "model": path if found.improved else None,
+        "model": path if written else None,
         **fields(found, "improved samples outliers left_out correction kept coverage everywhere"),
         **fields(found, "before after"),
         "method": method,
@@ -66,7 +67,10 @@ def adapt(
     if found.improved:
         lines = [f"{path}: {before} {name} before, {after} {name} after, {rests}", *changed]
     else:
-        lines = [f"no improvement: {model} stays as it is, nothing was written"]
+        told = f"{path} predicts as {model} does, with a wider bound"
+        if not written:
+            told = f"{model} stays as it is, nothing was written"
+        lines = [f"no improvement: {told}"]
         lines.append(f"{before} {name} as it is, {after} {name} adapted, {rests}")
     share = f"the log measured {100 * found.coverage:.0f} % of the learned range"
     limit = (

@@ -129,8 +129,7 @@ def _details(drift: Drift, factor: float, name: str) -> list[str | TextTable]:
     tests = [
         [
             group.name,
-            number(group.statistic),
-            number(group.threshold),
+            number(group.p_value),
             number(factor * group.smallest),
             "fired" if group.score > 1.0 else "",
         ]
@@ -143,11 +142,11 @@ def _details(drift: Drift, factor: float, name: str) -> list[str | TextTable]:
         for size, unit in [(factor, name) if key == "links" else (1e6, "1e-6")]
     ]
     found = (
-        "found: test statistic of a change of these parameters, above its threshold it fired; "
+        "chance: of such rows where nothing changed; below 0.001 the test fired; "
         "smallest: the smallest change that these rows could have shown"
     )
     zeta = "zeta: mean squared distance of rows to winning nodes, in the unit box (eq. 9)"
-    header = ["what may have changed", "found", "threshold", f"smallest [{name}]", ""]
+    header = ["what may have changed", "chance", f"smallest [{name}]", ""]
     return [
         TextTable(header, tests, foot=found),
         TextTable(["on the maps", "unit", "found", "usual"], signals, left=2, foot=zeta),

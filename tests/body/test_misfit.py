@@ -3,7 +3,7 @@
 import numpy as np
 
 from calib.common.scale import Scale
-from calib.maps.misfit import misfit
+from calib.maps.model_selection import misfit
 
 SCALE = Scale(np.zeros(2), np.ones(2), np.zeros(2, dtype=bool))
 

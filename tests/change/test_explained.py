@@ -33,7 +33,7 @@ def test_rows_that_span_a_few_millimetres_follow_a_moved_sensor(
     place = np.array([0.5, 1.2]) + rng.uniform(-0.006, 0.006, (24, 2))
     adapted = calib.adapt(sparse, log(place, seed, moved=True))
     assert adapted.improved
-    probes = ARM.lower + (ARM.upper - ARM.lower) * rng.uniform(size=(300, 2))
+    probes = ARM.lower + (ARM.upper - ARM.lower) * rng.uniform(size=(3000, 2))
     miss = np.linalg.norm(adapted.model.forward(probes) - ARM.forward(probes) - MOVED, axis=1)
     bound = adapted.model.model_error(probes)
     known = np.isfinite(bound)

@@ -9,14 +9,14 @@ from models import babbled as log
 from models import trained
 
 import calib
-from calib.change import adaptation
+from calib.change import adapt as adapting
 from calib.change.follow import BLOCK, OnlineAdapter, follow
 from calib.maps.model_selection import blocks
 
 
 @pytest.fixture(autouse=True)
 def _brief(monkeypatch, one_blas_thread):
-    monkeypatch.setattr(adaptation, "HORIZON", 1500)
+    monkeypatch.setattr(adapting, "HORIZON", 1500)
 
 
 model = partial(trained, n=2500, size=10)

@@ -60,7 +60,7 @@ def test_a_tracker_that_stands_elsewhere_is_told_by_its_turn_and_its_shift(arm, 
     log = log_of(arm, 4, turn=np.eye(3), shift=(0.0, 3.0, 0.0))
     found = calib.check(model, log)
     assert [cause.cause for cause in found.causes] == ["sensor"]
-    assert "turned 90 deg about (0.00, 0.00, -1.00), shifted by (" in found.causes[0].words
+    assert "turned 90 deg about (0.00, 0.00, -1.00), scaled 1, shifted " in found.causes[0].words
     assert found.causes[0].value == pytest.approx(np.pi / 2, abs=1e-3)
     adapted = calib.adapt(model, log)
     fresh = log_of(arm, 5, turn=np.eye(3), shift=(0.0, 3.0, 0.0))
@@ -114,6 +114,25 @@ def test_an_adaptation_to_a_tracker_elsewhere_and_a_bent_tool_follows_both(arm, 
     assert {cause.group for cause in adapted.changed} >= {"tool.rotation"}
     turned = turned_by(adapted.model, posed(arm, 17, bend=bend, turn=turn))
     assert np.degrees(np.median(turned)) < 0.05
+
+
+@pytest.mark.parametrize("seed", [20, 22])
+def test_orientations_make_an_adaptation_no_worse(arm, oriented, seed):
+    """What is printed as "after" is measured on rows that were held out."""
+    log, fresh = (posed(arm, k, n=n) for k, n in ((seed, 60), (seed + 1, 300)))
+    log, fresh = (
+        replace(each, x=each.x + np.array([0.004, -0.003, 0.002])) for each in (log, fresh)
+    )
+    with_them, without = (
+        calib.adapt(oriented, each) for each in (log, replace(log, orientation=None))
+    )
+    unused = [
+        np.linalg.norm(found.model.forward(fresh.q) - fresh.x, axis=1).mean()
+        for found in (with_them, without)
+    ]
+    assert with_them.improved
+    assert unused[0] <= 1.05 * unused[1]
+    assert with_them.after["mean"] == pytest.approx(unused[0], rel=0.25)
 
 
 def test_a_tracker_that_was_turned_bends_no_tool(arm, oriented):

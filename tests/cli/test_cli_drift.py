@@ -68,6 +68,27 @@ def test_no_improvement_writes_nothing(folder, run, tmp_path):
     assert not out.exists()
 
 
+def test_a_bound_that_the_rows_contradict_is_written_wider(run, tmp_path):
+    """A ripple of 2 mm that no chain follows: Python returned a wider bound, the command none."""
+    rng = np.random.default_rng(4)
+    for name, n, size in (("own", 300, 0.0), ("new", 100, 2e-3)):
+        q = rng.uniform(arm().lower, arm().upper, (n, 2))
+        ripple = size * np.sin(9 * q[:, :1] + 7 * q[:, 1:]) * [1.0, 0.6]
+        x = arm().forward(q) + ripple + rng.normal(0.0, 2e-4, q.shape)
+        calib.write_log(replace(log(n=n), q=q, x=x, simulation=None), tmp_path / f"{name}.csv")
+    old, new = tmp_path / "own.calib", tmp_path / "own.adapted.calib"
+    run("train", "two_link", "--data", tmp_path / "own.csv", "--size", 8, "-o", old)
+    assert run("check", old, "--data", tmp_path / "new.csv").code == 3
+    done = run("adapt", old, "--data", tmp_path / "new.csv")
+    assert done.code == 3
+    assert f"{new} predicts as {old} does, with a wider bound" in done.out
+    document = run("adapt", old, "--data", tmp_path / "new.csv", "--json").document
+    assert (document["improved"], document["model"]) == (False, str(new))
+    before, after = calib.load(old), calib.load(new)
+    assert np.array_equal(before.forward(q), after.forward(q))
+    assert after.model_error(q).mean() > 2 * before.model_error(q).mean()
+
+
 def test_millimetres(folder, run, tmp_path):
     samples = log("elbow.length=+5%", n=100)
     table = np.hstack([samples.q, 1e3 * samples.x])

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from calib.change.watch import matching_sigma
+from calib.change.follow import matching_sigma
 from calib.common.scale import Scale
 from calib.maps.lattice import Lattice
 from calib.maps.map import Map

@@ -8,14 +8,13 @@ import numpy as np
 import pytest
 
 import calib
-from calib.change.watch import Step
+from calib.change.follow import Step
 from calib.errors import OptionError
 from calib.paper.adaptation import Episode
 from calib.paper.figures import curves_figure
-from calib.paper.published import COLUMNS, TABLE1, TABLE2
 from calib.paper.search import best_schedule
 from calib.paper.setting import Setting
-from calib.paper.tables import printed
+from calib.paper.tables import COLUMNS, TABLE1, TABLE2, printed
 from calib.paper.trial import joined
 
 

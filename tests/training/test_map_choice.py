@@ -7,7 +7,7 @@ import pytest
 
 import calib
 from calib.maps.graph import Graph
-from calib.training.map_choice import resolved
+from calib.training.learn import resolved
 
 
 @pytest.fixture(scope="module")

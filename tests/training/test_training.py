@@ -8,7 +8,7 @@ from models import draw, log, measured, no_arm, papers, trained, two_link
 from planar import chain_urdf
 
 import calib
-from calib.training.map_choice import resolved
+from calib.training.learn import resolved
 
 MM = 1e-3
 
