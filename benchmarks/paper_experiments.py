@@ -13,10 +13,17 @@ import numpy as np
 from calib.maps.association import Association
 from calib.maps.density import READINGS
 from calib.maps.links import WIRINGS
-from calib.paper.search import SAME_SCHEDULE
 from calib.paper.setting import Setting
 from calib.paper.tables import Cells, Table, columns_of, error_cells, error_header
-from calib.paper.trial import NetworkTrial, Row, Schedule, activity_errors, association, joined
+from calib.paper.trial import (
+    SAME_SCHEDULE,
+    NetworkTrial,
+    Row,
+    Schedule,
+    activity_errors,
+    association,
+    joined,
+)
 from calib.samples.samples import Samples
 
 _ROWS = 20_000  # of each seed: enough to tell these apart

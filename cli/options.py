@@ -25,6 +25,8 @@ from calib.common.choices import (
 from . import parsing
 from .parsing import Reader
 
+Text = str | None
+
 
 def option(usage: str, help: str, read: Reader[Any] | None = None) -> Any:  # noqa: A002
     """Declare an option of a value as a usage line has it, such as "--output -o FILE"."""
@@ -41,19 +43,14 @@ def flag(name: str, help: str) -> Any:  # noqa: A002
 _LOG = "CSV or Parquet with the joints' columns and x, y"
 ModelFile = Annotated[str, Argument(metavar="MODEL", help="The file of a learned model.")]
 RobotFile = Annotated[str, Argument(metavar="ROBOT", help="A URDF file or a bundled robot.")]
-Data = Annotated[str | None, option("--data LOG", f"A measured log: {_LOG}.")]
-JointsFile = Annotated[
-    str | None,
-    option("--joints-file FILE", "Joints of the pictures (column picture, or in order)."),
-]
-DatasetCamera = Annotated[str | None, option("--camera NAME", "Of a dataset with several.")]
+Data = Annotated[Text, option("--data LOG", f"A measured log: {_LOG}.")]
+JointsFile = Annotated[Text, option("--joints-file FILE", "A row of joints for each picture.")]
+DatasetCamera = Annotated[Text, option("--camera NAME", "Of a dataset with several.")]
 NewLog = Annotated[str, option("--data LOG", f"New samples: {_LOG}.")]
 
 # what is babbled or sensed
-JointNames = Annotated[
-    Any, option("--joints A,B", "Active joints (default found); others are locked.", parsing.names)
-]
-Tip = Annotated[str | None, option("--tip FRAME", "The frame whose position is sensed.")]
+JointNames = Annotated[Any, option("--joints A,B", "Active joints (default found).", parsing.names)]
+Tip = Annotated[Text, option("--tip FRAME", "The frame whose position is sensed.")]
 Planar = Annotated[bool, flag("--planar", "Take the planar part of a robot in space: x, y.")]
 Lock = Annotated[
     list[Any] | None,
@@ -63,9 +60,7 @@ Ranges = Annotated[
     list[Any] | None,
     option("--range JOINT=LO:HI", "Part of its range [rad or m]; repeatable.", parsing.joint_range),
 ]
-Degrees = Annotated[
-    bool, flag("--degrees", "Joint values are typed, read and printed in degrees (default rad).")
-]
+Degrees = Annotated[bool, flag("--degrees", "Joint values typed, read and printed are in deg.")]
 
 # simulated babbling
 BABBLED = "How many samples to babble (default 20000)."
@@ -94,13 +89,11 @@ SIGMA = "Neighbourhood radius, start and end [nodes]; the full lattice alone is 
 MapSize = Annotated[Any, option("--size N|NxN|NxNxN", SIZE, parsing.size)]
 MotorSize = Annotated[Any, option("--motor-size N|NxN", "Of the motor map.", parsing.size)]
 SensorySize = Annotated[Any, option("--sensory-size N|NxN", "Of the sensory map.", parsing.size)]
-MapName = Annotated[str | None, option("--map NAME", MAP, parsing.one_of(MAPS))]
+MapName = Annotated[Text, option("--map NAME", MAP, parsing.one_of(MAPS))]
 TrainingRule = Annotated[RuleWord, flag("--rule", "Training rule.")]
 Epochs = Annotated[int | None, Option("--epochs", metavar="N", min=1, help=EPOCHS)]
 Sigma = Annotated[Any, option("--sigma START:END", SIGMA, parsing.sigma)]
-BodyKind = Annotated[
-    BodyWord, flag("--body", "auto: a kinematic body under the maps; none: maps and links alone.")
-]
+BodyKind = Annotated[BodyWord, flag("--body", "none: maps and links alone, without a body.")]
 SensorView = Annotated[
     ViewWord,
     flag(
@@ -127,18 +120,10 @@ Columns = Annotated[
         parsing.typed_columns,
     ),
 ]
-Unit = Annotated[
-    str | None, option("--unit m|mm|px|..", "Of the log's positions (default m, or the model's).")
-]
-Prismatic = Annotated[
-    Any, option("--prismatic A,B", "Without ROBOT: the joints that slide.", parsing.names)
-]
-LogDegrees = Annotated[
-    bool | None, flag("--degrees/--radians", "Of the log's joints (default: as the model's log).")
-]
-PhotoFile = Annotated[
-    str | None, option("--photo FILE", "By the camera of the log: the map is drawn over it.")
-]
+Unit = Annotated[Text, option("--unit m|mm|px|..", "Of the log (default m, or the model's).")]
+Prismatic = Annotated[Any, option("--prismatic A,B", "Joints that slide.", parsing.names)]
+LogDegrees = Annotated[bool | None, flag("--degrees/--radians", "Of the log (default: as before).")]
+PhotoFile = Annotated[Text, option("--photo FILE", "Of the log's camera, to draw the map over.")]
 NoPhoto = Annotated[bool, flag("--no-photo", "Keep no photo in the model and draw none.")]
 Distances = Annotated[
     list[str] | None,
@@ -152,28 +137,13 @@ Planes = Annotated[
 ]
 
 # queries and what else asks a model
-ReadoutKind = Annotated[
-    ReadoutWord | None, flag("--readout", "Readout (default local; without a body linear).")
-]
-InFrame = Annotated[
-    FrameWord, flag("--in", "Frame of positions: the sensor's, or the arm's base [m].")
-]
-PositionUnit = Annotated[
-    str | None,
-    option("--unit m|mm|..", "Of positions typed, read and printed (default the model's)."),
-]
-Input = Annotated[
-    str | None, option("--input FILE", "Answer every row of this CSV file (- standard input).")
-]
-Output = Annotated[
-    str | None, option("--output FILE", "Answers as CSV or Parquet (default standard output).")
-]
-LogView = Annotated[
-    LogFrameWord, flag("--view", "base: the log is in the robot's root frame; auto: in its own.")
-]
-WhatChanged = Annotated[
-    CauseWord | None, flag("--cause", "What changed, if known: the sensor, or joints and links.")
-]
+ReadoutKind = Annotated[ReadoutWord | None, flag("--readout", "local, linear without a body.")]
+InFrame = Annotated[FrameWord, flag("--in", "Frame of positions: sensor, or the arm's base [m].")]
+PositionUnit = Annotated[Text, option("--unit m|mm|..", "Of positions (default the model's).")]
+Input = Annotated[Text, option("--input FILE", "Answer every row of a CSV (- standard input).")]
+Output = Annotated[Text, option("--output FILE", "CSV or Parquet (default standard output).")]
+LogView = Annotated[LogFrameWord, flag("--view", "base: the log is in the robot's root frame.")]
+WhatChanged = Annotated[CauseWord | None, flag("--cause", "If known: sensor, or joints, links.")]
 FrameOrJoints = Annotated[
     CauseWord,
     flag("--cause", "What a turn that both explain is: the sensor's or the first joint's."),
@@ -182,5 +152,5 @@ FrameOrJoints = Annotated[
 # what is printed for a camera
 Dictionary = Annotated[str, option("--dictionary NAME", "Dictionary of the tags.")]
 BoardSpec = Annotated[
-    str | None, option("--board COLSxROWS:SQUARE:MARKER:DICT", "Such as 7x5:24mm:18mm:5x5_100.")
+    Text, option("--board COLSxROWS:SQUARE:MARKER:DICT", "Such as 7x5:24mm:18mm:5x5_100.")
 ]

@@ -10,7 +10,7 @@ import re
 
 _SAME = (
     "board body cause columns degrees dictionary distance epochs eye force frame frames joints "
-    "joints_topic lens limit lock map margin max_gap meshes method motor_size move_base near "
+    "joints_topic lens limit lock map margin max_gap method motor_size move_base near "
     "noise planar port prismatic readout rule seed sensory_size sigma since size still tag "
     "tag_height tag_size tags_at time_offset tip tip_topic tolerance unit view weights"
 )

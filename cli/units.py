@@ -36,16 +36,15 @@ class PositionFormat:
         self.factor, self.shown = for_people(self.unit)
         self.typed = 1.0
         """Factor from the model's unit to what is typed, and written to tables of answers."""
-        if unit is not None and unit != self.unit:
+        if unit is not None:
             from calib.common.scale import METRES
 
-            if not {unit, self.unit} <= set(METRES):
-                fitting = METRES if self.unit in METRES else (self.unit,)
+            fitting = METRES if self.unit in METRES else {self.unit: 1.0}
+            if unit not in fitting:
                 expected = f"a unit that positions in {self.unit} have: {', '.join(fitting)}"
                 raise bad_option("--unit", unit, expected)
-            self.typed = METRES[unit] / METRES[self.unit]
-        if unit is not None:
-            self.factor, self.shown = self.typed, unit
+            self.typed = self.factor = fitting[unit] / fitting[self.unit]
+            self.shown = unit
 
     def said(self, length: float) -> str:
         """Return a length [the model's unit] in words."""

@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..common.arrays import Array
 from ..common.choices import METHODS
 from ..common.parallel import one_blas_thread
 from ..common.wording import for_people
@@ -15,17 +14,14 @@ from ..maps.model_selection import better, blocks
 from ..maps.node_bounds import learn_bounds
 from ..model.model import Model
 from ..samples.samples import Samples
-from ..training.evaluate import error_sizes
 from ..training.learn import Progress
 from .adaptation import Adaptation, finished, rebuilt
-from .causes import WORDS, Cause, find_causes, frame_between
+from .causes import find_causes, frame_between
 from .comparison import Comparison, compare
-from .decision import Decision, decide
-from .explain import called, likely
+from .decision import decide, kept_model
 from .follow import BLOCK, HORIZON, OnlineAdapter
 
 _TAIL = 3.0  # 95 % quantile over median; of Gaussian noise in the plane it is 2.1
-_LOUD = ("mirror", "scale", "sign", "lost")
 
 
 def adapt(
@@ -72,47 +68,20 @@ def adapt(
             return _online(found, report)
         if model.body is None:
             told = "maps without a body learn from a stream alone: give method 'online'"
-            return _adaptation(
+            return kept_model(
                 found, found.missed, found.missed, "nothing", find_causes(found)[0], told
             )
         return _few_shot(found, report)
 
 
-def _adaptation(
-    found: Comparison, before: Array, after: Array, correction: str, causes: tuple[Cause, ...],
-    *notes: str,
-) -> Adaptation:  # fmt: skip
-    """An adaptation that keeps the old model, of distances (k,) from held-out rows [unit]."""
-    return Adaptation(
-        found.model, False, int(np.count_nonzero(found.kept)), found.outliers,
-        error_sizes(before), error_sizes(after), correction,
-        tuple(c for c in causes if c.group != "noise"), ("the arm and the sensor",),
-        found.coverage, (*found.notes, *notes), found.spans, found.left_out,
-    )  # fmt: skip
-
-
 def _few_shot(found: Comparison, report: Progress) -> Adaptation:
-    """Explain the log, update the body by it, and judge by rows that were held out."""
     report(0.0, "hypotheses", float("nan"))
-    made_of = decide(found)
-    best, causes = made_of.best.hypothesis, made_of.causes
-    # what nobody may miss: another unit, a mirror, a joint that turns round or not at all
-    loud = [c.words for c in causes if c.cause.split(":")[0] in _LOUD]
-    made = _adaptation(
-        found, made_of.before, made_of.after, made_of.correction, causes,
-        *loud, *made_of.notes, *_of_explanations(found, made_of),
-    )  # fmt: skip
-    if made_of.changed:
-        structure = found.reference.structure
-        held = {g for g, ix in structure.groups.items() if len(ix)} - {*best.groups}
-        if structure.outputs >= 3:  # a tracker has no lens
-            held.discard("lens")
-        made = replace(made, kept=tuple(w.kept for g, w in WORDS.items() if g in held and w.kept))
-    if not found.explained and not made_of.improved:
-        return made
+    made, best, body, held_out = decide(found)
+    if not found.explained and not made.improved:
+        return replace(made, notes=(*made.notes, found.why_not()))
     report(0.8, "maps", float("nan"))
-    fresh = rebuilt(found, made_of.body)
-    if not made_of.improved:
+    fresh = rebuilt(found, body)
+    if not made.improved:
         # noise alone is no error of the model: then rows miss evenly
         missed, bound = found.missed[found.kept], found.model.expected_error(found.q[found.kept])
         uneven = float(np.quantile(missed, 0.95)) > _TAIL * float(np.median(missed))
@@ -122,7 +91,7 @@ def _few_shot(found: Comparison, report: Progress) -> Adaptation:
         told = (
             "the new bound is a tenth of the reach or more at every row: measure more of the range"
         )
-        return replace(made, notes=(*made.notes, told))
+        return replace(made, improved=False, notes=(*made.notes, told))
     if not found.spans:
         factor, name = for_people(found.unit)
         before, after = (factor * e["mean"] for e in (made.before, made.after))
@@ -133,26 +102,9 @@ def _few_shot(found: Comparison, report: Progress) -> Adaptation:
             "(median of the 95 % bound)"
         )
         made = replace(made, notes=(*made.notes, told))
-    frame = frame_between(found, made_of.body.beta) if best.framed else None
+    frame = frame_between(found, body.beta) if best.hypothesis.framed else None
     report(1.0, "done", made.after["mean"])
-    made = replace(made, improved=True)
-    return finished(found, made, fresh, *made_of.held_out, "few-shot", frame)
-
-
-def _of_explanations(found: Comparison, made_of: Decision) -> list[str]:
-    """What is told where nothing explains the log, or more than one change does."""
-    if not found.explained:
-        return [found.why_not()]
-    if not (made_of.improved and found.changed):
-        return []
-    best, *others = (e for _, e in likely(found.explanations))
-    # a richer one that frees the same and more is no other cause
-    others = [e for e in others if not set(best.hypothesis.groups) <= {*e.hypothesis.groups}]
-    names = list(dict.fromkeys(called(e) for e in (best, *others)))
-    if len(names) < 2:
-        return []
-    rivals = " or ".join(f"({name.replace(', ', ' + ')})" for name in names)
-    return [f"more than one change explains the log: {rivals}; poses of calib plan tell which"]
+    return finished(found, made, fresh, *held_out, "few-shot", frame)
 
 
 def _doubted(found: Comparison, made: Adaptation, fresh: Model) -> Adaptation:
@@ -199,7 +151,7 @@ def _online(found: Comparison, report: Progress) -> Adaptation:
     if shown > len(learned):
         notes = (f"{len(learned)} samples were shown {shown // len(learned)} times", *notes)
     done = "maps and Hebbian links trained online"
-    made = replace(_adaptation(found, before, after, done, causes, *notes), kept=())
+    made = replace(kept_model(found, before, after, done, causes, *notes), kept=())
     known = float(np.isfinite(fresh.expected_error(q[held])).mean())
     if not better(after, before) or known <= 0.5:
         return made

@@ -215,7 +215,9 @@ def _of_change(found: Comparison) -> list[Cause]:
                 of = every if whole else [k]
                 moved = float(np.linalg.norm(change[of] * size[of]))
                 label = structure.label(k)
-                cause = Cause.of_parameter(label, old[k], change[k], deviation[k], most)
+                cause = Cause.of_parameter(
+                    label, old[k], float(change[k]), float(deviation[k]), most
+                )
                 causes.append((moved, cause))
     frame = np.concatenate([structure.groups[g] for g in FRAME])
     new = found.reference.mirrored or found.reference.scale != 1.0

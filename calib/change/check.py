@@ -153,17 +153,19 @@ def check(
     with one_blas_thread():
         found = compare(model, log, cause)
         score, smallest, adapts = found.score, found.tested.smallest, False
-        tool = None if model.body is None else turned_tool(found)
-        if tool is not None and max(score, tool.score) > 1.0:
-            made = decide(found)
-            causes, told, adapts = made.causes, made.notes, made.improved
-            score = max(score, tool.score)
-        else:
-            causes, told = find_causes(found)
-            told = (*told, *(tool.notes if tool else (_NO_BODY,)))
+        causes, told = find_causes(found)
         if model.body is None:
+<<<<<<< HEAD
             smallest = float(np.median(model.expected_error(found.q)))
         causes = hand_told_once(causes, model.about.options.get("board"))
+=======
+            smallest, told = float(np.median(model.expected_error(found.q))), (_NO_BODY,)
+        else:
+            tool = turned_tool(found)
+            score, causes = max(score, tool.score), (*causes, *tool.causes)
+            told = (*told, *tool.notes)
+            adapts = score > 1.0 and decide(found).made.improved
+>>>>>>> main
         drifted: bool | None = score > 1.0
         if not drifted and tolerance is not None and smallest > tolerance:
             drifted = None
@@ -219,8 +221,6 @@ def _reverse(sensory: Map, predicted: Array, x: Array, noise: float) -> Signal:
         tree = search_tree(sensory.units[nodes], sensory.scale)
         return float(np.mean(np.asarray(tree.query(winners)[0]) ** 2))
 
-    # what noise alone does to the visited nodes, tried eight times
-    rng = np.random.default_rng(0)
-    usual = [away(predicted + noise * rng.standard_normal(x.shape)) for _ in range(8)]
-    chance = 4.0 * float(np.std(usual)) + sensory.spacing**2 / len(x)
-    return Signal(away(x), float(np.mean(usual)) + chance)
+    # what noise alone does to the visited nodes
+    noisy = predicted + noise * np.random.default_rng(0).standard_normal(x.shape)
+    return Signal(away(x), 2.0 * away(noisy) + sensory.spacing**2 / len(x))

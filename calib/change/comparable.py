@@ -52,12 +52,11 @@ class Comparable:
     def coverage(self) -> float:
         """Share of the learned range, in cells of a fifth of each joint's range, that rows visit.
 
-        Six joints have 15,625 cells, which no log visits: of more than three joints it is the mean
-        over all pairs of joints.
+        Six joints have 15,625 cells, which no log visits: it is the mean over all pairs of joints.
         """
         u = np.clip(self.u, 0.0, 1.0 - 1e-12)
         cells, dof = (u * _CELLS).astype(int), u.shape[1]
-        some = combinations(range(dof), 2) if dof > 3 else [tuple(range(dof))]
+        some = combinations(range(dof), min(dof, 2))
         shares = [len(np.unique(cells[:, ix], axis=0)) / _CELLS ** len(ix) for ix in some]
         return float(np.mean(shares))
 

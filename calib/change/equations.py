@@ -57,10 +57,7 @@ def weighted(
 ) -> Log:
     """A log with robust weights.
 
-    reference : the old belief in the frame of the log
     q, z : (n, dof), (n, m), all rows
-    cause : {"sensor", "joints"}, what is known about the change
-    shared : [unit], standard deviation that all rows share
     """
     body, structure = reference.body, reference.structure
     sd = np.hypot(freedom(body, hypotheses_of(structure, cause)[-1], cause), creep(body))
@@ -134,9 +131,9 @@ class Equations:
 
     def larger(self, factor: float) -> Equations:
         """The same with another size of the log's own residual."""
-        other = copy(self)
-        other.columns = self.columns.copy()
-        other.columns[:, : self.own] *= factor
+        other, scale = copy(self), np.ones(self.columns.shape[1])
+        scale[: self.own] = factor
+        other.columns = self.columns * scale
         other._decompose()
         return other
 

@@ -55,9 +55,6 @@ def explain(
 ) -> tuple[Explanation, ...]:
     """All hypotheses with their evidence, best first.
 
-    reference : the old belief in the frame of the log
-    log : its rows; `z` less what maps add to the body
-    cause : {"sensor", "joints"}, what is known about the change
     calm : whether nothing changed: only the sizes of the log's own residual are then compared
     """
     every = (NOTHING,) if calm else hypotheses_of(reference.structure, cause)
@@ -151,21 +148,17 @@ def changed(found: tuple[Explanation, ...]) -> bool:
     return not nothing or found[0].evidence > max(nothing) + MARGIN
 
 
-def likely(found: Sequence[Explanation]) -> list[tuple[float, Explanation]]:
+def weighed(some: Sequence[Explanation]) -> list[tuple[float, Explanation]]:
     """The explanations that count, best first, with their posterior weights."""
-    return weighed([e for e in found if e.evidence > found[0].evidence - MARGIN][:_AVERAGED])
+    some = [e for e in some if e.evidence > some[0].evidence - MARGIN][:_AVERAGED]
+    weight = np.exp(np.array([e.evidence for e in some]) - some[0].evidence)
+    return list(zip((weight / weight.sum()).tolist(), some, strict=True))
 
 
 def simplest(found: Sequence[Explanation]) -> Explanation:
     """The one that frees least, of those that the evidence hardly tells from the best."""
     some = [e for e in found if e.evidence > found[0].evidence - NATS]
     return min(some, key=lambda e: (len(e.hypothesis.groups), -e.evidence))
-
-
-def weighed(some: Sequence[Explanation]) -> list[tuple[float, Explanation]]:
-    """Explanations with their posterior weights."""
-    weight = np.exp(np.array([e.evidence for e in some]) - some[0].evidence)
-    return list(zip((weight / weight.sum()).tolist(), some, strict=True))
 
 
 def called(e: Explanation) -> str:

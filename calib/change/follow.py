@@ -93,10 +93,8 @@ class OnlineAdapter:
     (eq. 1 to 3) and the links (eq. 11) follow the samples.  Once they are settled it keeps
     their last rates.
 
-    model : where to start; it is left as it is
     horizon : samples over which sigma decays to half a node
-    force : whether to adapt from the first sample on, without waiting for a signal, and to take all
-        samples for those of one arm
+    force : whether to adapt from the first sample on, and to take all samples for those of one arm
     """
 
     def __init__(self, model: Model, horizon: int = HORIZON, *, force: bool = False) -> None:

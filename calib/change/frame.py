@@ -68,12 +68,7 @@ def kept_reference(body: Body) -> Reference:
 
 
 def reference_of(body: Body, q: Array, z: Array, unit: str) -> Reference:
-    """Bring a belief into the frame of a log.
-
-    body : the old belief
-    q, z : (n, dof), (n, m), the log
-    unit : unit of its positions
-    """
+    """Bring the old belief into the frame of a log of rows (n, dof), (n, m)."""
     kept, old = kept_reference(body), body.structure
     places, extent = slice(old.blocks[0]), float(old.extents[0])
     rows = thinned(len(q), _ROWS)
@@ -140,10 +135,7 @@ def _camera_anew(body: Body, q: Array, z: Array) -> Array:
 
 
 def _variants(body: Body) -> Iterator[tuple[dict[str, Any], Array, tuple[int, ...]]]:
-    """The belief itself, seen from behind, with one joint turned round, with one joint locked.
-
-    Yields fields of the structure that differ, parameters, and the joints that are locked.
-    """
+    """Other fields of the structure, parameters, locked joints: mirrored, turned round, locked."""
     structure, beta = body.structure, body.beta
     yield {}, beta, ()
     mirrors: list[dict[str, Any]] = [{}]
@@ -226,12 +218,8 @@ def _placed(
 def carried_offset(old: Body, new: Body, beta: Array, q: Array, offset: Array) -> Array:
     """What maps add to a body, after the arm or the sensor has changed.
 
-    A displacement of the tip is taken as that of the joints that causes it (least squares), and
-    these joints' displacement in the new prediction: a moved sensor turns it exactly.
-
-    beta : (d,), parameters of the new prediction
-    q, offset : (n, dof), (n, m)
-    Returns (n, m).
+    A displacement (n, m) of the tip is taken as that of the joints that causes it (least squares),
+    and these joints' displacement in the new prediction: a moved sensor turns it exactly.
     """
     before = old.structure.slope(q, old.beta)
     after = new.structure.slope(q, beta)

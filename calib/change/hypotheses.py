@@ -85,17 +85,11 @@ _ARM = (("offset",), ("length",), ("gain",), ("elastic",), ("tool",), _GEOMETRY,
 def hypotheses_of(structure: Structure, cause: str | None = None) -> tuple[Hypothesis, ...]:
     """What may have changed, from simple to rich; the first is nothing.
 
-    structure : groups that it does not have are left out
-    cause : {"sensor", "joints"}, what the user knows: only the sensor's view is free, or only the
-        arm
+    cause : {"sensor", "joints"}, if the user knows that only the one or the other may have
     """
     if cause is not None and cause not in CAUSES:
-        raise OptionError(
-            f"cause {cause!r} is unknown",
-            hint=f"choose one of {', '.join(CAUSES)}",
-            parameter="cause",
-            value=cause,
-        )
+        hint = f"choose one of {', '.join(CAUSES)}"
+        raise OptionError(f"cause {cause!r} is unknown", hint=hint, parameter="cause", value=cause)
     sensor, arm = cause != "joints", cause != "sensor"
     sets = [(), *((*FRAME, *more) for more in _SENSOR if sensor), *(_ARM if arm else ())]
     if sensor and arm:
@@ -140,25 +134,22 @@ def freedom(
 def creep(body: Body, waves: float = CREEP) -> Array:
     """Standard deviation (d,) by which the arm's own parameters may have crept.
 
-    The curves of the joints by `waves` times their prior's; beyond `CREEP` those too that the
-    belief leaves out.
+    waves : that of the joints' curves over their prior's; beyond `CREEP` of those too that the
+        belief leaves out
     """
-    sd, known = _deviations(body, _arm_groups(body), "creep", waves), body.active
+    sd, known = _deviations(body, None, "creep", waves), body.active
     _keep_gauge(body, sd)
     if waves > CREEP:
         known = np.union1d(known, indices_of(body.structure, ("curve",)))
     return np.where(np.isin(np.arange(len(sd)), known), sd, 0.0)
 
 
-def _arm_groups(body: Body) -> list[str]:
-    return [g for g in body.structure.groups if not is_sensors(g)]
-
-
 def _deviations(
-    body: Body, groups: Iterable[str], kind: str, curve: float, metre: float | None = None
+    body: Body, groups: Iterable[str] | None, kind: str, curve: float, metre: float | None = None
 ) -> Array:
     """Standard deviation (d,) of the parameters of some groups, 0 elsewhere.
 
+    groups : by default all of the arm
     kind : a column of `_Sizes`
     curve : that of the joints' curves, over their prior's
     metre : [unit], what lengths are told in; their mean where not given
@@ -166,6 +157,8 @@ def _deviations(
     structure, sd = body.structure, np.zeros(body.structure.size)
     extent, length = float(structure.extents[0]), metre or _length(body)
     times = {"view.shift": extent, "view.tilt": 1.0 / extent, "length": length}
+    if groups is None:
+        groups = [g for g in structure.groups if not is_sensors(g)]
     for group in groups:
         size = getattr(_SIZES.get(group, _OTHER), kind) * times.get(group, 1.0)
         for name, ix in parts_of(structure, group):
@@ -210,7 +203,7 @@ def as_built(body: Body) -> Body:
     metre = float(getattr(structure, "metre", 1.0))
     if structure.view not in ("rigid", "base", "pose"):
         metre = _length(body) / 0.3
-    sd = _deviations(body, _arm_groups(body), "built", BUILT_CURVE, metre)
+    sd = _deviations(body, None, "built", BUILT_CURVE, metre)
     _keep_gauge(body, sd)
     if structure.kind == "spatial":  # the first origin's place is the frame's own
         first = (getattr(structure, name)[0] for name in ("shifts", "turns"))

@@ -78,9 +78,7 @@ def updated(
 
     The bound carries what the choice among the explanations is unsure of.
 
-    reference : the old belief in the frame of the log
     chosen : what explains the log, best first, with weights
-    log : `z` less what maps add to the body
     """
     old, log = reference.body, log.some(UPDATED_ROWS)
     parts = [(w, *posterior_of(reference, e, log)) for w, e in chosen]
@@ -93,7 +91,13 @@ def updated(
         covariance += share * np.outer((other - beta)[active], (other - beta)[active])
     own = np.sqrt(sum(w * e.factor**2 for w, e in chosen)) * reference.own_sd
     noise = np.sqrt(sum(w * e.noise**2 for w, e in chosen)) * reference.sizes
-    noise = _readings(old, noise, held)
+    # Student weights find the noise of the calm rows; the bound on a reading needs that of all
+    places = slice(old.structure.blocks[0])
+    radius = float(radius_95(np.diag(noise[places] ** 2)[None])[0])
+    away = np.linalg.norm(held[:, places], axis=1)
+    calm = away[away < _OUTLIER * radius]
+    if len(calm) >= _ENOUGH:
+        noise[places] *= max(1.0, float(np.quantile(calm, 0.95)) / radius)
     second = old.second
     if second is not None:  # after the same log, under the most likely explanation
         e, apart = chosen[0][1], second.beta - old.beta
@@ -114,20 +118,3 @@ def updated(
         second=second,
     )
     return body, held
-
-
-def _readings(old: Body, noise: Array, held: Array) -> Array:
-    """Noise (m,) that covers 95 % of the held-out rows, outliers apart.
-
-    Student weights find the noise of the calm rows; the bound on a reading needs that of all.
-    """
-    out, at = noise.copy(), 0
-    for size in old.structure.blocks:
-        part = slice(at, at + size)
-        distance = np.linalg.norm(held[:, part], axis=1)
-        radius = float(radius_95(np.diag(noise[part] ** 2)[None])[0])
-        calm = distance[distance < _OUTLIER * radius]
-        if len(calm) >= _ENOUGH:
-            out[part] *= max(1.0, float(np.quantile(calm, 0.95)) / radius)
-        at += size
-    return out

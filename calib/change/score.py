@@ -124,8 +124,6 @@ def groups_of(body: Body) -> dict[str, Indices]:
 
 
 class _Groups(NamedTuple):
-    """What is tested of one log."""
-
     every: Indices  # (p,), all parameters of the groups
     columns: dict[str, Indices]  # of each group, where its parameters stand in `every`
     moves: Array  # (p,) [unit], root mean square displacement by one of each parameter
@@ -203,10 +201,8 @@ def _explained(power: Array, pull: Array, ix: Indices) -> tuple[Array, int]:
 
 
 def group_tests(reference: Reference, log: Log, probes: Array) -> Tested:
-    """Test every group.
+    """Test every group against the belief as the model knows it.
 
-    reference : the belief as the model knows it, in the frame of the log where that is new
-    log : rows; `z` less what maps add to the body
     probes : (p, dof), joints all over the learned range
     """
     from scipy.special import chdtrc

@@ -2,96 +2,59 @@
 
 from __future__ import annotations
 
+# Share of undisturbed logs for which `check` may call anything changed, after Bonferroni
 FALSE_ALARM = 1e-3
-"""Share of undisturbed logs for which `check` may call anything changed, after Bonferroni."""
-
-POWER = 0.9
-"""Share of logs in which the smallest change that is told would be found."""
-
-OUTLIER = 5.0
-"""Noises from which a row contradicts all others."""
-
-PSEUDO = 4.0
-"""Observations that the old noise counts for."""
-
+POWER = 0.9  # share of logs in which the smallest change that is told would be found
+OUTLIER = 5.0  # noises from which a row contradicts all others
+PSEUDO = 4.0  # observations that the old noise counts for
+# Noise of one encoder over that of the sensor, at the tip: a factor of four is .4 nats at most
 JOINT_NOISES = (0.5, 2.0, 8.0, 32.0)
-"""Noise of one encoder over that of the sensor, at the tip: a factor of four is .4 nats at most."""
-
-DRIFTS = (2.0, 4.0, 8.0, 16.0)
-"""Sizes of a smooth residual over what the model expects of one log."""
-
-LEFT = 4.0
-"""Degrees of freedom that a noise needs at least to be told from a change."""
-
-LEAST_NOISE = 1e-7
-"""Least noise, of the extents: rounding of exact samples."""
-
+DRIFTS = (2.0, 4.0, 8.0, 16.0)  # sizes of a smooth residual over what the model expects of one log
+LEFT = 4.0  # degrees of freedom that a noise needs at least to be told from a change
+LEAST_NOISE = 1e-7  # least noise, of the extents: rounding of exact samples
+# Least residual of one log, of the extents; 1e-4 hid a sensor that was moved by .1 mm
 LEAST_OWN = 1e-6
-"""Least residual of one log, of the extents; 1e-4 hid a sensor that was moved by .1 mm."""
-
+# Share of rows beyond a 95 % bound that fails for sure: halves of A and C have 13 % at most
 BEYOND = 0.2
-"""Share of rows beyond a 95 % bound that fails for sure: halves of A and C have 13 % at most."""
-
+# Noise over the usual one from which one encoder's is looked for: below it changes no verdict
 NOISIER = 1.15
-"""Noise over the usual one from which one encoder's is looked for: below it changes no verdict."""
-
-CHANGED = 0.95
-"""Share of the held-out error that a change may leave at most."""
-
-REFINED = 0.85
-"""The same where nothing changed and rows are only added."""
-
-SURE = 2.0
-"""Standard errors by which five held-out blocks must gain."""
-
-SURER = 4.0
-"""The same where rows lie beyond the old belief's bound on average."""
-
+CHANGED = 0.95  # share of the held-out error that a change may leave at most
+REFINED = 0.85  # the same where nothing changed and rows are only added
+SURE = 2.0  # standard errors by which five held-out blocks must gain
+SURER = 4.0  # the same where rows lie beyond the old belief's bound on average
+# Share of the error that a belief expects of itself that added rows may leave at most
 UNSURE = 0.9
-"""Share of the error that a belief expects of itself that added rows may leave at most."""
-
+# Rows below which the tests weigh all rows alike, but for those that contradict all others
 FEW_ROWS = 60
-"""Rows below which the tests weigh all rows alike, but for those that contradict all others."""
-
-WINDOW = 200.0
-"""Samples that the monitor remembers: older ones fade by a factor of e."""
-
-MONITOR_ALARM = 1e-6
-"""Share of the samples of a calm stream that may raise an alarm."""
-
+WINDOW = 200.0  # samples that the monitor remembers: older ones fade by a factor of e
+MONITOR_ALARM = 1e-6  # share of the samples of a calm stream that may raise an alarm
+# Times its own bound of 95 % that a model may be off for a while, as where an arm dwells
 NUISANCE = 1.5
-"""Times its own bound of 95 % that a model may be off for a while, as where an arm dwells."""
-
+# Samples of which the monitor tells how much the noise of one is like that of the next
 LONG = 2000.0
-"""Samples of which the monitor tells how much the noise of one is like that of the next."""
 
 CREPT = 0.25
 """Of the usual creep of an unchanged arm's parameters, what the tests allow for: the last rows of
 series A, .4 mm off, are an alarm without it; all of it hid a sensor that was moved by .1 mm."""
 
+# Size of joints' waves, over their prior's, that a drift is looked for by: 2 mrad in the plane
 WAVES = 0.7
-"""Size of joints' waves, over their prior's, that a drift is looked for by: 2 mrad in the plane."""
 
 FEW = 30
 """Rows of a log below which all of its scatter may be noise of the sensor: its own residual, on 40
 places, takes up the noise of fewer.  Of 10, 15 and 20 rows at 5 times the usual noise 38, 22 and 14
 of 40 logs were drift without it, of 30 rows none."""
 
-CREEP = 0.01
-"""Sd of a joint's curve that may creep between two logs, over that of its prior."""
-
-BUILT_CURVE = 0.3
-"""The same of a curve that is freed, and of an arm as it was built."""
-
-OWN_FLOOR = 1e-4
-"""Least residual of one log of an arm that may have changed, of the extents."""
+CREEP = 0.01  # sd of a joint's curve that may creep between two logs, over that of its prior
+BUILT_CURVE = 0.3  # the same of a curve that is freed, and of an arm as it was built
+OWN_FLOOR = 1e-4  # least residual of one log of an arm that may have changed, of the extents
 
 SIMULATED_KAPPA = 1.2
 """Inflation of the bound of an arm that was only simulated: nothing has shown yet how it holds.
 Of 30 rows with waves of 2 mrad it covered 94.4 % without."""
 
+# Sizes of a freed frame, a radian and an extent, beyond which it is not looked for
 ANYWHERE = 20.0
-"""Sizes of a freed frame, a radian and an extent, beyond which it is not looked for."""
 
 OWN = ((1.0, CREEP), (4.0, CREEP), (1.0, 0.7), (16.0, CREEP), (1.0, 4.0))
 """What a log may show beyond every hypothesis, of unknown size: times the usual size of the smooth
@@ -104,12 +67,11 @@ USUAL = 3
 model of 400 rows has not learned of a real UR10: taken for a change of the arm, they doubled its
 error where nothing was measured."""
 
+# Nats by which a change must be better than none, and within which explanations are averaged
 MARGIN = 5.0
-"""Nats by which a change must be better than none, and within which explanations are averaged."""
 
 UNEXPLAINED = 0.1
 """Share of the positions' spread: a log that is further off from every hypothesis is explained by
 none."""
 
-FEW_WRONG = 0.05
-"""Share of rows that may contradict all others where the rest is as near as told."""
+FEW_WRONG = 0.05  # share of rows that may contradict all others where the rest is as near as told

@@ -14,9 +14,8 @@ from ..common.choices import READOUTS
 from ..common.frozen import freeze, frozen
 from ..common.parallel import side_by_side
 from ..errors import OptionError
-from .compressed import Compressed
 from .linear_models import LinearModels, MeanPositions, regress
-from .links import WIRINGS, Wiring, squares
+from .links import WIRINGS, Compressed, Wiring, squares
 from .map import Map, nearest_points
 
 if TYPE_CHECKING:

@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 
 from ..common.arrays import Array
 from ..errors import OptionError
-from .graph import Graph
-from .lattice import Lattice
+from .lattice import Graph, Lattice
 from .untrained import KINDS as UNTRAINED
 
 

@@ -13,7 +13,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from ..common.arrays import Array
-from .graph import Graph
+from .lattice import Graph
 from .map import Epoch, nearest_nodes, search_tree
 from .schedule import decay
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from ..common.arrays import Array, Index
 from .density import Gain, Visit
-from .graph import Graph
+from .lattice import Graph
 from .map import Epoch, nearest_nodes, search_tree, topographic_error
 
 _GROWING = 0.6  # share of the samples during which nodes are inserted

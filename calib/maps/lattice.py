@@ -1,16 +1,17 @@
-"""The lattice of a map: where its nodes stand relative to each other."""
+"""How the nodes of a map are joined: a lattice, or the graph of one without."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from functools import cached_property
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..common.arrays import Array
+from ..common.arrays import Array, Index, Shape
 from ..errors import OptionError
 
 MAX_NODES = 4_000_000
@@ -100,7 +101,7 @@ class Lattice:
         for n, place, width in zip(self.shape, map(int, places), widths, strict=True):
             part = slice(max(0, place - reach), min(n, place + reach + 1))
             steps = np.arange(part.start - place, part.stop - place)
-            h = np.multiply.outer(h, np.exp(steps**2 / (-2.0 * width * width)))
+            h = np.multiply.outer(h, np.exp(steps**2 / (-2.0 * width * width)))  # eq. 3
             window.append(part)
         return tuple(window), h
 
@@ -136,3 +137,49 @@ class Lattice:
             rest = (place - low).reshape([-1 if a == axis else 1 for a in range(grid.ndim)])
             grid = np.take(grid, low, axis) * (1 - rest) + np.take(grid, low + 1, axis) * rest
         return np.ascontiguousarray(grid.reshape(finer.size, -1))
+
+
+@dataclass(frozen=True, eq=False)
+class Graph:
+    """Nodes joined by edges, as a growing neural gas leaves them.
+
+    It answers what a :class:`~calib.maps.lattice.Lattice` answers, but for positions:
+    its nodes stand nowhere but in the space that they have learned.
+    """
+
+    size: int  # number of nodes
+    # (m, 2), the edges, each once, the smaller node first, in ascending order
+    pairs: Annotated[Index, Shape("edges", 2)]
+
+    @staticmethod
+    def of(size: int, pairs: NDArray[np.intp]) -> Graph:
+        """The graph of pairs (m, 2) in any order, which may repeat."""
+        return Graph(size, np.unique(np.sort(pairs, axis=1), axis=0))
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Number of nodes, as the shape of a lattice of no particular form."""
+        return (self.size,)
+
+    @cached_property
+    def degree(self) -> NDArray[np.intp]:
+        """Number of edges of each node, (size,)."""
+        return np.bincount(self.pairs.ravel(), minlength=self.size)
+
+    def neighbours(self) -> Array:
+        """Edges of each node over those of most nodes inside, (size,), at most 1.
+
+        "Most" is the upper quartile: nodes at the border have fewer.
+        """
+        most = max(float(np.quantile(self.degree, 0.75)), 1.0)
+        return np.minimum(1.0, self.degree / most)
+
+    def edges(self) -> NDArray[np.intp]:
+        """Pairs of joined nodes, (m, 2)."""
+        return self.pairs
+
+    def adjacent(self, i: NDArray[np.intp], j: NDArray[np.intp]) -> NDArray[np.bool_]:
+        """Whether nodes `i` and `j` are the same or joined, (n,)."""
+        low, high = np.minimum(i, j), np.maximum(i, j)
+        key = self.pairs[:, 0] * self.size + self.pairs[:, 1]
+        return np.asarray((low == high) | np.isin(low * self.size + high, key))

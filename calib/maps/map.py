@@ -12,8 +12,7 @@ import numpy as np
 from ..common.arrays import Array, Index, Shape
 from ..common.frozen import freeze, frozen
 from ..common.scale import Scale
-from .graph import Graph
-from .lattice import Lattice
+from .lattice import Graph, Lattice
 
 if TYPE_CHECKING:
     from scipy.spatial import cKDTree

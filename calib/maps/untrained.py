@@ -11,8 +11,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from ..common.arrays import Array
-from .graph import Graph
-from .lattice import Lattice
+from .lattice import Graph, Lattice
 from .map import Epoch, nearest_nodes, search_tree
 
 KINDS = ("grid", "random", "rows")

@@ -7,7 +7,7 @@ in `density.py`.
 
 `calib train --rule online`, `calib.SOM(rule="online")`, `calib adapt --method online` and
 `calib reproduce adaptation` run this loop.  The batch rule (`batch.py`) goes to where eq. 2
-comes to rest, in a fortieth of the time.
+comes to rest, some fifty times sooner.
 """
 
 from __future__ import annotations
@@ -107,7 +107,7 @@ class Layer:
         exponent = (gap * gap).sum(axis=0) / widths
         least = exponent.min()
         j = np.flatnonzero(exponent < least + _SILENT)
-        return j, np.exp(least - exponent[j])
+        return j, np.exp(least - exponent[j])  # eq. 6
 
 
 class VDSOM:
@@ -179,7 +179,7 @@ class VDSOM:
                     (from_, a_i), (j, a_j) = (layer.active(w, x[k], b) for layer, w, x, b in every)
                     eta, beta = rates.eta[k], rates.beta[k]
                     # d c_ij = eta (a_i a_j - beta a_j^2 c_ij)
-                    self._c[j] *= 1.0 - eta * beta * a_j[:, None] ** 2  # eq. 5, 11: forgetting
+                    self._c[j] *= 1.0 - eta * beta * a_j[:, None] ** 2  # eq. 11 (eq. 5): forgetting
                     self._c[j[:, None], from_] += eta * np.outer(a_j, a_i)  # eq. 5: active together
             for layer, w in zip(self.layers, grids, strict=True):
                 layer.weights = np.ascontiguousarray(w.T)
@@ -213,7 +213,7 @@ class VDSOM:
 
 def zeta(weights: Array, x: Array) -> float:
     """Distortion of a map: mean squared distance of samples (n, d) to their winners (eq. 9)."""
-    return float(np.mean(nearest_nodes(search_tree(weights), x)[0] ** 2))
+    return float(np.mean(nearest_nodes(search_tree(weights), x)[0] ** 2))  # eq. 9
 
 
 def passes(

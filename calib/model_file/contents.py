@@ -20,11 +20,9 @@ from ..common.arrays import Array, Index, Mask, Own, Shape
 from ..common.scale import Scale
 from ..errors import ModelError
 from ..maps.association import Association
-from ..maps.compressed import Compressed
-from ..maps.graph import Graph
-from ..maps.lattice import Lattice
+from ..maps.lattice import Graph, Lattice
 from ..maps.linear_models import from_shifts, to_shifts
-from ..maps.links import Wiring
+from ..maps.links import Compressed, Wiring
 from ..maps.local_models import MOST_DEGREE, NO_MODELS, LocalModels, exponents
 from ..maps.map import HISTORY, Map
 from ..maps.predictor import BodyInBox, Predictor

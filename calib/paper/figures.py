@@ -15,9 +15,8 @@ import numpy as np
 from ..common.arrays import Array
 from ..common.atomic import atomic_write
 from .adaptation import Episode
-from .search import SAME_SCHEDULE
 from .setting import NETWORKS, Setting
-from .trial import activity_errors, association
+from .trial import SAME_SCHEDULE, activity_errors, association
 
 if TYPE_CHECKING:
     from ..maps.association import Association

@@ -10,9 +10,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-from .search import SAME_SCHEDULE, Found, best_trial
 from .setting import NETWORKS, Setting
-from .trial import NetworkTrial, Row, Schedule
+from .trial import SAME_SCHEDULE, Found, NetworkTrial, Row, Schedule, best_trial
 
 
 class Printed(NamedTuple):

@@ -76,10 +76,7 @@ UNKNOWN = "#8b97a3"
 
 def colours(share: Array) -> NDArray[np.uint8]:
     """Colours (n, 3) of places (n,) on a scale from 0 to 1; NaN is grey."""
-    stops, grey = (
-        np.array([list(bytes.fromhex(c[1:])) for c in some], dtype=float)
-        for some in (STOPS, [UNKNOWN])
-    )
-    place = np.nan_to_num(share) * (len(stops) - 1)
-    mixed = np.stack([np.interp(place, np.arange(len(stops)), part) for part in stops.T], axis=-1)
+    *stops, grey = (list(bytes.fromhex(colour[1:])) for colour in (*STOPS, UNKNOWN))
+    at = np.linspace(0.0, 1.0, len(stops))
+    mixed = np.stack([np.interp(share, at, part) for part in np.array(stops).T], axis=-1)
     return np.round(np.where(np.isfinite(share)[:, None], mixed, grey)).astype(np.uint8)

@@ -14,9 +14,7 @@ from ..samples import Babbling, Selection, babbled_samples
 def babble(
     robot: opt.RobotFile,
     *,
-    output: Annotated[
-        str, option("--output -o LOG", "CSV, or Parquet by its name (- standard output).")
-    ],
+    output: Annotated[str, option("--output -o LOG", "CSV, or Parquet by its name (- stdout).")],
     babbling: Babbling,
     selection: Selection,
     seed: opt.Seed = 0,

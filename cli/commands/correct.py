@@ -7,7 +7,7 @@ from typing import Annotated, Any
 from calib.common.wording import for_people
 
 from .. import options as opt
-from ..options import option
+from ..options import Text, option
 from ..output import NO, Outcome, fields, number, say
 from ..parsing import above_zero
 from ..units import units_of
@@ -16,16 +16,11 @@ from ..units import units_of
 def correct(
     model: opt.ModelFile,
     *,
-    input_: Annotated[
-        str, option("--input FILE", "Joints that are right for the nominal arm: CSV (- stdin).")
-    ],
+    input_: Annotated[str, option("--input FILE", "Joints for the nominal arm: CSV (- stdin).")],
     columns: opt.Columns = None,
-    output: Annotated[
-        str | None, option("--output FILE", "File of the corrected joint values, as CSV.")
-    ] = None,
+    output: Annotated[Text, option("--output FILE", "The corrected joints, as CSV.")] = None,
     limit: Annotated[
-        float | None,
-        option("--limit L", "Largest change [rad or m] (default 3 x usual).", above_zero),
+        Any, option("--limit L", "Largest change [rad or m] (default 3 x usual).", above_zero)
     ] = None,
     view: opt.LogView = "auto",
     cause: opt.FrameOrJoints = "sensor",

@@ -7,7 +7,7 @@ from typing import Annotated, Any
 from typer import Option
 
 from .. import options as opt
-from ..options import option
+from ..options import Text, option
 from ..output import Outcome, say
 from ..parsing import BadOption, check_file
 
@@ -18,32 +18,19 @@ _ENDINGS = {
     "ur": (".yaml", ".yml"),
     "mjcf": (".xml",),
 }
-_ARMS = {"ur": "kinematics of a UR", "mjcf": "bodies for MuJoCo"}
 
 
 def export(
     model: opt.ModelFile,
     *,
-    output: Annotated[
-        str | None, option("--output -o FILE", "The C header; with --lerobot JSON.")
-    ] = None,
+    output: Annotated[Text, option("--output -o FILE", "C header; JSON of --lerobot.")] = None,
     single: Annotated[bool, Option("--float", help="Single precision.")] = False,
     prefix: Annotated[str, option("--prefix NAME", "Prefix of every name in C.")] = "calib_",
-    camera: Annotated[
-        str | None, option("--camera FILE.yaml", "Write the lens as ROS camera_info.")
-    ] = None,
-    transform: Annotated[
-        str | None, option("--transform FILE.json", "Write the sensor's pose in the base frame.")
-    ] = None,
-    lerobot: Annotated[
-        str | None, option("--lerobot OLD.json", "LeRobot's calibration; -o gets corrected zeros.")
-    ] = None,
-    ur: Annotated[
-        str | None, option("--ur FILE.yaml", "Write the kinematics of a UR, as ROS reads them.")
-    ] = None,
-    mjcf: Annotated[
-        str | None, option("--mjcf FILE.xml", "Write bodies, joints and the tip's site for MuJoCo.")
-    ] = None,
+    camera: Annotated[Text, option("--camera FILE.yaml", "The lens as ROS camera_info.")] = None,
+    transform: Annotated[Text, option("--transform FILE.json", "The sensor in the base.")] = None,
+    lerobot: Annotated[Text, option("--lerobot OLD.json", "LeRobot's: -o has new zeros.")] = None,
+    ur: Annotated[Text, option("--ur FILE.yaml", "Kinematics of a UR, as ROS reads them.")] = None,
+    mjcf: Annotated[Text, option("--mjcf FILE.xml", "Bodies, joints, tip for MuJoCo.")] = None,
 ) -> Outcome:
     """Write a model as one C99 header for controllers, or files for ROS, LeRobot and MuJoCo."""
     import calib
@@ -62,37 +49,36 @@ def export(
     from calib.use.export_c import c_header
 
     loaded, document = calib.load(model), dict[str, Any](model=model)
-    kinds = {"camera": "camera_info", "transform": "static transform", **_ARMS}
-    contents: dict[str, bytes] = {}  # all of it is made before anything is written
+    made: dict[str, tuple[str, str]] = {}  # text, and what it is; all before anything is written
     if lerobot is not None and output is None:
         raise BadOption("--lerobot needs -o NEW.json, where the corrected calibration goes")
-    if lerobot is not None or {"ur", "mjcf"} & {*paths}:
+    if {lerobot, ur, mjcf} != {None}:
         from calib.use.lerobot import homed, read_calibration
         from calib.use.robot_files import corrected_arm, mjcf_text, ur_kinematics
 
         motors = None if lerobot is None else read_calibration(lerobot)
         arm = corrected_arm(loaded)
-        for name, make in (("ur", ur_kinematics), ("mjcf", mjcf_text)):
-            if name in paths:
-                contents[name] = make(arm).encode()
         document["offsets"] = arm.offsets
+        if ur is not None:
+            made["ur"] = ur_kinematics(arm), "kinematics of a UR"
+        if mjcf is not None:
+            made["mjcf"] = mjcf_text(arm), "bodies for MuJoCo"
         if motors is not None:
             text, document["ticks"] = homed(motors, arm.offsets)
-            contents["output"] = text.encode()
-            kinds["output"] = f"homing offsets moved by {document['ticks']} ticks"
+            made["output"] = text, f"homing offsets moved by {document['ticks']} ticks"
             say(["the ends of the motors' ranges move with their zeros: drive to them with care"])
     if output is not None and lerobot is None:
         header = c_header(loaded, prefix=prefix, single=single)
+        document |= {"bytes": len(header.text), "table_bytes": header.tables}
+        size = f"tables of {header.tables / 1024:.1f} kB, {len(header.text) / 1e3:.0f} kB text"
+        made["output"] = header.text, f"{'float' if single else 'double'}, {size}"
+    if camera is not None:
+        made["camera"] = camera_info(loaded), "camera_info"
+    if transform is not None:
+        made["transform"] = static_transform(loaded), "static transform"
+    for name, (text, _) in made.items():
         # names of joints may hold any letter, a C99 compiler need not take them in comments
-        contents["output"] = header.text.encode("ascii", "replace")
-        size = len(contents["output"])
-        document |= {"bytes": size, "table_bytes": header.tables}
-        kilobytes = f"tables of {header.tables / 1024:.1f} kB, {size / 1e3:.0f} kB text"
-        kinds["output"] = f"{'float' if single else 'double'}, {kilobytes}"
-    for name, made in (("camera", camera_info), ("transform", static_transform)):
-        if name in paths:
-            contents[name] = made(loaded).encode()
-    for name, path in paths.items():
-        atomic_write(path, contents[name])
-    lines = [f"{path}: {kinds[name]}" for name, path in paths.items()]
+        ascii_alone = name == "output" and lerobot is None
+        atomic_write(paths[name], text.encode(*(("ascii", "replace") if ascii_alone else ())))
+    lines = [f"{path}: {made[name][1]}" for name, path in paths.items()]
     return Outcome(document | paths, lines, result=lines)

@@ -59,13 +59,10 @@ def _facts(model: Model, path: str, degrees: bool) -> dict[str, str]:
         **{f"note {k}": text for k, text in enumerate(about.notes, start=1)},
     }
     if model.approach is not None:
-        told = []
-        for name, half, turns in zip(
-            about.joint_names, model.approach.play, about.revolute, strict=True
-        ):
-            factor, unit = unit_of_joint(turns, degrees=True)
-            # play is stored as the distance from the middle, and told from side to side
-            told += [f"{name} {2 * half * factor:.3g} {unit}"] if half > 0.0 else []
+        units = [unit_of_joint(turns, degrees=True) for turns in about.revolute]
+        parts = zip(about.joint_names, model.approach.play, units, strict=True)
+        # play is stored as the distance from the middle, and told from side to side
+        told = (f"{name} {2 * half * by:.3g} {unit}" for name, half, (by, unit) in parts if half)
         found["backlash"] = ", ".join(told)
     if model.history:
         found["earlier states"] = str(len(model.history))

@@ -48,8 +48,7 @@ def inverse(
     output: opt.Output = None,
     frame: opt.InFrame = "sensor",
     quaternion: Annotated[
-        Any,
-        option("--quaternion QX,QY,QZ,QW", "The orientation wanted, in space.", _quaternion),
+        Any, option("--quaternion QX,QY,QZ,QW", "The orientation wanted, in space.", _quaternion)
     ] = None,
     rpy: Annotated[
         Any, option("--rpy R,P,Y", "The same as roll, pitch and yaw, as in a URDF [rad].", _angles)

@@ -27,8 +27,8 @@ def path(
         Any, option("--from Q1,Q2", "Start near these joints (default: goes furthest).", reals)
     ] = None,
     step: Annotated[
-        float | None,
-        option("--step S", "Longest way between rows; inf: waypoints (default 1 % extent).", _step),
+        Any,
+        option("--step S", "Longest way between rows, or inf (default 1 % extent).", _step),
     ] = None,
     unit: opt.PositionUnit = None,
     degrees: opt.Degrees = False,

@@ -28,16 +28,14 @@ def plan(
         str, Argument(metavar="ROBOT|MODEL", help="A robot to measure, or a model to improve.")
     ],
     *,
-    output: Annotated[
-        str, option("--output -o FILE", "CSV, or Parquet by its name (- for standard output).")
-    ],
+    output: Annotated[str, option("--output -o FILE", "CSV, or Parquet by its name (- stdout).")],
     poses: Annotated[
         int, Option("--poses", "-n", metavar="N", min=1, max=1000, help="How many poses.")
     ] = 60,
     selection: Selection,
     margin: Annotated[
-        float | None,
-        option("--margin M", "Distance from the limits [rad or m] (default 1 deg).", not_negative),
+        Any,
+        option("--margin M", "Distance from limits [rad or m] (default 1 deg).", not_negative),
     ] = None,
     start: Annotated[
         Any, option("--from Q1,Q2", "Joints before the first pose (default neutral).", reals)
@@ -48,9 +46,7 @@ def plan(
         Any, option("--touch X,Y,Z", "The tip at one point of the base frame [m].", reals)
     ] = None,
     handeye: Annotated[bool, option("--handeye", "A camera sees --board in all poses.")] = False,
-    board: Annotated[
-        str | None, option("--board COLSxROWS:SQUARE:MARKER:DICT", "Of --handeye.")
-    ] = None,
+    board: opt.BoardSpec = None,
     eye: Annotated[
         Eye | None, flag("--eye", "Of --handeye: camera on the arm (hand, default), or fixed.")
     ] = None,

@@ -9,7 +9,7 @@ from typing import Annotated, Any
 from typer import Option
 
 from .. import options as opt
-from ..options import option
+from ..options import Text, option
 from ..output import Outcome, note, say
 from ..parsing import BadOption, check_file
 from ..photo import Drawn
@@ -18,22 +18,13 @@ from ..photo import Drawn
 def preview(
     model: opt.ModelFile,
     *,
-    html: Annotated[
-        str | None, option("--html FILE", "Write the page, which needs no network, and end.")
-    ] = None,
+    html: Annotated[Text, option("--html FILE", "Write the page for any browser.")] = None,
     drawn: Drawn,
-    meshes: Annotated[
-        str | None, option("--meshes FOLDER", "Mesh files of the URDF; none from elsewhere.")
-    ] = None,
     port: Annotated[
         int, Option("--port", metavar="N", min=0, max=65535, help="Port of the page (0: any).")
     ] = 0,
-    no_open: Annotated[
-        bool, Option("--no-open", help="Print the address and open no browser.")
-    ] = False,
-    live: Annotated[
-        bool, Option("--live", help="Show a target that can be dragged, and all its solutions.")
-    ] = False,
+    no_open: Annotated[bool, Option("--no-open", help="Print the address alone.")] = False,
+    live: Annotated[bool, Option("--live", help="Drag a target, see all its solutions.")] = False,
 ) -> Outcome:
     """Show the arm and its learned maps in a browser, with meshcat."""
     from calib.show.preview.server import preview as show
@@ -42,7 +33,7 @@ def preview(
         raise BadOption("--live needs a running preview: expected it without --html")
     check_file(html, (".html", ".htm"), option="--html")
     loaded, log = drawn.load(model)
-    how: dict[str, Any] = {"live": live, "meshes": meshes, "port": port, "browse": not no_open}
+    how: dict[str, Any] = {"live": live, "port": port, "browse": not no_open}
     with show(loaded, html, log, **how) as shown:
         say(shown.notes)
         if html is not None:

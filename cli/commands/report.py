@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Annotated
 
 from .. import options as opt
-from ..options import option
+from ..options import Text, option
 from ..output import Outcome
 from ..parsing import BadOption, check_file
 from ..photo import Drawn
@@ -15,8 +15,8 @@ from ..photo import Drawn
 def report(
     model: opt.ModelFile,
     *,
-    output: Annotated[str | None, option("--output -o FILE.html", "One file.")] = None,
-    png: Annotated[str | None, option("--png DIR", "Its figures as PNG.")] = None,
+    output: Annotated[Text, option("--output -o FILE.html", "One file.")] = None,
+    png: Annotated[Text, option("--png DIR", "Its figures as PNG.")] = None,
     drawn: Drawn,
 ) -> Outcome:
     """Write figures and tables that explain a calibration."""
@@ -32,8 +32,8 @@ def report(
     lines = []
     if output is not None:
         write_report(loaded, output, log)
-        size = Path(output).stat().st_size
-        lines.append(f"{output}: {size / 1e6:.2f} MB, open it in a browser")
+        size = Path(output).stat().st_size / 1e6
+        lines.append(f"{output}: {size:.2f} MB, open it in a browser")
     if png is not None:
         folder = Path(png)
         folder.mkdir(parents=True, exist_ok=True)

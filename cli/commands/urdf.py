@@ -24,9 +24,7 @@ def urdf(
     output: Annotated[str, option("--output -o URDF", "The corrected description.")],
     view: opt.LogView = "auto",
     cause: opt.FrameOrJoints = "sensor",
-    move_base: Annotated[
-        bool, Option("--move-base", help="Fit the place of the first joint as well.")
-    ] = False,
+    move_base: Annotated[bool, Option("--move-base", help="Fit the first joint's place.")] = False,
     move_tip: Annotated[
         bool, Option("--move-tip", help="The sensed point in space is the tip, not a probe's.")
     ] = False,
@@ -77,15 +75,14 @@ def _table(geometry: Geometry) -> TextTable:
 
     told, arm = geometry.to_json(), geometry.arm
     found = []
-    for name, turns in zip(arm.joint_names, arm.revolute, strict=True):
-        found.append((name, "offset", "rad" if turns else "m", told["offsets"][name]))
+    for name, kind in zip(arm.joint_names, arm.units_of_joints, strict=True):
+        found.append((name, "offset", kind, told["offsets"][name]))
         if "moved" in told:
             found.append((name, "far end of its link, along {}", "m", told["moved"][name]))
     places = dict(told.get("places", {}))
     if "tip" in told:
-        places["sensed point" if told["tip"]["written"] else "sensed point, not written"] = told[
-            "tip"
-        ]
+        written = "" if told["tip"]["written"] else ", not written"
+        places[f"sensed point{written}"] = told["tip"]
     for name, each in places.items():
         found.append((name, "origin along {}", "m", each["shift"]))
         found.append((name, "origin about {}", "rad", each["turn"]))

@@ -9,7 +9,7 @@ from drifting import arm, error, log, model
 import calib
 from calib.change.follow import BLOCK, OnlineAdapter, follow
 from calib.errors import OptionError
-from calib.maps.graph import Graph
+from calib.maps.lattice import Graph
 
 HORIZON = 3000
 

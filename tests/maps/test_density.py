@@ -15,8 +15,7 @@ from calib.maps.density import (
     residual,
     rho,
 )
-from calib.maps.graph import Graph
-from calib.maps.lattice import Lattice
+from calib.maps.lattice import Graph, Lattice
 
 BUILT_IN = [gain for name, gain in READINGS.items() if name != "printed"]
 

@@ -12,10 +12,9 @@ from calib.change.follow import Step
 from calib.errors import OptionError
 from calib.paper.adaptation import Episode
 from calib.paper.figures import curves_figure
-from calib.paper.search import best_schedule
 from calib.paper.setting import Setting
 from calib.paper.tables import COLUMNS, TABLE1, TABLE2, printed
-from calib.paper.trial import joined
+from calib.paper.trial import best_schedule, joined
 
 
 def test_the_papers_tables_are_as_printed():

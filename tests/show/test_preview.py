@@ -1,4 +1,4 @@
-"""Preview: what its page draws, its server, its command, and meshes from a stranger's URDF."""
+"""Preview: what its page draws, its server, its command."""
 
 import json
 import os
@@ -22,7 +22,6 @@ from scenes import data_of, objects, page_of, project, tracks, unpacked
 import calib
 from calib.arm.loading import arm_from_urdf
 from calib.body.sensor import SensorPose
-from calib.show.preview.mesh import read_mesh, resolve_mesh
 
 LAYERS = [
     *("Arm", "Sensory map", "Motor map", "Hebbian links", "Workspace border"),
@@ -138,79 +137,13 @@ def test_a_page_is_the_same_every_time_needs_no_network_and_takes_names_for_text
     assert len(page.encode()) < 3_000_000
 
 
-CUBE = "solid s\nfacet normal 0 0 1\nouter loop\n" + (
-    "vertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendloop\nendfacet\nendsolid s\n"
-)
-
-
-def test_meshes_are_drawn_or_a_skeleton_in_their_place(tmp_path: Path):
-    (tmp_path / "m.stl").write_text(CUBE)
+def test_a_robot_without_shapes_of_its_own_is_a_skeleton():
     model = small()
     mesh = '<geometry><mesh filename="m.stl"/></geometry>'
     text = re.sub(r"<geometry>.*?</geometry>", mesh, model.about.urdf)
-    meshed = replace(model, about=replace(model.about, urdf=text))
-
-    def drawn(**options):
-        data = data_of(page_of(meshed, **options))
-        return " ".join(data["notes"]), any("/bone" in path for path in objects(data))
-
-    notes, bones = drawn()
-    assert "`meshes`" in notes
-    assert bones
-    assert drawn(meshes=tmp_path) == ("", False)
-    assert "no such file" in drawn(meshes=tmp_path.parent)[0]
-
-
-@pytest.mark.parametrize(
-    ("name", "found"),
-    [
-        ("package://pkg/meshes/a.stl", "pkg/meshes/a.stl"),
-        ("package://other/meshes/b%20c.stl", "meshes/b c.stl"),
-        ("meshes/../meshes/b c.stl", "meshes/b c.stl"),
-        *((name, None) for name in ("../secret.stl", "package://pkg/../../secret.stl", "")),
-        *((name, None) for name in ("package://..//secret.stl", "link.stl", "a\0.stl", "no.stl")),
-        *(
-            (name, None)
-            for name in ("file:///etc/passwd", "/etc/passwd", "ftp://example.org/a.stl")
-        ),
-        *((name, None) for name in ("http://127.0.0.1/a.stl", "https://example.org/a.stl")),
-    ],
-)
-def test_meshes_come_from_their_folder_alone(tmp_path: Path, name: str, found: str | None):
-    folder = tmp_path / "robot"
-    (folder / "pkg" / "meshes").mkdir(parents=True)
-    (folder / "meshes").mkdir()
-    for place in ("pkg/meshes/a.stl", "meshes/b c.stl", "../secret.stl"):
-        (folder / place).write_text(CUBE)
-    (folder / "link.stl").symlink_to(tmp_path / "secret.stl")
-    if found is None:
-        with pytest.raises(calib.RobotError, match="mesh"):
-            resolve_mesh(name, folder)
-        return
-    points, faces = read_mesh(resolve_mesh(name, folder))
-    assert resolve_mesh(name, folder) == (folder / found).resolve()
-    assert points[faces].shape == (1, 3, 3)
-
-
-DOCTYPE = '<?xml version="1.0"?><!DOCTYPE a [<!ENTITY b "c">]><COLLADA>&b;</COLLADA>'
-
-
-@pytest.mark.parametrize(
-    ("name", "data", "words"),
-    [
-        ("a.glb", b"", "kind .glb, expected .stl, .obj, .dae"),
-        ("a.obj", b"v 0 0 0\n" * 1_300_000, "10 MB of text"),
-        ("a.stl", b"solid", "a.stl"),
-        ("a.dae", DOCTYPE.encode(), "document type"),
-        ("a.dae", DOCTYPE.encode("utf-16"), "document type"),
-        ("a.dae", b"\xfe\xff" + DOCTYPE.encode("utf-16-be"), "document type"),
-    ],
-)
-def test_meshes_that_ask_for_more_than_they_hold(tmp_path: Path, name, data, words):
-    (tmp_path / name).write_bytes(data)
-    with pytest.raises(calib.RobotError, match=words) as caught:
-        read_mesh(tmp_path / name)
-    assert "\n" not in str(caught.value)
+    bare = data_of(page_of(replace(model, about=replace(model.about, urdf=text))))
+    assert any("/bone" in path for path in objects(bare))
+    assert not any("/bone" in path for path in objects(data_of(page_of(model))))
 
 
 @pytest.fixture(scope="module")
@@ -243,9 +176,8 @@ def test_a_page_is_served_on_loopback_to_who_knows_its_address(full, live):
     assert ask(live.url, Host="example.org")[0] == 404
     with pytest.raises(calib.OptionError, match=str(port)):
         calib.preview(full, port=port, browse=False)
-    for wrong in ({"meshes": "nowhere"}, {"live": True, "path": "x.html"}):
-        with pytest.raises(calib.OptionError):
-            calib.preview(full, browse=False, **wrong)
+    with pytest.raises(calib.OptionError):
+        calib.preview(full, "x.html", live=True, browse=False)
 
 
 def test_live_answers_hold_every_branch(full, live):

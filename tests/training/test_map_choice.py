@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import calib
-from calib.maps.graph import Graph
+from calib.maps.lattice import Graph
 from calib.training.learn import resolved
 
 

@@ -6,7 +6,6 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from io import BytesIO
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -20,7 +19,6 @@ from ...common.arrays import Array
 from ...errors import CalibError
 from ...model.about import About
 from .canvas import Canvas
-from .mesh import read_mesh, resolve_mesh
 
 LAYER = "Arm"
 _BONE, _JOINT, _GREY = "#e0853c", "#59636e", (0.54, 0.57, 0.61)
@@ -67,32 +65,16 @@ class DrawnArm:
         """Links from the root to the tip."""
         return (self.urdf.root, *(joint.child for joint in self.urdf.path(self.tip)))
 
-    def draw(
-        self, canvas: Canvas, poses: Mapping[str, Array], size: float, meshes: Path | None
-    ) -> list[str]:
-        """Draw the robot moving through poses; return what could not be drawn, for the user.
+    def draw(self, canvas: Canvas, poses: Mapping[str, Array], size: float) -> None:
+        """Draw the robot moving through poses, transforms (n, 4, 4) of its links.
 
-        poses : mapping of str to (n, 4, 4) array, transforms of its links
         size : [m], the workspace's extent, which tells how thick bones are
-        meshes : the folder that mesh files may be taken from
         """
-        notes: dict[str, None] = {}
         drawn = set()
         for number, (link, kind, origin, style) in enumerate(shapes(self.text)):
             if link not in poses:
                 continue
             path = f"{LAYER}/{link}/shape {number + 1}"
-            if kind == "mesh":
-                if meshes is None:
-                    told = "the robot's shape is in mesh files: give their folder as `meshes`"
-                    notes[told] = None
-                    continue
-                try:
-                    points, faces = read_mesh(resolve_mesh(style.pop("file"), meshes))
-                except (CalibError, OSError) as error:
-                    notes[f"not drawn: {error}"] = None
-                    continue
-                style |= {"points": points * style.pop("scale"), "index": faces}
             canvas.add(path, kind, **style)
             canvas.place(path, origin @ _UPRIGHT if kind == "cylinder" else origin)
             drawn.add(link)
@@ -101,7 +83,6 @@ class DrawnArm:
             drawn |= set(self.way)
         for link in drawn:
             canvas.place(f"{LAYER}/{link}", poses[link])
-        return list(notes)
 
     def _draw_skeleton(self, canvas: Canvas, poses: Mapping[str, Array], size: float) -> None:
         """Bones from each link on the way to the tip to the next, and balls between them."""
@@ -130,7 +111,7 @@ def _along(end: Array) -> Array:
 def shapes(text: str) -> Iterator[tuple[str, str, Array, dict[str, Any]]]:
     """Yield link, kind, place (4, 4) in the link and looks of each shape of a checked URDF.
 
-    A file that yourdfpy cannot read has none, shapes without a size are left out.
+    A file that yourdfpy cannot read has none; meshes and shapes without a size are left out.
     """
     import yourdfpy
 
@@ -149,11 +130,6 @@ def shapes(text: str) -> Iterator[tuple[str, str, Array, dict[str, Any]]]:
             colour = "#" + bytes(np.round(255 * rgba[:3].clip(0, 1)).astype(np.uint8)).hex()
             style: dict[str, Any] = {"colour": colour, "opacity": float(rgba[3].clip(0, 1))}
             shape = visual.geometry
-            if shape.mesh is not None:
-                scale = 1.0 if shape.mesh.scale is None else shape.mesh.scale
-                style |= {"file": shape.mesh.filename, "scale": np.float32(scale)}
-                yield link.name, "mesh", place, style
-                continue
             sizes = {
                 "box": shape.box and shape.box.size,
                 "cylinder": shape.cylinder and (shape.cylinder.radius, shape.cylinder.length),

@@ -44,10 +44,9 @@ class Canvas:
     ) -> None:
         """Draw something at a path.
 
-        kind : "lines" between pairs (m, 2) of points, "points", a "mesh" of triangles (m, 3), an
-            "image" between its corners (4, 3), its lower left first; or a "box", "sphere" or
-            "cylinder", sized as in a URDF, the last along y; or a "marker", a ball that nothing
-            hides
+        kind : "lines" between pairs (m, 2) of points, "points", an "image" between its corners
+            (4, 3), its lower left first; or a "box", "sphere" or "cylinder", sized as in a URDF,
+            the last along y; or a "marker", a ball that nothing hides
         colour : ``#rrggbb``, or one for each point, (n, 3)
         points : (n, 3)
         size : [m], width of points, radius of a marker; sides of a box, radius and length

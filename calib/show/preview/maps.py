@@ -58,15 +58,11 @@ def draw_maps(
     The sensory map is where the tip is, the motor map in its panel.
     """
     few = "over the joints' ranges" if len(model.about.joint_names) < 4 else "over three joints"
-    places = placement.lift(model.sensory.weights), panel.lift(model.motor.units)
+    sensory, motor = placement.lift(model.sensory.weights), panel.lift(model.motor.units)
     dot = 0.12 if len(model.axes) == 3 else 0.5
-    for name, part, points, errors, text in zip(
-        ("Sensory map", "Motor map"),
-        (model.sensory, model.motor),
-        places,
-        node_errors(model)[::-1],
-        ("where they stand", few),
-        strict=True,
+    for name, part, points, text, errors in (
+        ("Sensory map", model.sensory, sensory, "where they stand", node_errors(model)[1]),
+        ("Motor map", model.motor, motor, few, node_errors(model)[0]),
     ):
         tint, shape = colours(scale.share(errors)), part.lattice.shape
         edges = drawn_edges(part)
@@ -129,22 +125,22 @@ def labels(model: Model, placement: Placement, panel: Panel) -> Iterator[dict[st
     Each has "layer" that it belongs to, "text", "at", its place in the scene, and "align", which
     of its ends is there.
     """
-    about, dim, up = model.about, len(panel.edges), placement.frame[1]
+
+    def word(layer: str, text: str, at: Array, align: str = "middle") -> dict[str, Any]:
+        return {"layer": layer, "text": text, "at": at, "align": align}
+
+    about, up = model.about, placement.frame[1]
     points = placement.lift(model.sensory.weights)
     size = extent(model) * float(np.linalg.norm(placement.axes[1]))
     highest = points[np.argmax(points @ up)] + _OFF * size * up
-    yield {"layer": "Sensory map", "text": "sensory map", "at": highest, "align": "middle"}
-    above = np.array([[0.5, 1.0 + 1.5 * _OFF, 0.0]])
-    found = [("motor map", above, "middle")]
-    for axis in range(dim):
+    yield word("Sensory map", "sensory map", highest)
+    yield word("Motor map", "motor map", panel.lift(np.array([[0.5, 1.0 + 1.5 * _OFF, 0.0]]))[0])
+    for axis, align in enumerate(("middle", "right", "left")[: len(panel.edges)]):
         factor, unit = for_people(about.units_of_joints[axis])
         unit = "°" if unit == "deg" else f" {unit}"
-        ends = [f"{factor * v[axis]:.4g}{unit}" for v in (about.lower, about.upper)]
-        for share, text in ((0.0, ends[0]), (0.5, about.joint_names[axis]), (1.0, ends[1])):
-            at = np.array([[-_OFF, -_OFF, 0.0]])
-            if axis == 2:  # along the other side, where no other joint's words are
-                at[0, :2] = 1.0 + _OFF, 0.0
-            at[0, axis] = share
-            found.append((text, at, ("middle", "right", "left")[axis]))
-    for text, at, side in found:
-        yield {"layer": "Motor map", "text": text, "at": panel.lift(at)[0], "align": side}
+        low, high = (f"{factor * v[axis]:.4g}{unit}" for v in (about.lower, about.upper))
+        for share, text in ((0.0, low), (0.5, about.joint_names[axis]), (1.0, high)):
+            # the third along the other side, where no other joint's words are
+            at = np.array([-_OFF, -_OFF, 0.0] if axis < 2 else [1.0 + _OFF, 0.0, 0.0])
+            at[axis] = share
+            yield word("Motor map", text, panel.lift(at[None])[0], align)

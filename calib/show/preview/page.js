@@ -44,7 +44,6 @@
       const whole = new Uint32Array(bytes(drawn.index).buffer);
       geometry.setIndex(new THREE.BufferAttribute(whole, 1));
     }
-    if (drawn.kind === "mesh") geometry.computeVertexNormals();
     return geometry;
   }
 

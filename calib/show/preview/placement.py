@@ -22,6 +22,7 @@ _TRUSTED = 0.15  # a sensor that differs less [share of the extent] is drawn whe
 _SIZES = (0.05, 20.0)  # extents [m] that are drawn as they are: meshcat is made for such scenes
 _DRAWN = 0.6  # extent of all others
 _AZIMUTH = np.radians(-60.0)  # from where a scene in space is seen
+_PICTURE = "the picture is drawn as far from the camera as the tip is on average"
 _KNOWN = "the sensor's frame is not the robot's: positions are drawn in the robot's"
 _FITTED = (
     "the sensor's frame is not the robot's: its positions are drawn where a least-squares "
@@ -35,9 +36,7 @@ class Placement:
 
     origin: Array  # (3,), where the sensor's (0, 0) is
     axes: Array  # (2, 3) or (3, 3), where its x and y, and in space its z, lead, for one unit
-    # size of the scene over that of the world, not 1 only for very small or large arms and for
-    # sensors with units of their own
-    scale: float
+    scale: float  # size of the scene over that of the world: not 1 for very small or large arms
     up: float  # sign of y that leads up a picture: -1 where it counts downwards, as pixels do
     note: str = ""  # what the user should be told, or ""
 
@@ -86,11 +85,15 @@ def place_model(model: Model, arm: DrawnArm | None) -> Placement:
     told, size, note = origin + seen @ axes, _scale_of(reach), ""
     sensor, body = SensorPose.of(model.body), model.body
     if sensor is not None and body is not None:  # the body knows where the sensor stands
-        if is_camera(body.structure.view):
-            return _picture(model, sensor, tips)
         structure: Any = body.structure
+        if is_camera(structure.view):  # upright across its line of sight
+            f, u, v, _ = body.beta[structure.groups["lens"]]
+            depth = float(np.mean((tips - sensor.position) @ sensor.rotation[:, 2]))
+            axes = depth / f * sensor.rotation[:, :2].T
+            corner = sensor.position + depth * sensor.rotation[:, 2] - u * axes[0] - v * axes[1]
+            return Placement(corner, axes, 1.0, -1.0, _PICTURE)
         axes = size * sensor.rotation.T / structure.sensor(body.beta).scale
-        note = "" if body.structure.view == "base" else _KNOWN
+        note = "" if structure.view == "base" else _KNOWN
         return Placement(size * sensor.position, axes, size, up, note)
     far = np.sqrt(np.mean(np.sum((told - tips) ** 2, axis=1)))
     if about.unit != "m" or far > _TRUSTED * reach:
@@ -98,17 +101,6 @@ def place_model(model: Model, arm: DrawnArm | None) -> Placement:
         turn, shift, factor = similarity(told, tips)
         origin, axes, note = factor * turn @ origin + shift, factor * axes @ turn.T, _FITTED
     return Placement(size * origin, size * axes, size, up, note)
-
-
-def _picture(model: Model, camera: SensorPose, tips: Array) -> Placement:
-    """The picture of a camera that sees an arm in space, upright across its line of sight."""
-    assert model.body is not None  # noqa: S101 - only a body knows a camera
-    f, u, v, _ = model.body.beta[model.body.structure.groups["lens"]]
-    depth = float(np.mean((tips - camera.position) @ camera.rotation[:, 2]))
-    axes = depth / f * camera.rotation[:, :2].T
-    corner = camera.position + depth * camera.rotation[:, 2] - u * axes[0] - v * axes[1]
-    note = "the picture is drawn as far from the camera as the tip is on average"
-    return Placement(corner, axes, 1.0, -1.0, note)
 
 
 def _scale_of(size: float) -> float:

@@ -39,12 +39,10 @@ class Scene:
     """A model that is to be drawn.
 
     samples : measured samples to show; without them a simulated model's are drawn again
-    meshes : the folder that the URDF's mesh files may be taken from
     """
 
     model: Model
     samples: Samples | None = None
-    meshes: Path | None = None
 
     @cached_property
     def arm(self) -> DrawnArm | None:
@@ -120,11 +118,10 @@ class Scene:
         around = [border if len(border) else placement.lift(model.sensory.weights)]
         if arm is not None:
             around.append(placement.scale * np.array([poses[link][0, :3, 3] for link in arm.way]))
-        corners = np.empty((0, 3))
         if photo is not None:
             left, right, low, high = photo.box
             corners = placement.lift([[left, low], [right, low], [right, high], [left, high]])
-        around.append(corners)
+            around.append(corners)
         dof = len(about.joint_names)
         panel = Panel.beside(placement.frame, np.concatenate(around), 0.75 * size, dof)
         words = list(labels(model, placement, panel))
@@ -152,7 +149,7 @@ class Scene:
         if arm is not None:
             canvas.layer(LAYER, "", "as its URDF describes it")
             # thickness of the arm in its own metres
-            notes += arm.draw(canvas, poses, size / placement.scale, self.meshes)
+            arm.draw(canvas, poses, size / placement.scale)
             if placement.scale != 1.0:
                 canvas.place(LAYER, np.diag([*[placement.scale] * 3, 1.0]))
         draw_maps(canvas, model, placement, panel, scale, size)
@@ -213,12 +210,11 @@ class Scene:
         text = f"by {where}: {length_in_words(off, self.model.about.unit)} off on average"
         along = np.stack([np.arange(len(target) - 1), np.arange(1, len(target))], axis=1)
         # the two may coincide: the target is a glass ball around the tip
-        for order, (name, x, colour, words, wide) in enumerate(
-            (
-                ("Target path", target, _TARGET, "asked for", 0.022),
-                ("Reached path", reached, _REACHED, text, 0.012),
-            )
-        ):
+        paths = (
+            ("Target path", target, _TARGET, "asked for", 0.022),
+            ("Reached path", reached, _REACHED, text, 0.012),
+        )
+        for order, (name, x, colour, words, wide) in enumerate(paths):
             canvas.layer(name, colour, words)
             points = self.placement.lift(x)
             canvas.add(f"{name}/line", "lines", colour, points + front, along)

@@ -33,7 +33,6 @@ def preview(
     log: Samples | None = None,
     *,
     live: bool = False,
-    meshes: str | os.PathLike[str] | None = None,
     port: int = 0,
     browse: bool = True,
 ) -> Preview:
@@ -48,8 +47,6 @@ def preview(
         Measured samples to show; without them a simulated model's are drawn again.
     live : bool
         Show a target that can be dragged, and every inverse solution for it.
-    meshes : path-like, optional
-        Folder of the URDF's mesh files; nothing outside of it is read.
     port : int
         Port of the page, 0 for any that is free.
     browse : bool
@@ -69,15 +66,9 @@ def preview(
     ...     shown.url.startswith("http://127.0.0.1:")
     True
     """
-    if meshes is not None and not Path(meshes).is_dir():
-        raise OptionError(
-            f"meshes {os.fspath(meshes)!r}: expected the folder of the URDF's mesh files",
-            parameter="meshes",
-            value=os.fspath(meshes),
-        )
     if live and path is not None:
         raise OptionError("`live` needs a running preview: expected it without a file")
-    scene = Scene(model, log, None if meshes is None else Path(meshes))
+    scene = Scene(model, log)
     page = scene.html(live=live).encode("utf-8")
     if path is not None:
         atomic_write(path, page)

@@ -73,7 +73,7 @@ def _name_axes(ax: Any, model: Model, view: tuple[int, int] = (0, 1)) -> None:
     _, unit = figure_unit(model.about.unit)
     across, up = ("xyz"[k] for k in view)
     ax.set(xlabel=f"{across} [{unit}]", ylabel=f"{up} [{unit}]", aspect="equal")
-    ax.locator_params(nbins=4 if len(model.axes) == 3 else 8)
+    ax.locator_params(nbins=4 if len(model.axes) == 3 else 6)
     if model.about.unit == "px":
         ax.invert_yaxis()
 
