@@ -155,17 +155,13 @@ def check(
         score, smallest, adapts = found.score, found.tested.smallest, False
         causes, told = find_causes(found)
         if model.body is None:
-<<<<<<< HEAD
-            smallest = float(np.median(model.expected_error(found.q)))
-        causes = hand_told_once(causes, model.about.options.get("board"))
-=======
             smallest, told = float(np.median(model.expected_error(found.q))), (_NO_BODY,)
         else:
             tool = turned_tool(found)
             score, causes = max(score, tool.score), (*causes, *tool.causes)
             told = (*told, *tool.notes)
             adapts = score > 1.0 and decide(found).made.improved
->>>>>>> main
+        causes = hand_told_once(causes, model.about.options.get("board"))
         drifted: bool | None = score > 1.0
         if not drifted and tolerance is not None and smallest > tolerance:
             drifted = None

@@ -295,8 +295,8 @@ def align_clocks(
     if abs(clocks.rate) > _FASTEST:
         raise ClockError(
             f"the clocks' rates differ by {100 * clocks.rate:.1f} %, at most "
-            f"{100 * _FASTEST:.1f} % expected: is the frame rate the true one, are these the joints "
-            "of this recording? else give `time_offset`"
+            f"{100 * _FASTEST:.1f} % expected: is the frame rate the true one, are these the "
+            "joints of this recording? else give `time_offset`"
         )
     if not clocks.doubt < SURE:
         raise ClockError(
