@@ -115,7 +115,7 @@ def _refuse_other(model: Model, log: Samples) -> None:
     turning = np.array(model.about.revolute)
     if np.isfinite(model.expected_error(q)).mean() > 0.5 or not turning.any():
         return
-    units, *_ = readings(q, model.about.joint_names, turning, any_order=False)
+    units, *_ = readings(q, model.about.joint_names, model.about.revolute, any_order=False)
     for other in units:
         if np.isfinite(model.expected_error(other.q)).mean() > 0.9:
             raise LogError(f"the log fits the model only if {other.words}", hint=other.hint)

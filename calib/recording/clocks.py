@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from operator import attrgetter
 
 import numpy as np
 
@@ -138,7 +139,7 @@ class ClockPair:
             clocks = replace(clocks, error=judge.error(seen), doubt=doubt)
             if abs(step[0]) < 2e-5 and abs(step[1]) * np.ptp(self.t) < 4e-5:
                 return clocks
-            best = min(best, clocks, key=_by_error)
+            best = min(best, clocks, key=attrgetter("error"))
             # the tip's velocity is a guide over a few hundredths of a second only
             offset = clocks.offset + float(np.clip(step[0], -0.06, 0.06))
             offset = float(np.clip(offset, start.offset - _FARTHEST, start.offset + _FARTHEST))
@@ -269,15 +270,15 @@ def align_clocks(
     spread = float(np.sqrt(((x - x.mean(0)) ** 2).sum(1).mean()))
     if spread < 5.0 or np.ptp(q, axis=0).max() < 0.02:
         raise ClockError("the arm never moves, so the clocks cannot be matched; give `time_offset`")
-    judged = sorted(map(pair.candidate, peaks), key=_by_error)
+    judged = sorted(map(pair.candidate, peaks), key=attrgetter("error"))
     apart = [c for k, c in enumerate(judged) if all(_apart(c, d) for d in judged[:k])]
     kinds = tuple(revolute) if revolute is not None else (True,) * q.shape[1]
     planar = x.shape[1] == 2
     chains = [pair.chain(c, kinds) for c in apart[:_CHAINS]] if planar else []
     # a chain needs fewer rows, so it goes first; an arm in space has none that fits
-    fitted = sorted((c for c in chains if c is not None), key=_by_error)
+    fitted = sorted((c for c in chains if c is not None), key=attrgetter("error"))
     if not fitted or not fitted[0].error < _CHAIN_FITS * spread:
-        fitted = sorted(map(pair.refined, apart[:_CHAINS]), key=_by_error)
+        fitted = sorted(map(pair.refined, apart[:_CHAINS]), key=attrgetter("error"))
     clocks = fitted[0]
     rival = min((c.error for c in fitted[1:] if _apart(c, clocks)), default=np.inf)
     left, other, extent = (f"{v / factor:.3g} {unit}" for v in (clocks.error, rival, spread))
@@ -309,7 +310,3 @@ def align_clocks(
 
 def _apart(one: Clocks, other: Clocks) -> bool:
     return abs(one.offset - other.offset) > _APART
-
-
-def _by_error(clocks: Clocks) -> float:
-    return clocks.error
