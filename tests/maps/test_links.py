@@ -6,7 +6,7 @@ from scipy.sparse import csr_array
 
 from calib.common.scale import TURN, Scale
 from calib.maps.lattice import Lattice
-from calib.maps.links import BANDWIDTH, NEAREST, Wiring
+from calib.maps.links import BANDWIDTH, NEAREST, Wiring, squares
 from calib.maps.map import Map
 
 UNIT_BOX = Scale(np.zeros(2), np.ones(2), np.zeros(2, dtype=bool))
@@ -30,7 +30,8 @@ def activity(network, u, bandwidth=BANDWIDTH, *, local=False):
 
 
 def link(a_motor, a_sensory, beta=1.0, *, mutual=False):
-    return Wiring(mutual=mutual).link(a_motor, a_sensory, beta)
+    together = (a_motor.T @ a_sensory).tocsr()
+    return Wiring(mutual=mutual).link(together, squares(a_motor), squares(a_sensory), beta)
 
 
 def equation_6(network, u, bandwidth):
