@@ -196,10 +196,7 @@ def run(folder: Path, count: int, seconds: float) -> None:
         film(folder / "film", DESK, seconds, 3)
         lens, _ = load_lens(folder / "still" / "shots", BOARD)
         table = read_joints(folder / "film" / "joints.csv")
-        for what, setting in (
-            ("pixels", Setup(7)),
-            ("metres", Setup(7, board=BOARD, lens=lens)),
-        ):
+        for what, setting in (("pixels", Setup(7)), ("metres", Setup(7, board=BOARD, lens=lens))):
             with stage(f"calib log, {seconds:g} s of video"):
                 shot = log_video(folder / "film" / "run.mp4", table, setting)
             off = 1e3 * abs(shot.source["time_offset"] - 1004.0)

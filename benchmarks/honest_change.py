@@ -9,22 +9,11 @@ from typing import Any
 
 import numpy as np
 from honest_real import SERIES, gap_splits, halves, series
-from honest_worlds import (
-    LENGTHS,
-    bound_of,
-    distance,
-    flexed,
-    image,
-    lens,
-    samples,
-    tilted,
-    tip,
-)
+from honest_worlds import LENGTHS, Row, distance, flexed, image, lens, row, samples, tilted, tip
 
 import calib
 
 Array = Any
-Row = dict[str, Any]
 
 PIXEL = 1.2 / 900.0
 """What a pixel of the camera in honest_worlds is worth on the plane, nearly [m]."""
@@ -96,40 +85,33 @@ def judged_trials(what: str, trials: list[Trial]) -> Iterator[Row]:
     changed = [t for t in trials if not t.same]
     same = [t for t in trials if t.same]
     moved = [t for t in trials if not t.kept]
-    yield {
-        "what": f"{what}: {len(trials)}, worst error after / before",
-        "measured": float(ratio.max()),
-        "unit": "",
-        "most": 1.12,
-        "more": "largest: " + ", ".join(f"{r:.2f}" for r in np.sort(ratio)[-6:]),
-    }
-    yield {
-        "what": "share of them above 1.05",
-        "measured": 100 * float(np.mean(ratio > 1.05)),
-        "unit": "%",
-        "most": 5,
-    }
-    yield {
-        "what": f"unchanged halves left bit for bit, of {len(same)}",
-        "measured": 100 * float(np.mean([t.kept for t in same])),
-        "unit": "%",
-        "least": 87.5,
-    }
-    yield {
-        "what": f"mean ratio of the changed, {len(changed)}",
-        "measured": float(np.mean([t.ratio for t in changed])) if changed else float("nan"),
-        "unit": "",
-        "most": 0.8,
-    }
+    yield row(
+        f"{what}: {len(trials)}, worst error after / before",
+        float(ratio.max()),
+        most=1.12,
+        more="largest: " + ", ".join(f"{r:.2f}" for r in np.sort(ratio)[-6:]),
+    )
+    yield row("share of them above 1.05", 100 * float(np.mean(ratio > 1.05)), "%", most=5)
+    yield row(
+        f"unchanged halves left bit for bit, of {len(same)}",
+        100 * float(np.mean([t.kept for t in same])),
+        "%",
+        least=87.5,
+    )
+    yield row(
+        f"mean ratio of the changed, {len(changed)}",
+        float(np.mean([t.ratio for t in changed])) if changed else float("nan"),
+        most=0.8,
+    )
     if not moved:
         return
-    yield {
-        "what": f"coverage on the rest after an adaptation, mean of {len(moved)}",
-        "measured": 100 * float(np.mean([t.covered for t in moved])),
-        "unit": "%",
-        "least": 85,
-        "more": f"least {100 * min(t.covered for t in moved):.0f}",
-    }
+    yield row(
+        f"coverage on the rest after an adaptation, mean of {len(moved)}",
+        100 * float(np.mean([t.covered for t in moved])),
+        "%",
+        least=85,
+        more=f"least {100 * min(t.covered for t in moved):.0f}",
+    )
 
 
 def checks(folder: Path, quick: bool) -> Iterator[Row]:
@@ -147,23 +129,15 @@ def checks(folder: Path, quick: bool) -> Iterator[Row]:
             for piece in pieces:
                 if len(np.unique(log.q[piece], axis=0)) < 10:
                     continue  # too few to judge by, and `check` says so
-                found = calib.check(model, log.take(piece)) if _has_check() else None
-                drift = found or calib.check(model, log.take(piece))
-                alarms.append(drift.drifted)
-                if drift.drifted:
+                alarms.append(calib.check(model, log.take(piece)).drifted)
+                if alarms[-1]:
                     told.append(f"{name} {what} {len(piece)} rows")
-    yield {
-        "what": f"alarms in {len(alarms)} unchanged halves, pieces and gaps",
-        "measured": float(np.sum(alarms)),
-        "unit": "",
-        "most": 0,
-        "more": "; ".join(told),
-    }
-
-
-def _has_check() -> bool:
-    """Whether `calib.check` is there; the first release had the method alone."""
-    return hasattr(calib, "check")
+    yield row(
+        f"alarms in {len(alarms)} unchanged halves, pieces and gaps",
+        float(np.sum(alarms)),
+        most=0,
+        more="; ".join(told),
+    )
 
 
 @cache
@@ -217,14 +191,16 @@ def places(quick: bool) -> Iterator[Row]:
                 low, high = next(c.interval for c in found.changed if c.cause == "sensor")
                 held.append(low < 0.0 < high)
                 halves.append(float(np.degrees(high - low)) / 2)
-        yield {
-            "what": f"shifted sensor, 24 rows within {half:g} rad: coverage",
-            "measured": 100 * float(np.mean(shares)),
-            "unit": "%",
-            "least": 93,
-            "more": f"least {100 * min(shares):.0f}, answered {100 * np.mean(answered):.0f} %; "
-            f"turn +- {np.median(halves):.2g} deg, holds 0 in {sum(held)} of {len(held)}",
-        }
+        yield row(
+            f"shifted sensor, 24 rows within {half:g} rad: coverage",
+            100 * float(np.mean(shares)),
+            "%",
+            least=93,
+            more=(
+                f"least {100 * min(shares):.0f}, answered {100 * np.mean(answered):.0f} %; "
+                f"turn +- {np.median(halves):.2g} deg, holds 0 in {sum(held)} of {len(held)}"
+            ),
+        )
 
 
 def power(quick: bool) -> Iterator[Row]:
@@ -240,19 +216,13 @@ def power(quick: bool) -> Iterator[Row]:
         "elbow's sign swapped": "swapped",
     }
     for name, change in cases.items():
-        yield {
-            "what": f"power, {name}: alarms in {len(seeds)}",
-            "measured": _alarms(change, seeds),
-            "unit": "",
-            "least": len(seeds),
-        }
+        yield row(
+            f"power, {name}: alarms in {len(seeds)}", _alarms(change, seeds), least=len(seeds)
+        )
     calm = range(20 if quick else 100)
-    yield {
-        "what": f"nothing changed: alarms in {len(calm)}",
-        "measured": _alarms("", calm),
-        "unit": "",
-        "most": len(calm) // 100 + 1,
-    }
+    yield row(
+        f"nothing changed: alarms in {len(calm)}", _alarms("", calm), most=len(calm) // 100 + 1
+    )
     kinds = {
         ("elbow link", "mm", 0.6): lambda v: f"elbow.length={0.25 + 1e-3 * v:.6f}",
         ("elbow offset", "deg", 0.15): lambda v: f"elbow.offset={float(np.radians(v))!r}",
@@ -264,12 +234,9 @@ def power(quick: bool) -> Iterator[Row]:
             for v in (0.02, 0.04, 0.06, 0.08, 0.1, 0.15, 0.2, 0.3, 0.4, 0.6, 0.8, 1.2)
             if v <= 1.01 * most and _alarms(change(v), seeds) >= 0.9 * len(seeds)
         ]
-        yield {
-            "what": f"smallest found in 9 of 10, {name}",
-            "measured": min(found, default=float("nan")),
-            "unit": unit,
-            "most": most,
-        }
+        yield row(
+            f"smallest found in 9 of 10, {name}", min(found, default=float("nan")), unit, most=most
+        )
 
 
 CHANGES: dict[str, tuple[Any, float, float]] = {
@@ -315,29 +282,29 @@ def changed(quick: bool) -> Iterator[Row]:
                 log = samples(q, x, arm.lower, arm.upper, arm=arm, unit=unit)
                 found = calib.adapt(model, log).model
                 miss = distance(found.forward(asked), truth(asked))
-                bound = bound_of(found, asked)
+                bound = found.model_error(asked)
                 known = np.isfinite(miss) & np.isfinite(bound)
                 errors.append(1e3 * size * float(miss[known].mean()))
                 shares.append(float(np.mean(miss[known] <= bound[known])))
-            yield {
-                "what": f"100 rows after {name}, {'1 mm' if noise else 'exact'}",
-                "measured": float(np.mean(errors)),
-                "unit": "mm",
-                "most": noisy if noise else exact,
-                "more": f"covers {100 * np.mean(shares):.0f} %, worst seed {max(errors):.3g}",
-            }
+            yield row(
+                f"100 rows after {name}, {'1 mm' if noise else 'exact'}",
+                float(np.mean(errors)),
+                "mm",
+                most=noisy if noise else exact,
+                more=f"covers {100 * np.mean(shares):.0f} %, worst seed {max(errors):.3g}",
+            )
             covers[name, noise] = 100 * float(np.mean(shares))
     noisy = {name: share for (name, noise), share in covers.items() if noise}
-    yield {
-        "what": "coverage after a change at 1 mm, mean",
-        "measured": float(np.mean(list(noisy.values()))),
-        "unit": "%",
-        "least": 83,
-        "more": f"with the exact ones {np.mean(list(covers.values())):.0f}",
-    }
-    yield {
-        "what": f"the same, least ({min(noisy, key=lambda n: noisy[n])})",
-        "measured": min(noisy.values()),
-        "unit": "%",
-        "least": 60,
-    }
+    yield row(
+        "coverage after a change at 1 mm, mean",
+        float(np.mean(list(noisy.values()))),
+        "%",
+        least=83,
+        more=f"with the exact ones {np.mean(list(covers.values())):.0f}",
+    )
+    yield row(
+        f"the same, least ({min(noisy, key=lambda n: noisy[n])})",
+        min(noisy.values()),
+        "%",
+        least=60,
+    )

@@ -5,14 +5,13 @@ beside it; a bound covers where the error is below it.
 """
 
 from collections.abc import Iterator
-from typing import Any
 
 import numpy as np
+from honest_worlds import Row, row
 
 import calib
 from calib.samples.samples import Samples
 
-Row = dict[str, Any]
 LATE = (0.0, 0.005, 0.02, -0.02)  # [s]
 RATE, ROWS, NOISE = 25.0, 1000, 1e-4  # rows a second; rows; [m]
 SPEED = 1.65  # [rad/s], of the fastest joint
@@ -53,10 +52,5 @@ def clocks(quick: bool) -> Iterator[Row]:
                 errors.append(1e3 * float(error[known].mean()))
                 covered.append(float(np.mean(error[known] <= model.expected_error(q[known]))))
             case = f"{robot}, positions {1e3 * late:+.0f} ms late"
-            yield {"what": case, "measured": max(errors), "unit": "mm", "most": 0.27}
-            yield {
-                "what": f"{case}: bound covers",
-                "measured": 100 * min(covered),
-                "unit": "%",
-                "least": 90.0,
-            }
+            yield row(case, max(errors), "mm", most=0.27)
+            yield row(f"{case}: bound covers", 100 * min(covered), "%", least=90.0)

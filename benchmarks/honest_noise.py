@@ -4,9 +4,9 @@ from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
 
-import calib
+from honest_worlds import Row, row
 
-Row = dict[str, Any]
+import calib
 
 NOISE = 1e-4  # of the logs that models are learned from [m]
 
@@ -21,7 +21,7 @@ def noisier(quick: bool) -> Iterator[Row]:
             logs = [_measured(arm, n, s, factor * NOISE) for n in (10, 15, 20, 30) for s in seeds]
             alarms = sum(bool(calib.check(model, log).drifted) for log in logs)
             case = f"{robot}, noise {factor} times: drifted, of {len(logs)} logs"
-            yield {"what": case, "measured": alarms, "unit": "", "most": 0.02 * len(logs)}
+            yield row(case, alarms, most=0.02 * len(logs))
 
 
 def encoders(quick: bool) -> Iterator[Row]:
@@ -40,8 +40,8 @@ def encoders(quick: bool) -> Iterator[Row]:
                         count += 1
         most = 0.02 * count
         case = f"{robot}, one noisy encoder: drifted, of {count} logs"
-        yield {"what": case, "measured": alarms, "unit": "", "most": most}
-        yield {"what": f"{robot}, the same: adapted", "measured": adapted, "unit": "", "most": 0}
+        yield row(case, alarms, most=most)
+        yield row(f"{robot}, the same: adapted", adapted, most=0)
 
 
 def _measured(arm: Any, n: int, seed: int, noise: float, *changes: str) -> calib.Samples:

@@ -9,12 +9,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from honest_worlds import distance
+from honest_worlds import Row, distance, row
 
 import calib
 
 Array = Any
-Row = dict[str, Any]
 
 JOINTS = ["shoulder_lift_joint", "elbow_joint"]
 SERIES = ("a", "c")
@@ -51,20 +50,20 @@ def coverage(folder: Path, quick: bool) -> Iterator[Row]:
                 inside, known = _covered(calib.train(log.take(learned)), log.take(asked))
                 shares.append(inside)
                 answered.append(known)
-    yield {
-        "what": f"coverage of other halves of A and C, mean of {len(shares)}",
-        "measured": 100 * float(np.mean(shares)),
-        "unit": "%",
-        "least": 94,
-        "most": 98,
-    }
-    yield {
-        "what": "the same, least of all",
-        "measured": 100 * float(np.min(shares)),
-        "unit": "%",
-        "least": 87,
-        "more": "all: " + ", ".join(f"{100 * s:.0f}" for s in shares),
-    }
+    yield row(
+        f"coverage of other halves of A and C, mean of {len(shares)}",
+        100 * float(np.mean(shares)),
+        "%",
+        least=94,
+        most=98,
+    )
+    yield row(
+        "the same, least of all",
+        100 * float(np.min(shares)),
+        "%",
+        least=87,
+        more="all: " + ", ".join(f"{100 * s:.0f}" for s in shares),
+    )
     yield _answered(answered)
 
 
@@ -76,12 +75,7 @@ def _covered(model: calib.Model, log: calib.Samples) -> tuple[float, float]:
 
 
 def _answered(shares: list[float]) -> Row:
-    return {
-        "what": "the same, rows answered, least of all",
-        "measured": 100 * float(np.min(shares)),
-        "unit": "%",
-        "least": 95,
-    }
+    return row("the same, rows answered, least of all", 100 * float(np.min(shares)), "%", least=95)
 
 
 def gap_splits(log: calib.Samples) -> list[tuple[str, Array, Array]]:
@@ -106,19 +100,19 @@ def gaps(folder: Path, quick: bool) -> Iterator[Row]:
             shares.append((len(gone), inside))
             answered.append(known)
             told.append(f"{name} {what} {len(gone)} rows {100 * inside:.0f}")
-    yield {
-        "what": f"coverage within {len(shares)} gaps, mean",
-        "measured": 100 * float(np.mean([s for _, s in shares])),
-        "unit": "%",
-        "least": 93,
-        "more": "; ".join(told),
-    }
-    yield {
-        "what": "the same, least of those with 50 rows or more",
-        "measured": 100 * float(np.min([s for n, s in shares if n >= 50])),
-        "unit": "%",
-        "least": 85,
-    }
+    yield row(
+        f"coverage within {len(shares)} gaps, mean",
+        100 * float(np.mean([s for _, s in shares])),
+        "%",
+        least=93,
+        more="; ".join(told),
+    )
+    yield row(
+        "the same, least of those with 50 rows or more",
+        100 * float(np.min([s for n, s in shares if n >= 50])),
+        "%",
+        least=85,
+    )
     yield _answered(answered)
 
 
@@ -146,23 +140,23 @@ def rows(folder: Path, quick: bool) -> Iterator[Row]:
         for n, most in limits.items():
             if quick and n is None:
                 continue
-            yield {
-                "what": f"series {name.upper()}, {n or 'all'} rows, held-out blocks",
-                "measured": _blocks_error(series(folder, name), n, quick),
-                "unit": "mm",
-                "most": most,
-            }
+            yield row(
+                f"series {name.upper()}, {n or 'all'} rows, held-out blocks",
+                _blocks_error(series(folder, name), n, quick),
+                "mm",
+                most=most,
+            )
 
 
 def few(folder: Path, quick: bool) -> Iterator[Row]:
     """The same from 30 rows."""
     for name, most in (("a", 0.30), ("c", 0.31)):
-        yield {
-            "what": f"series {name.upper()}, 30 rows, held-out blocks, without URDF",
-            "measured": _blocks_error(series(folder, name), 30, quick),
-            "unit": "mm",
-            "most": most,
-        }
+        yield row(
+            f"series {name.upper()}, 30 rows, held-out blocks, without URDF",
+            _blocks_error(series(folder, name), 30, quick),
+            "mm",
+            most=most,
+        )
 
 
 def urdf(folder: Path, quick: bool) -> Iterator[Row]:
@@ -182,13 +176,13 @@ def urdf(folder: Path, quick: bool) -> Iterator[Row]:
         if (place / "new.urdf").exists():
             arms.append(calib.load_arm(place / "new.urdf", joints=JOINTS, tip="wrist_1_link"))
     errors = [_framed(arm, log, even, odd) for arm in arms]
-    yield {
-        "what": "URDF corrected from even blocks of C, on odd blocks",
-        "measured": errors[1] if len(errors) > 1 else float("nan"),
-        "unit": "mm",
-        "most": 0.349,
-        "more": f"nominal {errors[0]:.3f}",
-    }
+    yield row(
+        "URDF corrected from even blocks of C, on odd blocks",
+        errors[1] if len(errors) > 1 else float("nan"),
+        "mm",
+        most=0.349,
+        more=f"nominal {errors[0]:.3f}",
+    )
 
 
 def _framed(arm: calib.PlanarArm, log: calib.Samples, fitted: Array, tested: Array) -> float:

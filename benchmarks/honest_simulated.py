@@ -11,11 +11,12 @@ import numpy as np
 from honest_worlds import (
     FOUR_LINKS,
     LENGTHS,
-    bound_of,
+    Row,
     distance,
     image,
     nearly_nominal,
     route,
+    row,
     samples,
     tip,
     turned,
@@ -25,7 +26,6 @@ from honest_worlds import (
 import calib
 
 Array = Any
-Row = dict[str, Any]
 
 BEFORE = {"lens": 6.4e-7, "ripple": 8.4e-4, "bump": 1.8e-4, "latent": 3.2e-6}
 """Mean error of exact worlds without the body [mm], by this script on release 0.1."""
@@ -51,7 +51,7 @@ def paths(quick: bool) -> Iterator[Row]:
                 q = route(kind, 600 if quick else 3000, rng)
                 x = truth(q) + noise * rng.standard_normal(q.shape)
                 model = calib.train(samples(q, x, arm.lower, arm.upper, arm=arm))
-                miss, bound = distance(model.forward(asked), truth(asked)), bound_of(model, asked)
+                miss, bound = distance(model.forward(asked), truth(asked)), model.model_error(asked)
                 known = np.isfinite(miss) & np.isfinite(bound)
                 covered = np.count_nonzero(miss[known] <= bound[known])
                 share = covered / max(known.sum(), 1)
@@ -60,21 +60,21 @@ def paths(quick: bool) -> Iterator[Row]:
                 if size == 0.0:
                     errors.setdefault(kind, []).append(1e3 * float(np.mean(miss[known])))
     answered = 100 * known_rows / total
-    yield {
-        "what": "logs along a path: coverage over the box",
-        "measured": 100 * inside / max(known_rows, 1),
-        "unit": "%",
-        "least": 95,
-        "more": f"answered {answered:.0f} %; least {100 * least[0]:.0f}: {least[1]}",
-    }
+    yield row(
+        "logs along a path: coverage over the box",
+        100 * inside / max(known_rows, 1),
+        "%",
+        least=95,
+        more=f"answered {answered:.0f} %; least {100 * least[0]:.0f}: {least[1]}",
+    )
     for kind, values in errors.items():
-        yield {
-            "what": f"the same in class, {kind} {'poses' if kind != 'circle' else 'path'}, miss",
-            "measured": float(np.mean(values)),
-            "unit": "mm",
-            "most": 0.4 if kind == "2" else 0.1,
-            "more": f"worst seed {max(values):.3g}",
-        }
+        yield row(
+            f"the same in class, {kind} {'poses' if kind != 'circle' else 'path'}, miss",
+            float(np.mean(values)),
+            "mm",
+            most=0.4 if kind == "2" else 0.1,
+            more=f"worst seed {max(values):.3g}",
+        )
 
 
 def _camera_truth(dof: int, seed: int) -> tuple[Array, Array, Any]:
@@ -137,43 +137,39 @@ def camera(quick: bool) -> Iterator[Row]:
                 x = truth(q) + rng.standard_normal((n, 2))
                 asked = rng.uniform(lower, upper, (600, dof))
                 model = calib.train(samples(q, x, lower, upper, unit="px"))
-                miss, bound = distance(model.forward(asked), truth(asked)), bound_of(model, asked)
+                miss, bound = distance(model.forward(asked), truth(asked)), model.model_error(asked)
                 known = np.isfinite(miss) & np.isfinite(bound)
                 shares.append(float(np.mean(miss[known] <= bound[known])) if known.any() else 1.0)
                 ours.append(float(miss[known].mean()) if known.any() else np.nan)
                 theirs.append(_own_least_squares(q, x, dof, truth, asked))
                 signs.append(_sign_right(model, dof, 40 + seed))
-            yield {
-                "what": f"camera, {dof} joints, {n} rows: error / own least squares",
-                "measured": float(np.mean(ours) / np.mean(theirs)),
-                "unit": "",
-                "most": 1.2,
-                "more": f"{np.mean(ours):.3g} and {np.mean(theirs):.3g} px",
-            }
-    yield {
-        "what": "camera: coverage of the true position",
-        "measured": 100 * float(np.mean(shares)),
-        "unit": "%",
-        "least": 93,
-        "more": f"least {100 * min(shares):.0f}",
-    }
-    yield {
-        "what": f"camera: reversed servo found, of {len(signs)}",
-        "measured": 100 * float(np.mean(signs)),
-        "unit": "%",
-        "least": 100,
-    }
+            yield row(
+                f"camera, {dof} joints, {n} rows: error / own least squares",
+                float(np.mean(ours) / np.mean(theirs)),
+                most=1.2,
+                more=f"{np.mean(ours):.3g} and {np.mean(theirs):.3g} px",
+            )
+    yield row(
+        "camera: coverage of the true position",
+        100 * float(np.mean(shares)),
+        "%",
+        least=93,
+        more=f"least {100 * min(shares):.0f}",
+    )
+    yield row(
+        f"camera: reversed servo found, of {len(signs)}",
+        100 * float(np.mean(signs)),
+        "%",
+        least=100,
+    )
 
 
 def _sign_right(model: calib.Model, dof: int, seed: int) -> bool:
     """Whether the body turns the joints as they turn, up to a mirror of all of them."""
-    body = getattr(model, "body", None)
-    if body is None:
-        return False
     rng = np.random.default_rng(seed)
     sense = np.ones(dof)
     sense[int(rng.integers(1, dof))] = -1.0
-    found = np.asarray(body.structure.signs, dtype=float)
+    found = np.asarray(model.body.structure.signs, dtype=float)
     return bool(np.array_equal(found * found[0], sense))
 
 
@@ -181,12 +177,12 @@ def noise(quick: bool) -> Iterator[Row]:
     """1 mm of noise on 20,000 rows of two_link."""
     arm, n = _two_link(), 4000 if quick else 20_000
     model = calib.train(calib.babble(arm, n, seed=0, noise=1e-3), size=30 if quick else 70)
-    yield {
-        "what": f"two_link, {n} rows at 1 mm",
-        "measured": 1e3 * model.about.errors["local"]["forward"]["distance"]["mean"],
-        "unit": "mm",
-        "most": 0.026 * (20_000 / n) ** 0.5,
-    }
+    yield row(
+        f"two_link, {n} rows at 1 mm",
+        1e3 * model.about.errors["local"]["forward"]["distance"]["mean"],
+        "mm",
+        most=0.026 * (20_000 / n) ** 0.5,
+    )
 
 
 def exact(quick: bool) -> Iterator[Row]:
@@ -199,12 +195,12 @@ def exact(quick: bool) -> Iterator[Row]:
         for arm in arms:
             n = 4000 if quick else 20_000
             model = calib.train(calib.babble(arm, n, seed=0), size=30 if arm.dof == 2 else None)
-            yield {
-                "what": f"exact {arm.name}, {arm.dof} joints",
-                "measured": 1e3 * model.about.errors["local"]["forward"]["distance"]["mean"],
-                "unit": "mm",
-                "most": 1e-6,
-            }
+            yield row(
+                f"exact {arm.name}, {arm.dof} joints",
+                1e3 * model.about.errors["local"]["forward"]["distance"]["mean"],
+                "mm",
+                most=1e-6,
+            )
 
 
 def worlds(quick: bool) -> Iterator[Row]:
@@ -217,13 +213,13 @@ def worlds(quick: bool) -> Iterator[Row]:
         truth = world(name)
         model = calib.train(samples(q, truth(q), arm.lower, arm.upper), size=30)
         miss = distance(model.forward(asked), truth(asked))
-        yield {
-            "what": f"exact world without a chain: {name}, {n} rows",
-            "measured": 1e3 * float(np.nanmean(miss)),
-            "unit": "mm",
-            "most": None if quick else most,
-            "more": f"answered {100 * np.isfinite(miss).mean():.0f} %",
-        }
+        yield row(
+            f"exact world without a chain: {name}, {n} rows",
+            1e3 * float(np.nanmean(miss)),
+            "mm",
+            most=None if quick else most,
+            more=f"answered {100 * np.isfinite(miss).mean():.0f} %",
+        )
 
 
 def three(quick: bool) -> Iterator[Row]:
@@ -239,18 +235,8 @@ def three(quick: bool) -> Iterator[Row]:
         miss = distance(model.forward(asked), turned(tip(asked, LENGTHS[3]), angle, shift))
         means.append(1e3 * float(np.nanmean(miss)))
         largest.append(1e3 * float(np.nanmax(miss)))
-    yield {
-        "what": "three joints, 58 rows at 0.15 mm, no URDF",
-        "measured": float(np.mean(means)),
-        "unit": "mm",
-        "most": 0.5,
-    }
-    yield {
-        "what": "the same, largest of all",
-        "measured": float(np.max(largest)),
-        "unit": "mm",
-        "most": 3.0,
-    }
+    yield row("three joints, 58 rows at 0.15 mm, no URDF", float(np.mean(means)), "mm", most=0.5)
+    yield row("the same, largest of all", float(np.max(largest)), "mm", most=3.0)
 
 
 def times(quick: bool) -> Iterator[Row]:
@@ -268,23 +254,18 @@ def times(quick: bool) -> Iterator[Row]:
     for n, most in ((100, 1.0), (1500, 2.0), (12_000, 5.0))[: 2 if quick else 3]:
         model = calib.train(log(n))
         stage = "body" if "body" in model.seconds else "total"
-        yield {
-            "what": f"time of a fit, {n} rows ({stage})",
-            "measured": model.seconds[stage],
-            "unit": "s",
-            "most": most,
-            "more": f"whole training {model.seconds['total']:.1f} s",
-        }
+        yield row(
+            f"time of a fit, {n} rows ({stage})",
+            model.seconds[stage],
+            "s",
+            most=most,
+            more=f"whole training {model.seconds['total']:.1f} s",
+        )
     for name, most in (("adapt", 2.0), ("check", 0.5)):
         rows = log(400)
         started = time.perf_counter()
-        (calib.adapt if name == "adapt" else calib.Model.check)(model, rows)
-        yield {
-            "what": f"time of {name}, 400 rows",
-            "measured": time.perf_counter() - started,
-            "unit": "s",
-            "most": most,
-        }
+        (calib.adapt if name == "adapt" else calib.check)(model, rows)
+        yield row(f"time of {name}, 400 rows", time.perf_counter() - started, "s", most=most)
 
 
 def simulation(quick: bool) -> Iterator[Row]:
@@ -292,18 +273,14 @@ def simulation(quick: bool) -> Iterator[Row]:
     arm = _two_link()
     n = 4000 if quick else 20_000
     model = calib.train(calib.babble(arm, n, seed=0), size=30 if quick else 70)
-    yield {"what": f"training, {n} rows", "measured": model.seconds["total"], "unit": "s"}
+    yield row(f"training, {n} rows", model.seconds["total"], "s")
     q = np.random.default_rng(0).uniform(arm.lower, arm.upper, (2000, 2))
     model.forward(q[:1])
     started = time.perf_counter()
-    for row in q[:500]:
-        model.forward(row)
-    yield {
-        "what": "forward, one row",
-        "measured": 2e3 * (time.perf_counter() - started),
-        "unit": "us",
-    }
+    for each in q[:500]:
+        model.forward(each)
+    yield row("forward, one row", 2e3 * (time.perf_counter() - started), "us")
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "m.calib"
         model.save(path)
-        yield {"what": "model file", "measured": path.stat().st_size / 1e6, "unit": "MB"}
+        yield row("model file", path.stat().st_size / 1e6, "MB")

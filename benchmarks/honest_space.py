@@ -4,14 +4,12 @@ from collections.abc import Iterator
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
-from typing import Any
 
 from honest_change import Trial, adapted, judged_trials
 from honest_real import SERIES, halves, nominal_urdf
+from honest_worlds import Row
 
 import calib
-
-Row = dict[str, Any]
 
 SPARSE = 373
 """Rows of a sparse model, nearly: much of the joints' waves is then left to learn."""

@@ -7,12 +7,11 @@ from typing import Any
 
 import numpy as np
 from honest_real import SERIES, halves, series
-from honest_worlds import LENGTHS, image, samples, tip
+from honest_worlds import LENGTHS, Row, image, row, samples, tip
 
 import calib
 
 Array = Any
-Row = dict[str, Any]
 
 NOISE = 1e-3
 CHANGES = {
@@ -60,12 +59,7 @@ def streams(quick: bool) -> Iterator[Row]:
         model = _of_log(calib.babble(arm, rows, seed=3, noise=NOISE))
         yield from _delays(f"six_axis, model of {rows} rows", arm, model, 3, space=True)
     yield from _pixels()
-    yield {
-        "what": f"calm planar streams with an alarm, of {len(alarms)}",
-        "measured": float(sum(alarms)),
-        "unit": "",
-        "most": 0,
-    }
+    yield row(f"calm planar streams with an alarm, of {len(alarms)}", float(sum(alarms)), most=0)
 
 
 def real_streams(folder: Path, quick: bool) -> Iterator[Row]:
@@ -76,12 +70,7 @@ def real_streams(folder: Path, quick: bool) -> Iterator[Row]:
         for learned, asked in halves(len(log), 2)[: 1 if quick else 2]:
             monitor, rows = calib.monitor(calib.train(log.take(learned))), log.take(asked)
             alarms.append(first_alarm(monitor, rows.q, rows.x) is not None)
-    yield {
-        "what": f"halves of A and C with an alarm, of {len(alarms)}",
-        "measured": float(sum(alarms)),
-        "unit": "",
-        "most": 0,
-    }
+    yield row(f"halves of A and C with an alarm, of {len(alarms)}", float(sum(alarms)), most=0)
 
 
 def _of_log(log: calib.Samples) -> calib.Model:
@@ -101,13 +90,12 @@ def _delays(
             early += first_alarm(monitor, calm.q, calm.x) is not None
             new = calib.babble(arm, 400, seed=200 + seed, noise=NOISE, changes=[words])
             waits.append(first_alarm(monitor, new.q, new.x) or len(new.q) + 1)
-        yield {
-            "what": f"{what}: {change}, samples to the alarm, median",
-            "measured": float(np.median(waits)),
-            "unit": "",
-            "most": 200,
-            "more": f"slowest {max(waits)}, {early} of {seeds} alarms before",
-        }
+        yield row(
+            f"{what}: {change}, samples to the alarm, median",
+            float(np.median(waits)),
+            most=200,
+            more=f"slowest {max(waits)}, {early} of {seeds} alarms before",
+        )
 
 
 def _pixels() -> Iterator[Row]:
@@ -124,10 +112,9 @@ def _pixels() -> Iterator[Row]:
     early = first_alarm(monitor, calm, seen(calm)) is not None
     new = poses("random", lower, upper, 400, 3)
     wait = first_alarm(monitor, new, seen(new + np.radians([0.0, 1.0]))) or len(new) + 1
-    yield {
-        "what": "pixels, model of 300 rows: elbow 1 deg, samples to the alarm",
-        "measured": float(wait),
-        "unit": "",
-        "most": 200,
-        "more": f"{int(early)} alarms in 2,000 calm samples before",
-    }
+    yield row(
+        "pixels, model of 300 rows: elbow 1 deg, samples to the alarm",
+        float(wait),
+        most=200,
+        more=f"{int(early)} alarms in 2,000 calm samples before",
+    )

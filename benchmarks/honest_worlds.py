@@ -12,6 +12,7 @@ import numpy as np
 import calib
 
 Array = Any
+Row = dict[str, Any]
 Truth = Callable[[Array], Array]
 
 LENGTHS = {2: (0.30, 0.25), 3: (0.30, 0.25, 0.15)}
@@ -149,6 +150,6 @@ def distance(said: Array, truth: Array) -> Array:
     return np.linalg.norm(said - truth, axis=1)
 
 
-def bound_of(model: calib.Model, q: Array) -> Array:
-    """95 % bound on the true position; format 1 models knew only `expected_error`."""
-    return getattr(model, "model_error", model.expected_error)(q)
+def row(what: str, measured: float, unit: str = "", **more: Any) -> Row:
+    """A row of the table; `least` and `most` are its bar, `more` is said behind it."""
+    return {"what": what, "measured": measured, "unit": unit, **more}

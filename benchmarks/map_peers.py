@@ -20,21 +20,11 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Setting:
-    """How much a peer trains.
+    """How much a peer trains."""
 
-    Attributes
-    ----------
-    rows : int
-        Samples that it is given.
-    rounds : int
-        Passes over them (batch), or steps of one sample each (online); 0 for its defaults.
-    start, end : float
-        Neighbourhood radius at the start and at the end [nodes]; 0 where it has no such option.
-    """
-
-    rows: int
-    rounds: int = 0
-    start: float = 0.0
+    rows: int  # samples that it is given
+    rounds: int = 0  # passes over them (batch), or steps (online); 0 for its defaults
+    start: float = 0.0  # neighbourhood radius [nodes], 0 where it has no such option
     end: float = 0.0
 
     def words(self, online: bool) -> str:
@@ -48,28 +38,14 @@ class Setting:
 
 @dataclass(frozen=True)
 class Peer:
-    """One library.
-
-    Attributes
-    ----------
-    name, package : str
-        As its users know it, and as it is installed.
-    online : bool
-        Whether it shows one sample at a time.
-    train : callable
-        From samples (n, 2), nodes along a side, a setting and a seed to nodes (side**2, 2).
-    note : str
-        How it is called.
-    seeded : bool
-        Whether the same seed gives the same map.
-    """
+    """One library."""
 
     name: str
     package: str
-    online: bool
+    online: bool  # whether it shows one sample at a time
+    # samples (n, 2), nodes along a side, a setting and a seed -> nodes (side**2, 2)
     train: Callable[[Array, int, Setting, int], Array]
-    note: str
-    seeded: bool = True
+    note: str  # how it is called
 
     def version(self) -> str | None:
         """Installed version, None where it is not there."""
@@ -137,10 +113,10 @@ OURS = Peer("calib", "calib-arm", False, _calib, 'calib.SOM((n, n), map="som").f
 PEERS = (
     OURS,
     Peer("sparse-som", "sparse-som", True, _sparse_online,
-         "Som, exponential cooling, csr input in float32", seeded=False),
-    Peer("numbasom", "numbasom", True, _numbasom, "no options but the steps", seeded=False),
+         "Som, exponential cooling, csr input in float32"),
+    Peer("numbasom", "numbasom", True, _numbasom, "no options but the steps"),
     Peer("sparse-som batch", "sparse-som", False, _sparse_batch,
-         "BSom (OpenMP), exponential cooling", seeded=False),
+         "BSom (OpenMP), exponential cooling"),
     Peer("MiniSom", "minisom", True, _minisom,
          "exponential decay of radius and rate through its private attributes, the public ones "
          "are slower"),

@@ -5,6 +5,7 @@ python benchmarks/paper_experiments.py [networks resampling perturbation directi
 
 import argparse
 import sys
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -12,9 +13,9 @@ import numpy as np
 
 from calib.maps.association import Association
 from calib.maps.density import READINGS
-from calib.maps.links import WIRINGS
+from calib.maps.links import WIRINGS, squares
 from calib.paper.setting import Setting
-from calib.paper.tables import Cells, Table, columns_of, error_cells, error_header
+from calib.paper.tables import FACTORS, Cells, Table, columns_of, unit_of
 from calib.paper.trial import (
     SAME_SCHEDULE,
     NetworkTrial,
@@ -29,6 +30,16 @@ from calib.samples.samples import Samples
 _ROWS = 20_000  # of each seed: enough to tell these apart
 _BORDER = 0.05  # share of a joint's range that counts as its border
 _TREMBLE = (0.0, 0.5, 1.0, 2.0, 5.0)  # deg
+
+
+def error_header(names: Iterable[str]) -> list[str]:
+    """Names of the mean and the largest error of each column."""
+    return [f"{c} {k} [{unit_of(c)}]" for c in names for k in ("mean", "max")]
+
+
+def error_cells(columns: Mapping[str, Mapping[str, float]], names: Iterable[str]) -> list[float]:
+    """Mean and largest error of each column, in the units of the tables."""
+    return [columns[c][k] * FACTORS[unit_of(c)] for c in names for k in ("mean", "max")]
 
 
 def networks(setting: Setting) -> Table:
@@ -148,10 +159,10 @@ def _one_sided(pair: Association, samples: Samples) -> tuple[Association, Associ
     motor, sensory = pair.motor, pair.sensory
     a = wiring.activity(motor, motor.scale.to_unit(samples.q))
     b = wiring.activity(sensory, sensory.scale.to_unit(samples.x))
-    back = wiring.link(b, a).T.tocsr()
+    back = wiring.link((b.T @ a).tocsr(), squares(b), squares(a)).T.tocsr()
     back.sort_indices()
     return (
-        Association(motor, sensory, wiring.link(a, b), wiring),
+        Association(motor, sensory, wiring.link((a.T @ b).tocsr(), squares(a), squares(b)), wiring),
         Association(motor, sensory, back, wiring),
     )
 

@@ -87,19 +87,6 @@ def look(
     return Sight(pixels.astype(int), _console(done.stderr))
 
 
-def document(url: str | Path, folder: Path) -> str:
-    """Open a page and return its document after its scripts have run."""
-    address = url.resolve().as_uri() if isinstance(url, Path) else url
-    done = subprocess.run(
-        [*command(folder), "--virtual-time-budget=6000", "--dump-dom", address],
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=180,
-    )
-    return done.stdout
-
-
 def _console(log: str) -> list[str]:
     lines = re.findall(r":CONSOLE(?::\d+|\(\d+\))?\]\s*(.*)", log)
     return [line for line in lines if not any(word in line for word in NOISE)]

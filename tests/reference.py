@@ -1,8 +1,13 @@
 """References that the tests compare with: Pinocchio itself, on the URDF's own text."""
 
+import csv
+import io
+from pathlib import Path
+
 import numpy as np
 import pinocchio as pin
 
+import calib
 from calib.arm.arm import Arm
 
 
@@ -27,3 +32,42 @@ def pinocchio_forward(arm: Arm, q: np.ndarray) -> np.ndarray:
 def random_joints(arm: Arm, n: int, seed: int = 0) -> np.ndarray:
     """Joint values drawn uniformly from the arm's range: (n, dof)."""
     return np.random.default_rng(seed).uniform(arm.lower, arm.upper, (n, arm.dof))
+
+
+OFFSETS = {"spatial_three": np.radians([0.0, 2.0, -3.0]), "six_axis": np.zeros(6)}
+
+
+class Truth:
+    """An arm as Pinocchio moves it, with offsets that its log does not know."""
+
+    def __init__(self, robot: str, seed: int) -> None:
+        self.arm = calib.load_arm(robot)
+        self.model = pin.buildModelFromUrdf(
+            str(Path(calib.__file__).parents[1] / f"robots/{robot}.urdf")
+        )
+        self.data, self.frame = self.model.createData(), self.model.getFrameId(self.arm.tip)
+        self.index = [self.model.idx_qs[self.model.getJointId(n)] for n in self.arm.joint_names]
+        self.offset, self.rng = OFFSETS[robot], np.random.default_rng(seed)
+
+    def pose(self, q):
+        places, turns = [], []
+        for row in np.atleast_2d(q):
+            full = pin.neutral(self.model)
+            full[self.index] = row + self.offset
+            pin.framesForwardKinematics(self.model, self.data, full)
+            places.append(self.data.oMf[self.frame].translation.copy())
+            turns.append(self.data.oMf[self.frame].rotation.copy())
+        return np.array(places), np.array(turns)
+
+    def draw(self, n):
+        return self.rng.uniform(self.arm.lower, self.arm.upper, (n, self.arm.dof))
+
+
+def table(path, names, rows):
+    np.savetxt(path, rows, delimiter=",", header=",".join(names), comments="", fmt="%.12g")
+    return path
+
+
+def read(text):
+    rows = list(csv.DictReader(io.StringIO(text)))
+    return {name: np.array([float(row[name]) for row in rows]) for name in rows[0]}

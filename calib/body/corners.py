@@ -155,53 +155,44 @@ def held_of(body: Body) -> Held:
     """What is in the hand, as the belief of `fit_corners` knows it."""
     structure = body.structure
     assert isinstance(structure, SpatialStructure)  # noqa: S101 - corners are seen in space
-    found = []
-    for encoded in (False, True):
-        position, turn = _in_hand(structure, body.beta, encoded=encoded)
-        slope = _slope(structure, body.beta, body.active, encoded=encoded)
-        sd = np.sqrt(np.maximum(np.diag(slope @ body.covariance @ slope.T), 0.0))
-        found += [sd[:3], sd[3:]]
-    return Held(position, turn, *found)
-
-
-def as_encoded_slope(structure: SpatialStructure, beta: Array, active: Indices) -> Array:
-    """Derivative (6, k) of what is in the hand, place and turn, by parameters: see `Held`."""
-    return _slope(structure, beta, active, encoded=True)
-
-
-def _slope(structure: SpatialStructure, beta: Array, active: Indices, *, encoded: bool) -> Array:
-    position, turn = _in_hand(structure, beta, encoded=encoded)
-    groups, last = structure.groups, structure.chain_names.index(structure.joint_names[-1])
-    own = [groups["tool"], groups["tool.rotation"], structure.shifts[last], structure.turns[last]]
-    slope = np.zeros((6, len(active)))
-    for k in np.flatnonzero(np.isin(active, np.concatenate([*own, groups["offset"][-1:]]))):
-        step = np.zeros(structure.size)
-        step[active[k]] = 1e-6
-        p, t = _in_hand(structure, structure.retract(beta, step), encoded=encoded)
-        slope[:3, k] = (p - position) / 1e-6
-        slope[3:, k] = logarithm((t @ turn.T)[None])[0] / 1e-6
-    return slope
-
-
-def _in_hand(structure: SpatialStructure, beta: Array, *, encoded: bool) -> tuple[Array, Array]:
-    """Place (3,) and turn (3, 3) of what is in the hand, in the tip's frame.
-
-    encoded : carried by the last joint as it is drawn, whose own deviation goes to the hand
-    """
     groups, still, q = structure.groups, structure.with_view("base"), np.zeros((1, structure.dof))
-    bare = beta.copy()
-    bare[np.concatenate([groups["tool"], groups["tool.rotation"]])] = 0.0
-    (p,), (turn,) = still.pose(q, beta)
-    (p0,), (turn0,) = still.pose(q, bare)
-    position, turn = turn0.T @ (p - p0), turn0.T @ turn
-    if not encoded:
-        return position, turn
+    tool = np.concatenate([groups["tool"], groups["tool.rotation"]])
     last = structure.chain_names.index(structure.joint_names[-1])
     (at,), (frame,) = still.pose(q, structure.neutral())
-    own = structure.chain.axes[last]
-    axis, origin = frame.T @ own, frame.T @ (structure.chain.points[last] - at)
-    slid, turned = own @ beta[structure.shifts[last]], own @ beta[structure.turns[last]]
-    offset = beta[groups["offset"][-1:]].sum()
-    slid, turned = (slid, turned + offset) if structure.revolute[-1] else (slid + offset, turned)
-    back = exponential(turned * axis)
-    return origin + back @ (position - origin) + slid * axis, back @ turn
+    axis = frame.T @ structure.chain.axes[last]
+    origin = frame.T @ (structure.chain.points[last] - at)
+    along = structure.shifts[last], structure.turns[last], groups["offset"][-1:]
+
+    def placed(beta: Array) -> tuple[Array, Array]:
+        bare = beta.copy()
+        bare[tool] = 0.0
+        (p,), (turn,) = still.pose(q, beta)
+        (p0,), (turn0,) = still.pose(q, bare)
+        return turn0.T @ (p - p0), turn0.T @ turn
+
+    def as_encoded(beta: Array) -> tuple[Array, Array]:
+        """Carried by the last joint as it is drawn, whose own deviation goes to the hand."""
+        (position, turn), own = placed(beta), structure.chain.axes[last]
+        slid, turned, offset = own @ beta[along[0]], own @ beta[along[1]], beta[along[2]].sum()
+        slid, turned = (
+            (slid, turned + offset) if structure.revolute[-1] else (slid + offset, turned)
+        )
+        back = exponential(turned * axis)
+        return origin + back @ (position - origin) + slid * axis, back @ turn
+
+    free = np.intersect1d(np.concatenate([tool, *along]), body.active)
+    place = np.searchsorted(body.active, free)
+    covariance = body.covariance[np.ix_(place, place)]
+    found = []
+    for each in (placed, as_encoded):
+        position, turn = each(body.beta)
+        slope = np.empty((6, len(free)))
+        for k, index in enumerate(free):
+            step = np.zeros(structure.size)
+            step[index] = 1e-6
+            p, t = each(structure.retract(body.beta, step))
+            slope[:3, k] = (p - position) / 1e-6
+            slope[3:, k] = logarithm((t @ turn.T)[None])[0] / 1e-6
+        sd = np.sqrt(np.maximum(np.diag(slope @ covariance @ slope.T), 0.0))
+        found += [sd[:3], sd[3:]]
+    return Held(position, turn, *found)

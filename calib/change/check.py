@@ -16,7 +16,7 @@ from ..samples.samples import Samples
 from .causes import Cause, find_causes
 from .comparison import Comparison, compare
 from .decision import decide
-from .orientation import turned_tool
+from .orientation import hand_told_once, turned_tool
 from .score import GroupTest, fired
 from .settings import FALSE_ALARM
 
@@ -161,6 +161,7 @@ def check(
             score, causes = max(score, tool.score), (*causes, *tool.causes)
             told = (*told, *tool.notes)
             adapts = score > 1.0 and decide(found).made.improved
+        causes = hand_told_once(causes, model.about.options.get("board"))
         drifted: bool | None = score > 1.0
         if not drifted and tolerance is not None and smallest > tolerance:
             drifted = None

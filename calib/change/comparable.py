@@ -14,7 +14,7 @@ from ..common.arrays import Array
 from ..errors import LogError
 from ..model.model import Model
 from ..model.space import Space
-from ..samples.diagnosis import diagnose, refuse_mistakes
+from ..samples.diagnosis import diagnose, readings, refuse_mistakes
 from ..samples.samples import Samples
 from ..training.sound_rows import sound_log
 
@@ -115,12 +115,10 @@ def _refuse_other(model: Model, log: Samples) -> None:
     turning = np.array(model.about.revolute)
     if np.isfinite(model.expected_error(q)).mean() > 0.5 or not turning.any():
         return
-    for factor, other, remedy in (
-        (np.pi / 180, "degrees", "give `degrees=True`"),
-        (180 / np.pi, "radians read as degrees", "leave out `degrees`"),
-    ):
-        if np.isfinite(model.expected_error(np.where(turning, q * factor, q))).mean() > 0.9:
-            raise LogError(f"the log's joint values look like {other}: {remedy}")
+    units, *_ = readings(q, model.about.joint_names, model.about.revolute, any_order=False)
+    for other in units:
+        if np.isfinite(model.expected_error(other.q)).mean() > 0.9:
+            raise LogError(f"the log fits the model only if {other.words}", hint=other.hint)
 
 
 def _misread(model: Model, q: Array, x: Array, turns: Array | None) -> list[str]:

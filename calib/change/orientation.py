@@ -6,6 +6,7 @@ tell of the tool alone: what they say of a chain made the positions of real rows
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -16,6 +17,7 @@ from ..body.belief import Body, knows_orientation
 from ..body.covariance import autocorrelation_time, root_of
 from ..body.settings import STUDENT
 from ..common.arrays import Array
+from ..common.wording import for_people
 from .causes import Cause
 from .comparison import Comparison
 from .equations import STEPS
@@ -98,3 +100,23 @@ def turned_tool(found: Comparison, body: Body | None = None) -> TurnedTool:
     # what the chain leaves over differs between regions of the workspace by about its scatter
     score = min(score, float(np.linalg.norm(turn)) / float(np.sqrt(3 * noise)))
     return TurnedTool(score, turn, own)
+
+
+def hand_told_once(causes: tuple[Cause, ...], seen: Mapping[str, Any] | None) -> tuple[Cause, ...]:
+    """Causes in which a camera or board that moved in the hand stands once, in these words.
+
+    seen : how a model's pictures of a board were taken, None for another model: causes stay
+    """
+    moved = [cause for cause in causes if cause.group in ("tool", "tool.rotation")]
+    if not seen or not moved:
+        return causes
+    what = "camera" if seen["eye"] == "hand" else "board"
+    one = next((cause for cause in moved if cause.unit == "rad"), moved[0])
+    factor, unit = for_people(one.unit)
+    low, high = (factor * end for end in one.interval or (0.0, 0.0))
+    size, half = abs(low + high) / 2, (high - low) / 2
+    how = (
+        "has turned in its mount by" if unit == "deg" else "has moved in its mount, what it sees by"
+    )
+    told = replace(one, cause="tool", words=f"the {what} {how} {size:.3g} ± {half:.2g} {unit}")
+    return (told, *(cause for cause in causes if cause not in moved))

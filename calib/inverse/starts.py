@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import itertools
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -201,12 +202,13 @@ def damped_inverse(slope: Array, share: float) -> Array:
     return np.asarray(np.einsum("nid,nij->ndj", slope, np.linalg.inv(power)))
 
 
-def twins(newton: Newton, u: Array, share: float = FOLDED) -> tuple[Index, Array]:
+def twins(newton: Newton, u: Array, share: float = FOLDED, far: Any = _FAR) -> tuple[Index, Array]:
     """Starts (m, dof) for the solutions across a nearby fold of `u` (n, dof), and of which rows.
 
     At a fold, where the Jacobian loses a direction, two solutions meet. Along the direction that
     hardly moves the tip its least singular value falls linearly to zero, and the other solution
-    lies about as far beyond as this one lies before. Of as many joints as residuals.
+    lies about as far beyond as this one lies before: no more than `far` (n,). Of as many joints as
+    residuals.
     """
     slope = newton.task.value_and_slope(u)[1]
     sides, size, ways = np.linalg.svd(slope)
@@ -220,5 +222,5 @@ def twins(newton: Newton, u: Array, share: float = FOLDED) -> tuple[Index, Array
     )
     rate = (ahead - behind) / (2 * _PROBE)
     reach = -2.0 * size[rows, -1] / np.where(rate == 0.0, np.inf, rate)
-    near = (np.abs(reach) < _FAR) & (reach != 0.0)
+    near = (np.abs(reach) < np.broadcast_to(far, len(u))[rows]) & (reach != 0.0)
     return rows[near], newton.clip(u[rows[near]] + reach[near, None] * flat[near])

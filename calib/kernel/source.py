@@ -49,11 +49,12 @@ def c_number(value: float, single: bool) -> str:
     return braces(np.asarray(value, dtype=float), single)
 
 
-def array(name: str, values: Array, single: bool, *, kind: str = "calib_real") -> str:
-    """A constant array of C of any shape, braces round each row."""
+def array(name: str, values: Array, single: bool, floats: bool = False) -> str:
+    """A constant array of C of any shape, braces round each row; `floats` in any header."""
     values = np.asarray(values, dtype=float)
     values = values if values.size else np.zeros([max(size, 1) for size in values.shape])
     shape = "".join(f"[{size}]" for size in values.shape)
+    kind = "float" if floats else "calib_real"
     return f"static const {kind} {name}{shape} = {braces(values, single)};\n"
 
 

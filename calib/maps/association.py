@@ -99,7 +99,7 @@ class Association:
             for k, a in enumerate(active):
                 square[k] += squares(a)
                 means[k].add(a, points[k])
-        links = wiring.settled(together, square[0], square[1])
+        links = wiring.link(together, square[0], square[1])
         return Association(motor, sensory, links, wiring, means[0].result(), means[1].result())
 
     def forward(self, u: Array, readout: str) -> Array:

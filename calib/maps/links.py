@@ -55,21 +55,8 @@ class Wiring:
         rows = np.arange(0, a.size + 1, k)
         return csr_array((a.ravel(), index.ravel(), rows), shape=(len(u), network.size))
 
-    def link(self, a_motor: csr_array, a_sensory: csr_array, beta: float = 1.0) -> csr_array:
+    def link(self, together: csr_array, motor: Array, sensory: Array, beta: float = 1) -> csr_array:
         """Links at the fixed point of Oja's rule (eq. 5, with the forgetting factor of eq. 11).
-
-        a_motor, a_sensory : csr_array of shape (n, nodes), activities of both maps for the same
-            samples
-        beta : forgetting factor
-        Returns csr_array of shape (motor nodes, sensory nodes), weak links are left out.
-        """
-        together = (a_motor.T @ a_sensory).tocsr()
-        return self.settled(together, squares(a_motor), squares(a_sensory), beta)
-
-    def settled(
-        self, together: csr_array, motor: Array, sensory: Array, beta: float = 1.0
-    ) -> csr_array:
-        """Links at rest from sums over samples.
 
         Where the mean change of eq. 11 vanishes, c_ij = <a_i a_j> / (beta <a_j^2>), or with both
         sides <a_i a_j> / (beta (<a_i^2> <a_j^2>)^(1/2)).  A node that was hardly ever active has
@@ -78,6 +65,7 @@ class Wiring:
 
         together : (motor nodes, sensory nodes), sum of a_i a_j
         motor, sensory : (nodes,), sum of a^2 of each node
+        Returns csr_array of shape (motor nodes, sensory nodes), weak links are left out.
         """
         rows = np.repeat(np.arange(together.shape[0]), np.diff(together.indptr))
         scale = _reached(sensory, beta)[together.indices]

@@ -5,8 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..body.covariance import NORMAL_95
 from ..body.curves import HARMONICS
@@ -14,6 +16,7 @@ from ..common.arrays import Array
 from ..common.rows import thinned
 from ..errors import OptionError
 from ..kernel.arm import KernelArm
+from ..kernel.posterior import CompactPosterior
 from ..kernel.source import array, braces, c_number, c_source, integers, source
 from ..maps.local_models import FULL, SILENT, blend_size, exponents, reach_of
 from .nominal import nominal_for_kernel
@@ -23,6 +26,8 @@ from .trust import ROUNDED
 _FILES = ("chain", "nodes", "bound", "local", "answers", "inverse")
 _NO_LIMIT = 3e38  # of corrections
 _PLACES, _POSTURES = 256, 128  # rows of the table of starts: places, of redundant joints postures
+
+_FLOATS = ("root", "coupled", "own", "waved")  # tables of beliefs, in single precision always
 
 _SEARCH = {
     "longest": 0.25,  # of the joints' range: no step is longer
@@ -155,105 +160,83 @@ class Header:
         return model.motor.scale.from_unit(u), model.predictor.value(u)
 
     def _tables(self, single: bool) -> str:
-        arm, scale = self.arm, self.model.motor.scale
-        parts = [
-            array("calib_lower", scale.lower, single),
-            array("calib_span", scale.span, single),
-            integers("calib_periodic", scale.periodic),
-            integers("calib_bends", arm.bends),
-            array("calib_coupling", arm.coupling, single),
-            array("calib_bias", arm.bias, single),
-            array("calib_view", arm.view.ravel(), single),
-            array("calib_shift", arm.shift, single),
-            array("calib_aim", arm.aim.ravel(), single),
-            array("calib_start_q", self._starts[0], single),
-            array("calib_start_x", self._starts[1], single),
-            _arm("calib_body", arm, single, own=True),
-        ]
+        model, arm, motor, kept = self.model, self.arm, self.model.motor, self.model.posterior
+        tables: dict[str, NDArray[Any]] = {
+            "lower": motor.scale.lower, "span": motor.scale.span,
+            "periodic": motor.scale.periodic.astype(int), "bends": arm.bends.astype(int),
+            "coupling": arm.coupling, "bias": arm.bias, "view": arm.view.ravel(),
+            "shift": arm.shift, "aim": arm.aim.ravel(), "limit": self.limit,
+            "start_q": self._starts[0], "start_x": self._starts[1],
+        }  # fmt: skip
         if arm.projective:
-            parts.append(array("calib_lens", arm.lens, single))
+            tables["lens"] = arm.lens
         if len(arm.curves):
             waves = arm.curves.reshape(-1, 2, HARMONICS)
-            for k, name in enumerate(("cos", "sin")):
-                parts.append(array(f"calib_curve_{name}", waves[:, k].T, single))
+            tables |= {"curve_cos": waves[:, 0].T, "curve_sin": waves[:, 1].T}
         if arm.flex is not None:
-            parts.append(array("calib_way", arm.way, single))
-            for k, name in enumerate(("cos", "sin")):
-                parts.append(array(f"calib_flex_{name}", arm.flex[k], single))
+            tables |= {"way": arm.way, "flex_cos": arm.flex[0], "flex_sin": arm.flex[1]}
         if arm.loaded is not None:
             drawn = arm.loaded
             strides = np.diff(drawn.points, axis=0, prepend=np.zeros((1, 3)))
-            parts += [
-                array("calib_drawn", strides, single),
-                array("calib_mass", drawn.masses, single),
-                array("calib_centre", drawn.centres - drawn.points, single),
-                array("calib_gravity", arm.gravity, single),
-            ]
-        if self.nominal is not None:
-            parts.append(_arm("calib_nominal", self.nominal, single, own=False))
-            parts.append(array("calib_limit", self.limit, single))
-        return "".join(parts) + self._nodes(single) + self._posterior(single)
-
-    def _nodes(self, single: bool) -> str:
-        """Nodes of the motor map, their bounds and their local models."""
-        model, motor, models = self.model, self.model.motor, self.model.predictor.models
-        out = ""
-        if self.local or model.posterior is None or not self.trusted:
-            out += array("calib_node", motor.units, single)
-        if model.posterior is None:
-            out += array("calib_bound", model.bounds, single)
-            out += array("calib_true_bound", model.model_bounds, single)
+            centres = drawn.centres - drawn.points
+            tables |= {"drawn": strides, "mass": drawn.masses, "centre": centres}
+            tables["gravity"] = arm.gravity
+        if self.local or kept is None or not self.trusted:
+            tables["node"] = motor.units
+        if kept is None:
+            tables |= {"bound": model.bounds, "true_bound": model.model_bounds}
         if not self.trusted:
-            out += array("calib_position_bound", model.model_bounds, single)
-        if not self.local:
-            return out
+            tables["position_bound"] = model.model_bounds
+        if self.local:
+            tables |= self._local_tables
+        arms = _arm("calib_body", arm, single, own=True)
+        if self.nominal is None:
+            del tables["limit"]
+        else:
+            arms += _arm("calib_nominal", self.nominal, single, own=False)
+        if kept is not None:
+            beliefs, size, rank = kept.root.shape
+            sizes = f"CALIB_GEOMETRY = {size}, CALIB_ROOT = {rank}, CALIB_BELIEFS = {beliefs}"
+            arms += f"enum {{ {sizes}, CALIB_WAYS = {kept.coupled.shape[2]} }};\n"
+            tables |= self._beliefs(kept)
+        return arms + "".join(
+            integers(f"calib_{name}", values)
+            if values.dtype.kind == "i"
+            else array(f"calib_{name}", values, single or name in _FLOATS, name in _FLOATS)
+            for name, values in tables.items()
+        )
+
+    @property
+    def _local_tables(self) -> dict[str, NDArray[Any]]:
+        """Local models of the nodes, and how their monomials are made of each other."""
+        models, motor = self.model.predictor.models, self.model.motor
         terms = exponents(motor.units.shape[1], models.degree)
         place = {tuple(term): k for k, term in enumerate(terms.tolist())}
         along = [int(np.flatnonzero(term)[0]) if term.any() else 0 for term in terms]
         unit = np.eye(terms.shape[1], dtype=int)
         below = [[place.get(tuple((t - e).tolist()), 0) for e in unit] for t in terms]
         flat = models.coefficients.reshape(len(models.coefficients), -1)
-        return (
-            out
-            + array("calib_radius", models.radius, single)
-            + array("calib_says", reach_of(motor), single)
-            + array("calib_local_terms", flat, single)
-            + integers("calib_talks", [bool(c.any()) for c in models.coefficients])
-            + integers("calib_parent", [row[k] for row, k in zip(below, along, strict=True)])
-            + integers("calib_along", along)
-            + integers("calib_power", terms.ravel())
-            + integers("calib_below", np.ravel(below))
-        )
+        return {
+            "radius": models.radius, "says": reach_of(motor), "local_terms": flat,
+            "talks": flat.any(axis=1).astype(int), "along": np.array(along),
+            "parent": np.array([row[k] for row, k in zip(below, along, strict=True)]),
+            "power": terms.ravel().astype(int), "below": np.ravel(below),
+        }  # fmt: skip
 
-    def _posterior(self, single: bool) -> str:
-        """The beliefs, most of them in single precision."""
-        kept = self.model.posterior
-        if kept is None:
-            return ""
-        beliefs, size, rank = kept.root.shape
-        ways = kept.coupled.shape[2]
-        sizes = f"CALIB_GEOMETRY = {size}, CALIB_ROOT = {rank}, CALIB_WAYS = {ways}"
+    def _beliefs(self, kept: CompactPosterior) -> dict[str, NDArray[Any]]:
         # cosine and sine of each order next to each other, as the C source makes them
         order = np.arange(2 * HARMONICS).reshape(2, -1).T.ravel()
-        waved = kept.waved[:, :, order].reshape(beliefs, -1, ways)
-        curves = ""
-        if waved.any():
-            own = kept.own.reshape(-1, kept.own.shape[2])
-            curves = array("calib_own", own, True, kind="float")
-            curves += array("calib_waved", waved, True, kind="float")
         more = np.zeros((2, 3))
         noise = kept.noise if self.model.about.bound_of == "sensor reading" else 0.0
         more[:, : len(kept.residual)] = kept.residual + noise, kept.residual
-        return (
-            f"enum {{ {sizes}, CALIB_BELIEFS = {beliefs} }};\n"
-            + array("calib_root", kept.root, True, kind="float")
-            + array("calib_coupled", kept.coupled, True, kind="float")
-            + curves
-            + integers("calib_gains", kept.gains)
-            + array("calib_scale", kept.scale, single)
-            + array("calib_more", more[0], single)
-            + array("calib_less", more[1], single)
-        )
+        tables = {
+            "root": kept.root, "coupled": kept.coupled, "gains": kept.gains.astype(int),
+            "scale": kept.scale, "more": more[0], "less": more[1],
+        }  # fmt: skip
+        if kept.waved.any():
+            waved = kept.waved[:, :, order].reshape(len(kept.root), -1, kept.coupled.shape[2])
+            tables |= {"own": kept.own.reshape(-1, kept.own.shape[2]), "waved": waved}
+        return tables
 
 
 def _arm(name: str, arm: KernelArm, single: bool, *, own: bool) -> str:

@@ -31,7 +31,7 @@ from .base import drawn, in_base
 from .parts import Parts
 
 _BESIDE = 0.5  # rad: of joints no further from `near` the other branches are looked for there
-_FOLDED = 0.1  # as `FOLDED` of the starts, beside `near`
+_FOLDED, _ACROSS = 0.1, 0.3  # as `twins` has them, beside `near`
 _FEW = 12  # of a start that is near
 _STEPS = 40  # of a search whose residual stays
 #: A pose or a position counts as reached within this share of the arm's length.
@@ -144,7 +144,8 @@ class Space:
     def beside(self, p: Array, r: Array | None, near: Array) -> tuple[Array, Array]:
         """Joints (n, dof) beside `near` for places (n, 3), or poses with `r`, and what is left."""
         newton = self._placing if r is None else self._posing
-        u, left = newton.refine(self._unit(near), p if r is None else Poses.target(p, r))
+        target = p if r is None else Poses.target(p, r)
+        u, left = newton.refine(self._unit(near), target, 1e-3 * TOLERANCE)
         return self._scale.from_unit(u), left
 
     def at_positions(self, p: Array, near: Array, *, keep: bool = False) -> Array:
@@ -173,9 +174,10 @@ class Space:
         """
         newton, scale, wish = self._posing, self._scale, self._unit(near)
         target, spare = Poses.target(p, r), wish.shape[1] > 6
-        u, left = newton.refine(wish, target)
+        u, left = newton.refine(wish, target, 1e-3 * TOLERANCE)
         if len(u) and not spare:  # another branch is as near only beside a fold
-            row, across = twins(newton, u, _FOLDED)
+            away = np.linalg.norm(scale.difference(u, wish), axis=1)
+            row, across = twins(newton, u, _FOLDED, np.minimum(2.0 * away, _ACROSS))
             found = newton.refine(across, target[row], steps=_FEW)
             newton.take_better(u, left, wish, row, *found)
         moved = np.abs(scale.difference(u, wish) * scale.span).max(axis=1)

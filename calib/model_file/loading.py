@@ -24,13 +24,12 @@ def load(path: str | os.PathLike[str], *, warm: bool = False) -> Model:
     path = Path(path)
     try:
         data = content(path)
-    except FileNotFoundError as error:
-        raise ModelError(
-            f"{path}: no such file, expected a model written by 'calib train'"
-        ) from error
     except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or error
-        raise ModelError(f"{path}: cannot be read ({reason})") from error
+        missing = "no such file, expected a model written by 'calib train'"
+        told = f"cannot be read ({getattr(error, 'strerror', None) or error})"
+        raise ModelError(
+            f"{path}: {missing if isinstance(error, FileNotFoundError) else told}"
+        ) from error
     model = from_bytes(data, str(path))
     if warm:
         model.warm_up()

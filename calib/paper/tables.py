@@ -6,7 +6,7 @@ import csv
 import io
 import itertools
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -46,7 +46,7 @@ TABLE2 = {
 }
 """VDSOM by the nodes along each side of its lattices."""
 
-_FACTORS = {"mm": 1000.0, "deg": 180.0 / math.pi}
+FACTORS = {"mm": 1000.0, "deg": 180.0 / math.pi}
 """From SI units to those of the tables."""
 
 _READOUTS = ("winner", "activity", "linear")
@@ -154,9 +154,9 @@ def _comparison(
     rows: list[Cells] = []
     for (label, (row, paper)), readout in itertools.product(lines.items(), _READOUTS):
         for column in columns_of(row):
-            cell, unit = row[readout][column], _unit_of(column)
+            cell, unit = row[readout][column], unit_of(column)
             keys = ("mean", "mean_spread", "max", "max_spread")
-            values: Cells = [cell[k] * _FACTORS[unit] for k in keys]
+            values: Cells = [cell[k] * FACTORS[unit] for k in keys]
             values += [100 * cell["mean_of_range"], 100 * cell["max_of_range"]]
             values += list(paper[column]) if paper else [None, None]
             rows.append([label, readout, f"{column} [{unit}]", *values])
@@ -177,17 +177,8 @@ def columns_of(row: Row) -> tuple[str, ...]:
     return tuple(c for c in next(iter(row.values())) if not c.endswith("_distance"))
 
 
-def error_header(names: Iterable[str]) -> list[str]:
-    """Names of the mean and the largest error of each column."""
-    return [f"{c} {k} [{_unit_of(c)}]" for c in names for k in ("mean", "max")]
-
-
-def error_cells(columns: _Columns, names: Iterable[str]) -> list[float]:
-    """Mean and largest error of each column, in the units of the tables."""
-    return [columns[c][k] * _FACTORS[_unit_of(c)] for c in names for k in ("mean", "max")]
-
-
-def _unit_of(column: str) -> str:
+def unit_of(column: str) -> str:
+    """Unit in which a column is printed."""
     return UNITS.get(column, "deg")
 
 
@@ -223,7 +214,7 @@ def printed(table: Mapping[str, Mapping[str, Printed]]) -> dict[str, Any]:
     """A table of the paper for JSON, in SI units."""
     return {
         name: {
-            c: {"mean": p.mean / _FACTORS[UNITS[c]], "max": p.max / _FACTORS[UNITS[c]]}
+            c: {"mean": p.mean / FACTORS[UNITS[c]], "max": p.max / FACTORS[UNITS[c]]}
             for c, p in columns.items()
         }
         for name, columns in table.items()

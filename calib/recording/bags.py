@@ -74,10 +74,7 @@ def read_bag(
 def _poses(
     reader: Any, topics: Mapping[str, str], chosen: str | None, frames: Sequence[str] | None
 ) -> tuple[Array, str]:
-    """The tip's poses, and the frame that they are in.
-
-    They are those of tf where frames are named, or where nothing else is published.
-    """
+    """The tip's poses and their frame; of tf where frames are named or nothing else is there."""
     tf = sorted(topic for topic, kind in topics.items() if kind == _TF)
     others = [topic for topic, kind in topics.items() if kind in _POSITIONS]
     if tf and (frames is not None or chosen in tf or (chosen is None and not others)):

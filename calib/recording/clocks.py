@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from operator import attrgetter
 
 import numpy as np
 
@@ -18,7 +19,7 @@ from ..common.rows import thinned
 from ..errors import CalibError, LogError
 from ..samples.delays import estimate_delay
 from ..samples.joint_values import joints_at
-from .track import Judge, jumps, softness
+from .track import SOFT, Judge, jumps, softness
 
 _CANDIDATES = 15  # peaks of the correlation of speeds that are judged
 _GRID = 50.0  # [1/s]
@@ -114,19 +115,35 @@ class ClockPair:
 
     def candidate(self, peak: float) -> Clocks:
         """Move a peak to the offset near it that fits best, and judge it."""
-        clocks = best = Clocks(peak, 0.0, float(0.5 * (self.t[0] + self.t[-1])), error=np.inf)
-        for _ in range(4):
-            there, seen, when = self.matched(clocks, _ROWS[0])
+        return self._fitted(Clocks(peak, 0.0, float(0.5 * (self.t[0] + self.t[-1]))), _ROWS[0], 4)
+
+    def refined(self, start: Clocks) -> Clocks:
+        """Fit the offset, and the rate where the rows show one."""
+        there, seen, _ = self.matched(start, _ROWS[1])
+        soft = softness(there, seen)
+        plain, free = (self._fitted(start, _ROWS[1], 8, soft, rate=r) for r in (False, True))
+        return _better(plain, free)
+
+    def _fitted(
+        self, start: Clocks, rows: int, steps: int, soft: float = SOFT, *, rate: bool = False
+    ) -> Clocks:
+        """Move clocks to where held-out blocks are predicted best, by Gauss and Newton's method."""
+        clocks, best = start, replace(start, error=np.inf)
+        for _ in range(steps):
+            there, seen, when = self.matched(clocks, rows)
             if len(there) < 16:
                 break
-            judge = Judge(there)
-            clocks = replace(clocks, error=judge.error(seen))
-            best = min(best, clocks, key=lambda each: each.error)
-            # a bounded step: the tip's velocity is a guide over a few hundredths of a second only
-            step = self._step(judge, seen, when, rate=False)[0][0]
-            offset = clocks.offset + float(np.clip(step, -0.06, 0.06))
-            offset = float(np.clip(offset, peak - _FARTHEST, peak + _FARTHEST))
-            clocks = replace(clocks, offset=offset)
+            judge = Judge(there, soft=soft)
+            step, sd = self._step(judge, seen, when, rate=rate)
+            doubt = float(np.hypot(sd[0], 0.5 * sd[1] * np.ptp(self.t)))  # at the track's ends
+            clocks = replace(clocks, error=judge.error(seen), doubt=doubt)
+            if abs(step[0]) < 2e-5 and abs(step[1]) * np.ptp(self.t) < 4e-5:
+                return clocks
+            best = min(best, clocks, key=attrgetter("error"))
+            # the tip's velocity is a guide over a few hundredths of a second only
+            offset = clocks.offset + float(np.clip(step[0], -0.06, 0.06))
+            offset = float(np.clip(offset, start.offset - _FARTHEST, start.offset + _FARTHEST))
+            clocks = replace(clocks, offset=offset, rate=clocks.rate + step[1])
         return best
 
     def chain(self, start: Clocks, revolute: tuple[bool, ...]) -> Clocks | None:
@@ -182,25 +199,6 @@ class ClockPair:
         with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
             plain = fitted(start, 1e-12)
             return None if plain is None else _better(plain, fitted(plain, _RATE_SD))
-
-    def refined(self, start: Clocks) -> Clocks:
-        """Fit the offset, and the rate where the rows show one, by Gauss and Newton's method."""
-        there, seen, _ = self.matched(start, _ROWS[1])
-        soft = softness(there, seen)
-        tried = []
-        for rate in (False, True):
-            clocks = start
-            for _ in range(8):
-                there, seen, when = self.matched(clocks, _ROWS[1])
-                judge = Judge(there, soft=soft)
-                step, sd = self._step(judge, seen, when, rate=rate)
-                doubt = float(np.hypot(sd[0], 0.5 * sd[1] * np.ptp(self.t)))  # at the track's ends
-                clocks = replace(clocks, error=judge.error(seen), doubt=doubt)
-                if abs(step[0]) < 2e-5 and abs(step[1]) * np.ptp(self.t) < 4e-5:
-                    break
-                clocks = replace(clocks, offset=clocks.offset + step[0], rate=clocks.rate + step[1])
-            tried.append(clocks)
-        return _better(*tried)
 
     def _step(self, judge: Judge, seen: Array, when: Array, *, rate: bool) -> tuple[Array, Array]:
         """Return the change of offset and rate that the held-out misses ask for, and their sd.
@@ -272,15 +270,15 @@ def align_clocks(
     spread = float(np.sqrt(((x - x.mean(0)) ** 2).sum(1).mean()))
     if spread < 5.0 or np.ptp(q, axis=0).max() < 0.02:
         raise ClockError("the arm never moves, so the clocks cannot be matched; give `time_offset`")
-    judged = sorted(map(pair.candidate, peaks), key=_by_error)
+    judged = sorted(map(pair.candidate, peaks), key=attrgetter("error"))
     apart = [c for k, c in enumerate(judged) if all(_apart(c, d) for d in judged[:k])]
     kinds = tuple(revolute) if revolute is not None else (True,) * q.shape[1]
     planar = x.shape[1] == 2
     chains = [pair.chain(c, kinds) for c in apart[:_CHAINS]] if planar else []
     # a chain needs fewer rows, so it goes first; an arm in space has none that fits
-    fitted = sorted((c for c in chains if c is not None), key=_by_error)
+    fitted = sorted((c for c in chains if c is not None), key=attrgetter("error"))
     if not fitted or not fitted[0].error < _CHAIN_FITS * spread:
-        fitted = sorted(map(pair.refined, apart[:_CHAINS]), key=_by_error)
+        fitted = sorted(map(pair.refined, apart[:_CHAINS]), key=attrgetter("error"))
     clocks = fitted[0]
     rival = min((c.error for c in fitted[1:] if _apart(c, clocks)), default=np.inf)
     left, other, extent = (f"{v / factor:.3g} {unit}" for v in (clocks.error, rival, spread))
@@ -298,7 +296,8 @@ def align_clocks(
     if abs(clocks.rate) > _FASTEST:
         raise ClockError(
             f"the clocks' rates differ by {100 * clocks.rate:.1f} %, at most "
-            f"{100 * _FASTEST:.1f} % expected: the video's frame rate is not the true one"
+            f"{100 * _FASTEST:.1f} % expected: is the frame rate the true one, are these the "
+            "joints of this recording? else give `time_offset`"
         )
     if not clocks.doubt < SURE:
         raise ClockError(
@@ -311,7 +310,3 @@ def align_clocks(
 
 def _apart(one: Clocks, other: Clocks) -> bool:
     return abs(one.offset - other.offset) > _APART
-
-
-def _by_error(clocks: Clocks) -> float:
-    return clocks.error

@@ -51,7 +51,14 @@ def log_pictures(
         check_motion(q, pixels, setting.tag, f"{len(q)} pictures")
     reference, off = watch(setting.layout, seen.marks, setting.lens, setting.tag_height)
     with one_blas_thread():
-        _check_order(q, pixels, [names[number] for number in seen.numbers])
+        start, shift, own, other = row_shift(q, pixels)
+    if shift:
+        where = f"{abs(shift)} row{'s' * (abs(shift) > 1)} further {'down' if shift > 0 else 'up'}"
+        raise LogError(
+            f"the joints are shifted against the pictures from {names[seen.numbers[start]]} on: "
+            f"those {where} predict the tag to {other:.2g} px, a picture's own to {own:.2g} px; is "
+            "one missing there?"
+        )
     # single rows that contradict the others are found by those who learn from the log
     twin, bumped = stuck(q, pixels), np.isin(seen.numbers, list(off))
     reasons["at one place while the joints move: a second tag?"] = int(twin.sum())
@@ -110,18 +117,6 @@ def assemble(
         notes=tuple(notes),
         **more,
     )
-
-
-def _check_order(q: Array, pixels: Array, pictures: Sequence[str]) -> None:
-    """Refuse joints that are shifted against the pictures."""
-    start, shift, own, other = row_shift(q, pixels)
-    if shift:
-        where = f"{abs(shift)} row{'s' * (abs(shift) > 1)} further {'down' if shift > 0 else 'up'}"
-        raise LogError(
-            f"the joints are shifted against the pictures from {pictures[start]} on: those {where} "
-            f"predict the tag to {other:.2g} px, a picture's own to {own:.2g} px; is one missing "
-            "there?"
-        )
 
 
 def _poses(

@@ -216,5 +216,5 @@ def _samples(
         q, log.x[kept], arm.joint_names, np.minimum(arm.lower, q.min(axis=0)),
         np.maximum(arm.upper, q.max(axis=0)), arm.revolute, arm=arm,
         orientation=None if log.quaternion is None else log.quaternion[kept],
-        covariance=None if log.covariance is None else log.covariance[kept], source=log.about(),
+        source=log.about(),
     )  # fmt: skip

@@ -65,7 +65,11 @@ def read_joints(
             f"{listed(source.header)}"
         )
     time = read_columns(source, [time_column])[:, 0] if time_column else None
-    pictures = _texts(source, picture_column) if picture_column else None
+    pictures = None
+    if picture_column:  # one may stand with its folder, of this system or another
+        cells = read_texts(source, [picture_column])[picture_column].to_list()
+        named = (str(cell or "").strip().replace("\\", "/") for cell in cells)
+        pictures = [name.rpartition("/")[2] for name in named]
     episode_column = _named(source, _EPISODE_COLUMNS)
     episodes = read_columns(source, [episode_column])[:, 0] if episode_column else None
     good = np.isfinite(values).all(axis=1)
@@ -98,9 +102,3 @@ def read_joints(
 def _named(source: Source, names: Sequence[str]) -> str | None:
     known = {name.lower(): name for name in reversed(source.header)}
     return next((known[name] for name in names if name in known), None)
-
-
-def _texts(source: Source, column: str) -> list[str]:
-    """Read names of files; one may stand with its folder, of this system or another."""
-    cells = read_texts(source, [column])[column].to_list()
-    return [str(cell or "").strip().replace("\\", "/").rpartition("/")[2] for cell in cells]

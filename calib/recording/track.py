@@ -13,7 +13,9 @@ from ..common.rows import thinned
 from ..errors import LogError
 
 _SEARCHED = 120  # rows that each of some eighty shifts is judged by
-_SOFT = (1e-6, 1e-4, 1e-2)  # ridge, relative to the kernel's one
+SOFT = 1e-4
+"""Ridge, relative to the kernel's one."""
+
 _STILL = 2.0  # [px]; a tag that moves less over a recording does not move
 
 
@@ -33,7 +35,7 @@ class Judge:
     `blocks` times; `soft` is the ridge, relative to the kernel's one.
     """
 
-    def __init__(self, q: Array, blocks: int = 8, soft: float = _SOFT[1]) -> None:
+    def __init__(self, q: Array, blocks: int = 8, soft: float = SOFT) -> None:
         n = len(q)
         self.q = q
         self._inverse = np.linalg.inv(harmonics(q, q) + 1.0 + soft * np.eye(n))  # one: a free mean
@@ -68,7 +70,7 @@ def misses(q: Array, x: Array, blocks: int = 8) -> Array:
 
 def softness(q: Array, x: Array, blocks: int = 8) -> float:
     """Return the ridge with which held-out blocks are predicted best."""
-    return min(_SOFT, key=lambda soft: Judge(q, blocks, soft).error(x))
+    return min((1e-2 * SOFT, SOFT, 1e2 * SOFT), key=lambda soft: Judge(q, blocks, soft).error(x))
 
 
 def row_shift(q: Array, x: Array, most: int = 3) -> tuple[int, int, float, float]:

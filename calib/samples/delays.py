@@ -12,7 +12,7 @@ from functools import cached_property
 
 import numpy as np
 
-from ..common.arrays import Array, Mask
+from ..common.arrays import Array, Index, Mask
 from ..errors import LogError
 from .joint_values import directions
 from .samples import Samples
@@ -91,41 +91,30 @@ class Trajectory:
         usual = float(np.median(step[step > 0])) if (step > 0).any() else 0.0
         return np.asarray((step > 0) & (step <= LONGEST_PAUSE * usual))
 
+    @property
+    def _runs(self) -> list[Index]:
+        """Rows of each run of three or more."""
+        runs = np.split(np.arange(len(self.time)), np.flatnonzero(~self.joined) + 1)
+        return [rows for rows in runs if len(rows) > 2]
+
     @cached_property
     def velocity(self) -> Array:
-        """Joint velocities (n, dof) [rad or m / unit]; NaN beside a pause."""
+        """Joint velocities (n, dof) [rad or m / unit], by parabolas; NaN beside a pause."""
         result = np.full(self.q.shape, np.nan)
-        inside = np.flatnonzero(self.joined[1:] & self.joined[:-1]) + 1
-        # the parabola through three rows that need not be evenly spaced
-        before, after = np.diff(self.time)[inside - 1, None], np.diff(self.time)[inside, None]
-        down, up = self.q[inside] - self.q[inside - 1], self.q[inside + 1] - self.q[inside]
-        result[inside] = (down / before * after + up / after * before) / (before + after)
+        for rows in self._runs:
+            result[rows[1:-1]] = np.gradient(self.q[rows], self.time[rows], axis=0)[1:-1]
         return result
 
     def before(self, delay: float) -> Array:
         """Joints (n, dof) at the rows' times less `delay`; NaN where the log has none."""
-        when, result = self.time - delay, np.full(self.q.shape, np.nan)
-        for rows in np.split(np.arange(len(self.time)), np.flatnonzero(~self.joined) + 1):
-            if len(rows) < 3:
-                continue
-            t = self.time[rows]
-            inside = rows[(when[rows] >= t[0]) & (when[rows] <= t[-1])]
-            low = np.clip(np.searchsorted(t, when[inside], side="right") - 1, 0, len(t) - 2)
-            result[inside] = self._hermite(rows[low], when[inside])
-        return result
+        from scipy.interpolate import CubicHermiteSpline
 
-    def _hermite(self, low: Array, when: Array) -> Array:
-        """Cubic between rows `low` and the next ones; at a run's ends along the chord."""
-        q, high = self.q, low + 1
-        width = (self.time[high] - self.time[low])[:, None]
-        s = (when - self.time[low])[:, None] / width
-        chord = q[high] - q[low]
-        first, last = (
-            np.where(np.isfinite(v), v * width, chord)
-            for v in (self.velocity[low], self.velocity[high])
-        )
-        bend = s * (1 - s) * ((1 - s) * (first - chord) - s * (last - chord))
-        return np.asarray(q[low] + s * chord + bend)
+        when, result = self.time - delay, np.full(self.q.shape, np.nan)
+        for rows in self._runs:
+            t, q = self.time[rows], self.q[rows]
+            inside = rows[(when[rows] >= t[0]) & (when[rows] <= t[-1])]
+            result[inside] = CubicHermiteSpline(t, q, np.gradient(q, t, axis=0))(when[inside])
+        return result
 
 
 def with_offset(samples: Samples, offset: float) -> Samples:

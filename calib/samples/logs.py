@@ -33,7 +33,6 @@ from .roles import (
     from_angles,
     log_columns,
     sees_pixels,
-    unit_quaternions,
 )
 from .samples import Samples
 from .settings import LARGEST_ARM, OUT_OF_PLANE
@@ -149,7 +148,8 @@ def read_log(
     last = first + len(roles.turns)
     orientation = None
     if roles.turns == QUATERNION:
-        orientation = unit_quaternions(values[:, first:last])
+        orientation = values[:, first:last] / np.linalg.norm(values[:, first:last], axis=1)[:, None]
+        orientation = np.where(orientation[:, 3:] < 0, -orientation, orientation)
     elif roles.turns:
         orientation = from_angles(
             np.deg2rad(values[:, first:last]) if degrees else values[:, first:last]
@@ -158,7 +158,9 @@ def read_log(
         covariances(values[:, last:], source.label, rows.tolist()) if roles.spread else None
     )
     plane = rms = None
-    if len(axes) == 3 and wanted != 3 and (wanted is not None or _flat(x)):
+    spread = np.linalg.svd(x - x.mean(axis=0), compute_uv=False)
+    flat = len(spread) < 3 or bool(spread[2] <= _THICK * spread[0])
+    if len(axes) == 3 and wanted != 3 and (wanted is not None or flat):
         plane, rms = fit_plane(x)
         if arm is not None:
             _check_flat(source.label, x, plane.distances(x), unit, rows)
@@ -258,12 +260,6 @@ def _check_flat(label: str, x: Array, distance: Array, unit: str, rows: NDArray[
         parameter="joints",
         value=share,
     )
-
-
-def _flat(x: Array) -> bool:
-    """Whether positions (n, 3) lie in a tilted plane, as those of an arm that is not in space."""
-    spread = np.linalg.svd(x - x.mean(axis=0), compute_uv=False)
-    return len(spread) < 3 or bool(spread[2] <= _THICK * spread[0])
 
 
 def _joints(

@@ -192,12 +192,6 @@ def covariances(values: Array, label: str, rows: Sequence[int]) -> Array:
     return made
 
 
-def unit_quaternions(values: Array) -> Array:
-    """Unit quaternions (n, 4) with qw >= 0 of a log's quaternions of about that length."""
-    unit = values / np.linalg.norm(values, axis=1)[:, None]
-    return np.asarray(np.where(unit[:, 3:] < 0, -unit, unit))
-
-
 def from_angles(angles: Array) -> Array:
     """Unit quaternions (n, 4) of roll, pitch and yaw (n, 3) [rad].
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from ..arm.arm import Arm, SpatialArm
 from ..arm.rotations import exponential, logarithm
-from ..body.corners import Corners, as_encoded_slope
+from ..body.corners import Corners
 from ..body.most_telling import greedy
 from ..body.spatial import SpatialStructure, structure_of
 from ..body.spatial_view import InSpace
@@ -142,12 +142,13 @@ def in_sight(
     sd = np.minimum(prior.sd[active], _WIDE)
     lens = np.isin(active, camera.groups["lens"])
     sd[lens] = prior.sd[active[lens]]
-    hand = as_encoded_slope(structure, beta, active) * sd
-    hand[3:] *= away  # a turn of what is in the hand weighs as it shows at the board
+    # a turn of what is in the hand weighs as it shows at the board
+    tool, turn_of_tool = (np.isin(active, camera.groups[g]) for g in ("tool", "tool.rotation"))
+    weight = tool + away * turn_of_tool
 
     def choose(q: Array, n: int, taken: Array) -> Index:  # noqa: ARG001
         told = camera.linearise(rows(q), beta, active)[1].reshape(len(q), 8, -1)
-        return _surest(told * sd / _PIXEL, hand, n)
+        return _surest(told * sd / _PIXEL, weight * sd, n)
 
     return q, choose
 
@@ -174,12 +175,11 @@ def _likely(
     return likely
 
 
-def _surest(told: Array, aim: Array, n: int) -> Index:
-    """Choose rows one by one, each of which leaves least variance of an aim; then mend.
+def _surest(told: Array, weight: Array, n: int) -> Index:
+    """Choose rows one by one, each of which leaves least variance of some parameters; then mend.
 
     told : (m, p, k), directions in units of noise and of the prior
-    aim : (j, k), what is to be sure, by a prior sd of each parameter (A-optimal design, Fedorov
-        1972)
+    weight : (k,), what a prior sd of each parameter counts (A-optimal design, Fedorov 1972)
     """
     known, chosen = np.eye(told.shape[2]), np.full(n, -1)
     for k in np.tile(np.arange(n), 1 + _EXCHANGES):
@@ -188,7 +188,7 @@ def _surest(told: Array, aim: Array, n: int) -> Index:
             chosen[k] = -1
         less = told @ np.linalg.inv(known)
         spread = np.eye(told.shape[1]) + less @ np.swapaxes(told, 1, 2)
-        gain = ((less @ aim.T) * np.linalg.solve(spread, less @ aim.T)).sum(axis=(1, 2))
+        gain = ((less * weight) * (np.linalg.solve(spread, less) * weight)).sum(axis=(1, 2))
         gain[chosen[chosen >= 0]] = -1.0
         chosen[k] = best = int(gain.argmax())
         known += told[best].T @ told[best]

@@ -4,9 +4,11 @@ import sys
 
 import numpy as np
 import pytest
-from chains import NO_TIP, SLIDE, chain_urdf, turning
+from chains import NO_TIP, SLIDE, branching, chain_urdf, turning
 
+from calib.arm.finding import find_tip
 from calib.arm.loading import arm_from_urdf, load_arm
+from calib.arm.urdf import parse_urdf
 from calib.errors import CalibError, RobotError
 
 
@@ -25,12 +27,6 @@ def test_other_joints_are_locked_at_neutral_or_where_told():
     full = load_arm("three_link")
     expected = full.forward([0.3, 1.0, -0.2])
     np.testing.assert_allclose(told.forward([0.3, -0.2]), expected, atol=1e-15)
-
-
-def test_a_locked_joint_is_not_chosen():
-    arm = load_arm("three_link", lock={"wrist": 0.5})
-    assert arm.joint_names == ("shoulder", "elbow")
-    assert arm.locked == {"wrist": 0.5}
 
 
 def test_a_follower_is_held_where_its_leader_is():
@@ -57,27 +53,6 @@ def test_what_had_to_be_chosen_is_said_aloud():
         "`lock={'j3': 9}` lies outside the joint's limits -1:1 [rad]",
     )
     assert load_arm("two_link", ["shoulder", "elbow"]).notes == ()
-
-
-def test_a_robot_without_a_name_is_called_as_its_file(tmp_path):
-    text = load_arm("two_link").urdf
-    named = tmp_path / "left_arm.urdf"
-    named.write_text(text)
-    assert load_arm(named).name == "two_link"
-    nameless = tmp_path / "right_arm.urdf"
-    nameless.write_text(text.replace('name="two_link"', ""))
-    arm = load_arm(nameless)
-    assert arm.name == "right_arm"
-    assert any("right_arm is used" in note for note in arm.notes)
-    assert arm_from_urdf(nameless.read_text()).name == "robot"
-
-
-def test_axes_may_point_to_either_side_of_the_plane():
-    same = arm_from_urdf(chain_urdf(turning(), turning()))
-    for axes, signs in ((("0 0 1", "0 0 -1"), (1, -1)), (("0 0 -1", "0 0 1"), (-1, 1))):
-        arm = arm_from_urdf(chain_urdf(*(turning(axis=axis) for axis in axes)))
-        q = np.array([0.3, -0.7])
-        np.testing.assert_allclose(arm.forward(q), same.forward(q * signs), atol=1e-15)
 
 
 def test_a_tip_may_be_named_by_its_joint():
@@ -141,12 +116,6 @@ def test_the_reason_for_finding_no_arm_is_the_true_one(text, options, words):
     assert "\n" not in str(caught.value)
 
 
-def test_joints_that_their_limits_hold_move_once_they_are_given_a_range():
-    arm = arm_from_urdf(STUCK_CHAIN, ranges={"j1": (-1, 1)})
-    assert arm.joint_names == ("j1", "j2")
-    assert arm.lower[0] == -1
-
-
 def test_an_arm_that_is_not_planar_is_refused_naming_the_joint_and_its_axis():
     text = chain_urdf(turning(), turning(axis="0 1 0"), turning())
     with pytest.raises(RobotError, match=r"not planar: joint 'j2' has the axis \(0, 1, 0\)"):
@@ -184,3 +153,13 @@ def test_without_pinocchio_the_remedy_is_told(monkeypatch):
     monkeypatch.setitem(sys.modules, "pinocchio", None)
     with pytest.raises(RobotError, match="pip install pin"):
         load_arm("two_link")
+
+
+USUAL = ("tool0", "tcp", "tool", "tip", "ee_link", "ee", "end_effector", "gripper_frame_link")
+
+
+@pytest.mark.parametrize("name", [form for n in USUAL for form in (n, f"left_{n.upper()}")])
+def test_every_usual_name_of_a_tip_is_followed(name):
+    text = branching('<origin xyz="0.1 0 0"/>', "camera", kind="fixed").replace('"tip"', '"lamp"')
+    for order in (("camera_link", name), ("lamp", name)):
+        assert find_tip(parse_urdf(text.replace(*order)), "l0") == name

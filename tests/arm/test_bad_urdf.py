@@ -27,8 +27,6 @@ def changed(old: str, new: str) -> str:
 
 BAD = {
     "truncated": (GOOD[:-40], ["well-formed", "truncated", "line"]),
-    "not xml": ("hello", ["well-formed"]),
-    "control character": (GOOD.replace("base", "ba\0se"), ["well-formed"]),
     "dtd": (changed("<robot", "<!DOCTYPE robot []>\n<robot"), ["<!DOCTYPE", "remove"]),
     "entity": (
         changed("<robot", '<!DOCTYPE r [<!ENTITY a "aaa">]>\n<robot'),
@@ -40,20 +38,14 @@ BAD = {
     ),
     "xacro value": (changed("0.25 0 0", "${length} 0 0"), ["${length}", "expand"]),
     "sdf": ('<sdf version="1.7"><model name="m"/></sdf>', ["<sdf>", "<robot>", "convert"]),
-    "no links": ('<robot name="r"/>', ["no links"]),
-    "one link": ('<robot name="r"><link name="a"/></robot>', ["two movable joints", "(none)"]),
-    "joint without name": (changed(ELBOW, '<joint type="revolute">'), ["joint number 2"]),
-    "unknown type": (changed(ELBOW, ELBOW.replace("revolute", "hinge")), ["'elbow'", "'hinge'"]),
     "floating": (
         changed(ELBOW, ELBOW.replace("revolute", "floating")),
         ["'elbow'", "floating", REMEDY],
     ),
-    "duplicate joint": (changed('name="tip_mount"', 'name="elbow"'), ["two joints", "'elbow'"]),
     "two parents": (
         changed("</robot>", SECOND_PARENT),
         ["'forearm' has two parents", "'elbow'", "'extra'"],
     ),
-    "two roots": (changed("</robot>", '<link name="loose"/></robot>'), ["'base'", "'loose'"]),
     "a loop and no root": (
         changed(
             "</robot>",
@@ -66,15 +58,9 @@ BAD = {
         changed('<parent link="upper_arm"/>', '<parent link="uper_arm"/>'),
         ["'elbow'", "'uper_arm'", "did you mean upper_arm?"],
     ),
-    "no child": (changed('<child link="forearm"/>', ""), ["'elbow'", "<child>", "expected one"]),
     "axis 0 0 0": (changed(AXIS, '<axis xyz="0 0 0"/>'), ["'shoulder'", "0 0 0", "direction"]),
-    "axis nan": (changed(AXIS, '<axis xyz="0 0 nan"/>'), ["'nan'", "finite"]),
     "origin nan": (changed("0.3 0 0", "nan 0 0"), ["'elbow'", "origin xyz", "'nan'"]),
     "origin beyond the Earth": (changed("0.3 0 0", "1e308 0 0"), ["'elbow'", "1e+308 m", "metres"]),
-    "origin text": (changed("0.3 0 0", "0,3 0 0"), ["'0,3'"]),
-    "origin as Python writes it": (changed("0.3 0 0", "1_0 0 0"), ["'1_0'"]),
-    "endless number": (changed("0.3 0 0", "1" * 100_000 + "x 0 0"), ["'111", "finite"]),
-    "limit nan": (changed(ELBOW_LIMITS, 'lower="nan" upper="1"'), ["'elbow'", "'nan'"]),
     "no limit": (changed(LIMIT_ELEMENT, ""), ["'elbow'", "no limits", "`ranges={'elbow': "]),
     "inverted limits": (
         changed(ELBOW_LIMITS, 'lower="2" upper="-2"'),

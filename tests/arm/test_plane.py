@@ -45,12 +45,6 @@ def test_every_normal_has_an_orthonormal_right_handed_plane_through_the_point(no
     np.testing.assert_allclose(np.cross(plane.origin, n), 0, atol=1e-12)
 
 
-@given(normals, st.tuples(numbers, numbers))
-def test_project_undoes_lift(normal, coordinates):
-    plane = plane_of(normal, [0.1, -0.2, 0.3])
-    np.testing.assert_allclose(plane.project(plane.lift(coordinates)), coordinates, atol=1e-12)
-
-
 @given(normals, st.integers(0, 2**32 - 1))
 def test_a_fit_finds_the_plane_that_its_points_lie_in(normal, seed):
     plane = plane_of(normal, [0.3, 0.1, -0.4])

@@ -56,13 +56,6 @@ def test_ur10_has_its_data_sheets_links_and_an_upright_plane():
     assert arm.locked == {"shoulder_pan_joint": 0.0, "wrist_1_joint": 0.0}
 
 
-def test_tiago_slides_first():
-    file, joints, tip = NAMED["tiago"]
-    arm = load_arm(FOLDER / file, joints.split(","), tip)
-    assert arm.revolute == (False, True, True)
-    np.testing.assert_allclose(arm.jacobian(arm.lower)[:, 0], [0, 1], atol=1e-9)
-
-
 @pytest.mark.parametrize(
     ("file", "joints", "tip"),
     [

@@ -76,19 +76,6 @@ def test_polar_turns_and_slides():
     np.testing.assert_allclose(arm.forward([angle, out]), expected, atol=1e-15)
 
 
-def test_the_tool_of_scara_lies_beyond_its_wrist():
-    tool, wrist = load_arm("scara"), load_arm("scara", tip="wrist_flange")
-    assert tool.tip == "tool"
-    gap = tool.forward([0.3, 0.8]) - wrist.forward([0.3, 0.8])
-    assert np.linalg.norm(gap) == pytest.approx(0.05, abs=1e-15)
-
-
-def test_tilted_is_neither_horizontal_nor_through_the_origin():
-    plane = load_arm("tilted").plane
-    assert np.abs(plane.basis).max() < 0.99  # no axis or normal is one of the root's
-    assert np.linalg.norm(plane.origin) > 0.1
-
-
 def test_a_name_or_a_path_is_resolved(tmp_path):
     entry = list_robots()[0]
     assert resolve_robot(entry.name) == entry.path

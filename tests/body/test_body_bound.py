@@ -4,11 +4,7 @@ import numpy as np
 import pytest
 
 from calib.body.belief import Body
-from calib.body.covariance import (
-    radius_95,
-    root_of,
-    spread_of,
-)
+from calib.body.covariance import radius_95, root_of, spread_of
 from calib.body.fit import maximise
 from calib.body.held_out import leave_blocks_out
 from calib.body.nominal import Nominal

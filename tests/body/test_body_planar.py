@@ -6,7 +6,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from calib.body.curves import curve_slope, curve_value, powers
-from calib.body.nominal import Nominal, nominal_of
 from calib.body.planar import PlanarStructure
 
 
@@ -104,28 +103,3 @@ def test_curves_repeat_every_turn_and_agree_with_their_series(x, seed):
     h = 1e-6
     slope = (curve_value(np.array([x + h]), c) - curve_value(np.array([x - h]), c)) / (2 * h)
     assert np.allclose(curve_slope(np.array([x]), c), slope, atol=1e-7)
-
-
-def as_forward(nominal: Nominal, revolute):
-    s = structure(revolute, "base", nominal.signs, nominal.mirror, nominal)
-    beta = s.prior(()).mean
-    return lambda q: s.predict(q, beta)
-
-
-@pytest.mark.parametrize(
-    ("revolute", "nominal"),
-    [
-        ((True, True), Nominal((0.6, 0.5), (0.0, 0.4), 0.3, (0.1, 0.2), -1, (1, -1))),
-        ((True, True, True), Nominal((0.3, 0.2, 0.1), (0.0, -1.0, 2.0), -2.0, (0, 1), 1)),
-        ((True, False, True), Nominal((0.2, 0.0, 0.1), (0.0, 0.7, 0.2), 0.0, (0, 0), -1)),
-        ((False, True), Nominal((0.0, 0.3), (0.0, 0.5), 1.0, (0.5, 0.1), 1)),
-    ],
-)
-def test_nominal_geometry_is_found_from_a_forward_function(revolute, nominal):
-    n = len(revolute)
-    lower, upper = -np.ones(n), np.ones(n)
-    found = nominal_of(as_forward(nominal, revolute), lower, upper, revolute)
-    q = np.random.default_rng(0).uniform(-3, 3, (50, n))
-    again = as_forward(found, revolute)(q)
-    assert np.allclose(again, as_forward(nominal, revolute)(q), atol=1e-9)
-    assert np.allclose(found.lengths, nominal.lengths, atol=1e-9)

@@ -103,10 +103,7 @@ def test_a_shorter_arm_does_not_promise_its_old_reach():
 
 @pytest.mark.parametrize(
     ("change", "words"),
-    [
-        ("sensor.scale=1000", "1000 times the model's.*unit='mm'"),
-        ("sensor.mirror=y", "mirrored"),
-    ],
+    [("sensor.scale=1000", "1000 times the model's.*unit='mm'"), ("sensor.mirror=y", "mirrored")],
 )
 def test_what_must_be_said_aloud(change, words):
     found = calib.adapt(model(), log(change, n=60, noise=0.0))

@@ -149,8 +149,7 @@ def test_an_offset_of_the_first_joint_is_a_turned_sensor_unless_it_is_known():
 
 
 @pytest.mark.parametrize(
-    ("scale", "unit", "expected"),
-    [(1000.0, "m", "sensor"), (1.1, "m", "m"), (1000.0, "mm", "mm")],
+    ("scale", "unit", "expected"), [(1000.0, "m", "sensor"), (1.1, "m", "m"), (1000.0, "mm", "mm")]
 )
 def test_the_unit_is_the_logs_or_the_sensors_own(scale, unit, expected):
     samples = log()

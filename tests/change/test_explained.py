@@ -62,9 +62,7 @@ def test_scattered_rows_of_one_place_explain_nothing() -> None:
     assert any("nothing explains the log" in note for note in mixed.notes)
 
 
-def test_a_turn_that_rows_of_one_place_hardly_show_has_a_wide_interval(
-    sparse: calib.Model,
-) -> None:
+def test_a_turn_that_rows_of_one_place_hardly_show_has_a_wide_interval(sparse: calib.Model) -> None:
     inside = []
     for seed in range(4):
         rng = np.random.default_rng(seed)

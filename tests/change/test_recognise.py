@@ -37,8 +37,3 @@ def test_command(tmp_path, run):
         result = run("recognise", *names, "--data", tmp_path / "log.csv", "--json")
         assert result.code == code, result.err
         assert result.document["model"] == name
-
-
-def test_no_models_are_refused():
-    with pytest.raises(calib.OptionError, match="one for each state"):
-        calib.recognise([], log())

@@ -131,15 +131,6 @@ def test_what_was_said_of_a_cause_is_not_asked_again(folder, run, tmp_path):
     assert "--cause" not in run(*line, "--cause", "joints").err
 
 
-def test_another_robots_log(folder, run, tmp_path):
-    path = tmp_path / "other.csv"
-    path.write_text("a,b,x,y\n1,2,3,4\n")
-    done = run("check", folder / "m.calib", "--data", path)
-    assert done.code == 1
-    assert "shoulder" in done.err
-    assert "--columns" in done.err
-
-
 def test_other_column_names_degrees_order_and_holes(folder, run, tmp_path):
     samples = log("elbow.length=+5%", n=150)
     order = np.random.default_rng(0).permutation(150)

@@ -39,14 +39,6 @@ def test_check_begins_with_the_verdict_and_says_what_to_do(run, folder):
     assert "threshold" in told
 
 
-def test_adapt_tells_before_and_after(run, folder, tmp_path):
-    done = run("adapt", folder / "m.calib", "--data", folder / "moved.csv", "-o", tmp_path / "a")
-    assert done.code == 0, done.err
-    assert " before, " in done.out.splitlines()[0]
-    assert " after, " in done.out.splitlines()[0]
-    assert done.out.splitlines()[-1].startswith("limited by ")
-
-
 @pytest.mark.parametrize(
     "words",
     [

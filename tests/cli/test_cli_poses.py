@@ -3,7 +3,7 @@
 import numpy as np
 import pinocchio as pin
 import pytest
-from true_arms import Truth, read, table
+from reference import Truth, read, table
 
 import calib
 

@@ -9,8 +9,6 @@ import time
 
 import pytest
 
-from calib.common import choices
-
 HEAVY = ("numpy", "scipy", "pinocchio", "polars", "rich", "safetensors", "yourdfpy", "meshcat")
 
 IMPORTS = """
@@ -50,16 +48,6 @@ def test_light_commands_stay_light(model):
     lean = (*kinematics, "scipy", "pydantic")  # either takes longer to import than the answer
     for way in ("inverse", "forward"):
         assert imported(["query", way, str(model), "0.1", "0.4"], lean) == []
-
-
-def test_choices_agree_with_the_library():
-    from calib.body.views import PLANAR
-    from calib.maps.density import GAINS
-    from calib.samples.babbling import SAMPLERS
-
-    assert set(choices.MAPS) <= set(GAINS)
-    assert set(choices.MOTIONS) == set(SAMPLERS)
-    assert set(choices.VIEWS) >= {"auto", *PLANAR}
 
 
 def test_a_real_process_from_training_to_a_query(run_real, tmp_path):

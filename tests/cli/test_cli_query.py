@@ -2,7 +2,6 @@
 
 import csv
 import io
-import math
 import re
 
 import numpy as np
@@ -34,11 +33,6 @@ def log_model(tmp_path_factory):
 
 def rows_of(text: str) -> list[dict[str, str]]:
     return list(csv.DictReader(io.StringIO(text)))
-
-
-def numbers_in(text: str) -> list[float]:
-    """The numbers in the last line of a table."""
-    return [float(word) for word in text.strip().splitlines()[-1].split()]
 
 
 def test_forward_agrees_with_the_closed_form(run, model):
@@ -88,18 +82,6 @@ def test_forward_beyond_the_learned_range_names_joint_and_range(run, model):
     assert "elbow = 200 deg is outside of the learned range 15 to 150 deg" in done.err
 
 
-def test_degrees_and_radians_are_the_same_query(run, model):
-    radians = run("query", "forward", model, math.radians(30), math.radians(60), "--json")
-    degrees = run("query", "forward", model, "30", "60", "--degrees", "--json")
-    assert degrees.document["position"] == pytest.approx(radians.document["position"], abs=1e-12)
-    assert degrees.document["joints"]["elbow"] == pytest.approx(math.radians(60))  # JSON is SI
-    rad = numbers_in(run("query", "inverse", model, "0.1", "0.4").out)
-    deg = numbers_in(run("query", "inverse", model, "0.1", "0.4", "--degrees").out)
-    assert deg[:2] == pytest.approx(np.degrees(rad[:2]), abs=1e-3)
-    assert deg[2:] == rad[2:]
-    assert rad[2:4] == pytest.approx([100.0, 400.0], abs=0.1)  # mm for people
-
-
 def test_all_branches_come_nearest_first(run, models):
     full = models / "two_link_full.calib"
     arguments = ("query", "inverse", full, "0.3", "0.3", "--all", "--json")
@@ -146,20 +128,6 @@ def test_batch_keeps_bad_rows_in_their_place(run, model):
     assert float(rows[2]["distance"]) > 1.0
     assert "rows 2, 4 of 5" in done.err
     assert "row 3 of 5: out of reach" in done.err
-
-
-def test_a_json_document_is_in_si_units_whatever_is_typed_in_degrees(run, model):
-    done = run(
-        *("query", "forward", model, "--input", "-", "--degrees", "--json"),
-        stdin="shoulder,elbow\n30,60\n",
-    )
-    answers = done.document["answers"]
-    typed = [answers["shoulder"][0], answers["elbow"][0]]
-    assert typed == pytest.approx(np.radians([30.0, 60.0]).tolist())
-    assert done.document["units"] == UNITS
-    alone = run("query", "forward", model, "30", "60", "--degrees", "--json").document
-    assert alone["joints"] == pytest.approx({"shoulder": typed[0], "elbow": typed[1]})
-    assert alone["position"] == pytest.approx([answers["x"][0], answers["y"][0]])
 
 
 def test_a_log_has_two_bounds_that_python_says_too(run, log_model):

@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pinocchio as pin
 import pytest
-from true_arms import Truth, read, table
+from reference import Truth, read, table
 
 import calib
 from calib.model.space import Space

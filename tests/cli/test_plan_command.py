@@ -24,18 +24,6 @@ def test_command_writes_what_python_plans(run, tmp_path, arm, name):
     np.testing.assert_array_equal(log.q, calib.plan(arm, 20, seed=3, start=[0.5, 1.0]).q)
 
 
-def test_command_plans_for_a_model_whatever_its_name(run, model, tmp_path):
-    other = tmp_path / "renamed.bin"
-    other.write_bytes(model.read_bytes())
-    documents = []
-    for path in (model, other):
-        done = run("plan", path, "-n", "6", "-o", tmp_path / "p.csv", "--json")
-        assert done.code == 0, done.err
-        documents.append(done.document["poses"])
-    assert documents[0] == documents[1]
-    assert "expected_error" in documents[0]
-
-
 def test_command_completes_a_log(run, log, tmp_path, arm):
     done = run("plan", "two_link", "-n", "6", "--data", log, "-o", "-")
     assert done.code == 0

@@ -269,13 +269,3 @@ NONSENSE = {  # each was once accepted, and crashed or answered nonsense later
 @pytest.mark.parametrize("kind", NONSENSE)
 def test_what_makes_no_sense_is_refused_even_with_the_right_checksum(files, load, kind):
     assert isinstance(load(forged(files["two"], NONSENSE[kind])), str)
-
-
-def test_rows_that_make_no_sense_are_refused(files, load):
-    for change in (
-        put("rows.x", 0, np.nan),
-        lambda h, t: t.update({"rows.q": t["rows.q"][:, :1].copy()}),
-        lambda h, t: t.update({"rows.x": t["rows.x"][:-1]}),
-        lambda h, t: t.update({n: np.tile(t[n], (40, 1)) for n in ("rows.q", "rows.x")}),
-    ):
-        assert isinstance(load(forged(files["log"], change)), str)

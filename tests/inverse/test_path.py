@@ -43,22 +43,6 @@ def test_a_path_stays_on_the_branch_where_it_starts(sign):
     assert steps(path, model).max() < 0.1
 
 
-def test_without_a_start_the_branch_that_can_follow_the_whole_path_is_taken():
-    model = full()
-    # both branches reach the first waypoint, one of them the last
-    for sign in (1.0, -1.0):
-        end = one_sided(model, sign)
-        begin = np.array([0.35, 0.35])
-        for goal in end[np.argsort(np.linalg.norm(end - begin, axis=1))][:3]:
-            path = model.path([begin, goal])
-            if not path.reachable.all():
-                continue
-            assert len(model.inverse_all([begin])[0]) == 2
-            assert len(path.jumps) == 0
-            assert np.sign(path.q[-1, 1]) == sign
-            assert steps(path, model).max() < 0.15
-
-
 def test_a_jump_that_cannot_be_avoided_is_told_where_it_is():
     model = full()
     plus, minus = one_sided(model, 1.0), one_sided(model, -1.0)

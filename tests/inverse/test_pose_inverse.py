@@ -1,17 +1,12 @@
 """The inverse in space: branches against the closed form, positions near joints, pixels."""
 
 import numpy as np
-import pytest
-from closed_form import closed_form
 from models import six
 
 from calib.arm.loading import load_arm
 from calib.arm.rotations import exponential, logarithm
-from calib.body.spatial import structure_of
 from calib.common.scale import Scale
-from calib.errors import QueryError
 from calib.inverse.newton import Newton
-from calib.inverse.pixel import on_plane, undistorted
 from calib.inverse.pose import Joints, pose_branches
 from calib.inverse.tasks import Places, Positions
 from calib.model.space import Space
@@ -95,24 +90,38 @@ def test_orientation_is_kept_as_far_as_joints_allow():
     assert turns[1] < 0.2 * turns[0]
 
 
-def test_a_pixel_on_a_plane_is_the_point_that_is_seen_there():
-    arm = load_arm("spatial_three")
-    structure = structure_of(arm, "pinhole", unit="px")
-    groups, beta = structure.groups, structure.neutral()
-    turn = exponential(np.array([2.2, 0.3, -0.2]))
-    beta[groups["view.rotation"]], beta[groups["view.shift"]] = logarithm(turn), (0.1, 0.05, 1.5)
-    beta[groups["lens"]] = (800.0, 640.0, 360.0, -0.1)
-    sensor = structure.sensor(beta)
-    rng = np.random.default_rng(0)
-    points = np.column_stack([rng.uniform(-0.3, 0.3, (20, 2)), np.full(20, 0.02)])
-    seen = points @ sensor.rotation.T + sensor.shift
-    ideal = seen[:, :2] / seen[:, 2:]
-    squared = (ideal**2).sum(axis=1, keepdims=True)
-    pixels = 800 * ideal * (1 - 0.1 * squared) + (640, 360)
-    up = np.array([0.0, 0.0, 1.0])
-    found = on_plane(pixels, sensor.rotation, sensor.shift, sensor.lens, up, 0.02)
-    np.testing.assert_allclose(found, points, atol=1e-9)
-    behind = on_plane(pixels, sensor.rotation, sensor.shift, sensor.lens, up, 50.0)
-    assert np.isnan(behind).all()
-    with pytest.raises(QueryError, match="beyond what a lens"):
-        undistorted(np.array([[9000.0, 0.0]]), np.asarray(sensor.lens))
+HEIGHT, SIDE, UPPER, FORE, DROP, TOOL = 0.16, 0.20, 0.42, 0.38, 0.09, 0.08
+
+
+def closed_form(position: np.ndarray, frame: np.ndarray, tip: np.ndarray) -> np.ndarray:
+    """Every joint vector (b, 6) that reaches a pose, by geometry; `tip` is the tip's frame at zero.
+
+    The orientation is Rz(q1) Ry(q2 + q3 + q4) Rz(-q5) Ry(q6) `tip`, and the wrist lies 0.20 m
+    beside the vertical plane of the two links.
+    """
+    r = frame @ tip.T
+    wrist = position - TOOL * r[:, 1]
+    out = []
+    far = np.hypot(wrist[0], wrist[1])
+    if far < SIDE:
+        return np.empty((0, 6))
+    for side in (np.arcsin(SIDE / far), np.pi - np.arcsin(SIDE / far)):
+        q1 = np.arctan2(wrist[1], wrist[0]) - side
+        back = exponential(np.array([0.0, 0.0, -q1]))
+        m, w = back @ r, back @ wrist
+        for sign in (1, -1):
+            q5 = sign * np.arccos(np.clip(m[1, 1], -1, 1))
+            s5 = np.sin(q5)
+            if abs(s5) < 1e-9:
+                continue
+            total = np.arctan2(-m[2, 1] / s5, m[0, 1] / s5)
+            q6 = np.arctan2(-m[1, 2] / s5, -m[1, 0] / s5)
+            x = w[0] + DROP * np.sin(total)
+            z = -(w[2] - HEIGHT + DROP * np.cos(total))
+            bend = (x * x + z * z - UPPER**2 - FORE**2) / (2 * UPPER * FORE)
+            if abs(bend) > 1:
+                continue
+            for q3 in (np.arccos(bend), -np.arccos(bend)):
+                q2 = np.arctan2(z, x) - np.arctan2(FORE * np.sin(q3), UPPER + FORE * np.cos(q3))
+                out.append([q1, q2, q3, total - q2 - q3, q5, q6])
+    return np.array(out).reshape(-1, 6)

@@ -50,17 +50,6 @@ def test_no_attainable_point_is_closer(robot):
     )
 
 
-def test_nan_or_the_nearest():
-    model = trained("two_link_full")
-    x = np.array([[0.3, 0.3], [2.0, 0.0]])
-    strict, nearest = model.inverse(x), model.inverse(x, nearest=True)
-    assert np.isfinite(strict[0]).all()
-    assert np.isnan(strict[1]).all()
-    np.testing.assert_array_equal(strict[0], nearest[0])
-    np.testing.assert_allclose(nearest[1], [0.0, 0.0], atol=1e-4)
-    assert np.isnan(model.inverse(x[1])).all()
-
-
 def test_at_the_edge_what_is_attainable_is_reached():
     model, arm = trained("two_link_full"), calib.load_arm("two_link_full")
     rng = np.random.default_rng(2)

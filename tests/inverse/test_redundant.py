@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from models import draw, trained
+from models import draw, six, trained
 from planar import chain_urdf, families_3r
 
 import calib
@@ -55,3 +55,72 @@ def test_four_to_seven_joints(joints, slide, tmp_path):
     for k, solutions in enumerate(found):
         assert 1 <= len(solutions) < 10
         assert np.linalg.norm(arm.forward(solutions) - x[k], axis=1).max() < 1e-8
+
+
+@pytest.fixture(scope="module")
+def newton():
+    return trained("three_link").solver.newton
+
+
+def around(n, dof, seed=0):
+    return 0.1 + 0.8 * np.random.default_rng(seed).random((n, dof))
+
+
+def test_a_rate_is_damped_least_squares(newton):
+    u, gap = around(30, 3), 0.01 * (around(30, 2, 1) - 0.5)
+    slope = newton.task.forward.value_and_slope(u)[1]
+    power = np.einsum("noi,noi->n", slope, slope)
+    square = slope @ np.swapaxes(slope, 1, 2) + 1e-3 * power[:, None, None] * np.eye(2)
+    expected = np.einsum("noi,no->ni", slope, np.linalg.solve(square, gap[..., None])[..., 0])
+    np.testing.assert_allclose(newton.rate(u, gap), expected, rtol=1e-9)
+
+
+def test_a_tangent_is_the_projection_onto_the_null_space(newton):
+    u, wish = around(50, 3), around(50, 3, 1) - 0.5
+    slope = newton.task.forward.value_and_slope(u)[1]
+    expected = wish - np.einsum("nio,noj,nj->ni", np.linalg.pinv(slope), slope, wish)
+    move = newton.tangent(u, wish)
+    np.testing.assert_allclose(move, expected, atol=1e-9)
+    np.testing.assert_allclose(np.einsum("noi,ni->no", slope, move), 0.0, atol=1e-9)
+
+
+def test_a_step_ends_on_its_target_within_the_limits(newton):
+    goal = around(200, 3, 4)
+    goal[:, 0] = 0.0  # the shoulder at its limit
+    start = np.clip(goal + 0.1 * (around(200, 3, 5) - 0.5), 0, 1)
+    u, left = newton.refine(start, newton.task.forward.value(goal))
+    assert left.max() < 1e-12
+    assert u.min() >= 0.0
+    assert u.max() <= 1.0
+
+
+def test_positions_of_six_joints_name_each_family_once():
+    """Three or four of up to nine families were found, and one of them twice."""
+    arm, model = calib.load_arm("six_axis"), six()
+    span, x = arm.upper - arm.lower, model.forward(draw(model, 3, seed=8, margin=0.2))
+
+    def joined(u, goal, target):
+        """Whether small steps that keep the position lead from joints to others."""
+        for _ in range(150):
+            wish = goal - u
+            slope = model.jacobian(arm.lower + u * span) * span
+            move = wish - np.linalg.pinv(slope) @ (slope @ wish)
+            length = np.linalg.norm(move)
+            if np.linalg.norm(wish) < 0.02 or length < 0.02 * np.linalg.norm(wish):
+                return np.linalg.norm(wish) < 0.02
+            u = np.clip(u + move * min(1.0, 0.02 / length), 0.0, 1.0)
+            slope = model.jacobian(arm.lower + u * span) * span
+            u = u + np.linalg.pinv(slope) @ (target - model.forward(arm.lower + u * span))
+            if u.min() < 0.0 or u.max() > 1.0:
+                return False
+        return False
+
+    for target, found in zip(x, model.inverse_all(x), strict=True):
+        assert len(found) >= 1
+        np.testing.assert_allclose(
+            model.forward(found), np.tile(target, (len(found), 1)), atol=1e-8
+        )
+        units = (found - arm.lower) / span
+        for i, a in enumerate(units):
+            for j, b in enumerate(units):
+                assert i == j or not joined(a, b, target)

@@ -107,6 +107,34 @@ def test_one_inverse_reaches_its_target_on_the_nearest_branch(kind, away):
 
 
 @needs_compiler
+@pytest.mark.parametrize("kind", ["two_link", "three_link", "six"])
+def test_a_position_that_nothing_reaches_is_answered_without_the_batch(kind):
+    """Once a single call fell to the batch, for a third of a second, where C found nothing."""
+    model, fast = both(kind)
+    near = (model.about.lower + model.about.upper) / 2
+    middle = model.sensory.weights.mean(axis=0)
+    far = middle + 2.0 * model.solver.extent * np.eye(len(middle))
+    assert np.isnan(model.inverse(far, near=near)).all()
+    for x in far:
+        joints, said = fast.kernel.ask("inverse", near, x)
+        assert said == 3
+        assert np.isnan(joints).all()
+        assert np.isnan(fast.inverse(x, near=near)).all()
+        close = fast.inverse(x, near=near, nearest=True)
+        np.testing.assert_allclose(close, model.inverse(x, near=near, nearest=True), atol=1e-6)
+
+
+@needs_compiler
+def test_a_compiler_that_knows_few_options_serves_too(monkeypatch, tmp_path):
+    plain = tmp_path / "plain-cc"
+    plain.write_text('#!/bin/sh\ncase "$*" in *tree-pre*) exit 1;; esac\nexec cc "$@"\n')
+    plain.chmod(0o700)
+    monkeypatch.setenv("CC", str(plain))
+    fast = pickle.loads(pickle.dumps(trained("two_link", 600, 6)))
+    assert "compiled C" in fast.warm_up()
+
+
+@needs_compiler
 def test_one_pose_is_that_of_the_batch():
     model, fast = both("six")
     rng = np.random.default_rng(0)

@@ -5,17 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calib.errors import OptionError
 from calib.maps.density import (
     READINGS,
     Visit,
     border,
     error,
-    gain_of,
     residual,
     rho,
 )
-from calib.maps.lattice import Graph, Lattice
+from calib.maps.lattice import Lattice
 
 BUILT_IN = [gain for name, gain in READINGS.items() if name != "printed"]
 
@@ -53,20 +51,6 @@ def test_border_is_largest_in_the_corners_and_1_inside():
 def test_error_is_the_squared_distance_over_its_mean():
     g = error(visit(1.0, winners=[0, 1, 2], distances=[1.0, 2.0, 3.0]))
     np.testing.assert_allclose(g, np.array([1.0, 4.0, 9.0]) / (14 / 3), atol=1e-5)
-
-
-def test_at_the_border_of_a_graph_are_nodes_with_few_edges():
-    star = Graph(5, np.array([[0, 1], [0, 2], [0, 3], [0, 4], [1, 2], [3, 4]]))
-    v = Visit(1.0, np.arange(5), np.zeros(5), np.zeros((5, 2)), star)
-    g = border(v)
-    assert g[0] == g.min()
-    assert (g[1:] >= g[0]).all()
-
-
-def test_an_unknown_name_is_refused_with_the_choices():
-    with pytest.raises(OptionError, match=r"'sum' is unknown, choose one of som, vdsom") as caught:
-        gain_of("sum")
-    assert "\n" not in str(caught.value)
 
 
 def test_rho_is_equations_7_and_8_with_a_factor():

@@ -1,7 +1,6 @@
 """The dynamic map: what its source says of elasticity, time and density."""
 
 import numpy as np
-import pytest
 
 import calib
 from calib.maps.dsom import present_dsom
@@ -67,13 +66,3 @@ def test_a_dsom_unfolds_and_represents_its_samples():
     network = calib.SOM((10, 10), "dsom").fit(x)
     assert network.topographic_error(x) < 0.1
     assert network.quantization_error(x) < 1.6 * 0.377 / 10
-
-
-@pytest.mark.parametrize(("name", "passes"), [("som", 5), ("dsom", 5), ("gng", 10)])
-def test_rules_of_single_samples_show_all_of_them_so_often_unless_told(name, passes):
-    x = uniform(60)
-    usual, told, more = (
-        calib.SOM((3, 3), name, rule="online", epochs=n).fit(x) for n in (None, passes, passes + 1)
-    )
-    assert usual.units.tobytes() == told.units.tobytes() != more.units.tobytes()
-    assert len(usual.history) == passes

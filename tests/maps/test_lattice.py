@@ -11,12 +11,6 @@ from calib.maps.lattice import Lattice
 shapes = st.lists(st.integers(2, 6), min_size=1, max_size=3).map(tuple)
 
 
-def test_a_plane_lattice_has_8_5_or_3_neighbours_of_8():
-    counts = 8 * Lattice((3, 4)).neighbours().reshape(3, 4)
-    expected = [[3, 5, 5, 3], [5, 8, 8, 5], [3, 5, 5, 3]]
-    np.testing.assert_allclose(counts, expected, atol=1e-12)
-
-
 @given(shapes)
 def test_edges_join_exactly_the_nodes_at_lattice_distance_one(shape):
     lattice = Lattice(shape)

@@ -58,12 +58,6 @@ def test_activity_forward_is_the_mean_of_the_partners_weighted_through_the_links
     np.testing.assert_allclose(pair.forward(u, "activity")[:, 0], expected, rtol=1e-12)
 
 
-def test_an_unlinked_motor_node_answers_as_its_nearest_linked_one():
-    pair = associate(line([0.0, 0.5, 0.9]), line([0.1, 0.7], d=2), {(0, 0): 1.0, (1, 1): 1.0})
-    said = pair.forward(np.array([[0.95]]), "winner")
-    assert said.tolist() == [[0.7, 0.0]]
-
-
 def test_activity_inverse_blends_what_the_active_nodes_are_linked_to(one_to_one):
     v = np.array([[0.25, 0.0]])
     a = np.exp(-((0.25 - np.array([0.0, 0.5, 1.0])) ** 2) / (BANDWIDTH * 0.5) ** 2)

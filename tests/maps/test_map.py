@@ -51,20 +51,11 @@ def test_a_few_places_are_answered_without_scipy_as_by_its_tree(turning, monkeyp
     np.testing.assert_allclose(found[0], wanted[0], rtol=1e-12, atol=1e-15)
 
 
-def test_weights_are_in_the_spaces_own_units(square):
-    assert square.weights.tolist() == [[0, -5], [0, 5], [2, -5], [2, 5]]
-    assert square.size == 4
-
-
 def test_quantization_error_is_the_mean_distance_in_own_units(square):
     # a fifth of the width beside the first node; a tenth of the height below the last
     x = [[0.4, -5.0], [2.0, 4.0]]
     assert square.quantization_error(x) == pytest.approx((0.4 + 1.0) / 2)
     assert square.quantization_error(square.weights) == 0.0
-
-
-def test_quantization_error_goes_the_short_way_round_a_turn(ring):
-    assert ring.quantization_error([[np.pi]]) == pytest.approx(0.05 * TURN)
 
 
 def test_topographic_error_counts_samples_between_nodes_that_are_no_neighbours():
@@ -79,12 +70,6 @@ def test_topographic_error_counts_samples_between_nodes_that_are_no_neighbours()
 def test_diagonal_neighbours_are_no_topographic_error(square):
     crossed = network(square.units[[0, 3, 2, 1]], (2, 2), square.scale)
     assert crossed.topographic_error([[0.1, -1.0]]) == 0.0
-
-
-def test_the_box_of_data_holds_them_and_a_constant_coordinate_divides_by_one():
-    x = np.array([[1.0, 7.0], [3.0, 7.0], [2.0, 7.0]])
-    scale = Scale.of_data(x)
-    assert scale.to_unit(x).tolist() == [[0, 0], [1, 0], [0.5, 0]]
 
 
 def test_spacings_are_the_mean_distances_to_joined_nodes():

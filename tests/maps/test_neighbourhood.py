@@ -31,22 +31,6 @@ def test_spread_is_the_sum_of_eq_3_over_all_nodes(shape, sigma):
     np.testing.assert_allclose(spread(sums, lattice, sigma), expected, rtol=1e-10, atol=1e-12)
 
 
-def test_steps_rest_where_each_node_is_the_mean_of_its_samples_and_eq_2_does_not():
-    lattice, weights = Lattice((6, 6)), random(36, 2)
-    own = 1.0 + random(36, 1, seed=1)
-    at_rest = np.concatenate([own * weights, own], axis=1)
-    np.testing.assert_allclose(moved(weights, at_rest, lattice, 1.5, 1.5), weights, atol=1e-12)
-    assert np.abs(moved(weights, at_rest, lattice, 1.5, None) - weights).max() > 0.1
-
-
-def test_a_shift_of_all_samples_moves_all_nodes_by_the_step_times_it():
-    lattice, weights = Lattice((6, 6)), random(36, 2)
-    own = 1.0 + random(36, 1, seed=1)
-    shifted = np.concatenate([own * (weights + np.array([0.1, -0.2])), own], axis=1)
-    gone = moved(weights, shifted, lattice, 1.5, 0.5) - weights
-    np.testing.assert_allclose(gone, np.tile([0.05, -0.1], (36, 1)), atol=1e-12)
-
-
 @pytest.mark.parametrize("step", [None, 1.5])
 def test_nodes_that_no_sample_reaches_stay_where_they_are(step):
     lattice, weights = Lattice((40,)), random(40, 2)

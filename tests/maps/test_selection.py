@@ -6,11 +6,7 @@ import pytest
 from calib.common.scale import Scale
 from calib.maps.lattice import Lattice
 from calib.maps.map import Map
-from calib.maps.model_selection import (
-    SmoothCandidate,
-    follows_the_motion,
-    select,
-)
+from calib.maps.model_selection import SmoothCandidate, follows_the_motion, select
 
 N = 6000
 BOX = Scale(np.zeros(2), np.ones(2), np.zeros(2, dtype=bool))
@@ -71,19 +67,6 @@ def test_a_defect_is_mended_and_nothing_is_said_far_from_it():
     assert (
         found.errors[mine].mean() < 0.5 * np.linalg.norm(bump(u[found.rows][mine]), axis=1).mean()
     )
-
-
-def test_what_is_everywhere_has_one_shape_on_all_nodes():
-    u, fresh = points(), points(2000, 1)
-
-    def wave(u):
-        return 1e-3 * np.sin(12 * u[:, ::-1])
-
-    found = chosen(u, wave(u) + noise())
-    left = np.linalg.norm(found.predictor.value(fresh) - fresh - wave(fresh), axis=1)
-    assert left.mean() < 0.1 * 1e-3
-    talks = (found.predictor.models.coefficients != 0.0).any(axis=(1, 2))
-    assert talks.mean() > 0.9
 
 
 def test_what_a_late_clock_leaves_is_not_learned():

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
 
-import calib
 from calib.common.scale import Scale
 from calib.errors import LogError, OptionError
 from calib.maps.lattice import Lattice
@@ -59,14 +58,6 @@ def test_one_sample_moves_a_3x3_map_as_equations_1_to_3_say():
     h = np.exp(-((r - r[best]) ** 2).sum(axis=1) / (2 * 0.8**2))  # eq. 3
     expected = w + 0.3 * h[:, None] * (x - w)  # eq. 2
     np.testing.assert_allclose(present(w, lattice, x[None], 0.8, 0.3), expected, atol=1e-12)
-
-
-def test_no_node_ever_overshoots_a_sample():
-    x = np.array([[0.2, 0.9]])
-    w = present(uniform(9, seed=3), Lattice((3, 3)), x, 1.0, 50.0)
-    assert np.linalg.norm(w - x, axis=1).min() == 0.0
-    assert (w >= 0).all()
-    assert (w <= 1).all()
 
 
 def test_batch_weights_are_the_weighted_mean_of_the_samples(settled):
@@ -130,13 +121,6 @@ def test_neighbours_on_the_lattice_are_neighbours_in_space():
     assert (np.sign(area) == np.sign(area[0, 0])).all()
 
 
-def test_the_online_rule_orders_a_map_too():
-    x = uniform(3000)
-    network = SOM((8, 8), "som", rule="online").fit(x, scale=UNIT_BOX)
-    assert network.topographic_error(x) < 0.1
-    assert network.quantization_error(x) < 1.25 * BOUND / 8
-
-
 @pytest.mark.parametrize("rule", ["batch", "online"])
 def test_a_varying_density_map_reaches_closer_to_the_border(rule):
     x = uniform(3000)
@@ -186,18 +170,6 @@ def test_progress_tells_growing_shares_up_to_1():
         assert all(error > 0 for _, error in shares)
 
 
-def test_fewer_samples_than_nodes_leave_every_node_finite_and_inside():
-    network = SOM((10, 10)).fit(uniform(7), scale=UNIT_BOX)
-    assert np.isfinite(network.units).all()
-    assert (network.units > -0.2).all()
-    assert (network.units < 1.2).all()
-
-
-def test_one_repeated_sample_is_what_every_node_becomes():
-    x = np.full((50, 2), 0.25)
-    np.testing.assert_allclose(calib.SOM((3, 3)).fit(x).weights, 0.25, atol=1e-9)
-
-
 @pytest.mark.parametrize(
     ("options", "message"),
     [
@@ -238,13 +210,6 @@ def test_training_runs_with_one_thread_of_the_blas():
         after = [p["num_threads"] for p in threadpool_info() if p["user_api"] == "blas"]
     assert set(counts) == {1}
     assert set(after) == {2}
-
-
-@pytest.mark.parametrize(("name", "last"), [("som", 0.5), ("vdsom", 1.5)])
-def test_online_the_radius_falls_from_half_the_longest_side(name, last):
-    history = SOM((10, 6), name, rule="online").fit(uniform(80)).history
-    steps = 80 * np.arange(1, 6) - 1
-    np.testing.assert_allclose(history[:, 1], 5.0 * (last / 5.0) ** (steps / 399))
 
 
 @pytest.mark.parametrize("size", ["5xa", (5.5, 5), None, 5.0, True])

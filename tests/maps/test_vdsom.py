@@ -120,14 +120,6 @@ def test_links_are_those_of_eq_5_and_11_step_by_step(beta):
     np.testing.assert_allclose(net.links, c, rtol=2e-3)
 
 
-def test_a_link_whose_motor_node_is_silent_is_forgotten():
-    net = linked(np.eye(3))
-    at = [np.array([[1.0, 0.0]]), np.array([[0.0, 0.0]])]
-    net.show(at, rates(1, np.ones(1), np.zeros(1), 2, eta=0.5), maps=False)
-    assert net.links[0, 0] == pytest.approx(0.5, abs=0.05)
-    assert net.links[2, 0] > 0.4
-
-
 def test_zeta_is_the_mean_square_distance_to_the_winner():
     nodes = np.array([[0.0, 0.0], [1.0, 1.0]])
     assert zeta(nodes, np.array([[0.3, 0.0], [1.0, 0.9]])) == pytest.approx((0.09 + 0.01) / 2)

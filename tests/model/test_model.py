@@ -29,21 +29,6 @@ def test_readouts_agree_with_the_arm_the_better_the_finer_they_are(model):
     assert error["local"] < 1e-9 < error["activity"] < error["winner"] < 0.02
 
 
-@pytest.mark.parametrize("readout", ["local", "activity", "winner"])
-def test_a_single_vector_answers_as_its_row_of_a_batch_does(model, q, readout):
-    batch = model.forward(q, readout)
-    assert batch.shape == (20, 2)
-    one = model.forward(q[3], readout)
-    assert one.shape == (2,)
-    np.testing.assert_allclose(one, batch[3], atol=1e-12)
-    x = two_link(q)
-    back = model.inverse(x, readout=readout)
-    assert back.shape == (20, 2)
-    single = model.inverse(x[3], readout=readout)
-    assert single.shape == (2,)
-    np.testing.assert_allclose(single, back[3], atol=1e-8)
-
-
 def test_a_single_vector_answers_as_its_row_where_local_models_speak_too():
     """Rows that are denser in a part of the box: some nodes speak only near themselves."""
     rows = log(1200)
@@ -60,13 +45,6 @@ def test_a_single_vector_answers_as_its_row_where_local_models_speak_too():
     targets = model.forward(known)
     found = np.array([model.inverse(x, near=near) for x, near in zip(targets, known, strict=True)])
     np.testing.assert_allclose(found, model.inverse(targets, near=known), atol=1e-9)
-
-
-def test_no_rows_give_no_answers(model):
-    assert model.forward(np.zeros((0, 2))).shape == (0, 2)
-    assert model.inverse(np.zeros((0, 2))).shape == (0, 2)
-    assert model.expected_error(np.zeros((0, 2))).shape == (0,)
-    assert model.inverse_all(np.zeros((0, 2))) == []
 
 
 def test_outside_of_the_range_of_a_joint_there_is_no_answer(model):
@@ -151,20 +129,3 @@ def test_what_is_no_query_is_refused_in_one_line(model, query, message):
         query(model)
     assert "\n" not in str(caught.value)
     assert isinstance(caught.value, calib.CalibError)
-
-
-def test_near_may_be_one_row_for_all_targets_and_at_the_very_limits(model, q):
-    x = two_link(q)
-    for near in (model.about.lower, model.about.upper, q):
-        np.testing.assert_allclose(model.inverse(x, near=near), q, atol=1e-6)
-
-
-def test_maps_and_links_are_in_their_own_units(model):
-    lower, upper = model.about.lower, model.about.upper
-    assert (model.motor.weights > lower - 0.1).all()
-    assert (model.motor.weights < upper + 0.1).all()
-    partner = model.sensory.weights[model.links.toarray().argmax(axis=1)]
-    gap = np.linalg.norm(partner - two_link(model.motor.weights), axis=1)
-    assert gap.mean() < 0.03
-    assert model.links.shape == (model.motor.size, model.sensory.size)
-    assert (model.links.data > 0).all()

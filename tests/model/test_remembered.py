@@ -80,20 +80,6 @@ def test_a_default_name_of_another_robot_or_log_needs_force(tmp_path, monkeypatc
     assert run("train", "polar", *small, "-o", "polar.calib").code == 0
 
 
-def test_a_default_name_of_another_log_needs_force(tmp_path, monkeypatch, run):
-    monkeypatch.chdir(tmp_path)
-    for seed in (1, 2):
-        s = calib.babble(calib.load_arm("two_link"), 60, seed=seed)
-        calib.write_log(s, f"{seed}.csv")
-    (tmp_path / "log.csv").write_bytes((tmp_path / "1.csv").read_bytes())
-    line = ["train", "--data", "log.csv", "--joints", "shoulder,elbow", "--size", "5"]
-    assert run(*line).code == 0
-    assert run(*line).code == 0
-    (tmp_path / "log.csv").write_bytes((tmp_path / "2.csv").read_bytes())
-    assert run(*line).code == 1
-    assert run(*line, "--force").code == 0
-
-
 def test_a_model_is_shown_in_three_lines():
     text = repr(trained("two_link", 600, 8))
     assert len(text.splitlines()) == 3
@@ -131,17 +117,3 @@ def test_a_report_of_a_log_says_both_errors_and_shows_its_heat_maps(tmp_path, ru
         assert "give the log" not in text
     assert 'id="forward"' in page["m"]
     assert 'id="forward"' not in page["bare"]
-
-
-def test_pixels_are_drawn_as_the_camera_sees_them():
-    from dataclasses import replace
-
-    from models import log
-
-    from calib.show.preview.placement import place_model
-
-    s = log(200)
-    s = calib.Samples(s.q, 640 + 500 * s.x, s.joint_names, s.lower, s.upper, s.revolute, unit="px")
-    pixels = calib.train(s, size=8)
-    other = replace(pixels, about=replace(pixels.about, unit="sensor"))
-    np.testing.assert_allclose(place_model(pixels, None).axes[1], -place_model(other, None).axes[1])

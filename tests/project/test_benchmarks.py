@@ -1,22 +1,22 @@
 """The benchmarks: their closed forms, and that the commands run without any peer."""
 
+import json
 import re
-import sys
 from pathlib import Path
+
+import speed
+import versions
 
 import calib
 
 ROOT = Path(__file__).parents[2]
 FOLDER = ROOT / "benchmarks"
-sys.path.insert(0, str(FOLDER))
-
-import map_race  # noqa: E402
 
 
 def test_the_workspace_has_the_area_of_the_closed_form():
     arm = calib.load_arm("two_link")
-    value, deviation = map_race.area_by_chance(arm, 200_000)
-    assert abs(value - map_race.area(arm)) < 4 * deviation
+    value, deviation = speed.area_by_chance(arm, 200_000)
+    assert abs(value - speed.area(arm)) < 4 * deviation
     assert deviation < 0.01 * value
 
 
@@ -30,3 +30,10 @@ def test_every_script_that_a_page_names_is_there_and_every_script_is_named():
     text = "\n".join(path.read_text(encoding="utf-8") for path in scripts)
     used = set(re.findall(r"^ *(?:from|import) (\w+)", text, re.MULTILINE))
     assert {name for name in there - named - used if not name.startswith("peer_")} == set()
+
+
+def test_errors_agree_with_those_of_other_versions():
+    """Other versions of Python, NumPy and SciPy found the same."""
+    kept = json.loads((ROOT / "tests/data/errors.json").read_text(encoding="utf-8"))
+    lines = versions.differences(versions.errors(), kept)
+    assert lines == [], "was training changed on purpose? python benchmarks/versions.py --write"

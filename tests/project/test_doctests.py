@@ -10,16 +10,7 @@ import re
 import pytest
 
 import calib
-from calib.common.choices import (
-    BODIES,
-    CAUSES,
-    FRAMES,
-    METHODS,
-    MOTIONS,
-    READOUTS,
-    RULES,
-    VIEWS,
-)
+from calib.common.choices import BODIES, CAUSES, FRAMES, METHODS, MOTIONS, READOUTS, RULES, VIEWS
 from calib.maps.density import kind_of
 from calib.maps.links import WIRINGS
 from calib.samples.babbling import SAMPLERS as BABBLING

@@ -35,12 +35,6 @@ def test_an_example_runs_by_itself_and_shows_figures(name, printed, monkeypatch,
     assert re.search(r"\d", printed(name, monkeypatch, capsys))
 
 
-@pytest.mark.parametrize("name", EXAMPLES)
-def test_an_example_says_how_it_is_run(name):
-    text = (FOLDER / f"{name}.py").read_text(encoding="utf-8")
-    assert f"python examples/{name}.py" in text.split('"""')[1]
-
-
 def test_few_measured_poses_mend_the_model_of_a_urdf(printed, monkeypatch, capsys):
     out = printed("urdf_then_real", monkeypatch, capsys)
     before, after = map(float, re.search(r"poses: ([\d.]+) -> ([\d.]+) mm", out).groups())

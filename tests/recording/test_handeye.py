@@ -227,6 +227,12 @@ def test_the_command_says_where_the_camera_is_and_its_model_watches_it(folder, r
     assert done.code == 3, done.err
     found = {each["episode"]: each["drifted"] for each in done.document["episodes"]}
     assert found == {4: False, 7: True}
+    # the same camera, told once
+    second = calib.read_log(log, calib.load_arm("six_axis")).take(slice(20, 40))
+    causes = calib.check(calib.load(model), second).causes
+    told = [cause.words for cause in causes if cause.group.startswith("tool")]
+    assert len(told) == 1
+    assert "the camera has turned in its mount by 0.3" in told[0]
 
 
 def test_a_log_of_board_pictures_is_learned_from_like_any_other(folder, run):

@@ -126,10 +126,7 @@ def test_a_bump_within_a_recording_is_told(shot, copy):
 
 def test_no_such_tag(shot):
     refused(
-        r"tag 8 is in none of 16 pictures: .* show .*7 \(\d+ times\)",
-        make,
-        shot.folder,
-        Setup(8),
+        r"tag 8 is in none of 16 pictures: .* show .*7 \(\d+ times\)", make, shot.folder, Setup(8)
     )
 
 

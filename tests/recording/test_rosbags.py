@@ -172,13 +172,6 @@ def test_orientations_of_poses_become_columns(tmp_path, run):
     assert "no tf" in refused.err
 
 
-def test_gaps_are_not_bridged(tmp_path):
-    found = read_bag(write(tmp_path / "a", hole=(2.0, 3.0)), max_gap=0.1)
-    inside = (found.time > 2.05) & (found.time < 2.9)
-    assert not inside.any()
-    assert any("more than 0.1 s apart" in note for note in found.notes)
-
-
 def test_samples_in_motion_are_left_out(tmp_path):
     path = write(tmp_path / "a")
     slow = read_bag(path, still=0.4)

@@ -15,7 +15,6 @@ from rendering import Camera, Desk, board, board_shots, tag
 from calib.errors import OptionError
 from calib.recording.board import Board, BoardFinder
 from calib.recording.lens import Lens, calibrate_lens, read_lens
-from calib.recording.patterns import crossing
 from calib.recording.printing import print_board, print_tag
 from calib.recording.setting import load_lens
 from calib.recording.tags import TagFinder, find_dictionary, tag_cells
@@ -85,20 +84,8 @@ def test_a_twin_is_told_and_a_blurred_tag_is_not_measured():
     assert all(not t.sharp or t.noise >= 0.03 for t in TagFinder(wanted=[7]).find(smeared))
 
 
-def test_diagonals_cross_at_the_middle_under_any_perspective():
-    rng = np.random.default_rng(4)
-    square = np.array([[-1, 1, 1], [1, 1, 1], [1, -1, 1], [-1, -1, 1.0]])
-    for _ in range(20):
-        H = np.eye(3) + rng.uniform(-0.3, 0.3, (3, 3))
-        seen = square @ H.T
-        middle = H @ [0, 0, 1]
-        found = crossing(100 * seen[:, :2] / seen[:, 2:])
-        assert np.allclose(found, 100 * middle[:2] / middle[2], atol=1e-9)
-
-
 @pytest.mark.parametrize(
-    "text",
-    ["7x5", "7x5:24:18:5x5_100", "7x5:18mm:24mm:5x5_100", "30x30:24mm:18mm:5x5_100"],
+    "text", ["7x5", "7x5:24:18:5x5_100", "7x5:18mm:24mm:5x5_100", "30x30:24mm:18mm:5x5_100"]
 )
 def test_boards_that_cannot_be(text):
     with pytest.raises(OptionError):

@@ -54,13 +54,6 @@ def test_noise_changes_neither_joints_nor_the_outliers_rows(arm):
     assert (noisy.x[hit] == wrong.x[hit]).all()
 
 
-def test_smooth_motion_moves_far_less_than_random_motion(arm):
-    smooth, uniform = (babble(arm, 20_000, method=m).q for m in ("smooth", "uniform"))
-    step = np.abs(np.diff(smooth, axis=0)).max(axis=0) / (arm.upper - arm.lower)
-    assert step.max() < 0.018
-    assert np.abs(np.diff(uniform, axis=0)).mean() > 20 * np.abs(np.diff(smooth, axis=0)).mean()
-
-
 def test_ranges_narrow_the_babbling_and_the_samples_say_so(arm):
     log = babble(arm, 500, ranges={"elbow": (1.0, 1.5)})
     assert log.lower.tolist() == [0.0, 1.0]

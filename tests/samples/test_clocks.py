@@ -4,10 +4,7 @@ import numpy as np
 import pytest
 
 from calib.recording.clocks import SURE, ClockError, align_clocks, joints_at
-from calib.recording.track import (
-    row_shift,
-    stuck,
-)
+from calib.recording.track import row_shift, stuck
 
 LENGTHS = np.array([0.18, 0.14, 0.09])
 

@@ -78,11 +78,6 @@ def test_a_lag_is_counted(lag):
     assert rows_behind(ARM.forward, q, np.roll(x, lag, axis=0)) == lag
 
 
-def test_rows_that_are_no_path_have_no_lag():
-    q, x = samples()
-    assert rows_behind(ARM.forward, q, x) == 0
-
-
 @pytest.mark.parametrize("lag", [-2, 1])
 def test_shifted_rows_of_poses_in_any_order_are_counted(lag):
     q, x = samples()

@@ -79,9 +79,7 @@ def write_lists(path, state, tip, kind=NUMBERS, **others):
 
 
 @pytest.mark.parametrize(
-    "kind",
-    [NUMBERS, pl.Array(pl.Float64, 3), pl.List(pl.Float32), pl.List(pl.Int16)],
-    ids=str,
+    "kind", [NUMBERS, pl.Array(pl.Float64, 3), pl.List(pl.Float32), pl.List(pl.Int16)], ids=str
 )
 def test_an_element_of_a_list_is_a_column(tmp_path, kind):
     rng = np.random.default_rng(0)

@@ -5,13 +5,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from log_files import GOOD, refused
 
 from calib.arm.loading import load_arm
 from calib.errors import OptionError
-from calib.samples.log_ranges import one_turn
 from calib.samples.logs import read_log
 
 TURN = 2 * math.pi
@@ -117,16 +114,3 @@ def test_a_joint_of_the_arm_that_turns_all_round_has_its_turn_about_the_log(arm,
     elbow = np.linspace(-3.0, 3.0, 40)
     log = read_log(file(table({"shoulder": np.linspace(0, 1.5, 40), "elbow": elbow})), free)
     assert (log.lower[1], log.upper[1]) == (-math.pi, math.pi)
-
-
-@given(st.lists(st.floats(-40, 40), min_size=1, max_size=30))
-def test_one_turn_moves_angles_by_whole_turns_into_one(angles):
-    angles = np.array(angles)
-    wrapped, (low, high), gap = one_turn(angles)
-    assert high - low == pytest.approx(TURN)
-    assert abs((low + high) / 2) <= math.pi + 1e-9
-    assert (wrapped >= low).all()
-    assert (wrapped <= high).all()
-    turns = (wrapped - angles) / TURN
-    np.testing.assert_allclose(turns, np.round(turns), atol=1e-9)
-    assert 0 < gap <= TURN + 1e-9

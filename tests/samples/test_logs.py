@@ -79,10 +79,7 @@ def test_standard_streams(arm, monkeypatch, capsys):
         ("a,b,x,y\n1,2,3,4\n2,zwei,3,4\n", "row 2, column 'b': 'zwei' is not a number"),
         ("a,b,x,y\n1,\u0661,3,4\n", "row 1, column 'b'"),
         ("a;b;x;y\n1;0,5;3;4\n", "'0,5' is not a number; write decimals with a point"),
-        (
-            "a,b,x,y\n1,2,3,4\n0,5,0,6,3,4\n",
-            "more fields than the header: write",
-        ),
+        ("a,b,x,y\n1,2,3,4\n0,5,0,6,3,4\n", "more fields than the header: write"),
         ("a,b,x,y\n1,2,,4\n2,3,,5\n", "column 'x' has no finite value"),
         ("a,b,x,y\n1,,3,4\n,3,3,5\n", "each of the 2 rows"),
         ("a,b,x,y\n1,2,3,4\n1,3,4,5\n", "joint 'a' is 1 in every row"),

@@ -55,12 +55,6 @@ def test_positions_and_near_are_taken_by_name_too():
     np.testing.assert_array_equal(model.inverse(named, near), model.inverse(x, q))
 
 
-def test_a_mapping_of_numbers_is_one_vector():
-    rows, single = number_rows({"elbow": 1.0, "shoulder": 0.5}, NAMES, "q")
-    assert single
-    assert rows.tolist() == [[0.5, 1.0]]
-
-
 @pytest.mark.parametrize(
     ("values", "words"),
     [
@@ -80,7 +74,3 @@ def test_what_is_no_table_of_numbers_is_refused_in_one_line(values, words):
         with pytest.raises(calib.QueryError, match=words) as caught:
             take(values)
         assert "\n" not in str(caught.value)
-
-
-def test_a_masked_array_without_masked_entries_is_an_array():
-    np.testing.assert_array_equal(number_rows(np.ma.masked_array(Q), NAMES, "q")[0], Q)

@@ -73,13 +73,6 @@ def test_quaternions_that_are_none_are_told_in_one_line(tmp_path):
     assert "\n" not in str(caught.value)
 
 
-def test_pixels_of_a_spatial_arm_are_two_columns(tmp_path):
-    arm, q, x, _ = poses()
-    columns = columns_of(q, x)
-    del columns["z"]
-    assert read_log(written(tmp_path / "a.csv", columns), arm, unit="px").x.shape == (40, 2)
-
-
 def test_without_an_arm_positions_off_any_plane_stay_in_space(tmp_path):
     _, q, x, _ = poses()
     log = read_log(written(tmp_path / "a.csv", columns_of(q, x)), joints=NAMES)
@@ -88,20 +81,6 @@ def test_without_an_arm_positions_off_any_plane_stay_in_space(tmp_path):
     log = read_log(written(tmp_path / "b.csv", columns_of(q, flat)), joints=NAMES)
     assert log.x.shape == (40, 2)
     assert log.plane is not None
-
-
-def test_a_planar_arms_orientation_columns_are_ignored(tmp_path):
-    arm = calib.load_arm("two_link")
-    q = np.random.default_rng(0).uniform(arm.lower, arm.upper, (30, 2))
-    x = arm.forward(q)
-    columns = {
-        **dict(zip(arm.joint_names, q.T, strict=True)),
-        **dict(zip("xyz", (*x.T, np.zeros(30)), strict=True)),
-        **{name: np.zeros(30) for name in ("qx", "qy", "qz", "qw")},
-    }
-    log = read_log(written(tmp_path / "a.csv", columns), arm)
-    assert log.orientation is None
-    np.testing.assert_allclose(log.x, x, atol=1e-12)
 
 
 def test_two_rows_of_x_y_z_lie_in_many_planes_and_are_refused_in_one_line(tmp_path):

@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from models import in_pixels, in_space, measured, trained
+from models import in_pixels, in_space, trained
 from scenes import data_of, objects, page_of, project, tracks, unpacked
 
 import calib
@@ -64,13 +64,6 @@ def test_a_camera_that_counts_pixels_is_brought_to_the_robot():
     tip = tracks(data)["Arm/tip"][:, :3, 3]
     ball = tracks(data)["Reached path/ball"][:, :3, 3]
     np.testing.assert_allclose(ball, tip, atol=5e-3)
-
-
-def test_without_a_urdf_the_map_alone_is_drawn():
-    model = measured()
-    data = data_of(page_of(replace(model, about=replace(model.about, urdf="", plane=None))))
-    assert any("no URDF" in note for note in data["notes"])
-    assert layers(data) == LAYERS[1:]
 
 
 def test_the_links_of_a_page_are_the_strongest_first():

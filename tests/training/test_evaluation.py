@@ -4,10 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from models import draw, log, measured, papers, trained, turning, two_link
+from models import draw, log, papers, trained, two_link
 
 import calib
-from calib.common.scale import TURN
 from calib.errors import LogError
 from calib.training.evaluate import Residuals, evaluate_residuals, summarise
 
@@ -59,15 +58,6 @@ def test_residuals_are_what_was_said_less_what_is_true():
         np.testing.assert_allclose(residuals.distance[readout], gap, atol=1e-9)
 
 
-def test_joint_errors_go_the_short_way_round_a_turn():
-    model = turning()
-    q = draw(model, 100, seed=1, margin=0.02)
-    q[:, 0] = np.where(np.arange(100) % 2, np.pi - 1e-4, -np.pi + 1e-4)
-    residuals = evaluate_residuals(model, q, two_link(q), two_link)
-    for readout in ("local", "activity", "winner"):
-        assert np.abs(residuals.inverse[readout][:, 0]).max() < TURN / 4
-
-
 def test_a_simulated_model_repeats_the_errors_of_its_training():
     for model in (trained("two_link"), papers(1e-3)):
         evaluation = calib.evaluate(model)
@@ -81,13 +71,6 @@ def test_a_simulated_model_repeats_the_errors_of_its_training():
                     assert figures == pytest.approx(expected, rel=1e-6, abs=1e-12)
 
 
-def test_a_model_of_a_log_repeats_the_errors_of_its_blocks():
-    model = measured()
-    evaluation = calib.evaluate(model)
-    assert evaluation.errors == model.about.errors
-    assert evaluation.source == "rows held out in contiguous blocks"
-
-
 def test_another_log_is_compared_row_by_row():
     model, fresh = trained("two_link"), log(400, 1e-3, seed=5)
     evaluation = calib.evaluate(model, fresh)
@@ -97,14 +80,6 @@ def test_another_log_is_compared_row_by_row():
     assert said["max"] == pytest.approx(error.max())
     assert (evaluation.rows, evaluation.left_out) == (400, 0)
     assert evaluation.source == "measured rows of the log"
-
-
-def test_for_a_log_the_inverse_distance_is_how_far_the_map_moves_between_the_joints():
-    model, fresh = trained("two_link"), log(200, 1e-3, seed=5)
-    answer = model.inverse(fresh.x, near=fresh.q, nearest=True)
-    moved = np.linalg.norm(model.forward(answer) - model.forward(fresh.q), axis=1)
-    said = calib.evaluate(model, fresh).errors["local"]["inverse"]["distance"]
-    assert said["mean"] == pytest.approx(moved.mean(), rel=1e-6)
 
 
 def test_rows_outside_of_what_was_learned_are_left_out_and_counted():

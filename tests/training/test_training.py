@@ -37,12 +37,6 @@ def test_sensor_noise_is_averaged_out(noise, most):
     assert mean_error(papers(noise), 10_000) <= most
 
 
-def test_the_printed_errors_are_those_of_fresh_exact_samples():
-    model = papers(1 * MM)
-    printed = model.about.errors["local"]["forward"]["distance"]["mean"]
-    assert printed == pytest.approx(mean_error(model, 10_000), rel=0.05)
-
-
 def test_the_papers_own_readout_comes_close_to_the_papers_tables():
     errors = papers().about.errors
     for axis, mean, largest in (("x", 1.15, 11.7), ("y", 1.26, 15.0)):
@@ -68,12 +62,6 @@ def test_without_a_size_a_log_gets_about_five_rows_per_node_and_not_too_few_node
     assert options.shapes == ((side, side), (side, side))
     said = f"lattices of {side}x{side} nodes for {rows:,} rows, `size` chooses others"
     assert notes == [said]
-
-
-def test_without_a_body_every_node_of_a_log_needs_rows():
-    for rows, side in ((40, 4), (500, 10), (40_000, 70)):
-        options = calib.TrainingOptions(body="none", map="som")
-        assert resolved(log(rows), options)[0].shapes == ((side, side), (side, side))
 
 
 def test_a_noisy_log_reports_its_error_on_blocks_that_were_held_out():

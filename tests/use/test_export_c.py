@@ -49,10 +49,7 @@ int main(int count, char **names) {
   return fclose(to);
 }
 """
-LANGUAGES = {
-    "c99": ["-std=c99"],
-    "c++17": ["-x", "c++", "-std=c++17"],
-}
+LANGUAGES = {"c99": ["-std=c99"], "c++17": ["-x", "c++", "-std=c++17"]}
 
 
 MADE = {

@@ -40,14 +40,6 @@ def test_poses_keep_their_margin_and_touch_it(robot):
     np.testing.assert_allclose(plan.x, arm.forward(plan.q), atol=1e-12)
 
 
-def test_a_part_of_a_range_needs_no_margin(arm):
-    plan = calib.plan(arm, 20, ranges={"elbow": (0.5, 1.5)})
-    assert plan.q[:, 1].min() == pytest.approx(0.5)
-    assert plan.q[:, 1].max() == pytest.approx(1.5)
-    narrow = calib.plan(arm.with_range({"elbow": (0.5, 1.5)}), 20)
-    assert (narrow.q[:, 1].min(), narrow.q[:, 1].max()) == pytest.approx((0.5, 1.5))
-
-
 def test_a_joint_without_limits_has_no_margin_and_its_ends_are_one_place(tmp_path):
     text = """<robot name="r"><link name="a"/><link name="b"/><link name="c"/><link name="t"/>
     <joint name="base" type="continuous"><parent link="a"/><child link="b"/>

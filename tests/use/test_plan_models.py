@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from models import in_pixels, in_space, trained
+from models import in_pixels, trained
 
 import calib
 from calib.body.most_telling import greedy
@@ -103,12 +103,6 @@ def test_a_plan_in_space_tells_more_than_a_spread_one():
     hits = hits_itself(arm.urdf, arm.joint_names, arm.locked, plan.q)
     assert hits is not None
     assert not hits.any()
-
-
-def test_a_model_in_space_is_asked_what_it_does_not_know():
-    model = in_space()
-    told = calib.plan(model, 5)
-    assert told.why[0].startswith("5 poses, chosen to reduce the model's uncertainty most")
 
 
 def test_links_that_meet_are_seen_and_those_that_are_built_so_are_not():

@@ -108,15 +108,10 @@ def packed_links(model: Model) -> dict[str, Any]:
 
 
 def telling_node(model: Model, among: NDArray[np.intp]) -> int:
-    """Sensory node of some whose partners are the farthest apart: it shows every branch."""
-    links, units = model.links[:, among].T.tocsr(), model.motor.units
-    total = np.asarray(links.sum(axis=1)).ravel()
-    # a node without partners has no spread, and is not chosen
-    total = np.where(total > 0, total, np.inf)
-    # variance of the partners about their mean, E|u|^2 - |E u|^2
-    mean = (links @ units) / total[:, None]
-    spread = np.asarray(links @ (units**2)).sum(axis=1) / total - (mean**2).sum(axis=1)
-    return int(among[np.argmax(spread)])
+    """Sensory node of some whose partners spread the furthest: it shows every branch."""
+    links, units = model.links.tocsc(), model.motor.units
+    parts = (units[links.indices[slice(*links.indptr[k : k + 2])]] for k in among)
+    return int(among[np.argmax([float(np.ptp(u, axis=0).sum()) if len(u) else 0.0 for u in parts])])
 
 
 def labels(model: Model, placement: Placement, panel: Panel) -> Iterator[dict[str, Any]]:

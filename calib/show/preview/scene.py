@@ -173,7 +173,7 @@ class Scene:
             dots = placement.lift(shown)
             canvas.add(f"{name}/positions", "points", _SAMPLE, dots, size=0.006 * size)
         self._draw_motion(canvas, front, size)
-        canvas.place("Axes", _axes(placement, arm is not None or not flat, size))
+        canvas.place("Axes", np.diag([*[0.3 * size] * 3, 1.0]))
         notes += [placement.note] * bool(placement.note)
         bound = "true position" if about.source == "simulation" else about.bound_of
         ticks = scale.ticks()
@@ -223,13 +223,3 @@ class Scene:
             track = np.tile(np.eye(4), (len(points), 1, 1))
             track[:, :3, 3] = points
             canvas.place(f"{name}/ball", track)
-
-
-def _axes(placement: Placement, known: bool, size: float) -> Array:
-    """Transform (4, 4) of the drawn axes: the robot's; of a log alone, those it counts in."""
-    placed = np.eye(4)
-    if not known:
-        x, y = placement.axes / np.linalg.norm(placement.axes, axis=1)[:, None]
-        placed[:3, :3] = np.stack([x, y, np.cross(x, y)], axis=1)  # of pixels y leads down
-    placed[:3, :3] *= 0.3 * size
-    return placed
