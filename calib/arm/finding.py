@@ -20,7 +20,7 @@ from ..errors import RobotError
 from .folding import followers
 from .plane import MIN_LEVER, PARALLEL, check_tip, common_normal, fits
 from .posture import Posture
-from .ranges import Range, fixed_by_limits, full_range, limits_fault, ranges_wanted
+from .ranges import Range, fixed_by_limits, limits_fault, ranges_wanted, travel
 from .tree import Joint, Urdf
 
 #: More joints than this are no arm that a log could cover: those nearest to the root are held.
@@ -240,13 +240,13 @@ def _travel(joint: Joint) -> float:
     """How far a joint slides [m]; 1 where its limits do not say."""
     if joint.revolute:
         return 0.0
-    lower, upper = (0.0, 1.0) if limits_fault(joint) else full_range(joint)
-    return upper - lower
+    lower, upper = travel(joint)
+    return upper - lower if np.isfinite(upper - lower) else 1.0
 
 
 def _nothing(urdf: Urdf, posture: Posture, choice: Choice, whole: Sequence[_Chain]) -> RobotError:
     """Explain that no joints of a robot make the arm that was asked for."""
-    tip, lock, columns = choice.tip, choice.lock, choice.columns
+    tip, lock = choice.tip, choice.lock
     joints = [j for j in (urdf.path(tip) if tip else urdf.joints) if j.movable and not j.mimic]
     to_tip = f" to {quoted(tip)}" if tip else ""
     if whole:  # in a plane, and yet no planar arm: say of the last joint what is wrong with it
@@ -255,8 +255,8 @@ def _nothing(urdf: Urdf, posture: Posture, choice: Choice, whole: Sequence[_Chai
             check_tip(whole[0].joints[-1], whole[0].tip, urdf, posture)
         except RobotError as error:
             return error
-    if columns is not None:
-        logged = [j.name for j in joints if j.name in columns and j.name not in lock]
+    if choice.columns is not None:
+        logged = [j.name for j in joints if j.name in choice.columns and j.name not in lock]
         return RobotError(
             f"an arm needs at least two joints of one chain{to_tip}; joints among the log's "
             f"columns: {listed(logged)}; the robot's joints: {listed(j.name for j in joints)}",
@@ -265,16 +265,11 @@ def _nothing(urdf: Urdf, posture: Posture, choice: Choice, whole: Sequence[_Chai
             value=logged,
         )
     stuck = [j for j in joints if fixed_by_limits(j) and j.name not in (*choice.ranges, *lock)]
-    freed = _chains(urdf, posture, tip, lock)
-    if stuck and freed:
-        faults = "; ".join(f"{joint.name}: {limits_fault(joint)}" for joint in stuck)
-        return RobotError(
-            f"no planar arm{to_tip} without joints that have no room to move; {faults}",
-            hint=f"give {ranges_wanted(stuck)}",
-            parameter="ranges",
-        )
     held = f", of which {listed(lock)} is locked" if lock else ""
+    faults = "".join(f"; {joint.name}: {limits_fault(joint)}" for joint in stuck)
     return RobotError(
         f"no planar arm{to_tip}: it needs two movable joints in one chain and, as tip, a frame "
-        f"off the last one's axis; movable joints: {listed(j.name for j in joints)}{held}"
+        f"off the last one's axis; movable joints: {listed(j.name for j in joints)}{held}{faults}",
+        hint=f"give {ranges_wanted(stuck)}" if stuck else None,
+        parameter="ranges" if stuck else None,
     )

@@ -20,7 +20,7 @@ from .finding import MOST_JOINTS, Choice, find_arm, find_tip, is_flat
 from .folding import folded, followers
 from .plane import check_tip, common_normal, plane_of
 from .posture import Kinematics, Posture
-from .ranges import Range, check_joint_limits, full_range, neutral, travel, unit_of
+from .ranges import Range, check_joint_limits, neutral, travel, unit_of
 from .robots import resolve_robot
 from .tree import Joint, Urdf
 from .urdf import parse_urdf, read_urdf
@@ -127,30 +127,30 @@ def arm_from_urdf(
     posture = kinematics.posture({**values, **{joint.name: 0.0 for joint in moving}})
     held = {j.name: values[j.name] for j in path if j.movable and j not in moving}
     notes += _lock_notes(urdf, held, lock)
-    arm: PlanarArm | SpatialArm
-    shared: dict[str, Any] = {
-        "name": urdf.name,
-        "joint_names": tuple(joint.name for joint in active),
-        "lower": np.zeros(len(active)),
-        "upper": np.zeros(len(active)),
-        "revolute": tuple(joint.revolute for joint in active),
-        "tip": tip,
-        "locked": held,
-        "urdf": text,
-        "notes": tuple(map(one_line, notes)),
-        "limits": tuple(travel(joint) for joint in active),
-    }
-    shared["chain"] = folded(moving, active, following, tip, posture, None if flat else urdf)
+    kind: type[PlanarArm | SpatialArm] = SpatialArm
+    more: dict[str, Any] = {}
     if flat:
         check_tip(active[-1], tip, urdf, posture)
         plane = plane_of(common_normal(active, posture), posture.links[tip])
-        arm = PlanarArm(**shared, plane=plane)
-    else:
-        arm = SpatialArm(**shared)
+        kind, more = PlanarArm, {"plane": plane}
+    arm = kind(
+        name=urdf.name,
+        joint_names=tuple(joint.name for joint in active),
+        lower=np.zeros(len(active)),
+        upper=np.zeros(len(active)),
+        revolute=tuple(joint.revolute for joint in active),
+        tip=tip,
+        locked=held,
+        urdf=text,
+        notes=tuple(map(one_line, notes)),
+        limits=tuple(travel(joint) for joint in active),
+        chain=folded(moving, active, following, tip, posture, None if flat else urdf),
+        **more,
+    )
     arm = arm.with_range(ranges)
     others = [joint for joint in active if joint.name not in ranges]
     check_joint_limits(others)
-    return arm.spanning({joint.name: full_range(joint) for joint in others})
+    return arm.spanning({joint.name: travel(joint) for joint in others})
 
 
 def _select(
@@ -216,30 +216,23 @@ def _movable(urdf: Urdf, name: str, parameter: str) -> Joint:
     """Return the movable joint of a name, or say which there are."""
     joint = urdf.joint(name)
     if joint is None or not joint.movable:
-        what = "does not exist" if joint is None else "is fixed"
-        names = [other.name for other in urdf.joints if other.movable]
-        raise RobotError(
-            f"`{parameter}`: joint {quoted(name)} {what}",
-            hint=suggestion(name, names),
-            parameter=parameter,
-            value=name,
-        )
+        what = f"joint {quoted(name)} {'does not exist' if joint is None else 'is fixed'}"
+        raise _unknown(parameter, what, name, [j.name for j in urdf.joints if j.movable])
     return joint
 
 
 def _find_link(urdf: Urdf, tip: str) -> str:
     """Return the link of a frame's name: a link, or the child of a joint."""
-    if tip in urdf.links:
-        return tip
     joint = urdf.joint(tip)
-    if joint is None:
-        raise RobotError(
-            f"`tip`: frame {quoted(tip)} does not exist",
-            hint=suggestion(tip, urdf.links),
-            parameter="tip",
-            value=tip,
-        )
-    return joint.child
+    if tip not in urdf.links and joint is None:
+        raise _unknown("tip", f"frame {quoted(tip)} does not exist", tip, urdf.links)
+    return tip if tip in urdf.links or joint is None else joint.child
+
+
+def _unknown(parameter: str, what: str, name: str, known: Sequence[str]) -> RobotError:
+    return RobotError(
+        f"`{parameter}`: {what}", hint=suggestion(name, known), parameter=parameter, value=name
+    )
 
 
 def held_values(urdf: Urdf, lock: Mapping[str, float]) -> dict[str, float]:

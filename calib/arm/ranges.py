@@ -77,12 +77,6 @@ def ranges_wanted(joints: Sequence[Joint]) -> str:
     return f"`ranges={{{entries}}}` [{', '.join(units)}]"
 
 
-def full_range(joint: Joint) -> Range:
-    """Return the limits of a joint, or ask for `ranges` where they are unusable."""
-    check_joint_limits([joint])
-    return (-math.inf, math.inf) if joint.limits is None else joint.limits
-
-
 def checked_range(name: str, chosen: Range, limits: Range, unit: str) -> Range:
     """Return a range that the user chose, clipped into the limits if only rounding is over.
 

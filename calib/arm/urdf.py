@@ -257,15 +257,10 @@ def _find_root(links: list[str], joints: tuple[Joint, ...]) -> str:
             f"the URDF has {len(roots)} root links, {listed(map(quoted, roots), 4)}: "
             "expected one; join them with fixed joints"
         )
-    children: dict[str, list[str]] = {}
-    for joint in joints:
-        children.setdefault(joint.parent, []).append(joint.child)
-    reached: set[str] = set()
-    waiting = list(roots)
+    reached, waiting = set[str](), list(roots)
     while waiting:
-        link = waiting.pop()
-        reached.add(link)
-        waiting.extend(children.get(link, []))
+        reached.add(link := waiting.pop())
+        waiting += [joint.child for joint in joints if joint.parent == link]
     loop = next((link for link in links if link not in reached), None)
     if loop is not None:
         raise RobotError(

@@ -1,8 +1,7 @@
 """Backlash: half the play of each joint, learned from the side from which it came.
 
 A joint that comes from below stands lower than its encoder reads, one that comes from above
-higher: theta = q - h s, with h half the play and s the sign of the last motion.  Used in
-training where the order of a log shows that it pays.
+higher: theta = q - h s, with h half the play and s the sign of the last motion.
 """
 
 from __future__ import annotations
@@ -47,36 +46,31 @@ def learn_play(residual: Array, slope: Array, direction: Array) -> Array | None:
     Returns (dof,), zero for joints whose play is not four standard errors above zero.
     """
     features = -slope * direction[:, None, :]
-    use = np.ones(slope.shape[2], dtype=bool)
-    play, deviation = _fitted(features, residual, use)
-    use = play > _SURE * deviation
+    play = np.zeros(slope.shape[2])
+    found, deviation = _fitted(features, residual)
+    use = found > _SURE * deviation
     if not use.any():
         return None
-    play, _ = _fitted(features, residual, use)
+    features = features[:, :, use]
+    play[use], _ = _fitted(features, residual)
     held = residual.copy()
     for rows in np.array_split(np.arange(len(residual)), min(_FOLDS, len(residual))):
         others = np.delete(np.arange(len(residual)), rows)
-        own, _ = _fitted(features[others], residual[others], use)
-        held[rows] -= features[rows] @ own
+        held[rows] -= features[rows] @ _fitted(features[others], residual[others])[0]
     gain = np.linalg.norm(residual, axis=1) - np.linalg.norm(held, axis=1)
     chance = 2.0 * gain.std() / np.sqrt(len(gain))
     pays = gain.mean() > max(chance, _PAYS * np.linalg.norm(residual, axis=1).mean())
     return play if pays and (play >= 0.0).all() else None
 
 
-def _fitted(features: Array, residual: Array, use: NDArray[np.bool_]) -> tuple[Array, Array]:
-    """Least squares over the joints in `use`, and the standard errors, (dof,) each."""
-    a = features[:, :, use].reshape(-1, int(use.sum()))
-    b = residual.ravel()
-    play, deviation = np.zeros(len(use)), np.full(len(use), np.inf)
+def _fitted(features: Array, residual: Array) -> tuple[Array, Array]:
+    """Least squares (k,) of features (n, m, k), and the standard errors."""
+    a, b = features.reshape(-1, features.shape[2]), residual.ravel()
     gram = a.T @ a
     if not len(a) or np.linalg.cond(gram) > 1e12:
-        return play, deviation
-    found = np.linalg.solve(gram, a.T @ b)
-    # one row's coordinates are one measurement: robust to what they share
-    score = a * (b - a @ found)[:, None]
-    per_row = score.reshape(len(features), -1, a.shape[1]).sum(axis=1)
+        return np.zeros(len(gram)), np.full(len(gram), np.inf)
     inverse = np.linalg.inv(gram)
-    play[use] = found
-    deviation[use] = np.sqrt(np.diag(inverse @ (per_row.T @ per_row) @ inverse))
-    return play, deviation
+    found = inverse @ (a.T @ b)
+    # one row's coordinates are one measurement: robust to what they share
+    score = (a * (b - a @ found)[:, None]).reshape(features.shape).sum(axis=1)
+    return found, np.sqrt(np.diag(inverse @ (score.T @ score) @ inverse))

@@ -157,23 +157,16 @@ class Body(OfStructure):
         """The body in words, one line for each joint, curve and view."""
         from .words import words_of  # modules of every kind of arm
 
-        lines = (*words_of(self.structure, self.beta, self.told), *self._bounds_in_words())
-        if (sensor := SensorPose.of(self)) is None or self.structure.view == "base":
+        lines, view = words_of(self.structure, self.beta, self.told), self.structure.view
+        if not self.simulated:  # of a simulation both bounds are of the truth
+            told = "no pose was repeated: all of the residual counts as the model's"
+            if self.repeat:
+                told = f"readings of one pose repeat to {self.repeat:.2g} {self.structure.unit}"
+            bounds = "`expected_error` bounds what the sensor reads, `model_error` where the tip is"
+            lines = (*lines, f"{bounds}; {told}")
+        if (sensor := SensorPose.of(self)) is None or view == "base":
             return lines
-        what = "camera" if is_camera(self.structure.view) else "sensor's frame"
-        return (*lines, *sensor.words(what))
-
-    def _bounds_in_words(self) -> tuple[str, ...]:
-        """What the two bounds of a log's model are of; of a simulation both are of the truth."""
-        if self.simulated:
-            return ()
-        told = "no pose was repeated: all of the residual counts as the model's"
-        if self.repeat:
-            told = f"readings of one pose repeat to {self.repeat:.2g} {self.structure.unit}"
-        return (
-            "`expected_error` bounds what the sensor reads, `model_error` where the tip is; "
-            + told,
-        )
+        return (*lines, *sensor.words("camera" if is_camera(view) else "sensor's frame"))
 
     def to_json(self) -> dict[str, Any]:
         """JSON-ready summary: member, view, noise, parameters with intervals, words."""

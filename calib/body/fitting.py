@@ -5,12 +5,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ..common.arrays import Array
+from . import settings
 from .belief import Body, Second
 from .covariance import as_kept
 from .fit import MANY, Fit, maximise
@@ -18,20 +18,6 @@ from .gate import Passed, pass_gate
 from .held_out import leave_blocks_out, own_ratio
 from .parameters import Prior
 from .planar import PlanarStructure
-from .settings import (
-    DOUBTED,
-    GUARD_LENS,
-    GUARDED_ROWS,
-    LEAST_SHARE,
-    LOG_FLOOR,
-    NO_CURVES,
-    REPEATS,
-    SAME_POSE,
-    SETTLED,
-    SHARED_ROWS,
-    SIMULATED_FLOOR,
-    STUDENT,
-)
 from .starts import best_starts
 from .structure import Structure
 
@@ -42,7 +28,7 @@ class BodyFit:
 
     body: Body
     held_out: Array  # (n, m), residuals of contiguous blocks predicted from the others
-    notes: tuple[str, ...]  # what the rows cannot tell
+    notes: tuple[str, ...] = ()  # what the rows cannot tell
     turned: Array | None = None  # (n,), held-out errors of orientation, where they were measured
 
     def of_positions(self) -> BodyFit:
@@ -67,7 +53,6 @@ def fit(
     *,
     simulated: bool | None = None,
     seed: int = 0,
-    notes: Sequence[str] = (),
 ) -> BodyFit:
     """Fit a structure to rows.
 
@@ -77,19 +62,18 @@ def fit(
     simulated : whether the rows are samples of a simulation: Gaussian weights, a lower noise
         floor; by default what the structure says
     seed : chooses the rows of the gate where there are many
-    notes : passed on
     """
     q, z = np.asarray(q, dtype=float), np.asarray(z, dtype=float)
-    found = _fitted(structure, q, z, simulated, seed, tuple(notes))
+    found = _fitted(structure, q, z, simulated, seed)
     if not isinstance(structure, PlanarStructure) or structure.nominal is None:
         return found
-    if structure.view == "base" or _typical(found) < DOUBTED * structure.extent:
+    if structure.view == "base" or _typical(found) < settings.DOUBTED * structure.extent:
         return found
-    free = _fitted(replace(structure, nominal=None), q, z, simulated, seed, found.notes)
+    free = _fitted(replace(structure, nominal=None), q, z, simulated, seed)
     if not _typical(free) < _typical(found) / 2:
         return found
     note = "the nominal geometry does not fit the rows, even with its frame free: it is not used"
-    return replace(free, notes=(*found.notes, note))
+    return replace(free, notes=(note,))
 
 
 def _typical(found: BodyFit) -> float:
@@ -97,17 +81,10 @@ def _typical(found: BodyFit) -> float:
     return float(np.median(np.linalg.norm(found.held_out, axis=1)))
 
 
-def _fitted(
-    structure: Structure,
-    q: Array,
-    z: Array,
-    simulated: bool | None,
-    seed: int,
-    notes: tuple[str, ...],
-) -> BodyFit:
+def _fitted(structure: Structure, q: Array, z: Array, simulated: bool | None, seed: int) -> BodyFit:
     simulated = structure.simulated if simulated is None else simulated
-    floor = (SIMULATED_FLOOR if simulated else LOG_FLOOR) * structure.extents
-    nu = np.inf if simulated else STUDENT
+    floor = (settings.SIMULATED_FLOOR if simulated else settings.LOG_FLOOR) * structure.extents
+    nu = np.inf if simulated else settings.STUDENT
     members = structure.members()
     chain = next((free for name, free in members if name == "chain"), members[0][1])
     some_q, some_z, few = q, z, len(q) <= structure.gate_rows
@@ -136,16 +113,16 @@ def _fitted(
     )  # fmt: skip
     # Where the other blocks determine nothing, they predict their mean.
     residual = np.where(np.isfinite(held.residual), held.residual, z - z.mean(axis=0))
-    return BodyFit(body, residual, notes)
+    return BodyFit(body, residual)
 
 
 def repeatability(q: Array, z: Array) -> float:
     """Sd of readings `z` (n, p) [unit] along an axis where joints (n, dof) are the same; else 0."""
     _, pose, count = np.unique(
-        np.round(q / SAME_POSE), axis=0, return_inverse=True, return_counts=True
+        np.round(q / settings.SAME_POSE), axis=0, return_inverse=True, return_counts=True
     )
     freedom = int((count - 1).sum())
-    if freedom < REPEATS:
+    if freedom < settings.REPEATS:
         return 0.0
     means = np.zeros((len(count), z.shape[1]))
     np.add.at(means, pose.ravel(), z)
@@ -161,7 +138,7 @@ def _over_all_rows(passed: Passed, q: Array, z: Array, floor: Array) -> Fit:
     learn = bool((fit.noise > floor).any())  # exact rows leave nothing to learn of their noise
     return maximise(
         fit.structure, q, z, fit.beta, Prior(fit.mean, sd), nu=fit.nu, floor=floor, noise=fit.noise,
-        learn=learn, steps=4 if len(fit.active) > MANY else 10, tolerance=SETTLED,
+        learn=learn, steps=4 if len(fit.active) > MANY else 10, tolerance=settings.SETTLED,
     )  # fmt: skip
 
 
@@ -173,16 +150,16 @@ def _second(
     None where the member has the chain and the rows speak against curves.
     """
     fit, groups = passed.fit, passed.fit.structure.groups
-    bends = "curve" in passed.free or passed.against("curves") < NO_CURVES
+    bends = "curve" in passed.free or passed.against("curves") < settings.NO_CURVES
     guarded = [name for name in ("elastic", "lens") if len(groups.get(name, ()))]
-    more = guarded if len(q) >= GUARDED_ROWS else []
+    more = guarded if len(q) >= settings.GUARDED_ROWS else []
     if not bends and {*chain, *more} <= set(passed.free):
         return None
     free = tuple(dict.fromkeys((*passed.free, *chain, *more, *(("curve",) if bends else ()))))
     prior = fit.structure.prior(free)
     sd = prior.sd.copy()
     if "lens" in more and fit.structure.kind == "planar":
-        sd[groups["lens"]] = GUARD_LENS, 0.0, 0.0
+        sd[groups["lens"]] = settings.GUARD_LENS, 0.0, 0.0
     sd[fit.active] = fit.sd
     (pseudo, rms), hypers = fit.structure.wide, []
     for h in prior.hypers:
@@ -197,7 +174,7 @@ def _second(
         nu=fit.nu, floor=floor, noise=fit.noise, steps=4, begun=fit,
     )  # fmt: skip
     # Few rows of an arm in space tell how large its curves are altogether, if not where.
-    few = len(q) < SHARED_ROWS and fit.structure.kind == "spatial"
-    share = np.clip(leave_blocks_out(made).ratio(), LEAST_SHARE, 1.0) if few else 1.0
+    few = len(q) < settings.SHARED_ROWS and fit.structure.kind == "spatial"
+    share = np.clip(leave_blocks_out(made).ratio(), settings.LEAST_SHARE, 1.0) if few else 1.0
     root = as_kept(float(share) ** 2 * made.covariance)
     return Second(made.beta, made.active, root, made.noise)

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from ..common.arrays import Array
 from ..common.rows import thinned
 from .covariance import radius_95
+from .derivative import Derivative
 from .fit import Fit
 from .normal import Factor, slices
 from .parameters import Indices
@@ -30,14 +31,19 @@ def own_ratio(fit: Fit) -> float:
 
     Residuals beyond it contradict the statement, whatever the blocks say of each other.
     """
-    p, k = fit.structure.blocks[0], fit.derivative.size
-    rows = thinned(len(fit.residual), _OWN)
+    p, rows = fit.structure.blocks[0], thinned(len(fit.residual), _OWN)
     x = fit.derivative.rows(rows, slice(p))
-    y = fit.softer(fit.grams.sum(axis=0)).whiten(x.dense().reshape(-1, k).T).reshape(k, -1, p)
-    spread = np.einsum("kni,knj->nij", y, y) + np.diag(fit.noise[:p] ** 2)
+    spread = _spread(fit, fit.softer(fit.grams.sum(axis=0)), x)
     ratio = np.linalg.norm(fit.residual[rows, :p], axis=1) / radius_95(spread)
     common = ratio[fit.weight[rows, 0] > OUTLIER]
     return float(np.quantile(common, 0.95)) if len(common) else 1.0
+
+
+def _spread(fit: Fit, factor: Factor, x: Derivative) -> Array:
+    """Covariances (n, p, p) of readings whose derivatives are `x` (n, p, k)."""
+    p, k = x.bare.shape[1], x.size
+    y = factor.whiten(x.dense().reshape(-1, k).T).reshape(k, -1, p)
+    return np.asarray(np.einsum("kni,knj->nij", y, y) + np.diag(fit.noise[:p] ** 2))
 
 
 @dataclass(frozen=True)
@@ -98,13 +104,10 @@ class HeldOut:
 def leave_blocks_out(fit: Fit, partitions: tuple[int, ...] = _PARTITIONS) -> HeldOut:
     """Held-out predictions of a fit, linearised, with its noise and scales kept."""
     (n, m), k = fit.residual.shape, fit.derivative.size
-    edges = fit.edges
-    count = len(edges) - 1
+    edges, p = fit.edges, fit.structure.blocks[0]
+    count, every = len(edges) - 1, max(1, round(n * k / _WORK))
     gram_all = fit.grams.sum(axis=0)
-    every = max(1, round(n * k / _WORK))
-    p = fit.structure.blocks[0]
-    residual = np.full((n, m), np.nan)
-    score = np.full(n, np.nan)
+    residual, score = np.full((n, m), np.nan), np.full(n, np.nan)
     ratios: dict[int, Array] = {}
     for parts in partitions:
         parts = min(parts, count)
@@ -124,8 +127,7 @@ def leave_blocks_out(fit: Fit, partitions: tuple[int, ...] = _PARTITIONS) -> Hel
             rows = slice(edges[first], edges[last], every)
             x = fit.derivative.rows(rows, slice(p))
             length = np.linalg.norm(fit.residual[rows, :p] - x.times(delta), axis=1)
-            y = softer.whiten(x.dense().reshape(-1, k).T).reshape(k, -1, p)
-            spread = np.einsum("kni,knj->nij", y, y) + np.diag(fit.noise[:p] ** 2)
+            spread = _spread(fit, softer, x)
             ratio[rows] = length / radius_95(spread)
             if parts == count:
                 v = np.einsum("nii->n", spread) / p  # of a Student with four degrees of freedom

@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from ..common.arrays import Array
-
-if TYPE_CHECKING:
-    from .belief import Body
+from .belief import Body
 
 _SMOOTH = 0.5
 """Length [rad] over which the residual of a log is alike (Matern 5/2)."""

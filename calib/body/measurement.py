@@ -20,33 +20,22 @@ Moved = tuple[Array, Any]
 
 
 class TipMotion(Protocol):
-    """Where a chain is at n rows, in D coordinates: 2 in the plane, 3 in space."""
+    """Where a chain is at n rows: its tip, and how that moves with each joint (m, D, n)."""
 
-    @property
-    def position(self) -> Array:
-        """The tip (D, n) [m]."""
-        ...
-
-    def joints(self) -> Moved:
-        """How the tip moves with the value of each joint, (m, D, n)."""
-        ...
+    def joints(self) -> Moved: ...  # noqa: D102
 
 
 class Sight(Protocol):
-    """What a sensor sees at n rows."""
+    """What a sensor sees at n rows.
+
+    Outputs (n, m), how they (..., m, n) move when the tip does, and their derivative (k, m, n) by
+    each of the sensor's own blocks.
+    """
 
     @property
-    def values(self) -> Array:
-        """Outputs (n, m)."""
-        ...
-
-    def push(self, velocity: Array, angular: Any = 0.0) -> Array:
-        """How outputs (..., m, n) move when the tip does."""
-        ...
-
-    def columns(self) -> Iterator[tuple[str, Callable[[], Array]]]:
-        """The derivative (k, m, n) by each of the sensor's own blocks."""
-        ...
+    def values(self) -> Array: ...  # noqa: D102
+    def push(self, velocity: Array, angular: Any = 0.0) -> Array: ...  # noqa: D102
+    def columns(self) -> Iterator[tuple[str, Callable[[], Array]]]: ...  # noqa: D102
 
 
 class Measurement:

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..common.arrays import Array
+from ..common.rows import thinned
 from .belief import Body
 from .likeness import lengths_of, matern
 
@@ -33,8 +34,7 @@ def most_telling(body: Body, q: Array, n: int, measured: Array) -> NDArray[np.in
     _, x = body.structure.linearise(q, body.beta, body.active)
     known = x[:, :p] @ body.root * (body.kappa / noise[:, None])  # (k, p, parameters)
     own = np.diag((body.tau[:p] / noise) ** 2)
-    lengths = lengths_of(body, q)
-    rows = measured[:: max(1, -(-len(measured) // _MEASURED))]
+    lengths, rows = lengths_of(body, q), measured[thinned(len(measured), _MEASURED)]
     alike = matern(rows, rows, lengths) + np.eye(len(rows)) / max(float(own.max()), 1e-12)
     seen = np.linalg.solve(np.linalg.cholesky(alike), matern(rows, q, lengths)).T  # (k, l)
     unexplained = np.maximum(1.0 - (seen**2).sum(axis=1), 0.0)
@@ -56,15 +56,10 @@ def greedy(
     n : how many, at most k
     more : (k, p, p), covariance of each row that the belief has no part in
     common : of one row its covariances of that kind with all rows (k, p, p)
-
-    Notes
-    -----
-    Covariances are conditioned on the chosen rows by a growing Cholesky factor, which is cheaper
-    than a new posterior for each row.
     """
     p = known.shape[1]
     spread = known @ np.swapaxes(known, 1, 2) + more
-    told = np.zeros((len(known), p, n * p))
+    told = np.zeros((len(known), p, n * p))  # conditioned by a growing Cholesky factor
     chosen = np.empty(n, dtype=np.intp)
     for k in range(n):
         gain = np.linalg.slogdet(np.eye(p) + spread)[1]

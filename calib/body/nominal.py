@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
@@ -38,29 +38,13 @@ class Nominal:
             object.__setattr__(self, "signs", (1,) * len(self.lengths))
 
 
-@dataclass(frozen=True)
-class LinearChain:
-    """The planar chain of given signs that fits tips best: linear in its links."""
-
-    error: float  # largest distance of a tip
-    rms: float
-    sizes: Array  # (dof,)
-    offsets: Array  # (dof,)
-    rotation: float
-    shift: complex
-
-
 def linear_chain(
-    q: Array,
-    tip: NDArray[np.complex128],
-    signs: tuple[int, ...],
-    mirror: int,
-    revolute: tuple[bool, ...],
-) -> LinearChain:
-    """Fit tips (n,), complex, at joint values (n, dof).
+    q: Array, tip: Complex, signs: tuple[int, ...], mirror: int, revolute: tuple[bool, ...]
+) -> tuple[Nominal, Array]:
+    """The planar chain of given signs that fits tips (n,) best, and its distances (n,) from them.
 
-    A turning joint gives ``exp(j psi_i)``, a slide ``q_i exp(j psi_i)``; psi sums the signed angles
-    up to the joint.  Both are conjugated where `mirror` is -1.
+    It is linear in its links: a turning joint gives ``exp(j psi_i)``, a slide ``q_i exp(j psi_i)``,
+    where psi sums the signed angles up to the joint.  Both are conjugated where `mirror` is -1.
     """
     turning, signed = np.asarray(revolute), q * np.asarray(signs, dtype=float)
     waves = np.exp(1j * mirror * np.cumsum(np.where(turning, signed, 0.0), axis=1))
@@ -68,7 +52,6 @@ def linear_chain(
     scale = np.sqrt(np.mean(np.abs(columns) ** 2, axis=0)) + 1e-300
     # a joint that hardly moves makes columns alike: they share what they cannot tell apart
     t = np.linalg.lstsq(columns / scale, tip, rcond=_ALIKE)[0] / scale
-    miss = np.abs(columns @ t - tip)
     angles, sizes = np.angle(t[:-1]), np.abs(t[:-1])
     offsets, before = np.zeros(len(sizes)), 0.0
     for i, turns in enumerate(revolute):
@@ -77,8 +60,10 @@ def linear_chain(
         offsets[i] = (along - before + np.pi) % (2 * np.pi) - np.pi
         if turns:
             before = along
-    rms = float(np.sqrt(np.mean(miss**2)))
-    return LinearChain(float(miss.max()), rms, sizes, offsets, float(angles[0]), complex(t[-1]))
+    shift = float(t[-1].real), float(t[-1].imag)
+    lengths, directions = tuple(sizes.tolist()), tuple(offsets.tolist())
+    found = Nominal(lengths, directions, float(angles[0]), shift, mirror, signs)
+    return found, np.abs(columns @ t - tip)
 
 
 def sides(revolute: tuple[bool, ...]) -> Iterator[tuple[tuple[int, ...], int]]:
@@ -111,15 +96,11 @@ def nominal_of(
     drawn = np.random.default_rng(0).random((400, len(revolute))) - 0.5
     q = (lower + upper) / 2 + drawn * span
     tip = np.asarray(forward(q), dtype=float) @ (1, 1j)
-    found = [(linear_chain(q, tip, *side, revolute), side) for side in sides(revolute)]
-    best, (signs, mirror) = min(found, key=lambda each: each[0].error)
-    if not best.error <= 1e-6 * (1e-9 + float(np.abs(tip).max())):
+    found = [linear_chain(q, tip, *side, revolute) for side in sides(revolute)]
+    best, miss = min(found, key=lambda each: float(each[1].max()))
+    if not miss.max() <= 1e-6 * (1e-9 + float(np.abs(tip).max())):
         raise OptionError(
-            f"nominal: the forward function is no planar chain (off by {best.error:.3g} m), "
+            f"nominal: the forward function is no planar chain (off by {miss.max():.3g} m), "
             "expected joints that turn about or slide along one plane; give nominal=None"
         )
-    lengths = np.where(revolute, best.sizes, 0.0)
-    return Nominal(
-        tuple(lengths.tolist()), tuple(best.offsets.tolist()), best.rotation,
-        (best.shift.real, best.shift.imag), mirror, signs,
-    )  # fmt: skip
+    return replace(best, lengths=tuple(np.where(revolute, best.lengths, 0.0).tolist()))

@@ -23,22 +23,12 @@ import numpy as np
 from ..common.arrays import Array
 from ..common.scale import METRES
 from ..errors import OptionError
+from . import settings
 from .curves import curve_shape
 from .measurement import Moved
 from .nominal import Complex, Nominal
 from .parameters import Block, Hyper, Indices
 from .planar_view import PlanarReading
-from .settings import (
-    CURVE_RMS,
-    CURVE_ROWS_FLAT,
-    ELASTIC_FLAT,
-    GAIN,
-    LONG,
-    OFFSET_SCALES,
-    SCALES,
-    SHIFT,
-    TURN,
-)
 from .structure import Ladder, Structure
 from .views import PLANAR
 
@@ -164,9 +154,9 @@ class PlanarStructure(Structure):
         offsets = 0.0 if nominal is None else np.asarray(nominal.offsets)
         bent = 1.0 if drawn else 2.0
         joints = (
-            ("length", self._length, lengths, wide, (SHIFT * self.slide, SCALES)),
-            ("offset", "rad", offsets, flat, (TURN, OFFSET_SCALES, 0.0, first)),
-            ("gain", "1", 1.0, 2 * GAIN, (GAIN, SCALES)),
+            ("length", self._length, lengths, wide, (settings.SHIFT * self.slide, settings.SCALES)),
+            ("offset", "rad", offsets, flat, (settings.TURN, settings.OFFSET_SCALES, 0.0, first)),
+            ("gain", "1", 1.0, 2 * settings.GAIN, (settings.GAIN, settings.SCALES)),
         )
         return (
             *(
@@ -182,9 +172,9 @@ class PlanarStructure(Structure):
                     (names[i], f"{names[i]}.elastic {wave} {names[j]}", "rad")
                     for (i, j), wave in product(self.pairs, ("cos", "sin"))
                 ),
-                scales=(Hyper("elastic", bent * ELASTIC_FLAT, pseudo=4.0),),
+                scales=(Hyper("elastic", bent * settings.ELASTIC_FLAT, pseudo=4.0),),
             ),
-            *self.curves(CURVE_RMS, CURVE_ROWS_FLAT, curve_shape(LONG)),
+            *self.curves(settings.CURVE_RMS, settings.CURVE_ROWS_FLAT, curve_shape(settings.LONG)),
         )  # fmt: skip
 
     def offsets(self, beta: Array) -> Array:

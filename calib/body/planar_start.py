@@ -56,10 +56,10 @@ def _linear(
             beta = _placed(structure, beta, q, tip)
         miss = tip - structure.predict(q, beta) @ (1, 1j)
         return float(np.sqrt(np.mean(np.abs(miss) ** 2))), structure, beta
-    found = linear_chain(q, tip, structure.signs, structure.mirror, structure.revolute)
+    found, miss = linear_chain(q, tip, structure.signs, structure.mirror, structure.revolute)
     beta[groups["offset"]], beta[groups["view.rotation"]] = found.offsets, found.rotation
-    beta[groups["view.shift"]] = found.shift.real, found.shift.imag
-    turning, sizes = np.asarray(structure.revolute), found.sizes
+    beta[groups["view.shift"]] = found.shift
+    turning, sizes = np.asarray(structure.revolute), np.asarray(found.lengths)
     if structure.scaled:
         slides = sizes[~turning]
         unit = float(sizes[0] if structure.anchored else np.exp(np.mean(np.log(slides + 1e-300))))
@@ -67,7 +67,7 @@ def _linear(
         beta[groups["view.scale"]] = np.log(unit)
         sizes = sizes / unit
     beta[groups["length"]] = np.where(turning, sizes, 0.0)
-    return found.rms, structure, beta
+    return float(np.sqrt(np.mean(miss**2))), structure, beta
 
 
 def _placed(structure: PlanarStructure, beta: Array, q: Array, tip: Complex) -> Array:

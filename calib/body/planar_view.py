@@ -112,10 +112,11 @@ class Seen:
 
     def columns(self) -> Iterator[tuple[str, Callable[[], Array]]]:
         """The derivative (k, 2, n) by each of the sensor's own blocks."""
+        n = self.point.shape[1]
         yield "view.rotation", lambda: self._bent(_QUARTER_TURN @ self.y)
         yield "view.scale", lambda: self._bent(self.y)
         yield "view.shear", self._sheared
-        yield "view.shift", self._shifted
+        yield "view.shift", lambda: self._bent(np.repeat(np.eye(2)[:, :, None], n, axis=2))
         yield "view.tilt", lambda: self._bent(-self.y * (self.point / self.depth)[:, None])
         yield "lens", self._refocused
 
@@ -126,9 +127,6 @@ class Seen:
         x = self.point * np.array([[1.0], [float(self.sensor.mirror)]])
         stretched = np.stack([x * np.array([[1.0], [-1.0]]), x[::-1]])
         return self._bent(self.sensor.turned(self.own) @ stretched / self.depth)
-
-    def _shifted(self) -> Array:
-        return self._bent(np.repeat(np.eye(2)[:, :, None], self.point.shape[1], axis=2))
 
     def _refocused(self) -> Array:
         seen = self.y + self.own["view.shift"][:, None]

@@ -18,19 +18,10 @@ import numpy as np
 from ..arm.spatial_chain import GRAVITY, Deviations, SpatialChain, move
 from ..arm.spatial_chain import Motion as ChainMotion
 from ..common.arrays import Array
+from . import settings
 from .curves import curve_shape
 from .measurement import Measurement, Moved
 from .parameters import Block, Hyper, Indices
-from .settings import (
-    CURVE_RMS,
-    CURVE_ROWS,
-    ELASTIC,
-    GAIN,
-    OFFSET_SCALES,
-    SCALES,
-    SHIFT,
-    TURN,
-)
 from .spatial_view import InSpace, Placed, compose
 from .structure import Ladder, Structure
 
@@ -112,8 +103,8 @@ class SpatialStructure(Structure):
         choices = self.measurement.scales
         places = list(product((("shift", "m"), ("turn", "rad")), "xyz"))
         drawn = (
-            Hyper("placement.shift", SHIFT, choices, indices=placed[:, 0].ravel()),
-            Hyper("placement.turn", TURN, choices, indices=placed[:, 1].ravel()),
+            Hyper("placement.shift", settings.SHIFT, choices, indices=placed[:, 0].ravel()),
+            Hyper("placement.turn", settings.TURN, choices, indices=placed[:, 1].ravel()),
         )
         return (
             Block(
@@ -122,7 +113,7 @@ class SpatialStructure(Structure):
             ),
             Block(
                 "tool.rotation", tuple((None, f"tool.rotation.{axis}", "rad") for axis in "xyz"),
-                sd=TURN if self.view == "base pose" else 3.0,
+                sd=settings.TURN if self.view == "base pose" else 3.0,
             ),
             Block(
                 "placement",
@@ -136,19 +127,19 @@ class SpatialStructure(Structure):
             Block(
                 "offset", self.of_joints("offset", *("rad" if t else "m" for t in turning)),
                 scales=(
-                    Hyper("offset", TURN, OFFSET_SCALES, indices=turned),
-                    Hyper("offset.slide", SHIFT, SCALES, indices=slid),
+                    Hyper("offset", settings.TURN, settings.OFFSET_SCALES, indices=turned),
+                    Hyper("offset.slide", settings.SHIFT, settings.SCALES, indices=slid),
                 ),
             ),
             Block(
                 "gain", self.of_joints("gain", "1"), 1.0,
-                scales=(Hyper("gain", GAIN, SCALES),),
+                scales=(Hyper("gain", settings.GAIN, settings.SCALES),),
             ),
             Block(
                 "elastic", tuple((name, f"{name}.elastic", "rad") for name in weighted),
-                scales=(Hyper("elastic", ELASTIC, pseudo=1.0),),
+                scales=(Hyper("elastic", settings.ELASTIC, pseudo=1.0),),
             ),
-            *self.curves(CURVE_RMS, CURVE_ROWS, curve_shape()),
+            *self.curves(settings.CURVE_RMS, settings.CURVE_ROWS, curve_shape()),
         )  # fmt: skip
 
     @cached_property
@@ -272,24 +263,16 @@ def unknown_structure(
 ) -> SpatialStructure:
     """Return the structure of a serial arm of which only its joints' names are known.
 
-    joint_names, revolute : base to tip; whether each joint turns
     extent : size of the workspace along an output [unit]: the positions' rms spread
-    unit : unit of positions
     metre : units of positions in one metre
-    simulated : whether the rows are samples of a simulation
     """
     dof = len(joint_names)
     link = extent / metre / max(dof, 1)
-    points = np.outer(np.arange(dof), (0.0, 0.0, link))
+    up = np.array([0.0, 0.0, 1.0])
     chain = SpatialChain(
-        axes=np.tile((0.0, 0.0, 1.0), (dof, 1)),
-        points=points,
-        tip=np.array([0.0, 0.0, dof * link]),
-        rotation=np.eye(3),
-        revolute=tuple(revolute),
-        coupling=np.eye(dof),
-        bias=np.zeros(dof),
-    )
+        np.tile(up, (dof, 1)), np.outer(link * np.arange(dof), up), dof * link * up, np.eye(3),
+        tuple(revolute), coupling=np.eye(dof), bias=np.zeros(dof),
+    )  # fmt: skip
     names = tuple(joint_names)
     return SpatialStructure(
         chain, names, names, tuple(revolute), "base", unit=unit, metre=metre, extent=extent,

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -17,9 +18,10 @@ from ..arm.spatial_chain import move
 from ..common.arrays import Array
 from ..common.rows import thinned
 from ..errors import LogError
+from .belief import Body
 from .fit import Fit
 from .parameters import Prior
-from .settings import FEW_NUMBERS, HELD_TOOL, OTHER_ARM, OTHER_TURNS, STUDENT, TARGET
+from .settings import CLEAR, FEW_NUMBERS, HELD_TOOL, OTHER_ARM, OTHER_TURNS, STUDENT, TARGET
 from .spatial import SpatialStructure
 from .structure import Structure
 
@@ -33,6 +35,8 @@ _STEPS, _FIRST = 40, 10
 _LEAST = 10
 #: Tools, as shares of the reach, from which tool and frame are fitted by turns, and how often.
 _TOOL, _TURNS = 0.1, 8
+#: A median residual beyond this share of the pixels' extent is no calibration error.
+_PIXELS = 0.05
 #: Random starts; the few that are best are carried on.  So many that end alike need no others.
 _STARTS, _KEPT, _AGREE, _SAME = 24, 4, 4, 0.5
 
@@ -116,6 +120,27 @@ def _refuse_misfit(structure: SpatialStructure, q: Array, z: Array, beta: Array)
             "(median); check their order, their unit, and that they are of the tip, or leave them "
             "out"
         )
+
+
+def refuse_pixels(body: Body, q: Array, pixels: Array) -> None:
+    """Refuse pixels (n, 2) that the arm does not explain, and say whether mirrored ones would."""
+    structure: Any = body.structure
+    extent = float(np.linalg.norm(pixels - pixels.mean(axis=0), axis=1).mean())
+    residual = float(np.median(np.linalg.norm(pixels - body.predict(q), axis=1)))
+    if residual < _PIXELS * extent:
+        return
+    mirrored = pixels * (-1, 1) + (2 * structure.lens[1], 0)
+    seen = structure.predict(q, frame(structure, q, mirrored))
+    if np.median(np.linalg.norm(mirrored - seen, axis=1)) < CLEAR * residual:
+        raise LogError(
+            "the pixels are of a mirrored picture: u or v runs the wrong way, or they are swapped; "
+            "write u as the picture's width less u, or v from the top"
+        )
+    raise LogError(
+        f"no camera explains the pixels: it misses them by {residual:.3g} px (median) of "
+        f"{extent:.3g}; check the joints' order and unit, and that each row's joints and pixels "
+        "are of one moment"
+    )
 
 
 def _guesses(structure: SpatialStructure, q: Array, z: Array, arm: Array) -> list[Array]:

@@ -15,30 +15,22 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cached_property
 from itertools import product
-from typing import Any, ClassVar
+from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 
 from ..common.arrays import Array
+from . import parameters
 from .curves import HARMONICS, curve_slope, curve_value, powers
 from .derivative import Derivative, Waves
 from .measurement import Measurement, Moved, Sight, TipMotion
-from .parameters import (
-    Block,
-    Gaussian,
-    Hyper,
-    Indices,
-    Label,
-    Layout,
-    Part,
-    Prior,
-    layout_of,
-    prior_of,
-)
+from .parameters import Block, Gaussian, Hyper, Indices, Label, Layout, Part, Prior
 from .views import VIEWS_OF_BODIES, ViewKind
 
 _ROWS = 1024  # whose loads are asked for at once
 _STEP = 1e-5  # [rad or m], of differences of loads, which bend by mrad: exact to 1e-12 rad
+
+_T = TypeVar("_T")
 
 Ladder = tuple[tuple[str, tuple[str, ...]], ...]
 """The gate's members from simple to rich: a name and the blocks that it frees."""
@@ -132,7 +124,7 @@ class Structure:
     @cached_property
     def layout(self) -> Layout:
         """Where each parameter stands, and what it is."""
-        return layout_of(tuple((block.name, block.parts) for block in self._blocks))
+        return parameters.layout_of(tuple((block.name, block.parts) for block in self._blocks))
 
     @property
     def groups(self) -> Mapping[str, Indices]:
@@ -157,7 +149,7 @@ class Structure:
 
     def prior(self, free: Sequence[str]) -> Prior:
         """Prior that frees the blocks of `free`; ``"curve"`` stands for all joints' curves."""
-        return prior_of(self._blocks, self.layout, self.neutral(), free)
+        return parameters.prior_of(self._blocks, self.layout, self.neutral(), free)
 
     def of_joints(self, what: str, *units: str) -> tuple[Part, ...]:
         """One parameter of each joint, in a unit that all share or each has."""
@@ -185,7 +177,7 @@ class Structure:
             own[bent] += curve_value(q.T[bent], curves)
         values, elastic = self.coupled(own), beta[groups["elastic"]]
         if elastic.any():
-            loads, joints = self.known_loads(q)
+            loads, joints = self._remembered(self.loads, q)
             for e in np.flatnonzero(elastic):
                 values[joints[e]] += elastic[e] * loads[e]
         return values
@@ -204,26 +196,26 @@ class Structure:
         """Values (c, n) of the chain's joints that follow the logged ones (dof, n)."""
         return own
 
-    def known_loads(self, q: Array) -> tuple[Array, Indices]:
-        """The loads: a fit asks for the same rows again, and they depend on no parameter."""
-        last = self._memory.get("loads")
-        if last is None or last[0] is not q:
-            last = self._memory["loads"] = (q, self.loads(q))
-        return last[1]
-
     @cached_property
-    def _memory(self) -> dict[str, tuple[Array, Any]]:
+    def _memory(self) -> dict[Callable[[Array], Any], tuple[Array, Any]]:
         return {}
+
+    def _remembered(self, what: Callable[[Array], _T], q: Array) -> _T:
+        """What is computed of rows: a fit asks for the same again."""
+        last = self._memory.get(what)
+        if last is None or last[0] is not q:
+            last = self._memory[what] = (q, what(q))
+        found: _T = last[1]
+        return found
 
     def apart(self, q: Array) -> tuple[Array, Array]:
         """Joint values (n, dof) of rows, and what else they tell the measurement (n, g)."""
         if q.shape[1] == self.dof:
             return q, q[:, :0]
-        last = self._memory.get("apart")
-        if last is None or last[0] is not q:
-            parts = np.ascontiguousarray(q[:, : self.dof]), q[:, self.dof :]
-            last = self._memory["apart"] = (q, parts)
-        return last[1]
+        return self._remembered(self._parts, q)
+
+    def _parts(self, q: Array) -> tuple[Array, Array]:
+        return np.ascontiguousarray(q[:, : self.dof]), q[:, self.dof :]
 
     def seen(self, q: Array, beta: Array) -> tuple[TipMotion, Sight]:
         """Where the chain is at rows (n, dof + g), and what the sensor sees of it."""
@@ -282,8 +274,13 @@ class Structure:
         for name, own in sight.columns():
             put(groups[name], own)
         chained = sight.push(*motion.joints())
-        put(groups["elastic"], lambda: self._by_loads(chained, q))
         led = self.led(chained)
+
+        def by_loads() -> Array:
+            loads, joints = self._remembered(self.loads, q)
+            return np.asarray(chained[joints] * loads[:, None])
+
+        put(groups["elastic"], by_loads)
         put(groups["offset"], lambda: led)
         put(groups["gain"], lambda: led * (q * self.directions).T[:, None])
         for indices, moved in self.moving(motion):
@@ -316,10 +313,6 @@ class Structure:
         """How outputs move with each logged joint (dof, m, n), from the chain's (c, m, n)."""
         return chained
 
-    def _by_loads(self, chained: Array, q: Array) -> Array:
-        loads, joints = self.known_loads(q)
-        return np.asarray(chained[joints] * loads[:, None])
-
     def predict_and_slope(self, q: Array, beta: Array) -> tuple[Array, Array]:
         """Outputs (n, m) and their derivative (n, m, dof) by the joint values."""
         motion, sight = self.seen(q, beta)
@@ -329,16 +322,12 @@ class Structure:
         bent, curves = self._curves(beta)
         if len(bent):
             rates[bent] += curve_slope(q.T[bent], curves)
-        elastic = beta[groups["elastic"]]
-        out = np.empty((*sight.values.shape, self.dof))
-        slopes = elastic[:, None, None] * self.load_slopes(q) if elastic.any() else None
-        bending = chained[self.known_loads(self.apart(q)[0])[1]] if slopes is not None else chained
-        for k, rate in enumerate(rates):
-            moved = led[k] * rate
-            if slopes is not None:
-                moved = moved + np.einsum("emn,en->mn", bending, slopes[:, k])
-            out[:, :, k] = moved.T
-        return sight.values, out
+        moved, elastic = led * rates[:, None], beta[groups["elastic"]]
+        if elastic.any():
+            joints = self._remembered(self.loads, self.apart(q)[0])[1]
+            slopes = elastic[:, None, None] * self.load_slopes(q)
+            moved += np.einsum("emn,ekn->kmn", chained[joints], slopes)
+        return sight.values, np.ascontiguousarray(moved.transpose(2, 1, 0))
 
     def slope(self, q: Array, beta: Array) -> Array:
         """Derivative (n, m, dof) of the outputs by the joint values."""

@@ -20,53 +20,42 @@ _CELLS, _AREA_ROWS = 24, 300
 
 
 def warnings_of(
-    q: Array,
-    joint_names: Sequence[str],
-    revolute: Sequence[bool],
-    z: Array | None = None,
-    lower: Array | None = None,
-    upper: Array | None = None,
+    q: Array, joint_names: Sequence[str], revolute: Sequence[bool], travel: Array | None = None
 ) -> tuple[str, ...]:
     """Short sentences on what rows cannot tell of an arm; empty where they can.
 
     q : (n, dof), joint values [rad or m]
     joint_names, revolute : names of the joints; which of them turn
-    z : (n, m), positions; where they do not move at all, that is said
-    lower, upper : (dof,), joint ranges; a joint that moved through less than a tenth of its range
-        is named
+    travel : (dof,), joint ranges; a joint that moved through less than a tenth of its is named
     """
-    span = np.ptp(q, axis=0) if len(q) else np.zeros(q.shape[1])
-    travel = np.full(len(span), np.inf) if lower is None or upper is None else upper - lower
+    span, whole = np.ptp(q, axis=0), np.full(q.shape[1], np.inf) if travel is None else travel
     notes = []
-    for name, turns, moved, whole in zip(joint_names, revolute, span, travel, strict=True):
+    for name, turns, moved, most in zip(joint_names, revolute, span, whole, strict=True):
         if moved < _STILL:
             notes.append(f"{name} never moves: the rows cannot tell its length, offset or sign")
         elif turns and moved < _LITTLE:
             notes.append(f"{name} moves by {np.degrees(moved):.2g} deg only")
-        elif np.isfinite(whole) and moved < 0.1 * whole:
-            notes.append(f"{name} moves through {100 * moved / whole:.2g} % of its range only")
-    if z is not None and len(z) and not np.ptp(z, axis=0).any():
-        notes.append("the position never changes: the rows say nothing of the arm")
+        elif np.isfinite(most) and moved < 0.1 * most:
+            notes.append(f"{name} moves through {100 * moved / most:.2g} % of its range only")
     moving = np.flatnonzero(span >= _STILL)
     if len(moving) > 1:
         scaled = (q[:, moving] - q[:, moving].mean(axis=0)) / span[moving]
         values = np.linalg.svd(scaled, compute_uv=False)
         rank = int((values > _SHARE * values[0]).sum())
+        cells = np.minimum(((scaled - scaled.min(axis=0)) * _CELLS).astype(int), _CELLS - 1).T
         if rank < len(moving):
             notes.append(
                 f"{', '.join(joint_names[int(i)] for i in moving)} move together along {rank} of "
                 f"{len(moving)} directions: the rows cannot tell them apart"
             )
-        elif len(q) >= _AREA_ROWS and _is_path(scaled):
+        elif len(q) >= _AREA_ROWS and all(
+            # any two joints together visit no more cells than a few curves would
+            len(np.unique(a * _CELLS + b)) < 7 * _CELLS
+            for a, b in combinations(cells, 2)
+        ):
             notes.append(
                 "the joints move along a path, not over an area: beside it the bound is wide"
             )
     if len(q) < 3 * q.shape[1] + 2:
         notes.append(f"{len(q)} rows are few for {q.shape[1]} joints")
     return tuple(notes)
-
-
-def _is_path(scaled: Array) -> bool:
-    """Whether any two joints together visit no more cells than a few curves would."""
-    cells = np.minimum(((scaled - scaled.min(axis=0)) * _CELLS).astype(int), _CELLS - 1).T
-    return all(len(np.unique(a * _CELLS + b)) < 7 * _CELLS for a, b in combinations(cells, 2))

@@ -159,7 +159,9 @@ def fit_touches(
     point = np.asarray(point, dtype=int)
     drawn = structure.pose(q, structure.neutral())[0]
     extent = float(np.sqrt(((drawn - drawn.mean(axis=0)) ** 2).sum(axis=1).mean()))
-    touch = Touch(_tip(structure), int(point.max()) + 1, tuple(known))
+    tip = structure.measurement
+    assert isinstance(tip, InSpace)  # noqa: S101 - views of the tip
+    touch = Touch(tip, int(point.max()) + 1, tuple(known))
     rows = touch.rows(q, point, np.zeros((len(q), 3)) if x is None else x)
     none = np.zeros((len(rows), 3))
     view = "touch" if structure.view == "base" else "touch and rigid"
@@ -186,12 +188,6 @@ def fit_touches(
         points = points @ sensor_at.rotation.T + sensor_at.shift
     held = _scattered(found.held_out, point, len(rows))[: len(q)]
     return TouchFit(replace(found, body=body, held_out=held), points)
-
-
-def _tip(structure: SpatialStructure) -> InSpace:
-    tip = structure.measurement
-    assert isinstance(tip, InSpace)  # noqa: S101 - views of the tip
-    return tip
 
 
 def _scattered(residual: Array, point: NDArray[np.intp], rows: int) -> Array:

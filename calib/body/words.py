@@ -1,4 +1,4 @@
-"""A body in words: "elbow: +0.43 ± 0.02 deg, gain 1.0003", "camera tilted 19 deg"."""
+"""A body in words: "elbow: +0.43 ± 0.02 deg, gain 1.0003"."""
 
 from __future__ import annotations
 
@@ -78,8 +78,6 @@ def _digits(width: float) -> int:
 
 def _of_plane(structure: PlanarStructure, beta: Array, half: Array) -> Iterator[str]:
     """The sensor of a planar arm."""
-    if structure.seen_as.tilted:
-        yield f"camera tilted {np.degrees(_tilt(structure, beta)):.0f} deg (line of sight)"
     if structure.mirror != (structure.nominal.mirror if structure.nominal else 1):
         yield "the sensor sees the plane mirrored"
     radial = structure.groups["lens"][0]
@@ -88,21 +86,6 @@ def _of_plane(structure: PlanarStructure, beta: Array, half: Array) -> Iterator[
             f"lens bends by {100 * beta[radial]:+.2f} ± {100 * half[radial]:.2f} % at "
             f"{structure.measurement.size_of_lens:.3g} {structure.unit} from its centre"
         )
-
-
-def _tilt(structure: PlanarStructure, beta: Array) -> float:
-    """Angle [rad] at which a sensor looks at the plane's middle, 0 from straight above.
-
-    A circle there is seen as an ellipse whose axes have the ratio of the angle's cosine.  It is the
-    angle of the line of sight, not of the optical axis: that one needs the focal length.
-    """
-    own = structure.seeing(beta)
-    matrix, tilt = structure.measurement.matrix(own), own["view.tilt"]
-    middle = (structure.centre - own["view.shift"]) @ np.linalg.inv(matrix).T
-    # local scales there: the derivative of the homography
-    local = matrix - np.outer(matrix @ middle / (1.0 + middle @ tilt), tilt)
-    values = np.linalg.svd(local, compute_uv=False)
-    return float(np.arccos(np.clip(values[1] / values[0], 0.0, 1.0)))
 
 
 def _of_space(structure: SpatialStructure, beta: Array, half: Array) -> Iterator[str]:

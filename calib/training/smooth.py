@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 from ..arm.arm import SpatialArm
 from ..arm.rotations import logarithm, matrix_of
 from ..body.fitting import BodyFit, fit
-from ..body.misfit import refuse_pixels
 from ..body.nominal import nominal_of
 from ..body.planar import planar_structure
 from ..body.sensor import doubtful_depth
 from ..body.spatial import structure_of, unknown_structure
+from ..body.spatial_start import refuse_pixels
 from ..body.telling import warnings_of
 from ..body.views import is_camera
 from ..common.arrays import Array
@@ -63,6 +63,9 @@ def find_smooth_part(samples: Samples, *, view: str = "auto", seed: int) -> Smoo
     q, x = samples.q[rows], samples.x[rows]
     kind = _fit_in_space if _in_space(samples, view) else _fit_in_plane
     found = kind(samples, rows, view, seed)
+    travel = samples.upper - samples.lower
+    told = warnings_of(q, samples.joint_names, samples.revolute, travel)
+    found = replace(found, notes=(*told, *found.notes))
     scale = Scale.of_range(samples.lower, samples.upper, samples.revolute)
     part = SmoothPart(of_body(found, scale, scale.to_unit(q), x), found, rows)
     extent = float(np.linalg.norm(np.ptp(x, axis=0)))
@@ -94,11 +97,10 @@ def _fit_in_plane(samples: Samples, rows: NDArray[np.intp], view: str, seed: int
             "another view"
         )
     q, x = samples.q[rows], samples.x[rows]
-    notes = warnings_of(q, samples.joint_names, samples.revolute, x, samples.lower, samples.upper)
     structure = planar_structure(
         x, samples.joint_names, samples.revolute, nominal, view, samples.unit, simulated
     )
-    return fit(structure, q, x, seed=seed, notes=notes)
+    return fit(structure, q, x, seed=seed)
 
 
 def wrong_around(part: SmoothPart, scale: Scale, samples: Samples, u: Array) -> Array | None:
@@ -160,18 +162,17 @@ def _fit_in_space(samples: Samples, rows: NDArray[np.intp], view: str, seed: int
     """Fit the body of an arm in space to some rows; only a log's URDF is a prior."""
     q, x = samples.q[rows], samples.x[rows]
     extent = float(np.sqrt(((x - x.mean(axis=0)) ** 2).sum(axis=1).mean()))  # of the noise's floor
-    notes = warnings_of(q, samples.joint_names, samples.revolute, x, samples.lower, samples.upper)
     arm, camera = samples.arm, samples.camera
     if camera is not None and isinstance(arm, SpatialArm) and x.shape[1] == 2:
         kind = "pinhole" if view == "auto" else view
         template = structure_of(
             arm, kind, unit="px", extent=extent, lens=camera.lens, lens_sd=camera.lens_sd
         )
-        found = fit(template, q, x, seed=seed, notes=notes)
+        found = fit(template, q, x, seed=seed)
         refuse_pixels(found.body, q, x)
         doubts = doubtful_depth(found.body, q)
         return replace(found, notes=(*found.notes, *doubts))
-    metre = METRES.get(samples.unit, 1.0)
+    metre, unused = METRES.get(samples.unit, 1.0), ""
     simulated = samples.simulation is not None
     if isinstance(arm, SpatialArm) and not simulated:
         kind = {"auto": "rigid" if samples.unit in METRES else "similarity"}.get(view, view)
@@ -180,18 +181,19 @@ def _fit_in_space(samples: Samples, rows: NDArray[np.intp], view: str, seed: int
         if samples.orientation is not None and posed:
             turns = samples.orientation[rows]
             poses = np.hstack([x, logarithm(matrix_of(turns))])
-            found = fit(template.with_view(posed), q, poses, seed=seed, notes=notes)
+            found = fit(template.with_view(posed), q, poses, seed=seed)
             if found.body.structure.view == "base target":
                 last = f"its turn cannot be told from the offset of {samples.joint_names[-1]}"
                 turned = f"the orientations are of a target that is turned against the tip: {last}"
                 found = replace(found, notes=(*found.notes, turned))
             return found.of_positions()
         if samples.orientation is not None:
-            notes = (*notes, f"orientations are not used with the view {kind!r}")
+            unused = f"orientations are not used with the view {kind!r}"
     else:
         if samples.orientation is not None:
-            notes = (*notes, "orientations are used together with the robot's URDF: give `robot`")
+            unused = "orientations are used together with the robot's URDF: give `robot`"
         template = unknown_structure(
             samples.joint_names, samples.revolute, extent, samples.unit, metre
         )
-    return fit(template, q, x, simulated=simulated, seed=seed, notes=notes)
+    found = fit(template, q, x, simulated=simulated, seed=seed)
+    return replace(found, notes=(*found.notes, unused)) if unused else found

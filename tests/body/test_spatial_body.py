@@ -11,8 +11,8 @@ from calib.arm.loading import load_arm
 from calib.arm.rotations import exponential, logarithm
 from calib.body import fitting
 from calib.body.belief import Body
-from calib.body.misfit import refuse_pixels
 from calib.body.spatial import structure_of, unknown_structure
+from calib.body.spatial_start import refuse_pixels
 from calib.body.starts import candidates
 from calib.errors import LogError
 from calib.model_file.contents import FORMAT
