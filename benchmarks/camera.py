@@ -1,27 +1,120 @@
-"""How well pictures become a log: tips in pixels and metres, found or not, time, clocks.
+"""From rendered pictures to a log, and to a calibrated arm: pixels, metres, a video, a bump.
 
-    python benchmarks/camera.py [--pictures 40]
+    python benchmarks/camera.py [--pictures 58] [--video 30] [--folder KEPT]
 
-Everything is rendered by tests/rendering.py, 1280x720, and compared with its own projection.
+Everything is rendered by tests/rendering.py, 1280x720, and read by `calib log` as users do.
+First how well tips are found and placed, by the renderer's own projection, and the time; then
+a calibrated arm: errors are distances to its true position at postures that no picture shows.
 """
 
 import argparse
 import sys
+import tempfile
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
-from rendering import Camera, Desk, board, board_shots, tag
+from rendering import Camera, Desk, board, board_shots, tag, write_video
 
+import calib
 from calib.recording.board import Board, BoardFinder
+from calib.recording.from_pictures import log_pictures
+from calib.recording.from_video import log_video
+from calib.recording.joint_table import read_joints
 from calib.recording.lens import calibrate_lens
 from calib.recording.reference import PlaneReference, find_pose
+from calib.recording.setting import Setup, load_lens
 from calib.recording.tags import TagFinder
 
 BOARD = Board.parse("7x5:24mm:18mm:5x5_100")
+LYING = board(7, 5, 0.024, 0.018, (0.36, -0.06, 0.0, 0.1))
+DESK = Desk(
+    still=(LYING, tag(3, 0.03, (0.0, 0.25, 0, 0.3))),
+    lengths=(0.186, 0.133, 0.0972),  # the URDF says 0.18, 0.14, 0.09
+    offsets=(0.03, -0.045, 0.02),
+)
+BUMPED = replace(DESK, camera=Camera(position=(0.215, -0.24, 0.905), roll=0.035))
+LOWER, UPPER = np.array([-0.2, 0.0, -1.2]), np.array([1.3, 1.4, 1.2])
+NAMES = ["shoulder", "elbow", "wrist"]
+
+
+def urdf() -> str:
+    """Return the description that the arm does not quite follow."""
+    parts, before, at = ['<robot name="desk_arm"><link name="base"/>'], "base", 0.0
+    for name, length, low, high in zip(NAMES, (0.18, 0.14, 0.09), LOWER, UPPER, strict=True):
+        parts.append(
+            f'<link name="{name}_link"/><joint name="{name}" type="revolute">'
+            f'<parent link="{before}"/><child link="{name}_link"/><origin xyz="{at} 0 0"/>'
+            f'<axis xyz="0 0 1"/><limit lower="{low}" upper="{high}" effort="1" velocity="1"/>'
+            "</joint>"
+        )
+        before, at = f"{name}_link", length
+    parts.append(
+        f'<link name="tip"/><joint name="fixed" type="fixed"><parent link="{before}"/>'
+        f'<child link="tip"/><origin xyz="{at} 0 0"/></joint></robot>'
+    )
+    return "".join(parts)
+
+
+def postures(desk: Desk, count: int, rng: np.random.Generator) -> np.ndarray:
+    """Return postures whose tag is in the picture."""
+    found: list[np.ndarray] = []
+    while len(found) < count:
+        q = rng.uniform(LOWER, UPPER)
+        p = desk.tip_pixels(q)[0]
+        if (p > 40).all() and (p < np.array(desk.camera.size) - 40).all():
+            found.append(q)
+    return np.array(found)
+
+
+def shoot(folder: Path, desk: Desk, count: int, seed: int) -> None:
+    """Write pictures and joints, and ten shots of the board."""
+    if (folder / "joints.csv").exists():
+        return
+    rng = np.random.default_rng(seed)
+    for name in ("pictures", "shots"):
+        (folder / name).mkdir(parents=True, exist_ok=True)
+    q = postures(desk, count, rng)
+    for k, row in enumerate(q):
+        cv2.imwrite(str(folder / "pictures" / f"img_{k}.png"), desk.picture(row, rng))
+    for k, shot in enumerate(board_shots(desk, LYING, 10, rng)[0]):
+        cv2.imwrite(str(folder / "shots" / f"{k}.png"), shot)
+    np.savetxt(folder / "joints.csv", q, delimiter=",", header=",".join(NAMES), comments="")
+
+
+def film(folder: Path, desk: Desk, seconds: float, seed: int, rate: float = 15.0) -> None:
+    """Write a video that goes from stop to stop, and joints by another clock."""
+    if (folder / "joints.csv").exists():
+        return
+    folder.mkdir(parents=True, exist_ok=True)
+    rng = np.random.default_rng(seed)
+    goals = postures(desk, int(seconds) + 12, rng)
+
+    def joints(t: np.ndarray) -> np.ndarray:
+        k = np.clip((t / 1.0).astype(int), 0, len(goals) - 2)
+        s = np.clip((t - k) / 0.5, 0, 1)[:, None]
+        s = s**3 * (10 - 15 * s + 6 * s**2)
+        return goals[k] * (1 - s) + goals[k + 1] * s
+
+    frames = 4.0 + np.arange(0.0, seconds, 1.0 / rate)
+    write_video(str(folder / "run.mp4"), [desk.picture(q, rng) for q in joints(frames)], rate)
+    t = np.arange(0.0, seconds + 8.0, 0.01)
+    table = np.c_[t + 1000.0, joints(t)]
+    header = ",".join(["time", *NAMES])
+    np.savetxt(folder / "joints.csv", table, delimiter=",", header=header, comments="")
+
+
+def on_board(desk: Desk, q: np.ndarray) -> np.ndarray:
+    """Return true tips in the board's frame [m]."""
+    turn, at = LYING.frame
+    world = np.c_[desk.tip(q), np.full(len(q), desk.height)]
+    return ((world - at) @ turn)[:, :2] + np.array(BOARD.size) / 2
 
 
 def rms(miss: np.ndarray) -> float:
@@ -29,21 +122,12 @@ def rms(miss: np.ndarray) -> float:
     return float(np.sqrt(np.square(miss).sum(-1).mean()))
 
 
-def shoot(desk: Desk, count: int, rng: np.random.Generator):
-    """Yield postures, where their tag is, and their pictures."""
-    while count:
-        q = rng.uniform([-0.2, 0.0, -1.2], [1.3, 1.4, 1.2])
-        p = desk.tip_pixels(q)[0]
-        if (p > 40).all() and (p < np.array(desk.camera.size) - 40).all():
-            count -= 1
-            yield q, p, desk.picture(q, rng)
-
-
 def pixels(name: str, desk: Desk, count: int) -> None:
     """Print how well tips are found."""
     finder, rng = TagFinder(wanted=[desk.tip_tag]), np.random.default_rng(1)
     miss, found, wrong, spent = [], 0, 0, 0.0
-    for _, p, picture in shoot(desk, count, rng):
+    for q in postures(desk, count, rng):
+        p, picture = desk.tip_pixels(q)[0], desk.picture(q, rng)
         start = time.process_time()
         tags = finder.find(picture)
         spent += time.process_time() - start
@@ -56,38 +140,32 @@ def pixels(name: str, desk: Desk, count: int) -> None:
     )
 
 
-def metres(height: float, place: tuple[float, ...], count: int, seed: int) -> None:
+def metres(height: float, count: int, seed: int) -> None:
     """Print how well they are placed on a board."""
     rng = np.random.default_rng(seed)
-    lying = board(7, 5, 0.024, 0.018, place)
-    desk = Desk(still=(lying,), height=height, seed=seed)
+    desk = Desk(still=(LYING,), height=height, seed=seed)
     finder, tags = BoardFinder(BOARD), TagFinder(wanted=[7])
-    shots, _ = board_shots(desk, lying, 10, rng)
+    shots, _ = board_shots(desk, LYING, 10, rng)
     lens, _ = calibrate_lens([finder.find(s) for s in shots], BOARD, desk.camera.size)
-    seen, tips, corners = [], [], []
-    for q, _, picture in shoot(desk, count, rng):
+    seen, asked, corners = [], [], []
+    for q in postures(desk, count, rng):
+        picture = desk.picture(q, rng)
         corners.append(finder.find(picture))
         seen += [t.centre for t in tags.find(picture)]
-        tips.append(desk.tip(q)[0])
+        asked.append(q)
     numbers = sorted(set().union(*corners))
     middle = np.array([np.median([c[n] for c in corners if n in c], axis=0) for n in numbers])
     pose = find_pose(lens, BOARD.corners()[numbers], middle)
     x = PlaneReference(lens, pose, height).positions(np.array(seen))
-    turn, at = lying.frame
-    world = np.c_[tips, np.full(len(tips), height)]
-    truth = ((world - at) @ turn)[:, :2] + np.array(BOARD.size) / 2
+    truth = on_board(desk, np.array(asked))
     print(
         f"metres, tag {1e3 * height:2.0f} mm up, seed {seed}: rms {1e3 * rms(x - truth):.3f} mm, "
         f"lens rms {lens.rms:.3f} px of 10 shots, pose rms {pose.rms:.3f} px"
     )
 
 
-def main() -> None:
-    """Run all."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--pictures", type=int, default=40)
-    count = parser.parse_args().pictures
-    cv2.setNumThreads(1)
+def finding(count: int) -> None:
+    """Print how well tips are found and placed in rendered pictures."""
     still = (
         tag(3, 0.03, (0.0, 0.25, 0, 0.3)),
         board(7, 5, 0.024, 0.018, (0.38, -0.08, 0, 0.1)),
@@ -99,7 +177,103 @@ def main() -> None:
     pixels("a tag of 20 mm", Desk(still=still, tip_size=0.02), count)
     pixels("640x480", Desk(still=still, camera=Camera(size=(640, 480), focal=600.0)), count)
     for seed, height in enumerate((0.0, 0.025, 0.0)):
-        metres(height, (0.36, -0.06, 0.0, 0.1), min(count, 20), seed)
+        metres(height, min(count, 20), seed)
+
+
+def judge(model: calib.Model, desk: Desk) -> str:
+    """Return mean and largest error over the learned range, where the camera sees the tag."""
+    q = postures(desk, 800, np.random.default_rng(99))
+    q = q[((q >= model.about.lower) & (q <= model.about.upper)).all(1)]
+    x = model.forward(q)
+    lost = int((~np.isfinite(x).all(1)).sum())
+    if model.about.unit == "px":
+        near = 1e-4
+        seen = desk.tip_pixels(q)
+        world = np.c_[desk.tip(q), np.full(len(q), desk.height)]
+        moved = [desk.camera.project(world + near * np.eye(3)[k]) - seen for k in (0, 1)]
+        slope = np.stack(moved, axis=2) / near  # px per m
+        away = np.linalg.norm(np.linalg.solve(slope, (x - seen)[..., None])[..., 0], axis=1)
+    else:
+        away = np.linalg.norm(x - on_board(desk, q), axis=1)
+    text = f"mean {1e3 * np.nanmean(away):.3f} mm, max {1e3 * np.nanmax(away):.3f} mm"
+    return text + (f", no answer for {lost} of {len(q)}" if lost else "")
+
+
+@contextmanager
+def stage(name: str) -> Iterator[None]:
+    """Print how long a stage takes, process time."""
+    start = time.process_time()
+    yield
+    print(f"    {name}: {time.process_time() - start:.1f} s")
+
+
+def logged(folder: Path, metres: bool, name: str = "log.csv") -> tuple[calib.Samples, str]:
+    """Make the log of a folder, and read it as `train` does."""
+    setting = Setup(7)
+    if metres:
+        lens, _ = load_lens(folder / "shots", BOARD)
+        setting = Setup(7, board=BOARD, lens=lens)
+    made = log_pictures(folder / "pictures", read_joints(folder / "joints.csv"), setting)
+    made.write(folder / name)
+    return calib.read_log(folder / name, joints=NAMES), f"{made.noise:.2g} {made.unit}"
+
+
+def main() -> None:
+    """Run all."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--pictures", type=int, default=58)
+    parser.add_argument("--video", type=float, default=30.0, help="seconds; 0 for none")
+    parser.add_argument("--folder", type=Path)
+    typed = parser.parse_args()
+    cv2.setNumThreads(1)
+    finding(min(typed.pictures, 40))
+    with tempfile.TemporaryDirectory() as made:
+        run(typed.folder or Path(made), typed.pictures, typed.video)
+
+
+def run(folder: Path, count: int, seconds: float) -> None:
+    """Print the table."""
+    shoot(folder / "still", DESK, count, 1)
+    shoot(folder / "bumped", BUMPED, 40, 2)
+    (folder / "arm.urdf").write_text(urdf())
+    arm = calib.load_arm(folder / "arm.urdf")
+    models = {}
+    for metres in (False, True):
+        what = "metres" if metres else "pixels"
+        with stage(f"calib log, {count} pictures, {what}"):
+            log, noise = logged(folder / "still", metres, f"{what}.csv")
+        with stage("calib train"):
+            models[what] = calib.train(log)
+        print(f"{what}, no URDF (noise {noise}): {judge(models[what], DESK)}")
+        if metres:
+            with stage("train the URDF, adapt"):
+                old = calib.train(calib.babble(arm, 20_000, seed=0), size=20)
+                found = calib.adapt(old, log)
+            print(f"{what}, wrong URDF, adapted: {judge(found.model, DESK)}")
+            given = calib.train(calib.read_log(folder / "still" / f"{what}.csv", arm))
+            print(f"{what}, trained with the URDF as prior: {judge(given, DESK)}")
+    for what, model in models.items():
+        later, _ = logged(folder / "bumped", what == "metres", f"{what}.csv")
+        drift = calib.check(model, later)
+        causes = "; ".join(c.words for c in drift.causes[:2])
+        print(f"{what}, camera bumped, 40 pictures: score {drift.score:.2f}, {causes}")
+        if what == "pixels":
+            found = calib.adapt(model, later)
+            print(f"{what}, adapted to the bump: {judge(found.model, BUMPED)}")
+    if seconds:
+        film(folder / "film", DESK, seconds, 3)
+        lens, _ = load_lens(folder / "still" / "shots", BOARD)
+        table = read_joints(folder / "film" / "joints.csv")
+        for what, setting in (("pixels", Setup(7)), ("metres", Setup(7, board=BOARD, lens=lens))):
+            with stage(f"calib log, {seconds:g} s of video"):
+                shot = log_video(folder / "film" / "run.mp4", table, setting)
+            off = 1e3 * abs(shot.source["time_offset"] - 1004.0)
+            shot.write(folder / "film" / f"{what}.csv")
+            log = calib.read_log(folder / "film" / f"{what}.csv", joints=NAMES)
+            print(
+                f"{what}, video, {len(log)} rests, clocks off by {off:.1f} ms: "
+                f"{judge(calib.train(log), DESK)}"
+            )
 
 
 if __name__ == "__main__":

@@ -19,7 +19,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parent))
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
-from camera_arm import BOARD, DESK, LYING, NAMES, on_board, postures
+from camera import BOARD, DESK, LYING, NAMES, on_board, postures
 from rendering import Camera, Desk, board, write_video
 
 from calib.errors import CalibError

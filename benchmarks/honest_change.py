@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from honest_real import SERIES, gap_splits, halves, series
+from honest_real import SERIES, gap_splits, halves, nominal_urdf, series
 from honest_worlds import LENGTHS, Row, distance, flexed, image, lens, row, samples, tilted, tip
 
 import calib
@@ -225,6 +225,7 @@ def power(quick: bool) -> Iterator[Row]:
     )
     kinds = {
         ("elbow link", "mm", 0.6): lambda v: f"elbow.length={0.25 + 1e-3 * v:.6f}",
+        ("camera shifted", "mm", 0.6): lambda v: f"sensor.shift={1e-3 * v:.6f},0",
         ("elbow offset", "deg", 0.15): lambda v: f"elbow.offset={float(np.radians(v))!r}",
         ("camera turned", "deg", 0.08): lambda v: f"sensor.rotate={float(np.radians(v))!r}",
     }
@@ -308,3 +309,86 @@ def changed(quick: bool) -> Iterator[Row]:
         "%",
         least=60,
     )
+
+
+NOISE = 1e-4  # of the logs that models are learned from [m]
+
+
+def noisier(quick: bool) -> Iterator[Row]:
+    """Logs of 10 to 30 rows that are called drifted, by how much noisier the sensor is."""
+    seeds = range(1000, 1005 if quick else 1020)
+    for robot in ("two_link", "three_link"):
+        arm = calib.load_arm(robot)
+        model = calib.train(_logged(arm, 400, 77, NOISE), size=8)
+        for factor in (1, 2, 5, 10):
+            logs = [_logged(arm, n, s, factor * NOISE) for n in (10, 15, 20, 30) for s in seeds]
+            alarms = sum(bool(calib.check(model, log).drifted) for log in logs)
+            case = f"{robot}, noise {factor} times: drifted, of {len(logs)} logs"
+            yield row(case, alarms, most=0.02 * len(logs))
+
+
+def encoders(quick: bool) -> Iterator[Row]:
+    """Logs whose encoder is noisy: called drifted, and taken for a change by `adapt`."""
+    for robot in ("two_link", "three_link"):
+        arm = calib.load_arm(robot)
+        model = calib.train(_logged(arm, 400, 78, NOISE), size=8)
+        alarms = adapted = count = 0
+        for n in (20, 40, 100):
+            for seed in range(2000, 2002 if quick else 2008):
+                for joint in arm.joint_names:
+                    for size in (0.001, 0.003, 0.01):
+                        log = _logged(arm, n, seed, NOISE, f"{joint}.noise={size}")
+                        alarms += bool(calib.check(model, log).drifted)
+                        adapted += calib.adapt(model, log).improved
+                        count += 1
+        most = 0.02 * count
+        case = f"{robot}, one noisy encoder: drifted, of {count} logs"
+        yield row(case, alarms, most=most)
+        yield row(f"{robot}, the same: adapted", adapted, most=0)
+
+
+def _logged(arm: Any, n: int, seed: int, noise: float, *changes: str) -> calib.Samples:
+    log = calib.babble(arm, n, seed=seed, noise=noise, changes=list(changes))
+    return replace(log, simulation=None)
+
+
+SPARSE = 373
+"""Rows of a sparse model, nearly: much of the joints' waves is then left to learn."""
+
+
+@cache
+def space(folder: Path, name: str) -> calib.Samples:
+    """One series with orientations, for the UR10's URDF."""
+    return calib.read_log(folder / f"full_{name}.csv", calib.load_arm(nominal_urdf()))
+
+
+def space_adaptations(folder: Path, quick: bool) -> Iterator[Row]:
+    """Odd blocks after even ones, and A after C: 40, 150 and 400 contiguous rows, ten places.
+
+    Of each series a model of all rows and one of few, each with positions alone and with
+    orientations.
+    """
+    trials: list[Trial] = []
+    for name in SERIES[: 1 if quick else None]:
+        log = space(folder, name)
+        other = space(folder, SERIES[1 - SERIES.index(name)])
+        even, odd = halves(len(log), 10)[0]
+        few = even[:: max(1, len(even) // SPARSE)]
+        for posed in (False, True):
+            for learned in (few,) if quick else (even, few):
+                model = calib.train(_seen(log.take(learned), posed))
+                trials += _trials(model, _seen(log.take(odd), posed), True, quick)
+                if len(learned) == len(even) and not posed:
+                    trials += _trials(model, _seen(other, posed), False, quick)
+    yield from judged_trials("in space", trials)
+
+
+def _seen(log: calib.Samples, posed: bool) -> calib.Samples:
+    return log if posed else replace(log, orientation=None)
+
+
+def _trials(model: calib.Model, log: calib.Samples, same: bool, quick: bool) -> Iterator[Trial]:
+    """Every size at ten places of a log."""
+    for n in (150,) if quick else (40, 150, 400):
+        for place in range(0, 10, 9 if quick else 1):
+            yield adapted(model, log, n, place, same, every=10)

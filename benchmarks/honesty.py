@@ -20,11 +20,8 @@ from pathlib import Path
 from typing import Any
 
 import honest_change
-import honest_clock
-import honest_noise
 import honest_real
 import honest_simulated
-import honest_space
 import honest_streams
 
 Row = dict[str, Any]
@@ -33,7 +30,7 @@ REAL: dict[str, Callable[[Path, bool], Iterator[Row]]] = {
     "coverage": honest_real.coverage,
     "gaps": honest_real.gaps,
     "adapt": honest_change.adaptations,
-    "adapt-space": honest_space.adaptations,
+    "adapt-space": honest_change.space_adaptations,
     "check": honest_change.checks,
     "rows": honest_real.rows,
     "few": honest_real.few,
@@ -52,9 +49,9 @@ OWN: dict[str, Callable[[bool], Iterator[Row]]] = {
     "three": honest_simulated.three,
     "time": honest_simulated.times,
     "simulation": honest_simulated.simulation,
-    "clocks": honest_clock.clocks,
-    "noisier": honest_noise.noisier,
-    "encoders": honest_noise.encoders,
+    "clocks": honest_simulated.clocks,
+    "noisier": honest_change.noisier,
+    "encoders": honest_change.encoders,
     "streams": honest_streams.streams,
 }
 

@@ -54,7 +54,6 @@ DESIGNS: dict[str, Design] = {
     "Halton, crowded": halton,
     "calib plan": planned,
 }
-PAIR = {name: DESIGNS[name] for name in ("random", "calib plan")}
 
 
 def measure(
@@ -80,42 +79,30 @@ def spread(seeds: int) -> None:
         arm = calib.load_arm(robot)
         rows = []
         for name, design in DESIGNS.items():
-            row = [name]
+            row = {"design": name}
             for n in counts:
                 found = np.array(
                     [errors(arm, measure(arm, design(arm, n, s), s)) for s in range(seeds)]
                 )
                 mean, p99 = found.mean(axis=0)
-                row.append(f"{mean:.2f} ({found[:, 0].max():.2f}), {p99:.1f}")
+                row[f"{n} poses"] = f"{mean:.2f} ({found[:, 0].max():.2f}), {p99:.1f}"
             rows.append(row)
             print(robot, row, file=sys.stderr, flush=True)
         print(f"{robot}: mean error [mm] over {seeds} seeds (worst seed), 99 % quantile\n")
-        table(
-            "",
-            [
-                dict(zip(["design", *(f"{n} poses" for n in counts)], row, strict=True))
-                for row in rows
-            ],
-        )
+        table("", rows)
     rows = []
     for robot in ("two_link", "three_link", "polar"):
         arm = calib.load_arm(robot)
-        row = [robot]
+        row = {"robot": robot}
         for n in (30, 60, 100):
             plans = [calib.plan(arm, n, seed=s) for s in range(seeds)]
             own, other = (
                 np.mean([getattr(p, name) for p in plans]) for name in ("length", "random_length")
             )
-            row.append(f"{own:.1f} against {other:.1f} ({100 * own / other:.0f} %)")
+            row[f"{n} poses"] = f"{own:.1f} against {other:.1f} ({100 * own / other:.0f} %)"
         rows.append(row)
     print("travel, in ranges of the joint that moves most, against a random order\n")
-    table(
-        "",
-        [
-            dict(zip(["robot", "30 poses", "60 poses", "100 poses"], row, strict=True))
-            for row in rows
-        ],
-    )
+    table("", rows)
 
 
 def main() -> None:

@@ -189,7 +189,8 @@ def _of_change(found: Comparison) -> list[Cause]:
             return [Cause("curve", "curve", words)] if best.waves > CREEP else []
         groups, beta, deviation = best.hypothesis.groups, best.beta, best.deviation
     else:
-        above = [g for g in fired(found.tested.groups) if _known(found.cause, g.name)]
+        own = "" if found.cause != "sensor" else ("sensor", "lens")
+        above = [g for g in fired(found.tested.groups) if g.name.startswith(own)]
         if not above:
             return []
         ix, step, deviation = above[0].indices, *np.zeros((2, len(old)))
@@ -236,10 +237,6 @@ def _of_change(found: Comparison) -> list[Cause]:
     causes.sort(key=lambda pair: -pair[0])
     least = _MATTERS * max((moved for moved, _ in causes if math.isfinite(moved)), default=0.0)
     return [cause for moved, cause in causes if moved >= least]
-
-
-def _known(cause: str | None, test: str) -> bool:
-    return cause != "sensor" or test.startswith("sensor") or test == "lens"
 
 
 def _moved_sensor(found: Comparison, beta: Array, deviation: Array) -> Cause:

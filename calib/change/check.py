@@ -166,7 +166,7 @@ def check(
         if not drifted and tolerance is not None and smallest > tolerance:
             drifted = None
         notes, far = [*found.notes, *told], found.beyond
-        if far > 0.5 or (found.unexpected and found.explained):
+        if far > 0.5 or found.bound_test.score > 1.0:
             noisier = "" if drifted else "a noisier sensor or encoder, "
             notes.append(
                 f"{100 * far:.0f} % of the rows are further from the prediction than its bound, "

@@ -148,12 +148,6 @@ class Comparison(Comparable):
             slope = self.body.structure.slope(self.q[self.kept], self.body.beta)[..., noisy[0]]
         return self._bounded.test(self.tested, slope)
 
-    @property
-    def unexpected(self) -> bool:
-        """Whether no group explains that more rows are beyond the bound than it can mean."""
-        new = self.model.body is not None and self.reference.new
-        return not new and self.tested.score <= 1.0 < self.bound_test.score
-
     @cached_property
     def explanations(self) -> tuple[Explanation, ...]:
         """Hypotheses with their evidence, best first; of a calm log that of no change."""

@@ -63,7 +63,7 @@ def decide(found: Comparison) -> Decision:
             body, after, held = found.belief, before, (found.x - found.predicted)[kept]
         body = turned_tool(found, body).of(body)
         causes, improved = (*causes, *tool.causes), True
-    known = "no single change explains the log" if found.unexpected else "nothing changed"
+    known = "no single change explains the log" if found.score > 1.0 else "nothing changed"
     # what nobody may miss: another unit, a mirror, a joint that turns round or not at all
     loud = [c.words for c in causes if c.cause.split(":")[0] in _LOUD]
     rivals = _rivals(found) if changed and improved else []

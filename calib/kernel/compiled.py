@@ -70,31 +70,36 @@ class Compiled:
         the batch refuses it in words.
         """
         try:
-            call, address, inputs, found = self._own.__dict__[name]
-        except KeyError:
-            call, address, inputs, found = self._own.__dict__[name] = self._prepared(name)
+            call, address, place, parts, found = getattr(self._own, name)
+        except AttributeError:
+            setattr(self._own, name, self._prepared(name))
+            return self.ask(name, joints, *asked)
         try:
-            for place, values in zip(inputs, (joints, *asked), strict=True):
-                if len(values) != len(place):
-                    return None
-                place[:] = values
+            if len(joints) != self._dof:
+                return None
+            place[:] = joints
+            if asked:
+                for part, values in zip(parts, asked, strict=True):
+                    if len(values) != len(part):
+                        return None
+                    part[:] = values
         except (TypeError, ValueError):
             return None
         said: int = call(address)
-        if said != 1 and not all(math.isfinite(sum(place)) for place in inputs):
+        if said != 1 and not all(math.isfinite(sum(part)) for part in (place, *parts)):
             return None
         return found.copy() if found.ndim else found[()], said
 
-    def _prepared(self, name: str) -> tuple[Any, int, tuple[Array, ...], Array]:
+    def _prepared(self, name: str) -> tuple[Any, int, Array, tuple[Array, ...], Array]:
         """A function, the address of this thread's buffer for it, and parts of the buffer."""
         call = getattr(self._library, f"called_{name}")
         call.argtypes, call.restype = (ctypes.c_void_p,), ctypes.c_int
         asked, shape = self._shapes[name]
         whole = np.zeros(_SIZE)
         begins = range(_ASKED, _FOUND, _PART)
-        parts = (whole[a : a + size] for a, size in zip(begins, asked, strict=False))
+        parts = tuple(whole[a : a + size] for a, size in zip(begins, asked, strict=False))
         found = whole[_FOUND : _FOUND + math.prod(shape)].reshape(shape)
-        return call, int(whole.ctypes.data), (whole[: self._dof], *parts), found
+        return call, int(whole.ctypes.data), whole[: self._dof], parts, found
 
 
 def compiler() -> list[str] | None:

@@ -80,25 +80,23 @@ class About(ReadOnly):
             )
         return log.q[:, [log.joint_names.index(name) for name in self.joint_names]]
 
-    def impossible(self) -> dict[str, bool]:
-        """What is expected of the facts of a file, and whether they are otherwise."""
-        names, sizes, told = self.joint_names, self.upper - self.lower, self.errors.items()
-        counts = self.samples, self.seed, self.tested, self.left_out
+    def possible(self) -> bool:
+        """Whether the facts of a file make sense."""
+        names, sizes = self.joint_names, self.upper - self.lower
         axes = [] if self.plane is None else [self.plane.get(key) for key in ("origin", "x", "y")]
         simulated = self.simulation or {"noise": 0.0, "changes": []}
-        return {
-            "names of joints, each once": not all(names) or len(set(names)) < len(names),
-            "whether each joint turns": len(self.revolute) != len(names) or not names,
-            "a range of each joint": len(sizes) != len(names)
-            or not bool(((sizes > 0.0) & (sizes < _WIDEST)).all()),
-            "origin, x and y of the plane": not all(_numbers(each, 3) for each in axes),
-            "noise and changes of a simulation": not _numbers([simulated.get("noise")], 1)
-            or not all(isinstance(v, str) for v in simulated.get("changes", (0,))),
-            "sides of a picture [px]": min(self.picture or (1,)) < 1,
-            "zero or more samples": min(counts) < 0,
-            f"options {', '.join(_OPTIONS)}": not set(_OPTIONS) <= set(self.options),
-            "errors of each joint": not all(_errors(each, names) for _, each in told),
-        }
+        return (
+            all(names)
+            and 1 <= len(set(names)) == len(names) == len(self.revolute) == len(sizes)
+            and bool(((sizes > 0.0) & (sizes < _WIDEST)).all())
+            and all(_numbers(each, 3) for each in axes)
+            and _numbers([simulated.get("noise")], 1)
+            and all(isinstance(each, str) for each in simulated.get("changes", (0,)))
+            and min(self.picture or (1,)) >= 1
+            and min(self.samples, self.seed, self.tested, self.left_out) >= 0
+            and set(_OPTIONS) <= set(self.options)
+            and all(_errors(each, names) for each in self.errors.values())
+        )
 
 
 def _numbers(values: Any, count: int) -> bool:

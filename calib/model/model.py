@@ -69,9 +69,10 @@ class Model(Parts):
 
     def _quickly(self, name: str, q: ArrayLike) -> Array | None:
         """What the compiled kernel answers; None where the batch has to."""
-        found = None if self.kernel is None else self.kernel.ask(name, q)
-        answer: Array | None = None if found is None else found[0]
-        return answer if found is not None and (found[1] or self.sure) else None
+        if self.kernel is None or (found := self.kernel.ask(name, q)) is None:
+            return None
+        answer: Array = found[0]
+        return answer if found[1] or self.sure else None
 
     def forward(
         self, q: ArrayLike, readout: str | None = None, *, approach: ArrayLike | None = None

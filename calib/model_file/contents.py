@@ -123,20 +123,19 @@ def model_of(kept: Kept) -> Parts:
     # joints are asked in the unit box of the map: other limits would shift every answer
     span, low = motor.scale.span, np.abs(about.lower - motor.scale.lower)
     other = (np.abs((about.upper - about.lower) / span - 1.0) > 1e-6) | (low > 1e-6 * span)
-    _refuse(
-        {
-            "a motor map of the joints' limits": bool(other.any()),
-            "positions of 2 or 3 coordinates": width not in (2, 3),
-            "links that end at nodes": bool((links.nodes >= places).any())
-            or links.counts.sum() != len(links.nodes),
-            "as many coefficients as a degree has": terms != models.coefficients.shape[1],
-            "a body of this arm": body is not None and body.structure.dof != len(about.lower),
-            "errors within bounds of 0 or more": min(
-                b.min() for b in (kept.bounds, kept.model_bounds) if b is not None
-            ) < 0.0,
-            "a node that was visited": not kept.visited.any(),
-        }
-    )  # fmt: skip
+    widths = [b.min() for b in (kept.bounds, kept.model_bounds) if b is not None]
+    fits = (
+        not other.any()
+        and width in (2, 3)
+        and not (links.nodes >= places).any()
+        and links.counts.sum() == len(links.nodes)
+        and terms == models.coefficients.shape[1]
+        and (body is None or body.structure.dof == len(about.lower))
+        and min(widths) >= 0.0
+        and kept.visited.any()
+    )
+    if not fits:
+        raise ModelError("its parts do not fit together")
     for state in kept.history:
         if state.get("frame") is not None:
             Alignment.from_json(state["frame"])
@@ -155,114 +154,84 @@ def model_of(kept: Kept) -> Parts:
     )  # fmt: skip
 
 
-def _refuse(impossible: Mapping[str, bool]) -> None:
-    for expected, wrong in impossible.items():
-        if wrong:
-            raise ModelError(f"expected {expected}")
+# --- what parts of a model can be ---------------------------------------------------------------
 
 
-# --- what no part of a model can be, by what is expected ---------------------------------------
+def _map(own: Map) -> bool:
+    fits = own.lattice.size == len(own.units) and own.history.shape[1:] == (len(HISTORY),)
+    return fits and own.spacing > 0.0  # steps and cells are counted in the distance of nodes
 
 
-def _map(own: Map) -> dict[str, bool]:
-    nodes = own.lattice.size == len(own.units)
-    return {
-        "a node for each place of the lattice": not nodes,
-        f"a history of {len(HISTORY)} columns": own.history.shape[1:] != (len(HISTORY),),
-        # steps and cells are counted in the distance of nodes
-        "nodes in several places": nodes and not own.spacing > 0.0,
-    }
+def _links(own: Links) -> bool:
+    above = len(own.strengths) > 0 and bool((own.strengths > 0.0).all())
+    return above and 1e-3 <= own.bandwidth <= 100.0
 
 
-def _links(own: Links) -> dict[str, bool]:
-    return {
-        "links above zero": not len(own.strengths) or not bool((own.strengths > 0.0).all()),
-        "a bandwidth of 0.001 to 100": not 1e-3 <= own.bandwidth <= 100.0,
-    }
+def _local(own: LocalModels) -> bool:
+    degree = 0 <= own.degree <= MOST_DEGREE
+    return degree and own.samples >= 0 and not (own.radius < _TINY).any()
 
 
-def _local(own: LocalModels) -> dict[str, bool]:
-    return {
-        f"a degree up to {MOST_DEGREE}": not 0 <= own.degree <= MOST_DEGREE,
-        "samples and radii above zero": own.samples < 0 or bool((own.radius < _TINY).any()),
-    }
+def _belief(own: Body | Second) -> bool:
+    active = own.active  # rising numbers of parameters
+    rising = (np.diff(active) > 0).all() and not (active[-1:] >= len(own.beta)).any()
+    return bool(rising and own.root.any(axis=1).all() and not (own.noise < _TINY).any())
 
 
-def _belief(own: Body | Second) -> dict[str, bool]:
-    active, root = own.active, own.root
-    return {
-        "rising numbers of parameters": not bool((np.diff(active) > 0).all())
-        or (len(active) > 0 and active[-1] >= len(own.beta)),
-        "the root of a covariance": not bool(root.any(axis=1).all()),
-        "noise above zero": bool((own.noise < _TINY).any()),
-    }  # fmt: skip
-
-
-def _body(own: Body) -> dict[str, bool]:
+def _body(own: Body) -> bool:
     structure, second = own.structure, own.second
     beliefs: list[Any] = [own] if second is None else [own, second]
     sizes = {(len(each.beta), len(each.noise)) for each in beliefs}
     numbers = (own.kappa, own.autocorrelation, own.repeat, *own.scales.values())
-    return _belief(own) | {
-        "parameters and outputs of its structure": sizes != {(structure.size, structure.outputs)},
-        "a finite kappa of at least 1": not 1.0 <= own.kappa < np.inf,
-        "nu of at least 2": not own.nu >= 2.0,
-        "rows, times and scales of 0 or more": not (min(*numbers, own.rows) >= 0.0
-                                                    and max(numbers) < np.inf),
-        "deviations of 0 or more": min(own.tau.min(), own.residual.min()) < 0.0,
-    }  # fmt: skip
+    return (
+        _belief(own)
+        and sizes == {(structure.size, structure.outputs)}
+        and 1.0 <= own.kappa < np.inf
+        and own.nu >= 2.0
+        and min(*numbers, own.rows) >= 0.0
+        and max(numbers) < np.inf
+        and min(own.tau.min(), own.residual.min()) >= 0.0
+    )
 
 
-def _structure(own: Any) -> dict[str, bool]:
-    names, kinds = own.joint_names, VIEWS_OF_BODIES[own.kind]
-    sizes = own.metre, own.extent
-    return {
-        f"1 to {_MOST_JOINTS} different joint names": not 1 <= len(names) <= _MOST_JOINTS
-        or len(set(names)) < len(names),
-        "a kind of each joint": len(own.revolute) != len(names),
-        f"one of the views {', '.join(kinds)}": own.view not in kinds,
-        "sizes above zero": not (min(sizes) > _TINY and sizes[0] >= 1e-12 and max(sizes) < np.inf),
-    }
+def _structure(own: Any) -> bool:
+    names, sizes = own.joint_names, (own.metre, own.extent)
+    return (
+        1 <= len(set(names)) == len(names) <= _MOST_JOINTS
+        and len(own.revolute) == len(names)
+        and own.view in VIEWS_OF_BODIES[own.kind]
+        and (min(sizes) > _TINY and sizes[0] >= 1e-12 and max(sizes) < np.inf)
+    )
 
 
-def _planar(own: PlanarStructure) -> dict[str, bool]:
+def _planar(own: PlanarStructure) -> bool:
     drawn, n = own.nominal, len(own.joint_names)
     told = [own.signs, *((drawn.lengths, drawn.offsets, drawn.signs) if drawn else ())]
     signs = {*own.signs, own.mirror, *((drawn.mirror, *drawn.signs) if drawn else ())}
-    return _structure(own) | {
-        "values of each joint": any(len(values) != n for values in told),
-        "signs that are 1 or -1": not signs <= {1, -1},
-    }
+    return _structure(own) and all(len(values) == n for values in told) and signs <= {1, -1}
 
 
-def _spatial(own: SpatialStructure) -> dict[str, bool]:
+def _spatial(own: SpatialStructure) -> bool:
     chain, names, dof = own.chain, own.chain_names, len(own.joint_names)
-    joints = len(names), len(chain.revolute), len(chain.axes)
-    return _structure(own) | {
-        "different joint names of the chain": len(set(joints)) > 1
-        or len(set(names)) < len(names)
-        or chain.coupling.shape[1] != dof
-        or not dof <= len(names) <= _MOST_JOINTS,
-    }
+    joints = {len(names), len(set(names)), len(chain.revolute), len(chain.axes)}
+    known = len(joints) == 1 and chain.coupling.shape[1] == dof
+    return _structure(own) and known and dof <= len(names) <= _MOST_JOINTS
 
 
-def _chain(own: SpatialChain) -> dict[str, bool]:
+def _chain(own: SpatialChain) -> bool:
     turned, lengths = own.rotation @ own.rotation.T, np.linalg.norm(own.axes, axis=1)
-    return {
-        "axes of length 1": bool(np.abs(lengths - 1.0).max(initial=0.0) > 1e-6),
-        "a rotation of the tip": bool(np.abs(turned - np.eye(3)).max() > 1e-6),
-        "all masses or none": len(own.masses) not in (0, len(own.axes)),
-    }
+    unit = np.abs(lengths - 1.0).max(initial=0.0) <= 1e-6
+    rotation = np.abs(turned - np.eye(3)).max() <= 1e-6
+    return bool(unit and rotation and len(own.masses) in (0, len(own.axes)))
 
 
 FORMAT = Format(
     {Structure: (PlanarStructure, SpatialStructure)},
     {
         Map: _map,
-        Graph: lambda own: {"edges that end at nodes": not own.pairs.size > 0
-                            or own.pairs.max() >= own.size},
-        Lattice: lambda own: {"nodes along each axis": not own.shape or min(own.shape) < 1},
-        Scale: lambda own: {"a range above zero": bool((own.span < _TINY).any())},
+        Graph: lambda own: own.pairs.size > 0 and own.pairs.max() < own.size,
+        Lattice: lambda own: bool(own.shape) and min(own.shape) >= 1,
+        Scale: lambda own: not (own.span < _TINY).any(),
         Links: _links,
         LocalModels: _local,
         Body: _body,
@@ -270,12 +239,12 @@ FORMAT = Format(
         PlanarStructure: _planar,
         SpatialStructure: _spatial,
         SpatialChain: _chain,
-        About: lambda own: own.impossible(),
-        Rows: lambda own: {f"at most {MOST_ROWS} rows": len(own) > MOST_ROWS},
-        Baseline: lambda own: {"variances of 0 or more": min(*own.spread, own.noise) < 0.0},
-        Approach: lambda own: {"plays of 0 or more": bool((own.play < 0.0).any())},
+        About: lambda own: own.possible(),
+        Rows: lambda own: len(own) <= MOST_ROWS,
+        Baseline: lambda own: min(*own.spread, own.noise) >= 0.0,
+        Approach: lambda own: not (own.play < 0.0).any(),
     },
-)  # fmt: skip
+)
 """How the classes of a model are written and read."""
 
 

@@ -25,8 +25,8 @@ Tensors = Mapping[str, NDArray[Any]]
 Kinds = Mapping[type, tuple[type, ...]]
 """Classes that may stand for a base class; a key `kind` tells which."""
 
-Impossible = Mapping[type, Callable[[Any], Mapping[str, bool]]]
-"""Of a class: what was expected, and whether a value is otherwise."""
+Possible = Mapping[type, Callable[[Any], bool]]
+"""Of a class: whether a value makes sense."""
 
 _WHOLE = 2**53
 _NOTHING = object()  # a tensor leaves no trace in the JSON
@@ -37,7 +37,7 @@ class Format:
     """How the values of a file are written and read."""
 
     kinds: Kinds = field(default_factory=dict)
-    impossible: Impossible = field(default_factory=dict)
+    possible: Possible = field(default_factory=dict)
 
     def write(self, value: Any, kind: Any) -> tuple[Any, dict[str, NDArray[Any]]]:
         """A value of a type as JSON-ready data, and its arrays by name."""
@@ -109,9 +109,8 @@ class Format:
         if mark is not None:
             mark.outer(inner, sizes)
         value = own(**values)
-        for expected, wrong in self.impossible.get(own, lambda _: {})(value).items():
-            if wrong:
-                raise ModelError(f"{path}: expected {expected}")
+        if not self.possible.get(own, lambda _: True)(value):
+            raise ModelError(f"{path} makes no sense")
         return value
 
 

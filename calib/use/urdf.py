@@ -154,7 +154,11 @@ def _changed(joint: Joint, moved: Array) -> dict[str, Array]:
     if np.abs(moved[:3, 3] - joint.xyz).max() > _TINY:
         change["xyz"] = moved[:3, 3]
     if np.abs(moved[:3, :3] - _origin(joint)[:3, :3]).max() > _TINY:
-        change["rpy"] = _rpy(moved[:3, :3])
+        from scipy.spatial.transform import Rotation
+
+        with warnings.catch_warnings():  # at a pitch of 90 deg SciPy sets one of the others to zero
+            warnings.simplefilter("ignore", UserWarning)
+            change["rpy"] = Rotation.from_matrix(moved[:3, :3]).as_euler("xyz")
     return change
 
 
@@ -166,15 +170,6 @@ def _origin(joint: Joint) -> Array:
     origin[:3, :3] = Rotation.from_euler("xyz", joint.rpy).as_matrix()
     origin[:3, 3] = joint.xyz
     return origin
-
-
-def _rpy(rotation: Array) -> Array:
-    """Roll, pitch and yaw [rad] of a rotation (3, 3), as URDF means them: about fixed axes."""
-    from scipy.spatial.transform import Rotation
-
-    with warnings.catch_warnings():  # at a pitch of 90 deg SciPy sets one of the others to zero
-        warnings.simplefilter("ignore", UserWarning)
-        return np.asarray(Rotation.from_matrix(rotation).as_euler("xyz"))
 
 
 def _motion(joint: Joint, value: float) -> Array:

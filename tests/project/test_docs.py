@@ -84,7 +84,7 @@ def needed(text: str) -> None:
         shutil.copy(found, "ur10.urdf")
     if "run.mcap" in text:
         pytest.importorskip("rosbags")
-        sys.path.insert(0, str(ROOT / "tests" / "samples"))
+        sys.path.insert(0, str(ROOT / "tests" / "recording"))
         from test_rosbags import write
 
         write(Path("recording"), kind="mcap")

@@ -1,7 +1,7 @@
 """From a camera's detections to an arm: errors in mm, and what a board found again is taken for.
 
 Detections are the renderer's own projection with 0.03 px of noise, what rendered pictures give;
-`benchmarks/camera_arm.py` renders the pictures as well.
+`benchmarks/camera.py` renders the pictures as well.
 """
 
 from dataclasses import replace

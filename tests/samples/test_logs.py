@@ -1,8 +1,6 @@
 """Logs come back to the last bit, or are refused in one line that says what to do."""
 
-import io
 import math
-import sys
 
 import numpy as np
 import polars as pl
@@ -56,15 +54,6 @@ def test_any_finite_numbers_come_back(tmp_path, rows, suffix):
     again = read_log(tmp_path / f"log{suffix}", joints=[name], prismatic=[name])
     assert (again.q == q).all()
     assert (again.x == x).all()
-
-
-def test_standard_streams(arm, monkeypatch, capsys):
-    log = babble(arm, 20)
-    write_log(log, "-")
-    written = capsys.readouterr().out
-    assert written.startswith("shoulder,elbow,x,y\n")
-    monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(written.encode())))
-    assert (read_log("-", arm).q == log.q).all()
 
 
 @pytest.mark.parametrize(

@@ -41,15 +41,6 @@ def test_the_real_arm_goes_where_the_nominal_one_would(changes):
     assert np.linalg.norm(truth(found.q) - wanted, axis=1).max() < 1e-4
 
 
-def test_an_offset_of_the_first_joint_is_a_turned_sensor_unless_the_user_says_otherwise():
-    adapted = calib.adapt(model(), log("shoulder.offset=0.02", n=100, noise=0.0)).model
-    found = correct(adapted, Q)
-    assert "cause='joints'" in found.notes[0]
-    assert np.abs(found.change).max() < 1e-4
-    change = correct(adapted, Q, cause="joints").change
-    np.testing.assert_allclose(change[:, 0], -0.02, atol=1e-4)
-
-
 def test_a_sensor_that_moved_is_no_fault_of_the_arm():
     adapted = calib.adapt(
         model(), log("sensor.rotate=0.1", "sensor.shift=0.05,0", n=100, noise=0.0)
