@@ -136,7 +136,7 @@ class _Follower:
         trial, distance = newton.refine(u, targets, CLOSE, _FEW)
         moved = np.linalg.norm(newton.scale.difference(trial, u), axis=1)
         met = distance <= CLOSE * newton.extent
-        if self._solver.redundant:
+        if self._solver.redundant and met.any():
             # redundant joints use what is free to keep away from their limits
             drift = newton.tangent(trial, newton.scale.difference(np.full_like(trial, 0.5), trial))
             most = _DRIFT * moved / np.maximum(np.linalg.norm(drift, axis=1), 1e-300)

@@ -20,9 +20,7 @@ MOST_DEGREE = 5
 _REACH = 0.7  # of the diagonal of a cell of a node's spacing: so far it speaks in full
 _RING = 16  # places around a node where its polynomial has to be firm
 _FIRM = 10.0  # variance of an answer there, over that of one sample
-# shares of the weight at which nodes are not heard, and in full; with 0.3 and 0.5 what is beside a
-# ripple was 1.2 to 1.9 times the body alone, with these 1.06 to 1.14 (docs/maps.md)
-SILENT, FULL = 0.5, 0.7
+SILENT, FULL = 0.3, 0.5  # shares of the weight at which nodes are not heard, and in full
 _CHUNK = 20_000_000  # numbers held at once while fitting
 
 

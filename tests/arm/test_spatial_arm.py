@@ -85,14 +85,6 @@ def test_a_chosen_spatial_arm_names_the_planar_one_that_it_holds():
     assert named.joint_names == ("shoulder_lift", "elbow")
 
 
-def test_planar_arms_are_planar_as_they_were():
-    for name in ("two_link", "three_link", "scara", "tilted", "polar"):
-        arm, asked = load_arm(name), load_arm(name, planar=True)
-        assert isinstance(arm, PlanarArm)
-        q = random_joints(arm, 5)
-        np.testing.assert_array_equal(arm.forward(q), asked.forward(q))
-
-
 def test_columns_of_a_log_choose_the_joints():
     arm = load_arm("six_axis", columns=["shoulder_pan", "shoulder_lift", "elbow", "x", "y", "z"])
     assert arm.joint_names == ("shoulder_pan", "shoulder_lift", "elbow")

@@ -134,20 +134,6 @@ def test_a_moved_camera_is_named_with_its_frame():
     np.testing.assert_allclose(frame, [[c, -s, 0.03], [s, c, 0.01]], atol=1e-4)
 
 
-def test_an_offset_of_the_first_joint_is_a_turned_sensor_unless_it_is_known():
-    slipped = log("shoulder.offset=0.05")
-    found = calib.adapt(model(), slipped)
-    assert {"sensor", "offset:shoulder"} == {c.cause for c in found.changed}
-    assert any("are the same" in note for note in found.notes)
-    assert found.model.history[0]["frame"] is not None
-    known = calib.adapt(model(), slipped, cause="joints")
-    assert known.changed[0].cause == "offset:shoulder"
-    assert known.changed[0].value == pytest.approx(0.05, rel=1e-3)
-    assert known.model.history[0]["frame"] is None
-    for other in (found, known):
-        assert moved(other, slipped)[1] < 1e-4
-
-
 @pytest.mark.parametrize(
     ("scale", "unit", "expected"), [(1000.0, "m", "sensor"), (1.1, "m", "m"), (1000.0, "mm", "mm")]
 )

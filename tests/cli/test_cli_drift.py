@@ -32,19 +32,6 @@ def test_check_adapt_check(folder, run):
     assert again.code == 0
 
 
-def test_check_as_json(folder, run):
-    found = run("check", folder / "m.calib", "--data", folder / "new.csv", "--json")
-    assert found.code == 3
-    document = found.document
-    assert document["drifted"] is True
-    assert document["threshold"] == 1
-    assert document["score"] > 1
-    assert set(document["distortion"]["links"]) == {"value", "threshold"}
-    assert "length:elbow" in [cause["cause"] for cause in document["causes"]]
-    assert "length:elbow" in document["fired"]
-    assert document["smallest"] > 0
-
-
 def test_adapt_as_json_and_output(folder, run, tmp_path):
     out = tmp_path / "mine.calib"
     done = run("adapt", folder / "m.calib", "--data", folder / "new.csv", "-o", out, "--json")
@@ -111,17 +98,6 @@ def test_millimetres(folder, run, tmp_path):
     assert "check the log's unit before calib adapt" in looked.out
     assert "smallest [sensor]" in looked.out
     assert "`" not in looked.out
-
-
-def test_a_log_that_nothing_explains_is_not_to_be_adapted_to(folder, run, tmp_path):
-    samples = log(n=100)
-    shuffled = np.random.default_rng(0).permutation(samples.x)
-    path = tmp_path / "mixed.csv"
-    table = np.hstack([samples.q, shuffled])
-    np.savetxt(path, table, delimiter=",", header="shoulder,elbow,x,y", comments="")
-    done = run("check", folder / "m.calib", "--data", path)
-    assert done.code == 3
-    assert "check the log and the arm before calib adapt" in done.out
 
 
 def test_what_was_said_of_a_cause_is_not_asked_again(folder, run, tmp_path):

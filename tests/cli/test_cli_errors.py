@@ -13,12 +13,8 @@ HEADER = "shoulder,elbow,x,y\n"
 
 TEXTS = {
     "truncated.urdf": lambda text: text[: len(text) // 2],
-    "dtd.urdf": lambda text: text.replace("<robot", '<!DOCTYPE r [<!ENTITY a "b">]>\n<robot', 1),
-    "xacro.urdf": lambda text: text.replace('"elbow"', '"${prefix}elbow"'),
-    "one.csv": lambda _: HEADER + "0.1,1.0,0.1,0.2\n",
     "few.csv": lambda _: HEADER + ROWS,
     "missing.csv": lambda _: "shoulder,x,y\n0,0.1,0.2\n1,0.2,0.3\n",
-    "text.csv": lambda _: HEADER + ROWS + "0.4,abc,0.1,0.2\n",
 }
 
 # what is typed, the exit code, and words that the line must hold
@@ -26,9 +22,6 @@ CASES = [
     ("train", 2, "ROBOT"),
     ("train nope", 1, "'nope' two_link"),
     ("train truncated.urdf", 1, "truncated"),
-    ("train dtd.urdf", 1, "DOCTYPE"),
-    ("train xacro.urdf", 1, "xacro"),
-    ("train two_link --joints shoulder,elbw", 1, "'elbw' elbow?"),
     ("train two_link --joints shoulder,shoulder", 2, "--joints once"),
     ("train two_link --tip nope", 1, "'nope' tip"),
     ("train two_link --lock elbow", 2, "--lock 'elbow' JOINT=VALUE"),
@@ -37,7 +30,6 @@ CASES = [
     ("train two_link --map foo", 2, "--map 'foo' vdsom"),
     ("train two_link --size 0", 2, "--size '0' 70x70"),
     ("train two_link --size 100000x100000", 1, "100000x100000 memory"),
-    ("train two_link --size 5x5x5", 1, "5x5x5"),
     ("train two_link --sigma 3", 2, "--sigma '3' START:END"),
     ("train two_link --samples 0", 2, "--samples '0'"),
     ("train two_link --samples 1", 1, "1 sample is too few"),
@@ -50,9 +42,7 @@ CASES = [
     ("train two_link -o none/m.calib", 1, "none/m.calib folder"),
     ("train two_link -o -", 2, "file"),
     ("train two_link --frobnicate", 2, "--frobnicate"),
-    ("train two_link --data one.csv", 1, "one.csv one usable row"),
     ("train two_link --data missing.csv", 1, "elbow --columns"),
-    ("train two_link --data text.csv", 1, "'abc' 'elbow'"),
     ("train --data few.csv", 1, "--joints 'shoulder'"),
     ("query", 2, "command"),
     ("query forward", 2, "MODEL"),

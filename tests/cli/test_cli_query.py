@@ -82,16 +82,6 @@ def test_forward_beyond_the_learned_range_names_joint_and_range(run, model):
     assert "elbow = 200 deg is outside of the learned range 15 to 150 deg" in done.err
 
 
-def test_all_branches_come_nearest_first(run, models):
-    full = models / "two_link_full.calib"
-    arguments = ("query", "inverse", full, "0.3", "0.3", "--all", "--json")
-    for sign in (1, -1):
-        answers = run(*arguments, "--near", f"0.8,{sign}").document["solutions"]
-        elbows = [answer["joints"]["elbow"] for answer in answers]
-        assert len(elbows) >= 2
-        assert sign * elbows[0] > 0 > sign * elbows[-1]
-
-
 def test_batch_forward_and_back_returns_the_positions(run, model, tmp_path):
     q = np.random.default_rng(0).uniform([0.2, 0.5], [1.3, 2.3], (50, 2))
     typed = "shoulder,elbow\n" + "\n".join(f"{a!r},{b!r}" for a, b in q.tolist()) + "\n"

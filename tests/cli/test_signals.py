@@ -56,19 +56,14 @@ def at(stage, number, folder):
     )
 
 
-@pytest.mark.parametrize("stage", STAGES)
-def test_ctrl_c_at_any_stage_is_one_line_and_130(stage, tmp_path):
+@pytest.mark.parametrize(
+    ("stage", "number", "code", "told"),
+    [(stage, signal.SIGINT, 130, b"error: interrupted\n") for stage in STAGES]
+    + [(STAGES[2], signal.SIGTERM, 143, b"")],
+)
+def test_a_signal_at_any_stage_leaves_the_old_file_whole(stage, number, code, told, tmp_path):
     (tmp_path / "two_link.calib").write_bytes(b"old")
-    done = at(stage, signal.SIGINT, tmp_path)
-    assert (done.returncode, done.stdout, done.stderr) == (130, b"", b"error: interrupted\n")
-    assert [path.name for path in tmp_path.iterdir()] == ["two_link.calib"]
-    assert (tmp_path / "two_link.calib").read_bytes() == b"old"
-
-
-@pytest.mark.parametrize("stage", ["calib.training.train.select"])
-def test_a_polite_kill_is_143_in_silence(stage, tmp_path):
-    (tmp_path / "two_link.calib").write_bytes(b"old")
-    done = at(stage, signal.SIGTERM, tmp_path)
-    assert (done.returncode, done.stdout, done.stderr) == (143, b"", b"")
+    done = at(stage, number, tmp_path)
+    assert (done.returncode, done.stdout, done.stderr) == (code, b"", told)
     assert [path.name for path in tmp_path.iterdir()] == ["two_link.calib"]
     assert (tmp_path / "two_link.calib").read_bytes() == b"old"

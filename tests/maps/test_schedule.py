@@ -21,12 +21,6 @@ def test_radii_start_and_end_as_told_and_fall_by_one_factor(start, share, n):
     np.testing.assert_allclose(values[1:] / values[:-1], share ** (1 / (n - 1)), rtol=1e-9)
 
 
-def test_equation_4_is_this_decay():
-    sigma, t, big_t = 5.0, np.arange(11), 4.0
-    values = decay(sigma, sigma * np.exp(-10 / big_t), 11)
-    np.testing.assert_allclose(values, sigma * np.exp(-t / big_t))
-
-
 def test_the_papers_lattice_grows_from_64_nodes_by_nine():
     shapes = [s.lattice.shape for s in coarse_to_fine(Lattice((70, 70)))]
     assert list(dict.fromkeys(shapes)) == [(8, 8), (24, 24), (70, 70)]

@@ -210,9 +210,3 @@ def test_training_runs_with_one_thread_of_the_blas():
         after = [p["num_threads"] for p in threadpool_info() if p["user_api"] == "blas"]
     assert set(counts) == {1}
     assert set(after) == {2}
-
-
-@pytest.mark.parametrize("size", ["5xa", (5.5, 5), None, 5.0, True])
-def test_a_size_that_is_no_whole_numbers(size):
-    with pytest.raises(OptionError, match="whole numbers of nodes"):
-        SOM(size)
