@@ -49,6 +49,12 @@ class Model(Parts):
 
         save(self, path)
 
+    def _repr_html_(self) -> str:
+        """What it is and how well it does, as a small table for notebooks."""
+        from .facts import as_html
+
+        return as_html(self)
+
     def warm_up(self) -> str:
         """Make single queries fast: compile the model's own C, where a C compiler is found.
 

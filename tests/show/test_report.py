@@ -120,7 +120,7 @@ def test_figures_of_an_arm_in_space():
     assert list(calib.figures(in_pixels(), names=["joints", "photo"])) == ["joints"]
 
 
-def test_results_tell_themselves_in_a_line():
+def test_results_tell_themselves_in_a_line_and_models_in_a_small_table():
     model = trained("two_link", n=400, size=8)
     evaluation = calib.evaluate(model)
     log = calib.babble(calib.load_arm("two_link"), 200)
@@ -129,6 +129,9 @@ def test_results_tell_themselves_in_a_line():
         assert len(repr(shown)) < 200, repr(shown)
     assert "local" in repr(evaluation)
     assert repr(sweep).startswith("Sweep of 2 trainings")
+    table = replace(model, about=replace(model.about, robot="<b>"))._repr_html_()
+    assert "&lt;b&gt;" in table
+    assert len(table) < 3000
 
 
 def test_u_matrix_and_hits_of_a_map_made_by_hand():
