@@ -248,6 +248,24 @@ def test_one_noisy_encoder_is_named_and_nothing_is_adapted():
         assert not found.improved
 
 
+@pytest.mark.parametrize(
+    ("robot", "joint", "size"),
+    [("three_link", "shoulder", 0.003), ("six_axis", "elbow", 0.005)],
+)
+def test_a_noisy_encoder_has_its_size_and_its_mean_is_no_offset(robot, joint, size):
+    """Robust weights took its larger errors for outliers: 3 mrad passed for 2, and drifted."""
+    arm = calib.load_arm(robot)
+    rows = calib.babble(arm, 400, seed=78, noise=1e-4)
+    trained = calib.train(replace(rows, simulation=None), size=8)
+    samples = calib.babble(arm, 100, seed=2001, noise=1e-4, changes=[f"{joint}.noise={size}"])
+    samples = replace(samples, simulation=None)
+    drift = calib.check(trained, samples)
+    assert not drift.drifted
+    assert drift.causes[0].cause == f"noise:{joint}"
+    assert drift.causes[0].value == pytest.approx(size, rel=0.25)
+    assert not calib.adapt(trained, samples).improved
+
+
 @pytest.mark.parametrize(("factor", "least"), [(2, 10), (5, 10), (10, 10)])
 def test_few_rows_of_a_noisier_sensor_are_no_drift(factor, least):
     arm = calib.load_arm("two_link")
