@@ -10,7 +10,7 @@ import numpy as np
 from ..common.arrays import Array, Index, Shape
 from ..common.frozen import ReadOnly
 from ..maps.association import Association
-from ..maps.map import Map, search_tree
+from ..maps.map import Map, nearest_nodes, search_tree
 
 KNOWN = 2.0
 """Without a body the bound of a node that samples have visited holds within so many times
@@ -47,7 +47,7 @@ class Paths(ReadOnly):
         scale, dof = motor.scale, u.shape[1]
         places = np.unique(np.round(scale.wrapped(u), 3), axis=0)  # an arm at rest is at one
         tree, nodes = search_tree(places, scale), scale.wrapped(motor.units)
-        least = tree.query(nodes, [min(_PLACES * dof, len(places))])[0][:, 0]
+        least = nearest_nodes(tree, nodes, min(_PLACES * dof, len(places)))[0][:, -1]
         radius = np.maximum(KNOWN * np.sqrt(squares), least)
         across, width = np.zeros((motor.size, dof, dof)), np.zeros(motor.size)
         for node, near in enumerate(tree.query_ball_point(nodes, radius * (1.0 + 1e-9))):
