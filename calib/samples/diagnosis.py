@@ -1,4 +1,4 @@
-"""Diagnosis of a log: what is wrong with its columns, units and times, told by what predicts it.
+"""Diagnosis of a log: what is wrong with its columns and units, told by what predicts it.
 
 Other readings of the rows (another unit, exchanged joints, a joint that counts the other way,
 inverted poses, ...) are tried in turn.  One that a predictor explains far better than the log as it
@@ -20,7 +20,7 @@ from ..common.rows import thinned
 from ..common.scale import METRES
 from ..common.wording import listed
 from ..errors import LogError
-from .alignment import Predict, agreeing, aligned_misfit, rows_behind
+from .alignment import Predict, agreeing, aligned_misfit
 from .settings import (
     DIAGNOSED_ROWS,
     FAR_BETTER,
@@ -44,7 +44,7 @@ _TOOL_ROWS = 39  # thrice the features of a tool of unknown size
 class Finding:
     """Something that is wrong with a log, or looks so."""
 
-    kind: str  # unit, degrees, exchanged, reversed, mirrored, inverted, turns, late
+    kind: str  # unit, degrees, exchanged, reversed, mirrored, inverted, turns
     words: str
     hint: str = ""  # the remedy, with Python's names of options
     parameter: str | None = None
@@ -178,11 +178,6 @@ def diagnose(
             "left-handed, or one of them is reversed"
         )
         found.append(Finding("mirrored", words, mistake=False))
-    if shift := rows_behind(predict, q, x, unit):
-        side = "follow" if shift > 0 else "precede"
-        apart = f"{abs(shift)} row{'s' * (abs(shift) > 1)}"
-        words = f"the positions {side} the joints by {apart}"
-        found.append(Finding("late", words, value=shift, mistake=False))
     return tuple(found)
 
 
