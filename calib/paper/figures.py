@@ -5,7 +5,7 @@ Matplotlib is imported when a figure is drawn.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -26,7 +26,7 @@ _COLOURS = "plasma"
 _DPI = 160
 
 
-def lattice_figure(setting: Setting, path: Path, formats: Sequence[str] = ("png",)) -> None:
+def lattice_figure(setting: Setting, path: Path) -> None:
     """Motor and sensory lattice of SOM and VDSOM, coloured by the error of each winner.
 
     Both at the same schedule, the one at which the paper's ratio appears.
@@ -64,12 +64,10 @@ def lattice_figure(setting: Setting, path: Path, formats: Sequence[str] = ("png"
         "readout activity",
         fontsize=9,
     )
-    _save(figure, path, formats)
+    _save(figure, path)
 
 
-def changed_figure(
-    episodes: Mapping[str, Episode], path: Path, formats: Sequence[str] = ("png",)
-) -> None:
+def changed_figure(episodes: Mapping[str, Episode], path: Path) -> None:
     """Sensory map before a change, with its distortion there, and after it has followed."""
     figure = _figure(12.4, 3.0 * len(episodes))
     axes = np.atleast_2d(figure.subplots(len(episodes), 3, sharex="row", sharey="row"))
@@ -91,12 +89,10 @@ def changed_figure(
             ax.plot(*(e.x[::20] * 1e3).T, ".", color="#b8c2cb", markersize=1.2, zorder=0)
             _draw_lattice(ax, net, values, 1e3, top, label)
             ax.set(title=title, xlabel="x [mm]", ylabel="y [mm]", aspect="equal")
-    _save(figure, path, formats)
+    _save(figure, path)
 
 
-def curves_figure(
-    episodes: Mapping[str, Episode], path: Path, formats: Sequence[str] = ("png",)
-) -> None:
+def curves_figure(episodes: Mapping[str, Episode], path: Path) -> None:
     """Distortion, error, radius and learning rate along the stream after a change."""
     figure = _figure(9.6, 6.2)
     axes = figure.subplots(2, 2, sharex=True)
@@ -131,18 +127,11 @@ def curves_figure(
     for ax in axes[1]:
         ax.set_xlabel("samples after the change")
         ax.locator_params(axis="x", nbins=5)
-    _save(figure, path, formats)
+    _save(figure, path)
 
 
-def _save(figure: Any, path: Path, formats: Sequence[str] = ("png",)) -> None:
-    """Write a figure, as bitmap or as vectors; the same figure gives the same bytes."""
-    from matplotlib import rc_context
-
-    dated: dict[str, Any] = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}
-    for kind in formats:
-        write = partial(figure.savefig, format=kind, dpi=_DPI, metadata=dated.get(kind, {}))
-        with rc_context({"svg.hashsalt": path.stem}):
-            atomic_write(path.with_suffix(f".{kind}"), write)
+def _save(figure: Any, path: Path) -> None:
+    atomic_write(path, partial(figure.savefig, format="png", dpi=_DPI))
 
 
 def _node_means(net: Map, points: Array, values: Array) -> Array:

@@ -42,17 +42,12 @@ class Setting:
     report: _Report = field(default=lambda _share, _what: None)
     robot: str = ROBOT  # a bundled robot or a URDF with two joints that turn
     named: tuple[str, ...] | None = None  # which two of its joints, where it has more
-    # parts of the joints' ranges that are babbled [rad]
-    ranges: tuple[tuple[str, tuple[float, float]], ...] = ()
-    # lengths of the links that the joints move, where not those of the robot [m]
-    lengths: tuple[tuple[str, float], ...] = ()
 
     @staticmethod
     def of(seed: int = 0, *, quick: bool = False, **other: Any) -> Setting:
         """The paper's setting, or a small one; the seeds start at `seed`.
 
-        Raises OptionError if the robot has not two joints that turn in a plane, or a joint is
-        unknown.
+        Raises OptionError if the robot has not two joints that turn in a plane.
         """
         size: dict[str, Any] = {"seeds": tuple(range(seed, seed + 5))}
         if quick:
@@ -64,23 +59,17 @@ class Setting:
     @property
     def printed(self) -> bool:
         """Whether the paper's figures stand beside these: for its arm and its lattices."""
-        own = self.robot != ROBOT or self.ranges or self.lengths
-        return not (self.quick or own)
+        return not self.quick and self.robot == ROBOT
 
     @cached_property
     def arm(self) -> PlanarArm:
-        """The arm, with its ranges and lengths."""
-        arm = load_arm(self.robot, joints=self.named, ranges=dict(self.ranges) or None)
+        """The arm."""
+        arm = load_arm(self.robot, joints=self.named)
         if not isinstance(arm, PlanarArm) or len(arm.joint_names) != 2 or not all(arm.revolute):
             raise OptionError(
                 f"robot {self.robot!r} has the joints {', '.join(arm.joint_names)}: the paper's "
                 "experiments need two that turn in a plane"
             )
-        for joint, length in self.lengths:
-            if joint not in arm.joint_names:
-                known = ", ".join(arm.joint_names)
-                raise OptionError(f"length of {joint!r}: no such joint, choose one of {known}")
-            arm = arm.with_link_length(joint, length)
         return arm
 
     @property

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from itertools import product
 from typing import Any
 
 import numpy as np
@@ -15,8 +14,7 @@ from ..samples.babbling import babble
 from ..samples.samples import Samples
 from ..training.evaluate import simulation_of
 
-_INSIDE = 25_000  # joint values spread over the whole range
-_EDGE = 240  # joint values along each edge of the range
+_INSIDE, _OVER = 30_000, 0.2  # joint values that are drawn, beyond both ends of the range too
 _CELLS = 120  # cells of the grid along the workspace's longer side
 _GAP = 1.6  # cells; farther from every reached position is outside
 
@@ -53,7 +51,9 @@ def outline(model: Model) -> Array:
     from contourpy import contour_generator
     from scipy.spatial import cKDTree
 
-    reached = model.forward(model.motor.scale.from_unit(_spread(len(model.about.joint_names))))
+    drawn = np.random.default_rng(0).uniform(-_OVER, 1 + _OVER, (_INSIDE, len(model.about.lower)))
+    # clipped ones lie on faces, edges and corners of the range, which reach the border
+    reached = model.forward(model.motor.scale.from_unit(drawn.clip(0.0, 1.0)))
     reached = reached[np.isfinite(reached).all(axis=1)]
     if len(reached) < 3:
         return np.empty((0, 2, 2))
@@ -66,23 +66,6 @@ def outline(model: Model) -> Array:
     lines: Any = contour_generator(x, y, away).lines(_GAP)
     pieces = [np.stack([line[:-1], line[1:]], axis=1) for line in lines]
     return reached[tree.query(np.concatenate([np.empty((0, 2, 2)), *pieces]))[1]]
-
-
-def _spread(dof: int) -> Array:
-    """Joint values (n, dof) in unit ranges: a grid, and edges, which reach the border.
-
-    There all joints but one are at an end of their range.
-    """
-    axis = np.linspace(0.0, 1.0, max(2, round(_INSIDE ** (1 / dof))))
-    parts = [np.stack(np.meshgrid(*[axis] * dof), axis=-1).reshape(-1, dof)]
-    corners = np.array(list(product([0.0, 1.0], repeat=min(dof - 1, 6))))
-    for k in range(min(dof, 7)):
-        edges = np.zeros((len(corners), _EDGE, dof))
-        others = [i for i in range(dof) if i != k][: corners.shape[1]]
-        edges[..., others] = corners[:, None]
-        edges[..., k] = np.linspace(0.0, 1.0, _EDGE)
-        parts.append(edges.reshape(-1, dof))
-    return np.concatenate(parts)
 
 
 def training_rows(model: Model, log: Samples | None) -> tuple[Array, Array, str]:

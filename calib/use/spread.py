@@ -20,7 +20,6 @@ from .pose_space import PoseSpace
 _INSIDE = 4000  # candidates within the box
 _FACES = 3000  # candidates with one joint at an end of its range
 _CORNERS = 256  # most corners, which are as many as 2^dof
-_LONGEST_RUN = 3  # poses that Or-opt moves together
 _SWEEPS = 50  # each lowers the length; far fewer are needed
 _NOISE = 1e-4  # [m] of a sensor that is not known yet
 _WIDEST = 10.0  # [m or rad] of a prior: a wider one leaves no digits for what 200 poses tell
@@ -68,9 +67,8 @@ def farthest(scale: Scale, points: Array, n: int, taken: Array) -> Index:
 def shortest_tour(away: Array) -> Index:
     """Order points so that the way from the first one through all others is short.
 
-    Nearest neighbours first, then 2-opt (Croes 1958: a stretch is turned round) and Or-opt
-    (Or 1976: a short stretch is moved elsewhere) until neither shortens it. The way is
-    open: it does not return.
+    Nearest neighbours first, then 2-opt (Croes 1958: a stretch is turned round) until it gains
+    nothing. The way is open: it does not return.
 
     away : (n, n), symmetric distances; the way starts at row 0
     Returns (n,), a permutation that begins with 0.
@@ -83,7 +81,6 @@ def shortest_tour(away: Array) -> Index:
     for _ in range(_SWEEPS):
         before = length(away, order)
         order = _two_opt(away, order)
-        order = _or_opt(away, order)
         if length(away, order) >= before * (1 - 1e-12):
             break
     return order
@@ -107,31 +104,6 @@ def _two_opt(away: Array, order: Index) -> Index:
         j = int(gain.argmax())
         if gain[j] > 1e-12:
             order[i : i + j + 2] = order[i : i + j + 2][::-1]
-    return order
-
-
-def _or_opt(away: Array, order: Index) -> Index:
-    """Move the stretch at each place to where it gains most, turned round if need be."""
-    for run in range(1, min(_LONGEST_RUN, len(order) - 2) + 1):
-        for i in range(1, len(order) - run + 1):
-            stretch, rest = order[i : i + run], np.delete(order, np.s_[i : i + run])
-            a, first, last = order[i - 1], stretch[0], stretch[-1]
-            saved = away[a, first]
-            if i + run < len(order):
-                saved += away[last, order[i + run]] - away[a, order[i + run]]
-            after = rest[1:]
-            cost = []
-            # between each two neighbours of the rest, as it is and turned round
-            for head, tail in ((first, last), (last, first)):
-                extra = away[rest, head]
-                extra[:-1] += away[tail, after] - away[rest[:-1], after]
-                cost.append(extra)
-            least = np.minimum(*cost)
-            place = int(least.argmin())
-            if saved - least[place] > 1e-12:
-                if cost[1][place] < cost[0][place]:
-                    stretch = stretch[::-1]
-                order = np.insert(rest, place + 1, stretch)
     return order
 
 

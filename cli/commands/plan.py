@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from typer import Argument, Option
@@ -58,7 +57,7 @@ def plan(
     middle of the picture at --from, or where the model of `calib handeye -o` knows it. Obstacles
     are not checked: move slowly the first time.
     """
-    is_model = _is_model(robot)
+    is_model = robot.endswith(".calib")
     of_board = {"board": board, "eye": eye}
     if not handeye:
         refuse(of_board, "applies to a camera and a board: expected --handeye too")
@@ -123,22 +122,6 @@ def plan(
         share = 100 * found.length / found.random_length
         travel += f": {share:.0f} % of the way of a random order"
     return Outcome(document, [line, *found.why, travel], to_stderr=output == "-")
-
-
-def _is_model(source: str) -> bool:
-    """Whether a file is a model rather than a robot: by its name, or by its first bytes."""
-    from calib.arm.robots import robots_folder
-
-    if source.endswith(".calib"):
-        return True
-    # before the file is looked at: a folder may hold a model of a bundled robot's name
-    if (robots_folder() / f"{source}.urdf").is_file():
-        return False
-    try:
-        with Path(source).open("rb") as file:
-            return file.read(9)[8:] == b"{"  # of a model file the header's length comes first
-    except (OSError, ValueError):  # whoever loads it tells what is wrong
-        return False
 
 
 def _measured(

@@ -3,32 +3,20 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args
 
 from typer import Argument, Option
 
 from .. import options as opt
-from .. import parsing
 from ..options import option
 from ..output import Outcome, TextTable, number, progress_bar
-from ..units import in_si, kinds_of_joints
 
 if TYPE_CHECKING:
     from calib.paper.setting import Setting
     from calib.paper.tables import Result
 
-_LONGEST = 1e3  # of a link [m]
 Subject = Literal["table1", "table2", "figures", "adaptation", "all"]
-
-
-_length = parsing.reader(
-    "JOINT=METRES such as elbow=0.3",
-    parsing.joint_value,
-    lambda typed: 0.0 < typed[1] < _LONGEST,
-)
-_format = parsing.one_of(("png", "svg", "pdf"))
 
 
 def reproduce(
@@ -44,16 +32,6 @@ def reproduce(
         str | None, option("--robot ROBOT", "Another arm with two revolute joints.")
     ] = None,
     joints: opt.JointNames = None,
-    ranges: opt.Ranges = None,
-    lengths: Annotated[
-        list[Any] | None,
-        option("--length JOINT=M", "Length of the link that a joint moves; repeatable.", _length),
-    ] = None,
-    formats: Annotated[
-        list[str] | None,
-        option("--format png|svg|pdf", "Of the figures; repeatable (default png).", _format),
-    ] = None,
-    degrees: opt.Degrees = False,
     seed: opt.Seed = 0,
 ) -> Outcome:
     """Repeat the paper's tables, figures and adaptation, with its numbers beside ours."""
@@ -71,16 +49,11 @@ def reproduce(
                 bar(share, stage, float("nan"))
 
         arm = robot or ROBOT
-        typed = in_si("--range", ranges, kinds_of_joints(arm), degrees) if ranges else None
-        setting = Setting.of(
-            seed, quick=quick, report=report, robot=arm, named=joints,
-            ranges=tuple((typed or {}).items()), lengths=tuple(dict(lengths or ()).items()),
-        )  # fmt: skip
-        drawn = tuple(dict.fromkeys(formats or ("png",)))
+        setting = Setting.of(seed, quick=quick, report=report, robot=arm, named=joints)
         # the figures bring the adaptation along
         every = [name for name in get_args(Subject) if name not in ("adaptation", "all")]
         for name in every if what == "all" else [what]:
-            key, result = _run(name, setting, folder, drawn)
+            key, result = _run(name, setting, folder)
             document[key] = result.data
             tables += _written(result, folder)
     document["units"] = {"joints": "rad", "positions": "m", "seconds": "s"}
@@ -90,7 +63,7 @@ def reproduce(
     return Outcome(document, [*tables, line], result=[line])
 
 
-def _run(name: str, setting: Setting, folder: Path, formats: Sequence[str]) -> tuple[str, Result]:
+def _run(name: str, setting: Setting, folder: Path) -> tuple[str, Result]:
     """Redo one subject: draw its figures, and return its result and the name of that."""
     from calib.paper import figures, tables
     from calib.paper.adaptation import adaptation
@@ -98,10 +71,10 @@ def _run(name: str, setting: Setting, folder: Path, formats: Sequence[str]) -> t
     if name.startswith("table"):
         return name, {"table1": tables.table1, "table2": tables.table2}[name](setting)
     if name == "figures":
-        figures.lattice_figure(setting, folder / "lattices.png", formats)
+        figures.lattice_figure(setting, folder / "lattices.png")
     result, episodes = adaptation(setting)
-    figures.changed_figure(episodes, folder / "changed.png", formats)
-    figures.curves_figure(episodes, folder / "adaptation.png", formats)
+    figures.changed_figure(episodes, folder / "changed.png")
+    figures.curves_figure(episodes, folder / "adaptation.png")
     return "adaptation", result
 
 

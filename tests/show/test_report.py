@@ -16,7 +16,7 @@ from calib.maps.map import Map
 from calib.show.report.maps import hits, u_matrix
 
 FLAT = ["forward", "inverse", "lattices", "nodes", "training"]
-SPACE = ["forward", "inverse", "joints", "curves", *FLAT[2:]]
+SPACE = ["forward", "inverse", "curves", *FLAT[2:]]
 
 
 class Reader:
@@ -82,18 +82,15 @@ def test_words_of_other_models():
     assert Reader(report(trained("three_link", n=400, size=8))).headings
     evil = replace(noisy(), about=replace(noisy().about, robot="<script>alert(1)</script>"))
     assert "<script>" not in report(evil)
-    bare = {"what": "trained", "errors": {"mean": 0.00123}, "rows": 100}
-    assert "Before and after" in Reader(report(replace(noisy(), history=(bare,)))).headings
 
 
 @pytest.mark.usefixtures("unrendered")
-def test_an_adapted_model_tells_before_and_after_and_a_log_its_distortion():
+def test_a_report_tells_the_distortion_of_a_log():
     model = trained("two_link", n=3000, size=20)
     bent = calib.babble(calib.load_arm("two_link"), 120, seed=1, changes=["elbow.length=+20%"])
     adapted = calib.adapt(model, bent).model
     page = report(adapted, bent)
     assert {"motor", "sensory", "links"} <= set(Reader(page).cells)
-    assert "Adapted with 120 rows (few-shot)" in page
     assert "It has drifted." in report(model, bent)
 
 
@@ -117,7 +114,7 @@ def test_figures_of_an_arm_in_space():
         assert line.get_ydata() == pytest.approx(own, abs=1e-9)
         band = ax.collections[0].get_paths()[0].vertices
         assert np.ptp(band[:, 1]) > np.ptp(own)
-    assert list(calib.figures(in_pixels(), names=["joints", "photo"])) == ["joints"]
+    assert list(calib.figures(in_pixels(), names=["nodes", "photo"])) == ["nodes"]
 
 
 def test_results_tell_themselves_in_a_line_and_models_in_a_small_table():

@@ -1,4 +1,4 @@
-"""Figures of curves: errors by joint and by socket, training, the joints' own curves."""
+"""Figures of curves: errors by socket, training, the joints' own curves."""
 
 from __future__ import annotations
 
@@ -7,11 +7,9 @@ from typing import Any
 import numpy as np
 
 from ...body.curves import powers
-from ...model.nominal import moves_in_space, nominal_arm
-from .drawing import HUE, INK, figure_unit, label_steps, over_each_joint, panels
+from ...model.nominal import nominal_arm
+from .drawing import HUE, INK, joint_axis, label_steps, panels
 from .evidence import Evidence
-
-_GROUPS, _FEWEST = 24, 5  # parts of a joint's range, and rows that say something of one
 
 
 def training(evidence: Evidence) -> Any:
@@ -43,29 +41,6 @@ def training(evidence: Evidence) -> Any:
     return figure
 
 
-def by_joint(evidence: Evidence) -> Any:
-    """Mean and 95 % of the forward error over the value of each joint, of arms in space."""
-    residuals, model = evidence.residuals, evidence.model
-    if residuals is None or not len(residuals.q) or not moves_in_space(model):
-        return None
-    factor, unit = figure_unit(evidence.unit)
-    errors = residuals.errors[model.default_readout] * factor
-    figure, axes = over_each_joint(model.about, range(residuals.q.shape[1]), f"error [{unit}]")
-    for k, by, ax in axes:
-        q = residuals.q[:, k] * by
-        edges = np.linspace(q.min(), q.max() + 1e-12, _GROUPS + 1)
-        group = np.digitize(q, edges[1:-1])
-        full = np.flatnonzero(np.bincount(group, minlength=_GROUPS) >= _FEWEST)
-        parts = [errors[group == g] for g in full]
-        at = ((edges[1:] + edges[:-1]) / 2)[full]
-        ax.plot(at, [part.mean() for part in parts], "o-", label="mean", color=HUE, ms=2.5)
-        high = [np.quantile(part, 0.95) for part in parts]
-        ax.plot(at, high, "v:", label="95 %", color=HUE, ms=2.5)
-    axes[0][2].set_ylim(bottom=0.0)
-    axes[0][2].legend(fontsize=7.5)
-    return figure
-
-
 def joint_curves(evidence: Evidence) -> Any:
     """Error curve of each joint with its 95 % interval, over the measured range."""
     model, body = evidence.model, evidence.model.body
@@ -76,11 +51,17 @@ def joint_curves(evidence: Evidence) -> Any:
     curves = {k: ix for k, ix in curves.items() if len(ix) and np.isin(ix, body.active).all()}
     if not curves:
         return None
-    figure, axes = over_each_joint(model.about, list(curves), "curve [mrad]")
+    rows = -(-len(curves) // 3)
+    figure, grid = panels(rows, 3, 0.4 + 1.7 * rows, sharey=True, sharex=False)
+    for ax in grid.flat[len(curves) :]:
+        ax.set_visible(False)
     measured = [model.about.lower, model.about.upper]
     if model.rows is not None:
         measured = [model.rows.q.min(axis=0), model.rows.q.max(axis=0)]
-    for k, by, ax in axes:
+    for k, ax in zip(curves, grid.flat, strict=False):
+        by, name = joint_axis(model.about, k)
+        ax.set(xlabel=name, ylabel="curve [mrad]" if ax in grid[:, 0] else "")
+        ax.grid(visible=True, axis="y")
         q = np.linspace(measured[0][k], measured[1][k], 600)
         # real and imaginary parts of exp(i k q): the body's cosines and sines in one call
         waves = powers(q)

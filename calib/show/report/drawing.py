@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 import re
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -117,26 +116,6 @@ def label_steps(axis: Any) -> None:
     axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
     axis.set_major_formatter("{x:g}")
     axis.set_minor_formatter(NullFormatter())  # laying minor labels out takes half of the drawing
-
-
-def over_each_joint(about: About, joints: Sequence[int], label: str) -> tuple[Any, list[Any]]:
-    """A figure, and of some joints their numbers, factors for their unit and axes, three in a row.
-
-    label : of the vertical axes
-    """
-    rows = -(-len(joints) // 3)
-    figure, grid = panels(rows, 3, 0.4 + 1.7 * rows, sharey=True)
-    found = []
-    for k, ax in zip(joints, grid.flat, strict=False):
-        by, name = joint_axis(about, k)
-        ax.set(xlabel=name)
-        ax.grid(visible=True, axis="y")
-        found.append((k, by, ax))
-    for ax in grid.flat[len(joints) :]:
-        ax.set_visible(False)
-    for ax in grid[:, 0]:
-        ax.set_ylabel(label)
-    return figure, found
 
 
 def to_svg(figure: Any, name: str, words: str) -> str:

@@ -186,7 +186,8 @@ def over_photo(evidence: Evidence) -> Any:
         seen = evidence.residuals.x[some]
         miss = evidence.residuals.forward[model.default_readout][some]
         away = np.linalg.norm(miss, axis=1)
-        times = magnification(float(np.quantile(away, 0.95)), right - left)
+        length = max(float(np.quantile(away, 0.95)), 1e-9)
+        times = int(float(f"{max(_LONG * (right - left) / length, 1.0):.0e}"))
         words = length_in_words(float(away.mean()), evidence.unit)
         words = f"from a seen tip to the predicted one: {words} on average"
         words += f", drawn {times:,} times as long" if times > 1 else ""
@@ -196,16 +197,3 @@ def over_photo(evidence: Evidence) -> Any:
     figure.legend(loc="outside lower left", ncols=1)
     error_bar(figure, lines, [ax], scale, "expected error")
     return figure
-
-
-def magnification(away: float, width: float) -> int:
-    """How many times as long arrows are drawn: 1, 2 or 5 times a power of ten; 1 at least.
-
-    Examples
-    --------
-    >>> magnification(0.05, 1280.0), magnification(2.0, 1280.0), magnification(200.0, 1280.0)
-    (1000, 20, 1)
-    """
-    wanted = max(_LONG * width / away, 1.0) if away > 0 else 1.0
-    power = 10 ** int(np.floor(np.log10(wanted)))
-    return int(power * max(step for step in (1, 2, 5) if step * power <= wanted))

@@ -48,12 +48,6 @@ SECTIONS: dict[str, tuple[str, str, Callable[[Evidence], Any]]] = {
         "Distance from each target to where the answered joints lead.",
         lambda e: maps.heat_maps(e, "inverse"),
     ),
-    "joints": (
-        "Error by joint",
-        "Distance between predicted and measured position over the value of each joint: the mean "
-        "and the 95 % quantile of each part of its range.",
-        curves.by_joint,
-    ),
     "curves": (
         "Joint curves",
         "What a joint turns beyond its reading, with the 95 % interval, over the measured part of "
@@ -117,8 +111,6 @@ def report(model: Model, path: str | os.PathLike[str], log: Samples | None = Non
         _soft(f"On {evidence.source}."),
         _errors(evidence),
     ]
-    if model.history:
-        parts += [_heading("Before and after"), *_states(model.history, about.unit)]
     if log is not None:
         parts += [_heading("Does the log still fit?"), _drift(model, log)]
     with settings():
@@ -143,8 +135,7 @@ def figures(
     log : Samples, optional
         A log to judge the model by, as in :func:`report`.
     names : sequence of str
-        Which: "photo", "sockets", "forward", "inverse", "joints", "curves", "lattices", "nodes",
-        "training".
+        Which: "photo", "sockets", "forward", "inverse", "curves", "lattices", "nodes", "training".
 
     Returns
     -------
@@ -236,18 +227,6 @@ def _errors(evidence: Evidence) -> str:
         for direction, name, unit, found in shown_errors(evidence.model.about, evidence.errors)
     ]
     return _table(["mean (largest)", *readouts], rows)
-
-
-def _states(history: Sequence[Mapping[str, Any]], unit: str) -> list[str]:
-    """Return mean distances before and after each adaptation, a line each."""
-    told = []
-    for state in history:
-        errors = [state.get("before"), state.get("after")]
-        if all(isinstance(each, Mapping) for each in errors):
-            before, after = (length_in_words(float(each["mean"]), unit) for each in errors if each)
-            rows = f"{state.get('samples', '')} rows ({state.get('method', '')})"
-            told.append(_soft(f"Adapted with {rows}: {before} before, {after} after, on average."))
-    return told
 
 
 def _drift(model: Model, log: Samples) -> str:
