@@ -216,11 +216,11 @@ class PlanarStructure(Structure):
 
     def load_slopes(self, q: Array) -> Array:
         """Derivatives (e, dof, n) of those waves by the joint values."""
-        waves = self.loads(q)[0].reshape(-1, 2, 1, len(q))
+        waves = self.loads(q)[0].reshape(len(self.pairs), 2, 1, len(q))
         ways = np.asarray(self.signs) * np.asarray(self.revolute)
         turns = np.array([ways * (np.arange(self.dof) <= j) for _, j in self.pairs])
         slopes = waves[:, ::-1] * np.array([-1.0, 1.0])[:, None, None] * turns[:, None, :, None]
-        return np.asarray(slopes.reshape(-1, self.dof, len(q)))
+        return np.asarray(slopes.reshape(2 * len(self.pairs), self.dof, len(q)))
 
     def members(self) -> Ladder:
         """The gate's members from simple to rich."""
