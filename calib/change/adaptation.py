@@ -136,6 +136,8 @@ def finished(
     )  # fmt: skip
     points = np.random.default_rng(0).random((_BASELINE, found.q.shape[1]))
     baseline = learn_baseline(fresh.association, points, fresh.predictor.value(points), after)
+    if old.baseline is not None and old.motor.size == fresh.motor.size:
+        baseline = replace(baseline, paths=old.baseline.paths)
     model = replace(
         fresh,
         about=about,

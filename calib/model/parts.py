@@ -22,8 +22,9 @@ from ..maps.linear_models import LinearModels
 from ..maps.local_models import NO_MODELS
 from ..maps.map import Map
 from ..maps.predictor import BodyInBox, Predictor
+from .baseline import KNOWN
 from .measured import Rows
-from .trust import KNOWN, MOST_BLENDED, MOST_SHARE, STEEP, Trust
+from .trust import MOST_BLENDED, MOST_SHARE, STEEP, Trust
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
@@ -115,12 +116,13 @@ class Parts:
     @cached_property
     def trust(self) -> Trust:
         """Where answers are given, and how bounds grow away from what was learned."""
-        known = None
+        known, paths = None, None
         # a file of format 1 has no option `body`, and its bounds hold as they did
         if self.body is None and self.baseline is not None and "body" in self.about.options:
             known = np.where(self.visited, KNOWN * np.sqrt(self.baseline.motor), -1.0)
+            paths = self.baseline.paths
         most, growth = MOST_SHARE * self.reach, STEEP * self.solver.extent
-        return Trust(self.motor, self.model_bounds, most, known, growth, self.body)
+        return Trust(self.motor, self.model_bounds, most, known, growth, paths, self.body)
 
     @cached_property
     def sure(self) -> bool:

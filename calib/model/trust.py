@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from ..common.arrays import Array
 from ..maps.map import Map, search_tree
 from ..maps.node_bounds import blend_nodes
+from .baseline import Paths
 
 if TYPE_CHECKING:
     from scipy.spatial import cKDTree
@@ -23,10 +24,6 @@ MOST_SHARE = 0.1
 
 MOST_BLENDED = 3
 """Joints up to which bounds are blended between the motor map's nodes."""
-
-KNOWN = 2.0
-"""Without a body the bound of a node that samples have visited holds within so many times
-the root mean square distance of its samples."""
 
 STEEP = 2.0
 """Extents of the workspace that a position may change by over the range of a joint."""
@@ -50,6 +47,7 @@ class Trust:
     # wherever its node is among the nearest, as that of a body does.
     known: Array | None = None
     growth: float = 0.0  # [unit], what the position may change by over the unit box
+    paths: Paths | None = None  # beside these bounds grow at once
     body: Body | None = None  # its posterior is asked where the nodes' bounds give no answer
 
     def in_range(self, u: Array) -> NDArray[np.bool_]:
@@ -103,7 +101,11 @@ class Trust:
             return blended
         holding = np.flatnonzero(self.known >= 0.0)
         distance, nearest = self._tree.query(self.motor.scale.wrapped(u), k=1)
-        away = np.maximum(distance - self.known[holding[nearest]], 0.0)
+        node = holding[nearest]
+        away = np.maximum(distance - self.known[node], 0.0)
+        if self.paths is not None:
+            gap = self.motor.scale.difference(u, self.motor.units[node])
+            away = np.maximum(away, self.paths.beside(node, gap))
         return np.asarray(blended + self.growth * away)
 
     @cached_property

@@ -19,7 +19,7 @@ from ..maps.model_selection import select
 from ..maps.node_bounds import learn_bounds, near_border
 from ..maps.predictor import Predictor
 from ..model.about import About
-from ..model.baseline import learn_baseline
+from ..model.baseline import Paths, learn_baseline
 from ..model.measured import Rows
 from ..model.model import Model
 from ..samples.joint_values import directions
@@ -151,6 +151,8 @@ def _learned(samples: Samples, options: TrainingOptions, progress: Progress) -> 
     some = slice(None, None, max(1, len(samples) // _TESTED))
     miss = np.linalg.norm(predictor.value(u[some]) - samples.x[some], axis=1)
     baseline = learn_baseline(association, u_known, x_known, miss)
+    if part is None and samples.simulation is None:
+        baseline = replace(baseline, paths=Paths.of(motor, baseline.motor, u_known))
     if play is not None:
         model = approached(model, samples.simulation, play, options.stream("bounds"))
     begin(1.0, "done")
