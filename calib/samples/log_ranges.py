@@ -71,18 +71,26 @@ class LoggedJoint:
         if not unknown and limits[0] - 1e-9 <= low and high <= limits[1] + 1e-9:
             return np.clip(values, *limits), limits, []
         if self.revolute and many_turns(values):
-            raise self._many_turns(low, high)
+            turn = "(-180, 180)" if self.degrees else "(-3.14159, 3.14159)"
+            remedy = "" if self.degrees else "if the log is in degrees, give `degrees=True`; "
+            raise LogError(
+                f"{self.label}: {self.name} goes {self.show((low, high))}, "
+                f"{(high - low) / TURN:.1f} turns",
+                hint=f"{remedy}to wrap it into one turn, give `ranges={{{self.name!r}: {turn}}}`",
+                parameter="ranges" if self.degrees else "degrees",
+                value=(low, high),
+            )
         if not unknown and high - low < TURN - 1e-9:
             middle = (low + high) / 2.0
-            turn = middle - math.pi, middle + math.pi
-            return values, turn, [f"{self.name}: range {self.show(turn)}, as in the log"]
-        wrapped, turn, gap = one_turn(values)
+            round_it = middle - math.pi, middle + math.pi
+            return values, round_it, [f"{self.name}: range {self.show(round_it)}, as in the log"]
+        wrapped, whole, gap = one_turn(values)
         short = high - low < TURN - 0.2 or (high - low <= TURN and gap < _LARGE_GAP)
         if unknown and (short or not self.revolute):
             return values, (low, high), []
         if unknown and gap >= _SMALL_GAP:
-            turn = _extremes(wrapped)
-        return wrapped, turn, self._moved(values, wrapped, turn)
+            whole = _extremes(wrapped)
+        return wrapped, whole, self._moved(values, wrapped, whole)
 
     def show(self, limits: Range) -> str:
         """Return a range in the unit of the log."""
@@ -134,17 +142,6 @@ class LoggedJoint:
             hint=hint,
             parameter=parameter,
             value=self.degrees if parameter == "degrees" else float(values[row]),
-        )
-
-    def _many_turns(self, low: float, high: float) -> LogError:
-        turn = "(-180, 180)" if self.degrees else "(-3.14159, 3.14159)"
-        remedy = "" if self.degrees else "if the log is in degrees, give `degrees=True`; "
-        return LogError(
-            f"{self.label}: {self.name} goes {self.show((low, high))}, "
-            f"{(high - low) / TURN:.1f} turns",
-            hint=f"{remedy}to wrap it into one turn, give `ranges={{{self.name!r}: {turn}}}`",
-            parameter="ranges" if self.degrees else "degrees",
-            value=(low, high),
         )
 
     def _moved(self, values: Array, wrapped: Array, turn: Range) -> list[str]:
