@@ -13,6 +13,7 @@ deviations, with a prior, need no convention for nearly parallel axes (Denavit-H
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Annotated, NamedTuple
 
 import numpy as np
@@ -50,24 +51,22 @@ class Motion:
     rotation: Array  # (3, 3, n), orientation of the tip's frame
     origins: Array  # (m, 3, n) [m]
     places: Array  # (m, 3, n) [m], the same after each joint has slid
-    # (m + 1) of (3, 3, n), orientation of the root and of the frame beyond each joint
-    frames: tuple[Array, ...]
-    turned: tuple[Array, ...]  # (m) of (3, 3, n), frames of the joint origins after their own turn
+    frames: Array  # (m + 1, 3, 3, n), orientation of the root and of the frame beyond each joint
     axes: Array  # (m, 3, n)
     flange: Array  # (3, 3, n), axes of the tip's frame before its own turn
-    revolute: tuple[bool, ...]
+    links: Links
 
     def joints(self) -> tuple[Array, Array]:
         """Velocity (m, 3, n) and angular velocity (m, 3, n) of the tip as each joint moves."""
-        velocity, angular = self.axes.copy(), np.zeros_like(self.axes)
-        for i in np.flatnonzero(self.revolute):
-            velocity[i] = cross(self.axes[i], self.position - self.origins[i])
-            angular[i] = self.axes[i]
-        return velocity, angular
+        swept = cross(self.axes, self.position - self.origins)
+        turning = self.links.turning
+        if turning.all():
+            return swept, self.axes
+        return np.where(turning, swept, self.axes), np.where(turning, self.axes, 0.0)
 
     def turns(self) -> tuple[Array, Array]:
         """The same (m, 3, 3, n) as the origins turn about the axes, second, of their own frames."""
-        about = np.swapaxes(np.stack(self.turned), 1, 2)
+        about = np.swapaxes(_product(self.frames[:-1], self.links.turns[..., None]), 1, 2)
         return np.cross(about, (self.position - self.origins)[:, None], axis=2), about
 
 
@@ -125,7 +124,7 @@ class SpatialChain:
 
     def motion(self, q: Array) -> Motion:
         """Where its parts are at joint values (n, dof) [rad or m]."""
-        return move(self, self.values(q))
+        return move(self._still, self.values(q))
 
     def positions(self, q: Array) -> Array:
         """Positions of the tip: (n, dof) -> (n, 3) [m].
@@ -168,16 +167,38 @@ class SpatialChain:
 
     def torques(self, q: Array, gravity: ArrayLike = GRAVITY) -> Array:
         """Torque of gravity (3,) [m/s2] about each axis: (n, dof) -> (n, m) [N m; N of a slide]."""
-        motion, out = self.motion(q), np.empty((len(q), self.joints))
-        away, g = self.centres - self.points, np.asarray(gravity, dtype=float)[:, None]
-        moment, weight = np.zeros((3, len(q))), 0.0  # of the masses beyond, about the root
-        for i in reversed(range(self.joints)):
-            centre = motion.places[i] + turned(motion.frames[i + 1], away[i])
-            moment, weight = moment + self.masses[i] * centre, weight + self.masses[i]
-            about = moment - weight * motion.places[i]
-            pull = cross(about, g) if self.revolute[i] else weight * g
-            out[:, i] = (motion.axes[i] * pull).sum(axis=0)
-        return out
+        return np.ascontiguousarray(self._pulled(q, gravity)[1].T)
+
+    def torque_slopes(self, q: Array, gravity: ArrayLike = GRAVITY) -> Array:
+        """Derivatives (m, dof, n) of the torques by the joint values."""
+        swung, _, axes, g = self._pulled(q, gravity)
+        # torques are the gradient of a potential: what joint i does to all joints beyond, turned
+        # about its axis, both ways round
+        slopes = np.einsum("ixn,jxn->ijn", cross(g, axes) * self._still.turning, swung)
+        beyond = np.triu(np.ones((self.joints, self.joints)))[..., None]
+        slopes = slopes * beyond
+        slopes += np.swapaxes(slopes * (1.0 - np.eye(self.joints))[..., None], 0, 1)
+        return np.asarray(np.einsum("ijn,jk->ikn", slopes, self.coupling))
+
+    def _pulled(self, q: Array, gravity: ArrayLike) -> tuple[Array, Array, Array, Array]:
+        """How each joint moves the masses beyond (m, 3, n) [kg m], its torque (m, n), its axis."""
+        motion, g = self.motion(q), np.reshape(np.asarray(gravity, dtype=float), (3, 1))
+        centres = motion.places + turned(motion.frames[1:], self._arms)
+        moments = np.cumsum((self.masses[:, None, None] * centres)[::-1], axis=0)[::-1]
+        weights = np.cumsum(self.masses[::-1])[::-1][:, None, None]
+        swung = cross(motion.axes, moments - weights * motion.places)
+        if not all(self.revolute):
+            swung = np.where(self._still.turning, swung, weights * motion.axes)
+        return swung, (swung * g).sum(axis=1), motion.axes, g
+
+    @cached_property
+    def _arms(self) -> Array:
+        return np.asarray((self.centres - self.points)[..., None])
+
+    @cached_property
+    def _still(self) -> Links:
+        """The nominal links."""
+        return Links.of(self, Deviations.none(self.joints))
 
     def placements(self, moved: Deviations | None = None) -> Placements:
         """Its links, of the nominal chain where no deviations are given."""
@@ -190,65 +211,87 @@ class SpatialChain:
         )
 
 
-def move(chain: SpatialChain, values: Array, moved: Deviations | None = None) -> Motion:
+@dataclass(frozen=True, eq=False)
+class Links:
+    """What of a chain with deviations no joint moves; constants of all joints side by side."""
+
+    strides: Array  # (m + 1, 3, 1) [m], from each joint's origin to the next, in the frame before
+    axes: Array  # (m, 3, 1), in the frame before
+    turns: Array  # (m, 3, 3), of the joint origins
+    sines: Array  # (m, 3, 3, 1), what a joint adds to that by the sine of its angle
+    swings: Array  # (m, 3, 3, 1), and by one less the cosine
+    turning: Array  # (m, 1, 1), whether each joint turns
+    rotation: Array  # (3, 3), orientation of the flange
+    tool: Array  # (3, 1) [m]
+    tool_turn: Array | None  # (3, 3); None where it does not turn
+
+    @staticmethod
+    def of(chain: SpatialChain, moved: Deviations) -> Links:
+        """The links of a chain that is off its drawing."""
+        strides = np.diff(chain.points, axis=0, prepend=np.zeros((1, 3))) + moved.shifts
+        turns = exponential(moved.turns)
+        # Rodrigues: exp = 1 + sin(v) K + (1 - cos(v)) K^2
+        about = cross_matrix(chain.axes)
+        sines = turns @ about
+        return Links(
+            np.vstack([strides, chain.tip - chain.points[-1]])[..., None],
+            (turns @ chain.axes[..., None]), turns, sines[..., None], (sines @ about)[..., None],
+            np.reshape(chain.revolute, (-1, 1, 1)), chain.rotation, moved.tool[:, None],
+            exponential(moved.tool_turn) if moved.tool_turn.any() else None,
+        )  # fmt: skip
+
+
+def move(links: Links, values: Array) -> Motion:
     """Evaluate a chain at the values (m, n) of its joints [rad or m]."""
     m, n = values.shape
-    moved = moved or Deviations.none(m)
     # coordinates come first and rows last, so that every operation runs along the rows
-    origins, places, axes = np.empty((3, m, 3, n))
-    frames, after = [np.repeat(np.eye(3)[:, :, None], n, axis=2)], []
-    position, last = np.zeros((3, n)), np.zeros(3)
-    turns = exponential(moved.turns)
-    for i in range(m):
-        rotation = frames[-1]
-        position = position + turned(rotation, chain.points[i] - last + moved.shifts[i])
-        last = chain.points[i]
-        if moved.turns[i].any():
-            rotation = _times(rotation, turns[i])
-        axes[i] = turned(rotation, chain.axes[i])
-        origins[i] = position
-        after.append(rotation)
-        if chain.revolute[i]:
-            rotation = _rotated(rotation, chain.axes[i], values[i])
-        else:
-            position = position + axes[i] * values[i]
-        places[i] = position
-        frames.append(rotation)
-    flange = _times(frames[-1], chain.rotation)
-    position = position + turned(frames[-1], chain.tip - last) + turned(flange, moved.tool)
-    tip = _times(flange, exponential(moved.tool_turn))
-    return Motion(
-        position, tip, origins, places, tuple(frames), tuple(after), axes, flange, chain.revolute
-    )
+    angles = values[:, None, None]
+    local = links.turns[..., None] + np.sin(angles) * links.sines
+    local += (1.0 - np.cos(angles)) * links.swings
+    slides = not links.turning.all()
+    if slides:
+        local = np.where(links.turning[..., None], local, links.turns[..., None])
+    frames = np.empty((m + 1, 3, 3, n))
+    frames[0] = np.eye(3)[:, :, None]
+    frames[1] = local[0]
+    for i in range(1, m):
+        frames[i + 1] = _product(frames[i], local[i])
+    axes, steps = turned(frames[:-1], links.axes), turned(frames, links.strides)
+    if slides:  # a slide moves all that comes after it
+        slid = np.where(links.turning, 0.0, axes * values[:, None])
+        steps[1:] += slid
+    stops = np.cumsum(steps, axis=0)
+    origins = places = stops[:-1]
+    if slides:
+        places = origins + slid
+    flange = _product(frames[-1], links.rotation[..., None])
+    position = stops[-1] + turned(flange, links.tool)
+    tip = flange if links.tool_turn is None else _product(flange, links.tool_turn[..., None])
+    return Motion(position, tip, origins, places, frames, axes, flange, links)
 
 
 def cross(a: Array, b: Array) -> Array:
-    """Cross products of columns: (3, n) x (3, n) -> (3, n)."""
+    """Cross products of columns: (..., 3, n) x (..., 3, n) -> (..., 3, n)."""
     out = np.empty(np.broadcast_shapes(a.shape, b.shape))
-    out[0] = a[1] * b[2] - a[2] * b[1]
-    out[1] = a[2] * b[0] - a[0] * b[2]
-    out[2] = a[0] * b[1] - a[1] * b[0]
+    (ax, ay, az), (bx, by, bz) = (
+        (part[..., 0, :], part[..., 1, :], part[..., 2, :]) for part in (a, b)
+    )
+    out[..., 0, :] = ay * bz - az * by
+    out[..., 1, :] = az * bx - ax * bz
+    out[..., 2, :] = ax * by - ay * bx
     return out
 
 
-def turned(rotation: Array, vector: Array) -> Array:
-    """Turn one vector (3,) by many rotations (3, 3, n): (3, n)."""
-    x, y, z = vector
-    return np.asarray(rotation[:, 0] * x + rotation[:, 1] * y + rotation[:, 2] * z)
-
-
-def _times(rotation: Array, matrix: Array) -> Array:
-    """Multiply many rotations (3, 3, n) by one matrix (3, 3) from the right."""
-    rows = matrix[:, :, None]  # no BLAS: it would round one row otherwise than many
-    out = rotation[:, :1] * rows[0] + rotation[:, 1:2] * rows[1] + rotation[:, 2:] * rows[2]
+def turned(rotations: Array, vectors: Array) -> Array:
+    """Vectors (..., 3, n or 1) turned by rotations (..., 3, 3, n), (..., 3, n)."""
+    x, y, z = (vectors[..., None, k, :] for k in range(3))
+    out = rotations[..., 0, :] * x + rotations[..., 1, :] * y
+    out += rotations[..., 2, :] * z
     return np.asarray(out)
 
 
-def _rotated(rotation: Array, axis: Array, angle: Array) -> Array:
-    """Multiply rotations (3, 3, n) by turns about one constant unit axis by angles (n,)."""
-    # Rodrigues: exp = 1 + sin(v) K + (1 - cos(v)) K^2 with K^2 = a a' - 1
-    cosine, swung = np.cos(angle), 1.0 - np.cos(angle)
-    out = np.sin(angle) * _times(rotation, cross_matrix(axis))
-    out += cosine * rotation
-    out += (swung * turned(rotation, axis))[:, None] * axis[:, None]
-    return out
+def _product(a: Array, b: Array) -> Array:
+    """Products of matrices (..., 3, 3, n or 1); no BLAS, which would round one row otherwise."""
+    out = a[..., :, :1, :] * b[..., :1, :, :] + a[..., :, 1:2, :] * b[..., 1:2, :, :]
+    out += a[..., :, 2:, :] * b[..., 2:, :, :]
+    return np.asarray(out)

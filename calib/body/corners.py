@@ -46,9 +46,10 @@ class Corners(Measurement):
         """Where what stands still is, and the lens."""
         return self.pose.parameters()
 
-    def look(self, own: Mapping[str, Array], motion: Any, also: Array) -> _Corner:
+    def look(self, ready: Mapping[str, Array], motion: Any, also: Array) -> _Corner:
         """See a corner in each row."""
-        seen = self.pose.look(own, motion, also[:, :0])
+        own = ready
+        seen = self.pose.look(self.pose.ready(own), motion, also[:, :0])
         shift, turn = seen.values[:, :3], exponential(seen.values[:, 3:])
         # columns of the derivative of s by the pose's shift and turn, both in the sensor's axes
         if self.in_hand:

@@ -15,6 +15,8 @@ from .settings import CURVE_FLOOR, WIDTH
 
 HARMONICS = 48
 
+_ROWS = 128  # at once: what is held of them fits into the cache
+
 ORDERS = np.arange(1, HARMONICS + 1)
 
 
@@ -41,14 +43,16 @@ def powers(q: Array) -> NDArray[np.complex128]:
 
 
 def curve_value(q: Array, coefficients: Array) -> Array:
-    """Curve (n,) [rad] at joint values (n,), or curves (k, n) at (k, n), by Horner's rule."""
+    """Curve (n,) [rad] at joint values (n,), or curves (k, n) at (k, n), by Estrin's scheme."""
+    if q.shape[-1] > _ROWS:
+        parts = (q[..., i : i + _ROWS] for i in range(0, q.shape[-1], _ROWS))
+        return np.concatenate([curve_value(part, coefficients) for part in parts], axis=-1)
     c = coefficients[..., :HARMONICS, None] - 1j * coefficients[..., HARMONICS:, None]
-    e = np.exp(1j * q)
-    total = np.zeros_like(e) + c[..., -1, :]
-    for k in range(HARMONICS - 2, -1, -1):
-        total *= e
-        total += c[..., k, :]
-    return np.asarray((total * e).real)
+    e = power = np.exp(1j * q)[..., None, :]
+    while c.shape[-2] > 3:  # neighbours in pairs: 48 terms, 24, 12, 6, 3
+        c, power = c[..., ::2, :] + power * c[..., 1::2, :], power * power
+    total = c[..., :1, :] + power * (c[..., 1:2, :] + power * c[..., 2:, :])
+    return np.asarray((total * e)[..., 0, :].real)
 
 
 def curve_slope(q: Array, coefficients: Array) -> Array:

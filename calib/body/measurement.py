@@ -54,10 +54,13 @@ class Measurement:
         """The sensor's own parameters."""
         raise NotImplementedError
 
-    def look(self, own: Mapping[str, Array], motion: Any, also: Array) -> Sight:
+    def ready(self, own: Mapping[str, Array]) -> Any:
+        """What `look` needs of the sensor's parameters, by block; it is kept for many rows."""
+        return own
+
+    def look(self, ready: Any, motion: Any, also: Array) -> Sight:
         """See a chain.
 
-        own : values of the sensor's parameters by block
         also : (n, g), what else a row tells: which point was touched, which corner was seen
         """
         raise NotImplementedError

@@ -183,7 +183,7 @@ class PlanarStructure(Structure):
 
     def move(self, values: Array, beta: Array) -> PlanarMotion:
         """Where the chain is at the true values (dof, n) of its joints."""
-        slides, length = list(self.slides), beta[self.groups["length"], None]
+        slides, length = list(self.slides), self.fixed(beta).chain
         angles = values
         if slides:
             angles = np.where(np.asarray(self.revolute)[:, None], values, 0.0)
@@ -197,6 +197,10 @@ class PlanarStructure(Structure):
         swept = 1j * np.cumsum(terms[::-1], axis=0)[::-1]
         return PlanarMotion(direction, terms, swept, self.slides, self.slide)
 
+    def chained(self, beta: Array) -> Array:
+        """The links' lengths (dof, 1)."""
+        return beta[self.groups["length"], None]
+
     def moving(self, motion: PlanarMotion) -> Iterator[tuple[Indices, Callable[[], Moved]]]:  # type: ignore[override]
         """How the tip moves with each part of the geometry."""
         yield self.groups["length"], lambda: (_pairs(motion.direction), 0.0)
@@ -209,6 +213,14 @@ class PlanarStructure(Structure):
         sums = np.ascontiguousarray(np.cumsum(signed, axis=1).T)
         waves = [wave(sums[j]) for _, j in self.pairs for wave in (np.cos, np.sin)]
         return np.array(waves), np.repeat([i for i, _ in self.pairs], 2).astype(np.intp)
+
+    def load_slopes(self, q: Array) -> Array:
+        """Derivatives (e, dof, n) of those waves by the joint values."""
+        waves = self.loads(q)[0].reshape(len(self.pairs), 2, 1, len(q))
+        ways = np.asarray(self.signs) * np.asarray(self.revolute)
+        turns = np.array([ways * (np.arange(self.dof) <= j) for _, j in self.pairs])
+        slopes = waves[:, ::-1] * np.array([-1.0, 1.0])[:, None, None] * turns[:, None, :, None]
+        return np.asarray(slopes.reshape(2 * len(self.pairs), self.dof, len(q)))
 
     def members(self) -> Ladder:
         """The gate's members from simple to rich."""

@@ -59,9 +59,14 @@ class PlanarReading(Measurement):
         """Radius [unit] at which the lens bends by its radial parameter."""
         return _LENS * self.extent
 
-    def look(self, own: Mapping[str, Array], motion: Any, also: Array) -> Seen:  # noqa: ARG002
+    def ready(self, own: Mapping[str, Array]) -> tuple[Mapping[str, Array], Array]:
+        """The parameters, and the view's linear part."""
+        return own, self.matrix(own)
+
+    def look(self, ready: Any, motion: Any, also: Array) -> Seen:  # noqa: ARG002
         """See the tip."""
-        x, linear, depth = motion.position, self.matrix(own), np.ones(1)
+        own, linear = ready
+        x, depth = motion.position, np.ones(1)
         y, slope = _times(linear[:, :, None], x), linear[:, :, None]
         h = own["view.tilt"]
         if h.any():

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from ..arm.spatial_chain import GRAVITY, Deviations, SpatialChain, move
+from ..arm.spatial_chain import GRAVITY, Deviations, Links, SpatialChain, move
 from ..arm.spatial_chain import Motion as ChainMotion
 from ..common.arrays import Array
 from . import settings
@@ -156,24 +156,42 @@ class SpatialStructure(Structure):
         loads = self.chain.torques(q, self.gravity).T / self.torque
         return np.ascontiguousarray(loads), np.arange(self.chain.joints)
 
+    def load_slopes(self, q: Array) -> Array:
+        """Derivatives (c, dof, n) of those shares by the joint values."""
+        return np.asarray(self.chain.torque_slopes(q, self.gravity) / self.torque)
+
     def coupled(self, own: Array) -> Array:
         """Values (c, n) of the chain's joints that follow the logged ones (dof, n)."""
+        if self._alone:
+            return own
         return np.asarray(self.chain.coupling @ own + self.chain.bias[:, None])
+
+    @cached_property
+    def _alone(self) -> bool:
+        """Whether no joint follows another."""
+        chain = self.chain
+        same = np.array_equal(chain.coupling, np.eye(chain.joints))
+        return same and not chain.bias.any()
 
     def led(self, chained: Array) -> Array:
         """How outputs move with each logged joint (dof, m, n), from the chain's (c, m, n)."""
-        return np.tensordot(self.chain.coupling.T, chained, axes=1)
+        return chained if self._alone else np.tensordot(self.chain.coupling.T, chained, axes=1)
 
     def move(self, values: Array, beta: Array) -> ChainMotion:
         """Where the chain is at the true values (c, n) of its joints."""
-        return move(self.chain, values, self.deviations(beta))
+        links: Links = self.fixed(beta).chain
+        return move(links, values)
+
+    def chained(self, beta: Array) -> Links:
+        """The chain's links."""
+        return Links.of(self.chain, self.deviations(beta))
 
     def moving(self, motion: ChainMotion) -> Iterator[tuple[Indices, Callable[[], Moved]]]:  # type: ignore[override]
         """How the tip moves with each part of the geometry."""
         still = np.zeros((3, *motion.position.shape))
         yield self.groups["tool"], lambda: (_axes(motion.flange), 0.0)
         yield self.groups["tool.rotation"], lambda: (still, _axes(motion.rotation))
-        yield self.shifts, lambda: (_axes(np.stack(motion.frames[:-1])), 0.0)
+        yield self.shifts, lambda: (_axes(motion.frames[:-1]), 0.0)
         yield self.turns, motion.turns
 
     def retract(self, beta: Array, delta: Array) -> Array:
@@ -216,7 +234,7 @@ class SpatialStructure(Structure):
 
     def pose(self, q: Array, beta: Array) -> tuple[Array, Array]:
         """Position (n, 3) [m] and orientation (n, 3, 3) of the tip in the arm's root frame."""
-        motion = move(self.chain, self.joint_values(q, beta), self.deviations(beta))
+        motion = self.move(self.joint_values(q, beta), beta)
         # rows first and contiguous, or every product that follows would copy
         return np.ascontiguousarray(motion.position.T), np.moveaxis(motion.rotation, 2, 0).copy()
 
@@ -228,7 +246,7 @@ class SpatialStructure(Structure):
     def sensor(self, beta: Array) -> Placed:
         """The sensor: where it stands, its scale and its lens."""
         assert isinstance(self.measurement, InSpace)  # noqa: S101 - other readings are of fits alone
-        return self.measurement.placed(self.seeing(beta))
+        return self.measurement.ready(self.seeing(beta))
 
 
 def _axes(rotation: Array) -> Array:

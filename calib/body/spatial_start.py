@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 
 from ..arm.rotations import exponential, logarithm, nearest_rotation, similarity
-from ..arm.spatial_chain import move
 from ..common.arrays import Array
 from ..common.rows import thinned
 from ..errors import LogError
@@ -288,7 +287,7 @@ def _random_chains(
 
 def _absorbed(structure: SpatialStructure, beta: Array) -> SpatialStructure:
     """Return the structure whose nominal chain is where `beta` puts origins and tip."""
-    still = move(structure.chain, np.zeros((structure.chain.joints, 1)), structure.deviations(beta))
+    still = structure.move(np.zeros((structure.chain.joints, 1)), beta)
     axes = still.axes[..., 0] / np.linalg.norm(still.axes[..., 0], axis=1, keepdims=True)
     tip, rotation = still.position[..., 0], still.rotation[..., 0]
     chain = replace(

@@ -71,15 +71,15 @@ class InSpace(Measurement):
             ),
         )  # fmt: skip
 
-    def placed(self, own: Mapping[str, Array]) -> Placed:
+    def ready(self, own: Mapping[str, Array]) -> Placed:
         """The sensor: where it stands, its scale and its lens."""
         scale = float(np.exp(own["view.scale"][0])) * (1.0 if self.camera else self.metre)
         turn = exponential(own["view.rotation"])
         return Placed(self.kind, turn, own["view.shift"], scale, own["lens"])
 
-    def look(self, own: Mapping[str, Array], motion: Any, also: Array) -> View:  # noqa: ARG002
+    def look(self, ready: Placed, motion: Any, also: Array) -> View:  # noqa: ARG002
         """See the tip."""
-        return look(self.placed(own), motion.position, motion.rotation)
+        return look(ready, motion.position, motion.rotation)
 
     def residual(self, z: Array, predicted: Array) -> Array:
         """Residuals (n, m) of observed against predicted outputs.

@@ -15,25 +15,37 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cached_property
 from itertools import product
-from typing import Any, ClassVar, TypeVar
+from typing import Any, ClassVar, NamedTuple, TypeVar
 
 import numpy as np
 
 from ..common.arrays import Array
 from . import parameters
-from .curves import HARMONICS, curve_slope, curve_value, powers
+from .curves import HARMONICS, ORDERS, curve_value, powers
 from .derivative import Derivative, Waves
 from .measurement import Measurement, Moved, Sight, TipMotion
 from .parameters import Block, Gaussian, Hyper, Indices, Label, Layout, Part, Prior
 from .views import VIEWS_OF_BODIES, ViewKind
 
-_ROWS = 1024  # whose loads are asked for at once
-_STEP = 1e-5  # [rad or m], of differences of loads, which bend by mrad: exact to 1e-12 rad
+_BELIEFS = 8  # whose constants are kept: a body's two fits, the drawing
 
 _T = TypeVar("_T")
 
 Ladder = tuple[tuple[str, tuple[str, ...]], ...]
 """The gate's members from simple to rich: a name and the blocks that it frees."""
+
+
+class Fixed(NamedTuple):
+    """What follows from the parameters alone, whatever the joints are."""
+
+    gain: Array  # (dof, 1), with each joint's direction
+    offset: Array  # (dof, 1) [rad or m]
+    bent: list[int]  # joints that have an error curve
+    curves: Array  # (k, 96) [rad]
+    slopes: Array  # (k, 96), coefficients of their derivatives
+    elastic: Array | None  # (e, 1), None where nothing bends
+    chain: Any  # of the chain
+    sensor: Any  # of the measurement
 
 
 class Structure:
@@ -169,24 +181,48 @@ class Structure:
 
     def joint_values(self, q: Array, beta: Array) -> Array:
         """True values (c, n) of the chain's joints at logged values (n, dof) [rad or m]."""
-        groups = self.groups
-        gain = beta[groups["gain"]] * self.directions
-        own = np.ascontiguousarray(q.T) * gain[:, None] + self.offsets(beta)[:, None]
-        bent, curves = self._curves(beta)
-        if len(bent):  # all at once: of one row each operation costs as much as of a hundred
-            own[bent] += curve_value(q.T[bent], curves)
-        values, elastic = self.coupled(own), beta[groups["elastic"]]
-        if elastic.any():
+        fixed = self.fixed(beta)
+        own = np.ascontiguousarray(q.T) * fixed.gain + fixed.offset
+        if fixed.bent:  # all at once: of one row each operation costs as much as of a hundred
+            own[fixed.bent] += curve_value(q.T[fixed.bent], fixed.curves)
+        values = self.coupled(own)
+        if fixed.elastic is not None:
             loads, joints = self._remembered(self.loads, q)
-            for e in np.flatnonzero(elastic):
-                values[joints[e]] += elastic[e] * loads[e]
+            for joint, load in zip(joints.tolist(), fixed.elastic * loads, strict=True):
+                values[joint] += load
         return values
 
-    def _curves(self, beta: Array) -> tuple[list[int], Array]:
-        """Joints that have an error curve, and the curves (k, 96)."""
-        each = [beta[self.groups[f"curve.{k}"]] for k in range(self.dof)]
+    def fixed(self, beta: Array) -> Fixed:
+        """What follows from parameters (d,) alone, kept: those of a body are read-only."""
+        key = None if beta.flags.writeable else id(beta)
+        last = self._kept.get(key)
+        if last is None or not (last[0] is beta if key else np.array_equal(last[0], beta)):
+            if len(self._kept) > _BELIEFS:
+                self._kept.clear()
+            own = beta if key else beta.copy()
+            last = self._kept[key] = (own, self._fixed(own))
+        return last[1]
+
+    @cached_property
+    def _kept(self) -> dict[int | None, tuple[Array, Fixed]]:
+        return {}
+
+    def _fixed(self, beta: Array) -> Fixed:
+        groups = self.groups
+        each = [beta[groups[f"curve.{k}"]] for k in range(self.dof)]
         bent = [k for k, curve in enumerate(each) if curve.any()]
-        return bent, np.array([each[k] for k in bent])
+        curves = np.reshape([each[k] for k in bent], (-1, 2 * HARMONICS))
+        a, b = ORDERS * curves[:, :HARMONICS], ORDERS * curves[:, HARMONICS:]
+        elastic = beta[groups["elastic"], None]
+        return Fixed(
+            (beta[groups["gain"]] * self.directions)[:, None], self.offsets(beta)[:, None],
+            bent, curves, np.concatenate([b, -a], axis=1), elastic if elastic.any() else None,
+            self.chained(beta), self.measurement.ready(self.seeing(beta)),
+        )  # fmt: skip
+
+    def chained(self, beta: Array) -> Any:
+        """What `move` needs of the parameters."""
+        raise NotImplementedError
 
     def offsets(self, beta: Array) -> Array:
         """What is added to the joints' values (dof,)."""
@@ -221,7 +257,7 @@ class Structure:
         """Where the chain is at rows (n, dof + g), and what the sensor sees of it."""
         joints, also = self.apart(q)
         motion = self.move(self.joint_values(joints, beta), beta)
-        return motion, self.measurement.look(self.seeing(beta), motion, also)
+        return motion, self.measurement.look(self.fixed(beta).sensor, motion, also)
 
     def seeing(self, beta: Array) -> dict[str, Array]:
         """Values of the sensor's own parameters, by block."""
@@ -299,15 +335,8 @@ class Structure:
         return sight.values, Derivative(out, bare, tuple(waved))
 
     def load_slopes(self, q: Array) -> Array:
-        """Derivatives (e, dof, n) of the loads by the joint values, as central differences."""
-        steps = _STEP * np.eye(self.dof)
-        if len(q) > _ROWS:
-            parts = np.array_split(q, -(-len(q) // _ROWS))
-            return np.concatenate([self.load_slopes(part) for part in parts], axis=-1)
-        rows = np.concatenate([q + step for step in (*steps, *-steps)])
-        loads = self.loads(rows)[0]
-        ahead, behind = np.split(loads.reshape(len(loads), 2 * self.dof, len(q)), 2, axis=1)
-        return np.asarray(ahead - behind) / 2 / _STEP
+        """Derivatives (e, dof, n) of the loads by the joint values."""
+        raise NotImplementedError
 
     def led(self, chained: Array) -> Array:
         """How outputs move with each logged joint (dof, m, n), from the chain's (c, m, n)."""
@@ -316,18 +345,21 @@ class Structure:
     def predict_and_slope(self, q: Array, beta: Array) -> tuple[Array, Array]:
         """Outputs (n, m) and their derivative (n, m, dof) by the joint values."""
         motion, sight = self.seen(q, beta)
-        chained = sight.push(*motion.joints())
-        led, groups = self.led(chained), self.groups
-        rates = np.repeat((beta[groups["gain"]] * self.directions)[:, None], len(q), axis=1)
-        bent, curves = self._curves(beta)
-        if len(bent):
-            rates[bent] += curve_slope(q.T[bent], curves)
-        moved, elastic = led * rates[:, None], beta[groups["elastic"]]
-        if elastic.any():
+        return sight.values, self.by_joints(q, beta, sight.push(*motion.joints()))
+
+    def by_joints(self, q: Array, beta: Array, chained: Array) -> Array:
+        """Derivative (n, m, dof) by the logged joints, of outputs (c, m, n) by the chain's."""
+        fixed = self.fixed(beta)
+        rates = fixed.gain
+        if fixed.bent:
+            rates = np.repeat(rates, len(q), axis=1)
+            rates[fixed.bent] += curve_value(q.T[fixed.bent], fixed.slopes)
+        moved = self.led(chained) * rates[:, None]
+        if fixed.elastic is not None:
             joints = self._remembered(self.loads, self.apart(q)[0])[1]
-            slopes = elastic[:, None, None] * self.load_slopes(q)
+            slopes = fixed.elastic[..., None] * self.load_slopes(q)
             moved += np.einsum("emn,ekn->kmn", chained[joints], slopes)
-        return sight.values, np.ascontiguousarray(moved.transpose(2, 1, 0))
+        return np.ascontiguousarray(moved.transpose(2, 1, 0))
 
     def slope(self, q: Array, beta: Array) -> Array:
         """Derivative (n, m, dof) of the outputs by the joint values."""

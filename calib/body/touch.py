@@ -68,9 +68,10 @@ class Touch(Measurement):
         facts[:, -4] = self.count + np.arange(len(facts))
         return np.concatenate([np.column_stack([q, point, x]), facts])
 
-    def look(self, own: Mapping[str, Array], motion: Any, also: Array) -> _Touched:
+    def look(self, ready: Mapping[str, Array], motion: Any, also: Array) -> _Touched:
         """See the tip in its sockets."""
-        seen = self.tip.look(own, motion, also[:, :0])
+        own = ready
+        seen = self.tip.look(self.tip.ready(own), motion, also[:, :0])
         places = own["point"].reshape(-1, 3)
         number = also[:, 0].astype(int)
         touches, measured = (number >= 0) & (number < self.count), number < 0

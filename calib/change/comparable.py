@@ -67,12 +67,10 @@ def comparable(model: Model, log: Samples) -> Comparable:
     Raises LogError if the log is of another arm, too short, or looks as if its columns were
     exchanged or in degrees.
     """
-    given = log.left_out + len(log)
+    given, before = log.left_out + len(log), log.left_out
     _refuse_other(model, log)
-    before = log.left_out
-    log, told = sound_log(model, log)
+    log, notes = sound_log(model, log)
     wrong = log.left_out - before
-    notes = list(told)
     first = np.sort(np.unique(np.hstack([log.q, log.x]), axis=0, return_index=True)[1])
     if len(first) < len(log):
         notes.append(f"{len(log) - len(first)} repeated rows count once")
@@ -90,7 +88,18 @@ def comparable(model: Model, log: Samples) -> Comparable:
     rows = first[known]
     q, x = log.q[rows], log.x[rows]
     turns = None if log.orientation is None else log.orientation[rows]
-    notes += _misread(model, q, x, turns)
+
+    def pose(q: Array) -> tuple[Array, Array]:
+        space = Space.of(model)
+        place, rotation = space.to_sensor(*space.evaluate(q)[:2])
+        return place, quaternion_of(rotation)
+
+    found = diagnose(
+        model.forward, q, x, model.about.joint_names, model.about.revolute,
+        unit=model.about.unit, turns=turns, pose=pose if knows_orientation(model.body) else None,
+    )  # fmt: skip
+    # units, mirrors, signs and clocks are causes that the comparison itself tells
+    notes += refuse_mistakes([each for each in found if each.kind in _MISREAD])
     u = model.motor.scale.to_unit(q)
     for name, width in zip(model.about.joint_names, np.ptp(u, axis=0).tolist(), strict=True):
         if width < _CORNER:
@@ -98,9 +107,8 @@ def comparable(model: Model, log: Samples) -> Comparable:
                 f"the log covers {100 * width:.0f} % of the learned range of {name}: the result "
                 "says little about the rest"
             )
-    lost = given - (len(log) - len(first)) - len(rows)
-    back = model.motor.scale.from_unit(u)
-    return Comparable(model, u, back, x, turns, wrong, lost, tuple(notes))
+    lost, q = given - (len(log) - len(first)) - len(rows), model.motor.scale.from_unit(u)
+    return Comparable(model, u, q, x, turns, wrong, lost, tuple(notes))
 
 
 def _refuse_other(model: Model, log: Samples) -> None:
@@ -116,22 +124,6 @@ def _refuse_other(model: Model, log: Samples) -> None:
     if np.isfinite(model.expected_error(q)).mean() > 0.5 or not turning.any():
         return
     units, *_ = readings(q, model.about.joint_names, model.about.revolute, any_order=False)
-    for other in units:
-        if np.isfinite(model.expected_error(other.q)).mean() > 0.9:
+    for q, other in units:
+        if np.isfinite(model.expected_error(q)).mean() > 0.9:
             raise LogError(f"the log fits the model only if {other.words}", hint=other.hint)
-
-
-def _misread(model: Model, q: Array, x: Array, turns: Array | None) -> list[str]:
-    """Refuse a log that fits only if it is read otherwise: what a change of the arm cannot be."""
-
-    def pose(q: Array) -> tuple[Array, Array]:
-        space = Space.of(model)
-        place, rotation = space.to_sensor(*space.evaluate(q)[:2])
-        return place, quaternion_of(rotation)
-
-    found = diagnose(
-        model.forward, q, x, model.about.joint_names, model.about.revolute,
-        unit=model.about.unit, turns=turns, pose=pose if knows_orientation(model.body) else None,
-    )  # fmt: skip
-    # units, mirrors, signs and clocks are causes that the comparison itself tells
-    return refuse_mistakes([each for each in found if each.kind in _MISREAD])

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..arm.rotations import exponential, quaternion_of
+from ..arm.rotations import quaternion_of
 from ..body.belief import Body
 from ..body.spatial_view import look
 from ..body.views import is_camera
@@ -50,11 +50,13 @@ class Space:
 
     @staticmethod
     def of(model: Parts) -> Space:
-        """The arm of a model.
+        """The arm of a model, made once.
 
         Raises QueryError if the model knows no chain in space: of a planar arm, or one found from
         rows alone.
         """
+        if "space" in model.remembered:  # its parts: what held the model would outlive it
+            return Space(model, *model.remembered["space"])
         about = model.about
         body = in_base(model.body) if model.body is not None else None
         if body is None and about.source == "simulation":
@@ -66,17 +68,16 @@ class Space:
             )
         structure: Any = body.structure
         joints = Joints(about.lower, about.upper, about.revolute)
-        return Space(model, body, joints, max(structure.chain.reach, 1e-9))
+        parts = body, joints, max(structure.chain.reach, 1e-9)
+        model.remembered["space"] = parts
+        return Space(model, *parts)
 
     def evaluate(self, q: Array) -> tuple[Array, Array, Array]:
         """Position (n, 3) [m], orientation (n, 3, 3) and Jacobian (n, 6, dof) of the tip."""
-        seen, slope = self._posed.predict_and_slope(q, self.body.beta)
-        return seen[:, :3], exponential(seen[:, 3:]), slope
-
-    @cached_property
-    def _posed(self) -> Any:
-        structure: Any = self.body.structure
-        return structure.with_view("pose")
+        structure, beta = self.body.structure, self.body.beta
+        motion: Any = structure.move(structure.joint_values(q, beta), beta)
+        slope = structure.by_joints(q, beta, np.concatenate(motion.joints(), axis=1))
+        return motion.position.T.copy(), np.moveaxis(motion.rotation, 2, 0).copy(), slope
 
     def forward(self, q: ArrayLike) -> tuple[Array, Array]:
         """Position (n, 3) [m] and quaternion (n, 4) of the tip; NaN where the model has none."""

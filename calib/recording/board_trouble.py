@@ -17,7 +17,7 @@ from ..common.arrays import Array, Mask
 from ..common.rows import thinned
 from ..common.wording import listed
 from ..errors import LogError, OptionError
-from ..samples.diagnosis import Reading, readings
+from ..samples.diagnosis import Finding, readings
 from ..samples.settings import MOST_ORDERED
 from .board import Board
 from .board_pictures import LEAST, BoardViews
@@ -147,19 +147,16 @@ def _refuse_readings(structure: SpatialStructure, views: BoardViews, board: Boar
         some[thinned(len(views.q), _TRIED)] = True
         few, q, names = views.take(some), views.q, structure.joint_names
         late = (
-            Reading(
-                np.roll(q, k, axis=0), "late",
-                f"they are {abs(k)} row{'s' * (abs(k) > 1)} late or early",
-                "check which row is of which picture", "joints", k,
-            )
+            (np.roll(q, k, axis=0), Finding("late", words, "check which row is of which picture"))
             for k in (-2, -1, 1, 2)
-        )  # fmt: skip
+            for words in [f"they are {abs(k)} row{'s' * (abs(k) > 1)} late or early"]
+        )
         units, orders, *signs = readings(
             q, names, structure.revolute, any_order=len(names) <= MOST_ORDERED
         )
         # the simplest first
         for others in (units, late, *signs, orders):
-            tried = [(_closed_form(structure, r.q[some], few)[0], r) for r in others]
+            tried = [(_closed_form(structure, q[some], few)[0], r) for q, r in others]
             left, best = min(tried, key=lambda each: each[0], default=(np.inf, None))
             if best is not None and left < _CLEAR * own:
                 hint = "correct the header of the joints" if best.kind == "exchanged" else best.hint

@@ -144,7 +144,14 @@ def read_rows(
     for name in frame.columns:
         if name.startswith("bad ") and frame[name].any():
             k, row = int(name[4:]), int(frame["row"][int(frame[name].arg_true()[0])])
-            _refuse_cell(source, names[k], cells[k][0], row)
+            text = str(source.rows.select(cells[k][0]).slice(row, 1).collect().item())
+            shown = repr(text if len(text) <= 40 else text[:37] + "...")
+            remedy = "write decimals with a point"
+            remedy = remedy if "," in text else "empty the cell if it is missing"
+            raise LogError(
+                f"{source.label}, row {row + 1}, column {names[k]!r}: {shown} is not a number; "
+                f"{remedy}"
+            )
     values = np.empty((frame.height, len(names)))
     for k in range(len(names)):
         values[:, k] = frame[f"value {k}"].fill_null(float("nan")).to_numpy()
@@ -222,16 +229,6 @@ def _cells(source: Source, name: str, schema: pl.Schema) -> tuple[pl.Expr, bool]
         raise LogError(f"{source.label}, column {name!r} holds {dtype}, expected {kind}{remedy}")
     text = isinstance(dtype, pl.String)
     return values.str.strip_chars() if text else values, text
-
-
-def _refuse_cell(source: Source, name: str, values: pl.Expr, row: int) -> None:
-    """Refuse a cell with text in a number's place."""
-    text = str(source.rows.select(values).slice(row, 1).collect().item())
-    remedy = "write decimals with a point" if "," in text else "empty the cell if it is missing"
-    shown = repr(text if len(text) <= 40 else text[:37] + "...")
-    raise LogError(
-        f"{source.label}, row {row + 1}, column {name!r}: {shown} is not a number; {remedy}"
-    )
 
 
 def _open_csv(label: str, path: Path, keep: object) -> Source:

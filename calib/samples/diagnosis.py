@@ -1,4 +1,4 @@
-"""Diagnosis of a log: what is wrong with its columns, units and times, told by what predicts it.
+"""Diagnosis of a log: what is wrong with its columns and units, told by what predicts it.
 
 Other readings of the rows (another unit, exchanged joints, a joint that counts the other way,
 inverted poses, ...) are tried in turn.  One that a predictor explains far better than the log as it
@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
-from typing import Any, NamedTuple
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -20,7 +20,7 @@ from ..common.rows import thinned
 from ..common.scale import METRES
 from ..common.wording import listed
 from ..errors import LogError
-from .alignment import Predict, agreeing, aligned_misfit, rows_behind
+from .alignment import Predict, agreeing, aligned_misfit
 from .settings import (
     DIAGNOSED_ROWS,
     FAR_BETTER,
@@ -44,7 +44,7 @@ _TOOL_ROWS = 39  # thrice the features of a tool of unknown size
 class Finding:
     """Something that is wrong with a log, or looks so."""
 
-    kind: str  # unit, degrees, exchanged, reversed, mirrored, inverted, turns, late
+    kind: str  # unit, degrees, exchanged, reversed, mirrored, inverted, turns
     words: str
     hint: str = ""  # the remedy, with Python's names of options
     parameter: str | None = None
@@ -52,51 +52,45 @@ class Finding:
     mistake: bool = True  # whether it can be nothing else; otherwise it may be intended
 
 
-class Reading(NamedTuple):
-    """Joint values (n, dof) read otherwise, and what that would mean."""
-
-    q: Array
-    kind: str
-    words: str  # "... only if" these hold
-    hint: str
-    parameter: str
-    value: Any
+_Reading = tuple[Array, Finding]
+"""Joint values (n, dof) read otherwise, and what that would mean, "... only if" its words hold."""
 
 
 def readings(
     q: Array, names: Sequence[str], revolute: Sequence[bool], *, any_order: bool
-) -> tuple[Iterator[Reading], ...]:
+) -> tuple[Iterator[_Reading], ...]:
     """Other readings of joint values (n, dof): their unit, their order, one sign, two signs.
 
     any_order : whether columns are tried in all orders, not only with two exchanged
     """
     joints = range(len(names))
 
-    def units() -> Iterator[Reading]:
+    def units() -> Iterator[_Reading]:
         for factor, words, hint in (
             (np.pi / 180, "its joint values are degrees", "give `degrees=True`"),
             (180 / np.pi, "its joint values are radians", "leave out `degrees`"),
         ):
             turned = np.where(revolute, q * factor, q)
-            yield Reading(turned, "degrees", words, hint, "degrees", factor > 1)
+            yield turned, Finding("degrees", words, hint, "degrees", factor > 1)
 
-    def orders() -> Iterator[Reading]:
+    def orders() -> Iterator[_Reading]:
         for order in itertools.permutations(joints):
             pairs = {names[k]: names[j] for k, j in enumerate(order) if k != j}
             if pairs and (any_order or len(pairs) == 2):
                 told = listed(f"{other} holds {name}" for name, other in pairs.items())
                 words = f"columns are exchanged ({told})"
                 hint = f"give `columns={pairs}`, or correct the header"
-                yield Reading(q[:, list(order)], "exchanged", words, hint, "columns", list(pairs))
+                finding = Finding("exchanged", words, hint, "columns", list(pairs))
+                yield q[:, list(order)], finding
 
-    def signs(count: int) -> Iterator[Reading]:
+    def signs(count: int) -> Iterator[_Reading]:
         for some in itertools.combinations(joints, count):
             ones = [names[k] for k in some]
             words = f"{' and '.join(ones)} counts the other way"
             hint = "its encoder or servo is reversed: change the sign of its column"
             if len(ones) < len(names):  # all of them turned are a mirror
                 turned = q * np.where(np.isin(joints, some), -1.0, 1.0)
-                yield Reading(turned, "reversed", words, hint, "joints", ones)
+                yield turned, Finding("reversed", words, hint, "joints", ones)
 
     return units(), orders(), signs(1), signs(2)
 
@@ -165,28 +159,25 @@ def diagnose(
         any_order = log.own > GOOD * log.size and len(names) <= MOST_ORDERED
         # the simplest first; of two that explain the log the first is told
         for others in readings(log.q, names, revolute, any_order=any_order):
-            fits = [r for r in others if log.left(r.q, log.x) < FAR_BETTER * log.own]
+            fits = [r for r in others if log.left(r[0], log.x) < FAR_BETTER * log.own]
             if fits:  # a tool of unknown size explains what a mirror does: by the place alone
-                best = min(fits, key=lambda r: log.left(r.q, log.x, tool=False))
-                # a planar arm's signs may be learned
-                learned = best.kind == "reversed" and log.predicted.shape[1] == 2
+                _, best = min(fits, key=lambda r: log.left(r[0], log.x, tool=False))
                 words = f"the log fits the robot only if {best.words}"
-                hint = "" if learned else best.hint
-                found = [Finding(best.kind, words, hint, *best[4:], mistake=not learned)]
+                if best.kind != "reversed" or log.predicted.shape[1] != 2:
+                    return (replace(best, words=words),)
+                # a planar arm's signs may be learned
+                found = [replace(best, words=words, hint="", mistake=False)]
                 break
-    if found and found[0].mistake:
-        return tuple(found)
-    if not left_handed and log.mirrored():
+    known = np.isfinite(log.predicted).all(axis=1)
+    flip = np.array([-1.0, *[1.0] * (x.shape[1] - 1)])
+    both = (aligned_misfit(log.predicted[known], log.x[known] * axes) for axes in (flip, 1.0))
+    mirrored, own = both if not (left_handed or log.affine) else (1.0, 0.0)
+    if mirrored < FAR_BETTER * own:  # with one axis reversed, but for a tool
         words = (
             "the positions are mirrored, compared with the robot: the sensor's axes are "
             "left-handed, or one of them is reversed"
         )
         found.append(Finding("mirrored", words, mistake=False))
-    if shift := rows_behind(predict, q, x, unit):
-        side = "follow" if shift > 0 else "precede"
-        apart = f"{abs(shift)} row{'s' * (abs(shift) > 1)}"
-        words = f"the positions {side} the joints by {apart}"
-        found.append(Finding("late", words, value=shift, mistake=False))
     return tuple(found)
 
 
@@ -231,13 +222,6 @@ class _Log:
             place, turn = self.pose(q)
             predicted, affine = np.column_stack([place, matrix_of(turn).reshape(-1, 9)]), True
         return aligned_misfit(predicted[known], x[known], affine=affine)
-
-    def mirrored(self) -> bool:
-        """Whether the rows fit with one axis reversed, but for a tool."""
-        flip = np.array([-1.0, *[1.0] * (self.x.shape[1] - 1)])
-        known = np.isfinite(self.predicted).all(axis=1)
-        p, x = self.predicted[known], self.x[known]
-        return not self.affine and aligned_misfit(p, x * flip) < FAR_BETTER * aligned_misfit(p, x)
 
 
 def _spread(x: Array) -> float:

@@ -9,12 +9,10 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..arm.arm import SpatialArm
 from ..arm.plane import fit_plane
 from ..arm.ranges import Range
-from ..common.arrays import Array
 from ..common.scale import TURN
 from ..common.wording import vector
 from ..errors import LogError, OptionError
@@ -23,7 +21,7 @@ from .columns import Source, open_source, read_columns
 from .delays import with_offset
 from .diagnosis import diagnose, refuse_mistakes
 from .log_ranges import UNKNOWN_RANGE, LoggedJoint
-from .measured_rows import HELD_ROWS, check_values, measured_rows, seen_rows
+from .measured_rows import HELD_ROWS, check_values, measured_rows
 from .roles import (
     PIXELS,
     QUATERNION,
@@ -130,9 +128,7 @@ def read_log(
             parameter="planar",
         )
     known = _joints(source.label, arm, names, prismatic, degrees, ranges or {})
-    values, rows, dropped, notes = measured_rows(source, roles.columns, known, most, seed)
-    values, rows, left_out, more = seen_rows(source.label, values, rows, roles)
-    notes += more
+    values, rows, dropped, left_out, notes = measured_rows(source, roles, known, most, seed)
     check_values(source.label, values, names, axes)
     revolute = tuple(joint.revolute for joint in known)
     in_degrees = degrees and any(revolute)
@@ -162,8 +158,18 @@ def read_log(
     flat = len(spread) < 3 or bool(spread[2] <= _THICK * spread[0])
     if len(axes) == 3 and wanted != 3 and (wanted is not None or flat):
         plane, rms = fit_plane(x)
-        if arm is not None:
-            _check_flat(source.label, x, plane.distances(x), unit, rows)
+        share = rms / max(float(np.sqrt(x.var(axis=0).sum())), 1e-300)
+        if arm is not None and share > OUT_OF_PLANE:
+            away = np.abs(plane.distances(x))
+            raise LogError(
+                f"{source.label}: x, y, z leave their plane by {rms:.4g} {unit} rms, "
+                f"{100 * share:.2g} % of the extent (at most {100 * OUT_OF_PLANE:g} %); row "
+                f"{rows[np.argmax(away)]} by {away.max():.4g} {unit}",
+                hint="other joints moved the tip: name all that moved in `joints`, or leave out "
+                "the rows in which they did",
+                parameter="joints",
+                value=share,
+            )
         x = plane.project(x)
         notes.append(
             f"plane fitted to x, y, z: x along {vector(plane.x)}, y along {vector(plane.y)}, "
@@ -180,6 +186,10 @@ def read_log(
             f"the positions extend over {size:.4g} m, as those of an arm of that size; if they are "
             "in mm, give `unit='mm'`"
         )
+    time = None
+    if "time" in source.header and "time" not in names:
+        time = read_columns(source, ["time"], lenient=True)[rows - 1, 0]
+        time = time if np.isfinite(time).all() else None
     samples = Samples(
         q=q,
         x=x,
@@ -200,7 +210,7 @@ def read_log(
         camera=camera,
         source=about,
         rows=rows,
-        time=_time(source, rows, names),
+        time=time,
         left_out=left_out,
     )
     samples = samples if time_offset is None else with_offset(samples, time_offset)
@@ -233,33 +243,6 @@ def write_log(samples: Samples, path: str | os.PathLike[str]) -> None:
     check_names(samples.joint_names)
     about = samples.orientation, samples.covariance
     write_table(path, log_columns(samples.joint_names, samples.q, samples.x, *about))
-
-
-def _time(source: Source, rows: NDArray[np.intp], names: Sequence[str]) -> Array | None:
-    """Times (n,) [s] of some rows of a log, None where it has none."""
-    if "time" not in source.header or "time" in names:
-        return None
-    time = read_columns(source, ["time"], lenient=True)[rows - 1, 0]
-    return time if np.isfinite(time).all() else None
-
-
-def _check_flat(label: str, x: Array, distance: Array, unit: str, rows: NDArray[np.intp]) -> None:
-    """Refuse positions (n, 3) of a planar arm whose distances (n,) from their plane are large."""
-    rms = float(np.sqrt(np.mean(distance**2)))
-    size = float(np.sqrt(((x - x.mean(axis=0)) ** 2).sum(axis=1).mean()))
-    share = rms / max(size, 1e-300)
-    if share <= OUT_OF_PLANE:
-        return
-    worst = int(np.argmax(np.abs(distance)))
-    raise LogError(
-        f"{label}: x, y, z leave their plane by {rms:.4g} {unit} rms, {100 * share:.2g} % of the "
-        f"extent (at most {100 * OUT_OF_PLANE:g} %); row {rows[worst]} by "
-        f"{abs(float(distance[worst])):.4g} {unit}",
-        hint="other joints moved the tip: name all that moved in `joints`, or leave out the rows "
-        "in which they did",
-        parameter="joints",
-        value=share,
-    )
 
 
 def _joints(

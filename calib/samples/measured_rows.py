@@ -14,49 +14,47 @@ from .columns import Source, read_rows
 from .log_ranges import LoggedJoint
 from .roles import QUATERNION, ROUNDING, Roles
 from .settings import MOST_WRONG, UNSURE
-from .wrong_rows import placeholders, rows_in_words
+from .wrong_rows import rows_in_words
 
 HELD_ROWS = 200_000
 """Rows of a log that are held in memory; of a longer one so many are drawn."""
 
-_Rows = tuple[Array, NDArray[np.intp], int, list[str]]
-"""Values (n, columns), the rows' numbers (n,) in the file, how many were left out, and notes."""
-
 
 def measured_rows(
-    source: Source, columns: Sequence[str], joints: Sequence[LoggedJoint], most: int, seed: int
-) -> _Rows:
-    """Read the rows of a log that miss no value and lie in the ranges that the user chose.
+    source: Source, roles: Roles, joints: Sequence[LoggedJoint], most: int, seed: int
+) -> tuple[Array, NDArray[np.intp], int, int, list[str]]:
+    """Read the rows of a log in which nothing is missing, seen by the sensor, in chosen ranges.
 
-    columns : what is read, those of the joints first; angles are returned in rad
+    Returns values : (n, columns) of `roles`, angles of the joints in rad
+    Returns rows : (n,), their numbers in the file, and how many missed a value, and saw nothing
+    Returns notes : what was left out and why
     Raises LogError if no row is left, or a column has no number in any row.
     """
-    label = source.label
-    values, numbers, total = read_rows(source, columns, most=most, seed=seed)
+    label, dof, axes = source.label, len(roles.joints), len(roles.axes)
+    values, rows, total = read_rows(source, roles.columns, most=most, seed=seed)
     if not total:
         raise LogError(f"{label} has a header and no rows")
-    notes = []
-    if len(values) < total:
+    notes, given = [], len(values)
+    if given < total:
         notes.append(
-            f"{total:,} rows: {len(values):,} of them, drawn evenly, are held; other counts are of "
-            "these"
+            f"{total:,} rows: {given:,} of them, drawn evenly, are held; other counts are of these"
         )
     finite = np.abs(values) < LARGEST
-    for k, name in enumerate(columns):
+    for k, name in enumerate(roles.columns):
         if not finite[:, k].any():
             raise LogError(f"{label}: column {name!r} has no finite value in any row")
     whole = finite.all(axis=1)
     dropped = int((~whole).sum())
-    if dropped == len(values):
+    if dropped == given:
         raise LogError(f"{label}: each of the {dropped} rows misses a value")
     if dropped:
         row = int(np.argmin(whole))
         notes.append(
-            f"{dropped} of {len(values)} rows dropped: a value is missing, not finite or beyond "
-            f"{LARGEST:g} (the first is row {numbers[row]}, column "
-            f"{columns[int(np.argmin(finite[row]))]!r})"
+            f"{dropped} of {given} rows dropped: a value is missing, not finite or beyond "
+            f"{LARGEST:g} (the first is row {rows[row]}, column "
+            f"{roles.columns[int(np.argmin(finite[row]))]!r})"
         )
-    values, numbers = values[whole], numbers[whole]
+    values, rows = values[whole], rows[whole]
     inside = np.ones(len(values), dtype=bool)
     for k, joint in enumerate(joints):
         if joint.revolute and joint.degrees:
@@ -70,14 +68,12 @@ def measured_rows(
             outside = f"{joint.name} outside of the range {shown}"
             notes.append(f"{int((~here).sum())} rows dropped: {outside}")
         inside &= here
-    return values[inside], numbers[inside], dropped, notes
-
-
-def seen_rows(label: str, values: Array, rows: NDArray[np.intp], roles: Roles) -> _Rows:
-    """Leave out the rows in which the sensor saw nothing: zeros, or a quaternion of no length."""
-    dof, axes = len(roles.joints), len(roles.axes)
-    lost = placeholders(values[:, :dof], values[:, dof : dof + axes])
-    kinds = [(lost, "hold zeros for a position, as where a sensor saw nothing")]
+    values, rows = values[inside], rows[inside]
+    zero = (values[:, dof : dof + axes] == 0.0).all(axis=1)
+    # a single row, or one place of the joints, may be the origin of the sensor
+    if zero.sum() < 2 or zero.all() or not np.ptp(values[zero, :dof], axis=0).any():
+        zero[:] = False
+    kinds, lost = [(zero, "hold zeros for a position, as where a sensor saw nothing")], zero
     if roles.turns == QUATERNION:
         quaternions = values[:, dof + axes : dof + axes + 4]
         length = np.linalg.norm(quaternions, axis=1)
@@ -91,19 +87,19 @@ def seen_rows(label: str, values: Array, rows: NDArray[np.intp], roles: Roles) -
                 f"{length[row]:.4g}, expected 1; check which columns are named"
             )
         kinds.append((unturned, "hold no orientation: a quaternion whose length is not 1"))
+        lost = lost | unturned
     if roles.spread:
         variance = values[:, [-21, -15, -10]].sum(axis=1)  # of x, y and z
-        unsure = ~np.any([wrong for wrong, _ in kinds], axis=0)
-        unsure &= variance > UNSURE**2 * np.median(np.abs(variance))
+        unsure = ~lost & (variance > UNSURE**2 * np.median(np.abs(variance)))
         kinds.append((unsure, f"have a covariance over {UNSURE:g} times as wide as usual"))
-    notes = [
+        lost = lost | unsure
+    notes += [
         f"{int(wrong.sum()):,} of {len(values):,} rows {why}; left out: "
         f"{rows_in_words(rows[wrong])}"
         for wrong, why in kinds
         if wrong.any()
     ]
-    kept = ~np.any([wrong for wrong, _ in kinds], axis=0)
-    return values[kept], rows[kept], int((~kept).sum()), notes
+    return values[~lost], rows[~lost], dropped, int(lost.sum()), notes
 
 
 def check_values(label: str, values: Array, names: Sequence[str], axes: Sequence[str]) -> None:

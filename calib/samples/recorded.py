@@ -43,15 +43,11 @@ class Recorded:
 
     def about(self) -> dict[str, Any]:
         """Return what stands above the columns: unit and source, and of pictures their noise."""
-        if not self.noise:
-            return {"unit": self.unit, **self.source} if self.source else {}
-        return {
-            "unit": self.unit,
-            "noise": self.noise,
-            "noise_of_reference": self.common,
-            "dropped": dict(self.dropped),
-            **self.source,
-        }
+        about = {"unit": self.unit, **self.source} if self.noise or self.source else {}
+        if self.noise:
+            noise = {"noise": self.noise, "noise_of_reference": self.common}
+            about = {"dropped": dict(self.dropped), **noise, **about}
+        return about
 
     def columns(self) -> dict[str, Array]:
         """Return the columns by name."""

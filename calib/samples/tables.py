@@ -17,15 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..common.arrays import Array
 from ..common.atomic import atomic_write
 from ..common.wording import listed, printable
-from .columns import (
-    COMMENT,
-    KEY,
-    PARQUET,
-    Source,
-    open_source,
-    read_columns,
-    read_texts,
-)
+from .columns import COMMENT, KEY, PARQUET, Source, open_source, read_columns, read_texts
 
 if TYPE_CHECKING:
     import polars as pl

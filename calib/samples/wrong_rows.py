@@ -1,12 +1,11 @@
 """Wrong rows of a log: single ones that contradict their neighbours, and corners that contradict.
 
-One policy for whoever learns from a log or compares it: `placeholders` when it is read, `screen`
+One policy for whoever learns from a log or compares it: `measured_rows` when it is read, `screen`
 before anything is fitted, `contradictions` with what a fit or a model predicts.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from functools import reduce
 from itertools import pairwise
 
@@ -37,33 +36,17 @@ _Rows = NDArray[np.intp]
 _CHUNK = 50_000  # rows whose functions are held at once
 
 
-def placeholders(q: Array, x: Array) -> Mask:
-    """Find rows (n,) that hold zeros for a position although the joints are not at one place.
-
-    Sensors write them where they saw nothing.  A single row may be the origin of the sensor.
-    """
-    zero: Mask = np.asarray((x == 0.0).all(axis=1))
-    if zero.sum() < 2 or not np.ptp(q[zero], axis=0).any() or zero.all():
-        return np.zeros(len(x), dtype=bool)
-    return zero
-
-
 def screen(samples: Samples) -> tuple[Mask, list[str]]:
     """Find the `contradictions` of positions that are grossly wrong, before anything is fitted.
 
     They are compared with a robust fit of all that a chain of rigid links can do; where the rows
     are too few for that (45 of two joints, 135 of three), with the robot's nominal kinematics.
     """
-    left = _rigid_residual(samples)
-    if left is None and samples.arm is not None:
-        left = samples.x - aligned(
-            samples.arm.forward(samples.q), samples.x, affine=samples.unit == "px"
-        )
-    return (
-        contradictions(samples, left)
-        if left is not None
-        else (np.ones(len(samples), dtype=bool), [])
-    )
+    left, arm = _rigid_residual(samples), samples.arm
+    if left is None and arm is not None:
+        left = samples.x - aligned(arm.forward(samples.q), samples.x, affine=samples.unit == "px")
+    kept = np.ones(len(samples), dtype=bool)
+    return (kept, []) if left is None else contradictions(samples, left)
 
 
 def contradictions(samples: Samples, residual: Array) -> tuple[Mask, list[str]]:
@@ -93,12 +76,9 @@ def contradictions(samples: Samples, residual: Array) -> tuple[Mask, list[str]]:
     if not 0 < len(wrong) <= MOST_WRONG * len(size):
         return kept, []
     kept[wrong] = False
-    one = len(wrong) == 1
-    count = "1 row of" if one else f"{len(wrong):,} of"
-    verb = "contradicts its neighbours and is" if one else "contradict their neighbours and are"
     return kept, [
-        f"{count} {len(kept):,} rows {verb} left out, of learning and of the errors: "
-        f"{row_numbers(samples, wrong)}"
+        f"left out, of learning and of the errors, {len(wrong):,} of {len(kept):,} rows that "
+        f"contradict their neighbours: {row_numbers(samples, wrong)}"
     ]
 
 
@@ -135,18 +115,15 @@ def contradicting_corner(samples: Samples, residual: Array) -> str:
     )
 
 
-def row_numbers(samples: Samples, rows: _Rows | Mask, most: int = 5) -> str:
+def row_numbers(samples: Samples, rows: _Rows) -> str:
     """Name the first of some rows by their numbers in the log's file, counted below its header."""
-    rows = np.arange(len(samples))[rows]
-    numbers = rows + 1 if samples.rows is None else samples.rows[rows]
-    return rows_in_words(numbers, most)
+    return rows_in_words(rows + 1 if samples.rows is None else samples.rows[rows])
 
 
-def rows_in_words(numbers: Sequence[int] | _Rows, most: int = 5) -> str:
+def rows_in_words(numbers: _Rows) -> str:
     """Name the first of some numbers of rows."""
-    if len(numbers) == 1:
-        return f"row {numbers[0]}"
-    return f"rows {', '.join(map(str, numbers[:most]))}{', ...' if len(numbers) > most else ''}"
+    shown = f"{', '.join(map(str, numbers[:5]))}{', ...' if len(numbers) > 5 else ''}"
+    return f"row{'s' * (len(numbers) > 1)} {shown}"
 
 
 def _limit(size: Array, x: Array) -> float:

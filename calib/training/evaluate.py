@@ -15,6 +15,7 @@ from ..common.arrays import Array
 from ..common.parallel import side_by_side
 from ..common.wording import for_people
 from ..errors import LogError, OptionError
+from ..model.alignment import Alignment
 from ..model.answers import unit_joints
 from ..model.model import Model
 from ..model.space import Space
@@ -216,20 +217,18 @@ def _in_frame(model: Model, samples: Samples, *, free: bool) -> tuple[Samples, l
         return samples, []
     turn, _, _ = similarity(samples.x[known], tip[known])
     shift = np.median(tip[known] - samples.x[known] @ turn.T, axis=0)
-    moved = samples.x @ turn.T + shift
+    frame = Alignment(turn, shift)
+    moved = frame.apply(samples.x)
     before, after = (
         float(np.median(np.linalg.norm(x[known] - tip[known], axis=1))) for x in (samples.x, moved)
     )
     if not free and after > _FAR_NEARER * before:
         return samples, []
     away = float(np.linalg.norm(samples.x[known].mean(axis=0) - moved[known].mean(axis=0)))
-    # of a turn by t the Frobenius norm of R - 1 is 2 sqrt(2) sin(t / 2)
-    half = min(float(np.linalg.norm(turn - np.eye(len(turn)))) / np.sqrt(8.0), 1.0)
-    turned = float(np.degrees(2.0 * np.arcsin(half)))
     factor, unit = for_people(samples.unit)
     found = (
-        f"{factor * away:.3g} {unit} and {turned:.2g} deg: rows are {factor * before:.3g} {unit} "
-        f"off (median), {factor * after:.3g} once it is found anew"
+        f"{factor * away:.3g} {unit} and {np.degrees(abs(frame.angle)):.2g} deg: rows are "
+        f"{factor * before:.3g} {unit} off (median), {factor * after:.3g} once it is found anew"
     )
     if free:
         return replace(samples, x=moved), [f"the sensor's frame was found anew, moved by {found}"]

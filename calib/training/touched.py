@@ -11,10 +11,10 @@ from ..body.spatial import structure_of
 from ..body.touch import TouchFit, fit_touches
 from ..common.arrays import Mask
 from ..common.scale import Scale
-from ..common.wording import listed
 from ..errors import LogError
 from ..maps.model_selection import of_body
 from ..samples.samples import Samples
+from ..samples.wrong_rows import row_numbers
 from .smooth import SmoothPart
 
 _MOST = 0.25  # share of rows that may be wrong
@@ -76,16 +76,17 @@ def fit_sockets(samples: Samples, scale: Scale, seed: int) -> tuple[Samples, Smo
             "sockets (median); check the joints' order and unit, the tip, and the points' names"
         )
     notes: list[str] = []
-    if gone := np.flatnonzero(~kept).tolist():
+    gone = np.flatnonzero(~kept)
+    if len(gone):
         near = np.linalg.norm(tip[gone, None] - found.points, axis=2)
         away = np.nanmin(near, axis=1) > max(5.0 * scatter, 1e-9)
-        lines = samples.rows if samples.rows is not None else np.arange(1, len(samples) + 1)
-        first = listed([str(row) for row in lines[gone[:5]]])
-        notes.append(f"{len(gone)} rows were in no socket of theirs and are left out, rows {first}")
+        named = row_numbers(samples, gone)
+        notes.append(f"{len(gone)} rows were in no socket of theirs and are left out: {named}")
         if not away.all():
-            k = int(np.flatnonzero(~away)[0])
+            k = int(np.argmin(away))
             name = " ".join(touch.sockets[int(np.nanargmin(near[k]))]).strip()
-            notes.append(f"row {lines[gone[k]]} was in the socket {name!r}: a wrong name?")
+            named = row_numbers(samples, gone[k : k + 1])
+            notes.append(f"{named} was in the socket {name!r}: a wrong name?")
     if not seen and not any(each.value is not None for each in touch.known):
         notes.append(
             "touches alone do not tell how large the arm is: its size stays as drawn; state the "

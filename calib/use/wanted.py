@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import partial
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -14,6 +14,7 @@ from ..arm.rotations import logarithm
 from ..body.planar import PlanarStructure
 from ..body.spatial import SpatialStructure
 from ..common.arrays import Array
+from ..common.frozen import frozen
 from ..model.model import Model
 from ..model.nominal import moves_in_space, nominal_arm, nominal_in_plane, nominal_in_space
 from ..model.space import REACHED, Space
@@ -66,8 +67,15 @@ class Wanted:
     def _nominal_pose(self, q: Array) -> tuple[Array, Array]:
         assert self.space is not None  # noqa: S101
         structure: Any = self.space.body.structure
-        place, turn = structure.pose(q, nominal_in_space(structure, self.space.body.beta))
+        place, turn = structure.pose(q, self._nominal)
         return place, turn
+
+    @cached_property
+    def _nominal(self) -> Array:
+        """Parameters of the nominal arm in the base frame."""
+        assert self.space is not None  # noqa: S101
+        body: Any = self.space.body
+        return frozen(nominal_in_space(body.structure, body.beta))
 
 
 def wanted(model: Model, view: str, cause: str) -> Wanted:
@@ -89,17 +97,17 @@ def _found(model: Model, view: str, cause: str) -> Wanted:
             back = [frame.inverse() for frame in reversed(frames(model))]
             moved = back if cause == "joints" else []
         structure, beta = nominal_in_plane(model, based=not free)
-        return Wanted(partial(structure.predict, beta=beta), moved, free)
+        return Wanted(partial(structure.predict, beta=frozen(beta)), moved, free)
     in_space = moves_in_space(model)
     if in_space and not is_simulated(model):
         fitted = free or own is None or own.view == "base"
         if model.body is not None and isinstance(own, SpatialStructure) and own.informed and fitted:
-            beta = nominal_in_space(own, model.body.beta)
+            beta = frozen(nominal_in_space(own, model.body.beta))
             kept = own.dof >= _POSED or own.camera
             space = Space.of(model) if kept else None
             return Wanted(partial(own.predict, beta=beta), [], free, beta, space)
         fit = fit_geometry(model, view=view, cause=cause)
-        beta = nominal_in_space(fit.structure, fit.beta)
+        beta = frozen(nominal_in_space(fit.structure, fit.beta))
         return Wanted(partial(fit.structure.predict, beta=beta), moved, free)
     geometry = fit_geometry(model, view=view, cause=cause) if free and not in_space else None
     seen = None if geometry is None else geometry.frame

@@ -10,6 +10,7 @@ from reference import random_joints
 
 from calib.arm.loading import PlanarArm, SpatialArm, arm_from_urdf, load_arm
 from calib.arm.rotations import exponential, logarithm, matrix_of, quaternion_of
+from calib.arm.spatial_chain import SpatialChain
 from calib.errors import OptionError, RobotError
 
 SPATIAL = ("spatial_three", "six_axis")
@@ -173,3 +174,21 @@ def test_rotations_go_round(vector):
         np.testing.assert_allclose(back, v, atol=1e-9)
     np.testing.assert_allclose(exponential(back), matrix, atol=1e-9)
     np.testing.assert_allclose(matrix_of(quaternion_of(matrix)), matrix, atol=1e-12)
+
+
+def test_torques_change_as_their_differences_do():
+    """Of turning, sliding and following joints."""
+    rng, step = np.random.default_rng(0), 1e-6
+    axes = rng.normal(size=(4, 3))
+    chain = SpatialChain(
+        axes / np.linalg.norm(axes, axis=1, keepdims=True), rng.normal(size=(4, 3)),
+        rng.normal(size=3), np.eye(3), (True, False, True, True),
+        coupling=np.array([[1.0, 0, 0], [0, 1, 0], [0, 0, 1], [0, 0, -0.5]]), bias=np.zeros(4),
+        masses=rng.uniform(1, 3, 4), centres=rng.normal(size=(4, 3)),
+    )  # fmt: skip
+    q = rng.normal(size=(3, 3))
+    ahead, behind = (
+        np.stack([chain.torques(q + way * one).T for one in np.eye(3)], axis=1)
+        for way in (step, -step)
+    )
+    np.testing.assert_allclose(chain.torque_slopes(q), (ahead - behind) / 2 / step, atol=1e-6)

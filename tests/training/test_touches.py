@@ -153,7 +153,7 @@ def test_touches_that_tell_nothing_or_are_wrong_are_told():
     model = calib.train(replace(good, touch=replace(good.touch, number=named)), size=5)
     notes = " ".join(model.about.notes)
     assert model.about.left_out == 1
-    assert "rows 6" in notes
+    assert "row 6" in notes
     assert "row 6 was in the socket 'A'" in notes
 
     with pytest.raises(LogError, match="11 touches of 1 sockets tell nothing"):
