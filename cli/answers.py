@@ -28,10 +28,7 @@ _TOLD = 10  # so many rows are named at most
 
 
 class Query:
-    """A model that is asked, and how its joints and positions are typed and printed.
-
-    Both one query and a table of them are refused, and what is for a table without one.
-    """
+    """A model that is asked, and how its joints and positions are typed and printed."""
 
     def __init__(
         self,
@@ -116,12 +113,7 @@ class Query:
         lines: Sequence[str] = (),
         **told: Any,
     ) -> Outcome:
-        """Write a table of answers, None for no table, and tell what goes with it.
-
-        columns : joints as typed, positions and their bounds in the model's unit
-        output : the file; without one, or with `-`, answers go to standard output, or in SI units
-            by a key into the document
-        """
+        """Write a table of answers, None for no table, and tell what goes with it."""
         to_file, by = output not in (None, "-"), self.positions.typed
         document = {"output": (columns and output) if to_file else None, **told}
         if columns is None:
@@ -146,12 +138,7 @@ class Query:
         output: str | None,
         n: int | None = None,
     ) -> Outcome:
-        """Write the answers to a batch and say which rows have none.
-
-        added : columns of the answers, joints as typed
-        refused, why : numbers of the rows that have no answer, and the reason
-        n : how many queries there were, where a query may have several rows of answers
-        """
+        """Write the answers to a batch and say which rows have none."""
         invalid, n = batch.invalid, len(batch.values) if n is None else n
         say(batch.notes(list(added)))
         say_rows(invalid, n, "not all values are numbers, no answer")

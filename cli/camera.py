@@ -13,7 +13,7 @@ from calib.common.choices import DICTIONARY, PICTURES, VIDEOS, Eye
 
 from . import options as opt
 from .boards import record_board
-from .options import flag, option
+from .options import Text, flag, option
 from .output import say
 from .parsing import BadOption
 
@@ -26,41 +26,20 @@ if TYPE_CHECKING:
 class Shooting:
     """Pictures or a video, and what is in them, as typed."""
 
-    joints_file: Annotated[
-        str | None,
-        option("--joints-file FILE", "Joints of pictures (column picture) or a video (time)."),
-    ] = None
-    tag: Annotated[
-        int | None, Option("--tag", metavar="ID", min=0, help="Number of the tag on the tip.")
-    ] = None
+    joints_file: Annotated[Text, option("--joints-file FILE", "Joints by picture or time.")] = None
+    tag: Annotated[int | None, Option("--tag", metavar="ID", min=0, help="That on the tip.")] = None
     dictionary: opt.Dictionary = DICTIONARY
     board: opt.BoardSpec = None
-    tags_at: Annotated[
-        str | None, option("--tags-at FILE", "Tags on the desk: a table of tag, x, y [m].")
-    ] = None
-    lens: Annotated[
-        str | None,
-        option("--lens SHOTS|lens.json", "Pictures of the board, a lens of before, or a model."),
-    ] = None
-    tag_size: Annotated[
-        str | None, option("--tag-size 40mm", "Side of the tip's tag, for --pose.")
-    ] = None
-    tag_height: Annotated[
-        str | None, option("--tag-height 25mm", "Height of the tip's tag above the desk.")
-    ] = None
-    pose: Annotated[
-        bool, Option("--pose", help="Write z and the tag's quaternion too, for arms in space.")
-    ] = False
-    since: Annotated[
-        str | None, option("--since LOG", "An earlier log: how far has the camera moved since?")
-    ] = None
-    picture: Annotated[
-        str | None, option("--picture seen.png", "Draw the detections over a photo.")
-    ] = None
+    tags_at: Annotated[Text, option("--tags-at FILE", "The desk: tag, x, y [m].")] = None
+    lens: Annotated[Text, option("--lens SHOTS|lens.json", "Pictures of a board, or a model.")] = (
+        None
+    )
+    tag_size: Annotated[Text, option("--tag-size 40mm", "Of the tip's tag, for --pose.")] = None
+    tag_height: Annotated[Text, option("--tag-height 25mm", "Of the tip's, above the desk.")] = None
+    pose: Annotated[bool, Option("--pose", help="z and the quaternion too, in space.")] = False
+    picture: Annotated[Text, option("--picture seen.png", "Draw what was seen on a photo.")] = None
     camera: opt.DatasetCamera = None
-    eye: Annotated[
-        Eye | None, flag("--eye", "Of a board alone; hand: the camera is on the arm; base: stands.")
-    ] = None
+    eye: Annotated[Eye | None, flag("--eye", "Of a board: in the hand, or standing.")] = None
 
     def given(self) -> bool:
         """Whether any of what only pictures have was typed."""
@@ -115,23 +94,21 @@ class Shooting:
         from calib.recording.joint_table import read_joints
         from calib.recording.photo import read_photo, write_seen
         from calib.recording.pictures import list_pictures
-        from calib.samples.tables import read_about
 
         setting = self.setting(output)
         first, source = Path(sources[0]), sources[0] if len(sources) == 1 else sources
         chosen = list(joints) if joints else None
         table = read_joints(str(self.joints_file), chosen, degrees=degrees, prismatic=prismatic)
-        earlier = read_about(self.since) if self.since is not None else None
         if first.is_file() and first.suffix.lower() not in PICTURES:
             if len(sources) > 1:
                 raise BadOption(f"{len(sources)} names: expected one video, or pictures alone")
             turns = tuple(name not in prismatic for name in table.names)
             how: dict[str, Any] = of_videos
-            made = log_video(first, table, setting, **how, revolute=turns, since=earlier)
+            made = log_video(first, table, setting, **how, revolute=turns)
         else:
             if of_videos["still"] is not None or of_videos["time_offset"] is not None:
                 raise BadOption("--still and --time-offset are for videos and bags, not pictures")
-            made = log_pictures(source, table, setting, since=earlier)
+            made = log_pictures(source, table, setting)
         say(made.notes)
         # named in the log, so that train can draw the map over it
         path = first

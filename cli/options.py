@@ -71,9 +71,7 @@ Moves = Annotated[MotionWord | None, flag("--motion", "How the arm babbles (defa
 Changes = Annotated[
     list[str] | None,
     option(
-        "--change JOINT.WHAT=VALUE",
-        "Change the simulated arm or sensor, such as elbow.length=+20%, shoulder.offset=0.05, "
-        "sensor.rotate=0.14 or sensor.mirror=x; repeatable.",
+        "--change JOINT.WHAT=VALUE", "Such as elbow.length=+20%, sensor.rotate=0.14; repeatable."
     ),
 ]
 Seed = Annotated[int, Option("--seed", metavar="K", min=0, help="Seed of the random numbers.")]
@@ -105,20 +103,10 @@ SensorView = Annotated[
 
 # logs
 TimeOffset = Annotated[
-    Any,
-    option(
-        "--time-offset auto|S",
-        "Added to times of positions [s]; auto: as the motion shows.",
-        parsing.offset_or_auto,
-    ),
+    Any, option("--time-offset auto|S", "Added to times of positions.", parsing.offset_or_auto)
 ]
 Columns = Annotated[
-    Any,
-    option(
-        "--columns x=U,y=V",
-        "Columns of other names; an element of a Parquet list is tip[0].",
-        parsing.typed_columns,
-    ),
+    Any, option("--columns x=U,y=V", "Of other names, such as tip[0].", parsing.typed_columns)
 ]
 Unit = Annotated[Text, option("--unit m|mm|px|..", "Of the log (default m, or the model's).")]
 Prismatic = Annotated[Any, option("--prismatic A,B", "Joints that slide.", parsing.names)]
@@ -126,14 +114,10 @@ LogDegrees = Annotated[bool | None, flag("--degrees/--radians", "Of the log (def
 PhotoFile = Annotated[Text, option("--photo FILE", "Of the log's camera, to draw the map over.")]
 NoPhoto = Annotated[bool, flag("--no-photo", "Keep no photo in the model and draw none.")]
 Distances = Annotated[
-    list[str] | None,
-    Option(
-        "--distance", metavar="A,B=50mm", help="Of touched points, +-0.1mm if said; repeatable."
-    ),
+    list[str] | None, option("--distance A,B=50mm", "Of touched points; repeatable.")
 ]
 Planes = Annotated[
-    list[str] | None,
-    Option("--plane", metavar="A,B,C,D", help="Touched points that lie in a plane; repeatable."),
+    list[str] | None, option("--plane A,B,C,D", "Touched points in a plane; repeatable.")
 ]
 
 # queries and what else asks a model
@@ -145,8 +129,7 @@ Output = Annotated[Text, option("--output FILE", "CSV or Parquet (default standa
 LogView = Annotated[LogFrameWord, flag("--view", "base: the log is in the robot's root frame.")]
 WhatChanged = Annotated[CauseWord | None, flag("--cause", "If known: sensor, or joints, links.")]
 FrameOrJoints = Annotated[
-    CauseWord,
-    flag("--cause", "What a turn that both explain is: the sensor's or the first joint's."),
+    CauseWord, flag("--cause", "Whose a turn is that the sensor and the first joint explain.")
 ]
 
 # what is printed for a camera

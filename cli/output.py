@@ -119,10 +119,7 @@ _SHOWN = {"as_json": _JSON, "verbose": _VERBOSE, "quiet": _QUIET}
 
 
 def rendered(command: Callable[..., Outcome]) -> Callable[..., None]:
-    """Give a command `--json`, `--verbose` and `--quiet`, and print its outcome.
-
-    A parameter whose type is a dataclass stands for several options, one for each field.
-    """
+    """Give a command its common options; a parameter of a dataclass stands for one a field."""
     # annotations are texts in these modules, and Typer looks at types
     options: dict[str, Parameter] = {}
     groups: dict[str, Any] = {}
@@ -240,11 +237,7 @@ def fixed(value: float, decimals: int) -> str:
 
 @contextmanager
 def progress_bar(unit: str) -> Iterator[Callable[[float, str, float], None] | None]:
-    """Show how far a training is, on standard error.
-
-    Yields what takes the share of the work that is done, the stage and its error [unit]; None
-    where standard error is no terminal.
-    """
+    """Show how far a training is, on standard error."""
 
     def report(share: float, stage: str, error: float) -> None:
         shown = f", error {error:.3g} {unit}" if math.isfinite(error) else ""

@@ -25,11 +25,7 @@ TABLES = (".csv", ".txt", ".parquet", ".pq")
 
 
 class BadOption(typer.BadParameter):
-    """Wrong usage, told by its message alone.
-
-    message : what was typed and what was expected
-    option, value : the option that is wrong, and what was typed
-    """
+    """Wrong usage, told by its message alone."""
 
     def __init__(self, message: str, option: str | None = None, value: str | None = None) -> None:
         super().__init__(message)
@@ -69,11 +65,7 @@ def reader(
 
 
 class _Value:
-    """Values from what was typed, in the place of Typer's adapter of Pydantic.
-
-    That one is imported otherwise, which takes a tenth of a second of each command, and says what
-    is wrong in several lines.
-    """
+    """Values from what was typed; Typer's own adapter imports Pydantic, a tenth of a second."""
 
     def __init__(self, descriptor: Any) -> None:
         self._info, self._kind = descriptor.parameter_info, descriptor.annotation
@@ -218,11 +210,7 @@ def check_count(typed: Sequence[float], names: Sequence[str], what: str) -> None
 def check_file(
     path: str | None, endings: tuple[str, ...], *, option: str = "--output", stream: bool = False
 ) -> None:
-    """Refuse an output that cannot be written, or whose ending is not what will be written.
-
-    endings : those that fit; a name without any fits always
-    stream : whether `-`, standard output, is one
-    """
+    """Refuse an output that cannot be written, or whose ending is not what will be written."""
     from calib.common.atomic import check_writable
 
     if path is None or (stream and path == "-"):

@@ -48,10 +48,7 @@ class Drawn(Reading):
     no_photo: opt.NoPhoto = False
 
     def load(self, path: str) -> tuple[Model, Samples | None]:
-        """Load a model as it is to be drawn, and a log of its own arm where one is given.
-
-        A photo that was typed is kept in the model's file.
-        """
+        """Load a model as it is to be drawn, and a log of its own arm where one is given."""
         import calib
 
         model = calib.load(path)

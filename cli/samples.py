@@ -96,10 +96,7 @@ def check_sources(
     simulated: Mapping[str, object],
     of_logs: Mapping[str, object],
 ) -> None:
-    """Refuse that there is nothing to learn from, and options that would be without effect.
-
-    simulated, of_logs : options of simulated babbling and of logs by name, and what was given
-    """
+    """Refuse that there is nothing to learn from, and options that would be without effect."""
     if not robots and not logged:
         raise BadOption("no source to learn from: expected ROBOT, --data LOG, or both")
     if logged:

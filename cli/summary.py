@@ -51,10 +51,7 @@ def summary(
 
 
 def _view_of(model: Model) -> dict[str, Any]:
-    """Return what the sensor measures as JSON: the kind of view and its fitted parameters.
-
-    The kind is null where no body stands under the maps.
-    """
+    """Return what the sensor measures as JSON: the kind of view and its fitted parameters."""
     body = model.body
     if body is None:
         return {"kind": None}

@@ -11,7 +11,7 @@ import re
 _SAME = (
     "board body cause columns degrees dictionary distance epochs eye force frame frames joints "
     "joints_topic lens limit lock map margin max_gap method motor_size move_base near "
-    "noise planar port prismatic readout rule seed sensory_size sigma since size still tag "
+    "noise planar port prismatic readout rule seed sensory_size sigma size still tag "
     "tag_height tag_size tags_at time_offset tip tip_topic tolerance unit view weights"
 )
 _OPTIONS = {name: f"--{name.replace('_', '-')}" for name in _SAME.split()} | {

@@ -25,11 +25,7 @@ def units_of(about: About) -> dict[str, Any]:
 
 
 class PositionFormat:
-    """How a model's positions are typed and printed.
-
-    frame : whose coordinates they are; those of the base frame are in m
-    unit : the unit that was asked for, None for the model's own, printed in mm where that is m
-    """
+    """How a model's positions are typed and printed."""
 
     def __init__(self, about: About, frame: str = "sensor", unit: str | None = None) -> None:
         self.unit = "m" if frame == "base" else about.unit
@@ -52,12 +48,7 @@ class PositionFormat:
 
 
 class JointFormat:
-    """How the values of a model's joints are typed and printed.
-
-    about : which joints there are, and which of them turn
-    degrees : whether those that turn are in degrees, else in rad. What slides is typed in m and
-        printed in mm.
-    """
+    """How the values of a model's joints are typed and printed."""
 
     def __init__(self, about: About | Arm, degrees: bool) -> None:
         self.names, self.degrees = about.joint_names, degrees
@@ -81,10 +72,7 @@ class JointFormat:
         ]
 
     def one_each(self, option: str, typed: Sequence[float] | None) -> list[float] | None:
-        """Return a value of each joint [rad or m] of what was typed for an option, if it was.
-
-        Raises BadOption if there are more or fewer.
-        """
+        """Return a value of each joint [rad or m] of what was typed for an option, if it was."""
         if typed is None:
             return None
         if len(typed) != len(self.names):
@@ -120,11 +108,7 @@ class JointFormat:
 def in_si(
     option: str, typed: Sequence[tuple[Any, ...]] | None, turns: Mapping[str, bool], degrees: bool
 ) -> dict[str, Any]:
-    """Return what was typed for joints, a value or a range each, in SI units by joint.
-
-    typed : joints and their numbers; each joint once
-    turns : which joints turn. Joints that it does not know are told by whoever knows the arm.
-    """
+    """Return what was typed for joints, a value or a range each, in SI units by joint."""
     found: dict[str, Any] = {}
     for joint, *values in typed or ():
         if joint in found:

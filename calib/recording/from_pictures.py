@@ -20,21 +20,18 @@ from .setting import Setup
 from .sight import LOOKS, sight
 from .tags import Tag
 from .track import check_motion, row_shift, stuck
-from .watch import motion, watch
+from .watch import watch
 
 
 def log_pictures(
     source: str | os.PathLike[str] | Sequence[str],
     joints: JointTable,
     setting: Setup,
-    *,
-    since: Mapping[str, Any] | None = None,
 ) -> Recorded:
     """Make a log from pictures of an arm with a printed tag on its tip.
 
     source : a folder, a pattern such as `shots/*.jpg`, or several names
     joints : one row for each picture, by their column of names or in natural order
-    since : what an earlier log tells of its source (`read_about`): how far the camera moved is told
     Raises LogError in one line, if no log can be made.
     """
     pairs, notes = match_rows(joints, list_pictures(source))
@@ -72,7 +69,6 @@ def log_pictures(
         [seen.tags[k] for k in rows],
         reasons,
         "pictures",
-        since,
         joint_names=joints.names,
         q=q[rows],
         source={"source": "pictures", "size": list(seen.size)},
@@ -87,7 +83,6 @@ def assemble(
     tags: Sequence[Tag],
     reasons: Mapping[str, int],
     what: str,
-    since: Mapping[str, Any] | None,
     **more: Any,
 ) -> Recorded:
     """Put a log together from the tags of some pictures, and why others, of `what`, have none.
@@ -101,8 +96,7 @@ def assemble(
     if setting.pose:
         x, quaternion, unit = *_poses(setting, tags, reference), "m"
     shared = float(np.sqrt(np.mean(common**2)))
-    moved = [] if since is None else [motion(since, reference)]
-    notes = [*more.pop("notes"), *moved, *told(reasons, what)]
+    notes = [*more.pop("notes"), *told(reasons, what)]
     if steep := sum(tag.upright < 0.5 for tag in tags):
         notes.append(f"the tag is seen at more than 60 deg in {steep} rows: let it face the camera")
     return Recorded(

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,7 +41,6 @@ def log_video(
     still: float | None = None,
     max_gap: float = MAX_GAP,
     revolute: Sequence[bool] | None = None,
-    since: Mapping[str, Any] | None = None,
 ) -> Recorded:
     """Make a log from a video, of any format that OpenCV opens; see `log_pictures`.
 
@@ -127,7 +125,6 @@ def log_video(
         tags,
         reasons,
         "frames",
-        since,
         joint_names=joints.names,
         q=np.array([there[g].mean(axis=0) for g in groups]),
         source={"source": "video", "size": list(seen.size), "time_offset": clocks.offset,

@@ -9,11 +9,10 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
-from ..arm.rotations import logarithm, similarity
+from ..arm.rotations import similarity
 from ..common.arrays import Array
 from ..errors import LogError, OptionError
 from ..samples.columns import open_source, read_columns
@@ -25,7 +24,6 @@ from .reference import (
     PositionReference,
     find_pose,
     fit_flat,
-    read_reference,
 )
 
 Marks = Mapping[int, Array]
@@ -33,7 +31,6 @@ _Seen = Sequence[tuple[int, Marks]]
 
 _MOVED = 0.7  # [px]; marks further off than this are elsewhere
 _STRETCH = 1.5e-3  # growth of the marks that a new focus is told by
-_CLEAR = 3.0  # standard deviations that a motion between recordings must have
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,27 +110,6 @@ def watch(
         )
     kept = _middle([marks for number, marks in looked.items() if number not in off])
     return layout.reference(kept, lens, height), off
-
-
-def motion(about: Mapping[str, Any], now: PositionReference) -> str:
-    """Say how far the camera moved over its reference since an earlier recording.
-
-    `about` is what the earlier log tells of itself, `now` the reference of the later one.
-    """
-    then = read_reference(about)
-    if not isinstance(then, PlaneReference) or not isinstance(now, PlaneReference):
-        return "the earlier recording has no reference of the same kind to compare with"
-    far = float(np.linalg.norm(now.pose.camera - then.pose.camera))
-    between = now.pose.rotation @ then.pose.rotation.T
-    angle = float(np.linalg.norm(logarithm(between)))
-    doubt_angle, doubt = np.hypot(then.pose.doubt, now.pose.doubt)
-    told = (
-        f"by {1e3 * far:.2g} mm and turned by {np.degrees(angle):.2g} deg over its reference "
-        f"(found again to {1e3 * doubt:.2g} mm and {np.degrees(doubt_angle):.1g} deg)"
-    )
-    if far < _CLEAR * doubt and angle < _CLEAR * doubt_angle:
-        return f"since the earlier recording the camera did not move; it seems off {told}"
-    return f"since the earlier recording the camera moved {told}"
 
 
 def _middle(group: Sequence[Marks]) -> dict[int, Array]:

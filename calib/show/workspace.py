@@ -43,11 +43,7 @@ def drawn_edges(part: Map) -> NDArray[np.intp]:
 
 
 def outline(model: Model) -> Array:
-    """Border of the workspace in a plane as short pieces of line, (m, 2, 2) [unit].
-
-    The line at a small distance from all that the arm reaches, moved onto the nearest reached
-    position.
-    """
+    """Border of the workspace in a plane as short pieces of line, (m, 2, 2) [unit]."""
     from contourpy import contour_generator
     from scipy.spatial import cKDTree
 
@@ -69,10 +65,7 @@ def outline(model: Model) -> Array:
 
 
 def training_rows(model: Model, log: Samples | None) -> tuple[Array, Array, str]:
-    """Joints (n, dof) and positions (n, m) that a model learned from, and what they are.
-
-    Those of a simulation are babbled again; of a log they are those given, else those kept.
-    """
+    """Joints (n, dof) and positions (n, m) that a model learned from, and what they are."""
     about, simulation = model.about, simulation_of(model)
     if log is not None:
         return np.asarray(log.q), np.asarray(log.x), "rows of the log"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import re
 from dataclasses import dataclass, replace
 
@@ -46,7 +47,7 @@ def c_header(model: Model, *, prefix: str = "calib_", single: bool = False) -> C
         single,
         {
             "title": _comment(f"{about.robot or 'An arm'}, calibrated"),
-            "checksum": _checksum(model),
+            "checksum": hashlib.sha256(to_bytes(model)).hexdigest(),
             "facts": " * Joints, base to tip:\n" + "\n".join(lines) + "\n",
             "unit": _comment(about.unit),
             "bound_of": _comment(about.bound_of),
@@ -64,10 +65,3 @@ def _bytes(tables: str) -> int:
 def _comment(text: str) -> str:
     """Text of a stranger's file that cannot end a C comment or start a trigraph."""
     return one_line(text).replace("*", "x").replace("/", "-").replace("?", "-").replace("\\", "-")
-
-
-def _checksum(model: Model) -> str:
-    """SHA-256 of the model's file."""
-    import hashlib
-
-    return hashlib.sha256(to_bytes(model)).hexdigest()

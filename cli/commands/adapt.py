@@ -12,7 +12,7 @@ from calib.common.wording import for_people
 
 from .. import options as opt
 from ..measurements import Reading, log_for
-from ..options import option
+from ..options import Text, option
 from ..output import NO, Outcome, TextTable, fields, number, progress_bar, say
 from ..parsing import check_file
 from ..photo import photo_of_log
@@ -24,9 +24,7 @@ def adapt(
     model: opt.ModelFile,
     *,
     data: opt.NewLog,
-    output: Annotated[
-        str | None, option("--output -o MODEL", "The new file (default MODEL.adapted.calib).")
-    ] = None,
+    output: Annotated[Text, option("--output -o MODEL", "Default MODEL.adapted.calib.")] = None,
     method: Annotated[
         MethodWord, Option(help="few-shot: the body, from a few rows; online: the paper's rule.")
     ] = "few-shot",

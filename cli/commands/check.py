@@ -32,9 +32,7 @@ def check(
     *,
     data: opt.NewLog,
     cause: opt.WhatChanged = None,
-    tolerance: Annotated[
-        float | None, option("--tolerance S", "Exit 3 too if such a change [m] were not shown.")
-    ] = None,
+    tolerance: Annotated[float | None, option("--tolerance S", "Exit 3 if unseen [m].")] = None,
     reading: Reading,
     joints_file: opt.JointsFile = None,
     camera: opt.DatasetCamera = None,

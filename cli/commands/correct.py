@@ -19,9 +19,7 @@ def correct(
     input_: Annotated[str, option("--input FILE", "Joints for the nominal arm: CSV (- stdin).")],
     columns: opt.Columns = None,
     output: Annotated[Text, option("--output FILE", "The corrected joints, as CSV.")] = None,
-    limit: Annotated[
-        Any, option("--limit L", "Largest change [rad or m] (default 3 x usual).", above_zero)
-    ] = None,
+    limit: Annotated[Any, option("--limit L", "Largest change (3 x usual).", above_zero)] = None,
     view: opt.LogView = "auto",
     cause: opt.FrameOrJoints = "sensor",
     degrees: opt.Degrees = False,

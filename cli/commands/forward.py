@@ -75,11 +75,7 @@ def forward(
 
 
 def _told(query: Query, q: Any, readout: str | None) -> dict[str, Array]:
-    """Return what is told of joints (n, dof) or (dof,), by column of a table.
-
-    In the base frame x, y, z and their bound [m], and the orientation; in the sensor's the
-    orientation where it was measured.
-    """
+    """Return what is told of joints (n, dof) or (dof,), by column of a table."""
     import numpy as np
 
     from calib.model.answers import forward_bounds

@@ -11,7 +11,7 @@ from calib.common.choices import Eye
 
 from .. import options as opt
 from ..boards import pictures_of
-from ..options import flag, option
+from ..options import Text, flag, option
 from ..output import Outcome, note, say
 from ..parsing import check_file
 from ..samples import Selection
@@ -19,10 +19,7 @@ from ..samples import Selection
 
 def handeye(
     robot: opt.RobotFile,
-    pictures: Annotated[
-        str,
-        Argument(metavar="PICTURES", help="A folder, a pattern, or a LeRobotDataset."),
-    ],
+    pictures: Annotated[str, Argument(metavar="PICTURES", help="Folder, pattern, LeRobotDataset.")],
     *,
     board: Annotated[
         str, option("--board COLSxROWS:SQUARE:MARKER:DICT", "Such as 7x5:24mm:18mm:5x5_100.")
@@ -33,13 +30,9 @@ def handeye(
     joints: opt.JointNames = None,
     tip: opt.Tip = None,
     lock: opt.Lock = None,
-    lens: Annotated[
-        str | None, option("--lens SHOTS|lens.json", "The camera's lens (default: fitted).")
-    ] = None,
-    output: Annotated[str | None, option("--output -o MODEL", "Learn a model, too.")] = None,
-    transform: Annotated[
-        str | None, option("--transform FILE", "Both as static transforms, in JSON.")
-    ] = None,
+    lens: Annotated[Text, option("--lens SHOTS|lens.json", "Default: fitted.")] = None,
+    output: Annotated[Text, option("--output -o MODEL", "Learn a model, too.")] = None,
+    transform: Annotated[Text, option("--transform FILE", "Both as static transforms.")] = None,
     degrees: opt.Degrees = False,
 ) -> Outcome:
     """Find camera and board from pictures of a board that the arm took, or held.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from calib.common.wording import printable, unit_of_joint
 from calib.model.facts import facts
@@ -24,7 +24,17 @@ def info(model: opt.ModelFile, *, degrees: opt.Degrees = False) -> Outcome:
     loaded = calib.load(model)
     about = loaded.about
     # a model knows no seconds: its bytes must not depend on the machine's pace
-    document = summary(loaded, model, about.errors, {}) | _provenance(loaded)
+    limits = zip(about.lower.tolist(), about.upper.tolist(), strict=True)
+    document = summary(loaded, model, about.errors, {}) | {
+        "ranges": dict(zip(about.joint_names, limits, strict=True)),
+        "joint_units": dict(zip(about.joint_names, about.units_of_joints, strict=True)),
+        **fields(about, "locked source simulation taught options"),
+        "history": loaded.history,
+        "body": None if loaded.body is None else loaded.body.to_json(),
+        "rows": 0 if loaded.rows is None else len(loaded.rows),
+        "notes": [as_typed(text) for text in about.notes],
+        "backlash": None if loaded.approach is None else (2.0 * loaded.approach.play).tolist(),
+    }
     lines = fact_lines(_facts(loaded, model, degrees))
     told = [] if loaded.body is None else loaded.body.describe()
     lines += ["", "body", *(f"  {printable(line)}" for line in told)] if told else []
@@ -34,21 +44,6 @@ def info(model: opt.ModelFile, *, degrees: opt.Degrees = False) -> Outcome:
     lines += ["", f"accuracy: {held}", *advice(loaded, about.errors)]
     table = error_table(loaded, about.errors, "errors when it was made")
     return Outcome(document, lines, [table])
-
-
-def _provenance(model: Model) -> dict[str, Any]:
-    about = model.about
-    limits = zip(about.lower.tolist(), about.upper.tolist(), strict=True)
-    return {
-        "ranges": dict(zip(about.joint_names, limits, strict=True)),
-        "joint_units": dict(zip(about.joint_names, about.units_of_joints, strict=True)),
-        **fields(about, "locked source simulation taught options"),
-        **fields(model, "history"),
-        "body": None if model.body is None else model.body.to_json(),
-        "rows": 0 if model.rows is None else len(model.rows),
-        "notes": [as_typed(text) for text in about.notes],
-        "backlash": None if model.approach is None else (2.0 * model.approach.play).tolist(),
-    }
 
 
 def _facts(model: Model, path: str, degrees: bool) -> dict[str, str]:

@@ -38,9 +38,7 @@ def inverse(
         ),
     ] = None,
     *,
-    near: Annotated[
-        Any, option("--near Q1,Q2", "Answer with the branch nearest to these joints.", reals)
-    ] = None,
+    near: Annotated[Any, option("--near Q1,Q2", "The branch nearest to these.", reals)] = None,
     every: Annotated[bool, Option("--all", help="Answer with every branch.")] = False,
     readout: opt.ReadoutKind = None,
     input_: opt.Input = None,
@@ -50,15 +48,11 @@ def inverse(
     quaternion: Annotated[
         Any, option("--quaternion QX,QY,QZ,QW", "The orientation wanted, in space.", _quaternion)
     ] = None,
-    rpy: Annotated[
-        Any, option("--rpy R,P,Y", "The same as roll, pitch and yaw, as in a URDF [rad].", _angles)
-    ] = None,
+    rpy: Annotated[Any, option("--rpy R,P,Y", "Roll, pitch, yaw as in a URDF.", _angles)] = None,
     keep: Annotated[
-        bool, Option("--keep-orientation", help="Turn the tool as little as possible from --near.")
+        bool, Option("--keep-orientation", help="Turn the tool little from --near.")
     ] = False,
-    on: Annotated[
-        Any, option("--on z=H", "The pixel X Y lies on this plane of the base frame [m].", height)
-    ] = None,
+    on: Annotated[Any, option("--on z=H", "The pixel X Y lies on this plane [m].", height)] = None,
     unit: opt.PositionUnit = None,
     degrees: opt.Degrees = False,
 ) -> Outcome:
@@ -199,10 +193,7 @@ def _answer(asked: _Question, told: dict[str, Any], every: bool) -> Outcome:
 
 
 def _free(asked: _Question, q: Any) -> Any:
-    """Directions (k, dof) of the joints that leave the answer q (dof,) where it is; they are told.
-
-    Of a pose or a position in the base frame, else of what the model itself predicts.
-    """
+    """Tell directions (k, dof) of the joints that leave the answer q (dof,) where it is."""
     import numpy as np
 
     from calib.inverse.self_motions import free_directions
@@ -251,13 +242,7 @@ def _batch(
     output: str | None,
     every: bool,
 ) -> Outcome:
-    """Answer a table of positions or poses with joint values.
-
-    A target out of reach has no joint values, but its distance from the nearest attainable point.
-    Columns near_JOINT, one for each, choose the branch row by row; of an arm in space with six
-    joints, qx, qy, qz, qw ask for an orientation too. With `every` all branches of each pose are
-    written, a row each.
-    """
+    """Answer a table; columns near_JOINT choose the branch, qx to qw ask for an orientation."""
     import numpy as np
 
     from ..answers import over_all_rows

@@ -12,9 +12,9 @@ from .. import options as opt
 from .. import parsing
 from ..camera import Shooting, is_picture
 from ..measurements import refuse
-from ..options import option
+from ..options import Text, option
 from ..output import Outcome, say
-from ..parsing import TABLES, BadOption, check_file
+from ..parsing import TABLES, BadOption, above_zero, check_file
 
 
 def log(
@@ -27,22 +27,13 @@ def log(
     ],
     *,
     output: Annotated[str, option("--output -o LOG", "The log: CSV or Parquet.")],
-    joints_topic: Annotated[
-        str | None, option("--joints-topic TOPIC", "Of JointState; found if there is one only.")
-    ] = None,
-    tip_topic: Annotated[
-        str | None, option("--tip-topic TOPIC", "Of points, poses or tf; found if one only.")
-    ] = None,
-    frames: Annotated[
-        Any, option("--frames SENSOR,TIP", "For tf; found if one transform moves.", parsing.names)
-    ] = None,
+    joints_topic: Annotated[Text, option("--joints-topic TOPIC", "Found if one only.")] = None,
+    tip_topic: Annotated[Text, option("--tip-topic TOPIC", "Found if one only.")] = None,
+    frames: Annotated[Any, option("--frames SENSOR,TIP", "Those of tf.", parsing.names)] = None,
     joints: opt.JointNames = None,
-    max_gap: Annotated[
-        float, option("--max-gap S", "Longest gap between joint states [s].", parsing.above_zero)
-    ] = 0.1,
+    max_gap: Annotated[float, option("--max-gap S", "Between joint states [s].", above_zero)] = 0.1,
     still: Annotated[
-        float | None,
-        option("--still V", "Drop rows of faster joints [rad/s or m/s].", parsing.above_zero),
+        Any, option("--still V", "Drop rows that move faster [rad/s].", above_zero)
     ] = None,
     time_offset: opt.TimeOffset = None,
     shooting: Shooting,

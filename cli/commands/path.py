@@ -23,13 +23,8 @@ def path(
     input_: Annotated[str, option("--input FILE", "Waypoints: a CSV file with columns x,y.")],
     columns: opt.Columns = None,
     output: opt.Output = None,
-    start: Annotated[
-        Any, option("--from Q1,Q2", "Start near these joints (default: goes furthest).", reals)
-    ] = None,
-    step: Annotated[
-        Any,
-        option("--step S", "Longest way between rows, or inf (default 1 % extent).", _step),
-    ] = None,
+    start: Annotated[Any, option("--from Q1,Q2", "Start near these joints.", reals)] = None,
+    step: Annotated[Any, option("--step S", "Longest, or inf (default 1 % extent).", _step)] = None,
     unit: opt.PositionUnit = None,
     degrees: opt.Degrees = False,
 ) -> Outcome:

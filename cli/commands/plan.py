@@ -23,9 +23,7 @@ if TYPE_CHECKING:
 
 
 def plan(
-    robot: Annotated[
-        str, Argument(metavar="ROBOT|MODEL", help="A robot to measure, or a model to improve.")
-    ],
+    robot: Annotated[str, Argument(metavar="ROBOT|MODEL", help="To measure, or to improve.")],
     *,
     output: Annotated[str, option("--output -o FILE", "CSV, or Parquet by its name (- stdout).")],
     poses: Annotated[
@@ -33,22 +31,15 @@ def plan(
     ] = 60,
     selection: Selection,
     margin: Annotated[
-        Any,
-        option("--margin M", "Distance from limits [rad or m] (default 1 deg).", not_negative),
+        Any, option("--margin M", "From limits [rad, m] (1 deg).", not_negative)
     ] = None,
-    start: Annotated[
-        Any, option("--from Q1,Q2", "Joints before the first pose (default neutral).", reals)
-    ] = None,
+    start: Annotated[Any, option("--from Q1,Q2", "Joints before the first pose.", reals)] = None,
     data: opt.Data = None,
     columns: opt.Columns = None,
-    touch: Annotated[
-        Any, option("--touch X,Y,Z", "The tip at one point of the base frame [m].", reals)
-    ] = None,
+    touch: Annotated[Any, option("--touch X,Y,Z", "A point of the base frame [m].", reals)] = None,
     handeye: Annotated[bool, option("--handeye", "A camera sees --board in all poses.")] = False,
     board: opt.BoardSpec = None,
-    eye: Annotated[
-        Eye | None, flag("--eye", "Of --handeye: camera on the arm (hand, default), or fixed.")
-    ] = None,
+    eye: Annotated[Eye | None, flag("--eye", "Of --handeye (default hand).")] = None,
     seed: opt.Seed = 0,
 ) -> Outcome:
     """Plan poses to measure: within the limits, well spread, with short moves between them.

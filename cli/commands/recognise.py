@@ -14,9 +14,7 @@ from ..output import NO, Outcome, TextTable, number
 
 
 def recognise(
-    models: Annotated[
-        list[str], Argument(metavar="MODEL..", help="Model files, one for each state of the arm.")
-    ],
+    models: Annotated[list[str], Argument(metavar="MODEL..", help="One a state of the arm.")],
     *,
     data: opt.NewLog,
     reading: Reading,

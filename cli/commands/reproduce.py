@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args
 from typer import Argument, Option
 
 from .. import options as opt
-from ..options import option
+from ..options import Text, option
 from ..output import Outcome, TextTable, number, progress_bar
 
 if TYPE_CHECKING:
@@ -24,13 +24,9 @@ def reproduce(
         Subject, Argument(metavar="|".join(get_args(Subject)), help="What to repeat.")
     ] = "all",
     *,
-    output: Annotated[
-        str, option("--output -o DIR", "Folder of CSV files, figures.")
-    ] = "reproduced",
+    output: Annotated[str, option("--output -o DIR", "CSV files, figures.")] = "reproduced",
     quick: Annotated[bool, Option("--quick", help="Small lattices and few samples.")] = False,
-    robot: Annotated[
-        str | None, option("--robot ROBOT", "Another arm with two revolute joints.")
-    ] = None,
+    robot: Annotated[Text, option("--robot ROBOT", "Another arm, two revolute joints.")] = None,
     joints: opt.JointNames = None,
     seed: opt.Seed = 0,
 ) -> Outcome:

@@ -12,7 +12,7 @@ from calib.common.wording import for_people
 
 from .. import options as opt
 from .. import parsing
-from ..options import option
+from ..options import Text, option
 from ..output import Outcome, TextTable, fields, note, number, progress_bar, say
 from ..parsing import TABLES, BadOption, check_file, several
 from ..samples import Logged, Selection, check_sources, measured_samples
@@ -26,16 +26,10 @@ def _grid(usage: str, text: str, read: parsing.Reader[Any]) -> Any:
 
 
 def sweep(
-    robots: Annotated[
-        list[str] | None, Argument(metavar="ROBOT...", help="URDF files or bundled robots.")
-    ] = None,
+    robots: Annotated[list[str] | None, Argument(metavar="ROBOT...", help="URDFs, names.")] = None,
     *,
-    data: Annotated[
-        list[str] | None, option("--data LOG", "A log or a quoted pattern; repeatable.")
-    ] = None,
-    output: Annotated[
-        str | None, option("--output -o FILE", "A row a training: CSV or Parquet (- stdout).")
-    ] = None,
+    data: Annotated[list[str] | None, option("--data LOG", "Or a quoted pattern; several.")] = None,
+    output: Annotated[Text, option("--output -o FILE", "CSV or Parquet (- stdout).")] = None,
     size: Annotated[Any, _grid("--size N|NxN|NxNxN", opt.SIZE, parsing.size)] = None,
     map: Annotated[Any, _grid("--map NAME", opt.MAP, parsing.one_of(MAPS))] = None,  # noqa: A002
     rule: Annotated[Any, _grid("--rule batch|online", "Rules.", parsing.one_of(RULES))] = None,
@@ -43,16 +37,9 @@ def sweep(
     sigma: Annotated[Any, _grid("--sigma START:END", opt.SIGMA, parsing.sigma)] = None,
     samples: Annotated[Any, _grid("--samples -n N", opt.BABBLED, parsing.count)] = None,
     noise: Annotated[Any, _grid("--noise S", opt.NOISE, parsing.not_negative)] = None,
-    seeds: Annotated[
-        int, Option(metavar="K", min=1, max=1000, help="Train each with the seeds 0 to K - 1.")
-    ] = 1,
-    jobs: Annotated[
-        int | None,
-        Option(metavar="N", min=1, max=1000, help="Trainings at a time (default all cores)."),
-    ] = None,
-    readout: Annotated[
-        ReadoutWord, Option(help="Readout of the table; files and JSON hold them all.")
-    ] = "local",
+    seeds: Annotated[int, Option(metavar="K", min=1, max=1000, help="Seeds 0 to K - 1.")] = 1,
+    jobs: Annotated[int | None, Option(metavar="N", min=1, max=1000, help="At a time.")] = None,
+    readout: Annotated[ReadoutWord, Option(help="Of the printed table.")] = "local",
     selection: Selection,
     logged: Logged,
 ) -> Outcome:

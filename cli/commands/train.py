@@ -14,7 +14,7 @@ from calib.common.wording import for_people
 from calib.model.facts import size_in_words
 
 from .. import options as opt
-from ..options import option
+from ..options import Text, option
 from ..output import Outcome, progress_bar, say
 from ..parsing import BadOption, check_file
 from ..photo import photo_of_log, with_photo
@@ -34,17 +34,11 @@ if TYPE_CHECKING:
 
 
 def train(
-    robot: Annotated[
-        str | None, Argument(metavar="ROBOT", help="A URDF or a bundled robot; --data needs none.")
-    ] = None,
+    robot: Annotated[Text, Argument(metavar="ROBOT", help="A URDF or a bundled robot.")] = None,
     *,
     data: opt.Data = None,
-    output: Annotated[
-        str | None, option("--output -o MODEL", "The model (default ROBOT.calib or LOG.calib).")
-    ] = None,
-    force: Annotated[
-        bool, Option("--force", help="Replace a model of another robot or log by that name.")
-    ] = False,
+    output: Annotated[Text, option("--output -o MODEL", "Default ROBOT.calib, LOG.calib.")] = None,
+    force: Annotated[bool, Option("--force", help="Replace a model of another robot.")] = False,
     selection: Selection,
     map: opt.MapName = None,  # noqa: A002
     size: opt.MapSize = None,
@@ -59,12 +53,8 @@ def train(
     seed: opt.Seed = 0,
     logged: Logged,
     sockets: Sockets,
-    lens: Annotated[
-        str | None, option("--lens lens.json", "Lens of a camera in space (default: fitted).")
-    ] = None,
-    no_rows: Annotated[
-        bool, Option("--no-rows", help="Keep no rows of the log in the model (default up to 5000).")
-    ] = False,
+    lens: Annotated[Text, option("--lens lens.json", "Of a camera in space (fitted).")] = None,
+    no_rows: Annotated[bool, Option("--no-rows", help="Keep no rows of the log.")] = False,
     photo: opt.PhotoFile = None,
     no_photo: opt.NoPhoto = False,
 ) -> Outcome:
@@ -80,7 +70,7 @@ def train(
         log = babbled_samples(robot, selection, babbling, seed)
     else:
         log = sockets.of(measured_samples(robot, selection, data, logged, seed, lens))
-    path = output or _file_name(str(robot or data))
+    path = output or _default_name(str(robot or data))
     check_file(path, ())
     if output is None and not force:
         _check_same_origin(path, log)
@@ -150,7 +140,7 @@ def _check_same_origin(path: str, log: Samples) -> None:
     )
 
 
-def _file_name(source: str) -> str:
+def _default_name(source: str) -> str:
     """Return the default name of a model, without what would lead elsewhere or hide the file."""
     safe = re.sub(r"[^\w.+-]+", "_", Path(source).stem).lstrip(".")
     return "log.calib" if source == "-" else f"{safe or 'robot'}.calib"

@@ -25,9 +25,7 @@ def urdf(
     view: opt.LogView = "auto",
     cause: opt.FrameOrJoints = "sensor",
     move_base: Annotated[bool, Option("--move-base", help="Fit the first joint's place.")] = False,
-    move_tip: Annotated[
-        bool, Option("--move-tip", help="The sensed point in space is the tip, not a probe's.")
-    ] = False,
+    move_tip: Annotated[bool, Option("--move-tip", help="The tip is sensed, no probe.")] = False,
 ) -> Outcome:
     """Write a copy of the URDF with the joint offsets and link placements that fit the model best.
 

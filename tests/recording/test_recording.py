@@ -93,7 +93,7 @@ def test_the_log_says_its_unit_to_train(shot, tmp_path):
             calib.read_log(tmp_path / name, joints=["a", "b", "c"], unit="mm")
 
 
-def test_a_camera_that_was_bumped_is_told_and_positions_stay(shot, tmp_path):
+def test_positions_stay_where_a_camera_was_bumped_between_logs(shot, tmp_path):
     setting = Setup(7, board=BOARD, lens=LENS, tag_height=0.025)
     before = make(shot.folder, setting)
     bumped = Camera(CAMERA.size, CAMERA.focal, position=(0.21, -0.25, 0.9), roll=0.03)
@@ -103,9 +103,8 @@ def test_a_camera_that_was_bumped_is_told_and_positions_stay(shot, tmp_path):
     for k, row in enumerate(shot.q[:6]):
         cv2.imwrite(str(tmp_path / "p" / f"{k}.png"), scene.picture(row, rng))
     np.savetxt(tmp_path / "joints.csv", shot.q[:6], delimiter=",", header="a,b,c", comments="")
-    after = make(tmp_path, setting, since=before.about())
+    after = make(tmp_path, setting)
     assert np.linalg.norm(after.x - before.x[:6], axis=1).max() < 2e-3
-    assert any("the camera moved by" in note and "mm" in note for note in after.notes)
 
 
 def test_a_bump_within_a_recording_is_told(shot, copy):

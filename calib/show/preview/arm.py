@@ -66,10 +66,7 @@ class DrawnArm:
         return (self.urdf.root, *(joint.child for joint in self.urdf.path(self.tip)))
 
     def draw(self, canvas: Canvas, poses: Mapping[str, Array], size: float) -> None:
-        """Draw the robot moving through poses, transforms (n, 4, 4) of its links.
-
-        size : [m], the workspace's extent, which tells how thick bones are
-        """
+        """Draw the robot moving through poses, transforms (n, 4, 4) of its links."""
         drawn = set()
         for number, (link, kind, origin, style) in enumerate(shapes(self.text)):
             if link not in poses:
@@ -99,20 +96,16 @@ class DrawnArm:
 
 def _along(end: Array) -> Array:
     """Transform of a cylinder along y so that it leads from the origin to `end` (3,)."""
-    y = end / np.linalg.norm(end)
-    x = np.cross(np.eye(3)[np.argmin(np.abs(y))], y)
-    x /= np.linalg.norm(x)
+    from scipy.spatial.transform import Rotation
+
     matrix = np.eye(4)
-    matrix[:3, :3] = np.stack([x, y, np.cross(x, y)], axis=1)
+    matrix[:3, :3] = Rotation.align_vectors([end], [[0.0, 1.0, 0.0]])[0].as_matrix()
     matrix[:3, 3] = end / 2
     return matrix
 
 
 def shapes(text: str) -> Iterator[tuple[str, str, Array, dict[str, Any]]]:
-    """Yield link, kind, place (4, 4) in the link and looks of each shape of a checked URDF.
-
-    A file that yourdfpy cannot read has none; meshes and shapes without a size are left out.
-    """
+    """Yield link, kind, place (4, 4) in the link and looks of each shape of a checked URDF."""
     import yourdfpy
 
     try:

@@ -53,10 +53,7 @@ class Panel:
 def draw_maps(
     canvas: Canvas, model: Model, placement: Placement, panel: Panel, scale: ErrorScale, size: float
 ) -> None:
-    """Draw both maps, coloured by their errors, in a scene of this size.
-
-    The sensory map is where the tip is, the motor map in its panel.
-    """
+    """Draw both maps, coloured by their errors, in a scene of this size."""
     few = "over the joints' ranges" if len(model.about.joint_names) < 4 else "over three joints"
     sensory, motor = placement.lift(model.sensory.weights), panel.lift(model.motor.units)
     dot = 0.12 if len(model.axes) == 3 else 0.5
@@ -115,11 +112,7 @@ def telling_node(model: Model, among: NDArray[np.intp]) -> int:
 
 
 def labels(model: Model, placement: Placement, panel: Panel) -> Iterator[dict[str, Any]]:
-    """Yield the names of both maps and the ends of the joints' ranges.
-
-    Each has "layer" that it belongs to, "text", "at", its place in the scene, and "align", which
-    of its ends is there.
-    """
+    """Yield the names of both maps and the ends of the joints' ranges."""
 
     def word(layer: str, text: str, at: Array, align: str = "middle") -> dict[str, Any]:
         return {"layer": layer, "text": text, "at": at, "align": align}

@@ -46,10 +46,7 @@ class Placement:
 
     @property
     def frame(self) -> Array:
-        """Rows x, y (upwards) and normal of the drawn plane, unit vectors (3, 3).
-
-        In space it is the upright plane that the viewer faces, from the front and the right.
-        """
+        """Rows x, y (upwards) and normal of the drawn plane, unit vectors (3, 3)."""
         if len(self.axes) == 3:
             c, s = np.cos(_AZIMUTH), np.sin(_AZIMUTH)
             return np.array([[-s, c, 0.0], [0.0, 0.0, 1.0], [c, s, 0.0]])
@@ -60,12 +57,7 @@ class Placement:
 
 
 def place_model(model: Model, arm: DrawnArm | None) -> Placement:
-    """Find where a model's positions are in space.
-
-    They are drawn where they say, if they agree with the robot's own geometry; else the similarity
-    that fits best brings them to the robot, with a note.  A camera's picture of an arm in space is
-    drawn as far from the camera as the tip is.
-    """
+    """Find where a model's positions are in space."""
     about, plane = model.about, model.about.plane
     up = -1.0 if about.unit == "px" else 1.0
     # where positions say that they are, in the root link's frame

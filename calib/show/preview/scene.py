@@ -36,10 +36,7 @@ _POSTURES = 3_000  # of the cloud in space
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """A model that is to be drawn.
-
-    samples : measured samples to show; without them a simulated model's are drawn again
-    """
+    """A model that is to be drawn."""
 
     model: Model
     samples: Samples | None = None
@@ -56,11 +53,7 @@ class Scene:
 
     @cached_property
     def motion(self) -> tuple[Array, Array, Array]:
-        """Joints (n, dof) that the inverse map answers with along a loop, targets, where they lead.
-
-        The targets are where a smooth loop of the joints leads, so that they can be reached and
-        stay on one branch; the inverse map sees the targets alone and that branch.
-        """
+        """Joints (n, dof) that the inverse map answers with on a loop, targets, where they lead."""
         model, dof = self.model, len(self.model.about.joint_names)
         scale, simulation = model.motor.scale, simulation_of(model)
         t = np.linspace(0.0, 2 * np.pi, _FRAMES + 1)[:, None]
@@ -87,10 +80,7 @@ class Scene:
         return answer.q, target, reached
 
     def html(self, *, live: bool = False) -> str:
-        """Return the page; `live` where a server answers inverse queries.
-
-        Raises CalibError if meshcat, whose viewer it holds, is not installed.
-        """
+        """Return the page; `live` where a server answers inverse queries."""
         found = find_spec("meshcat")
         if found is None or found.origin is None:
             raise CalibError(

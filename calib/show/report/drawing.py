@@ -23,10 +23,7 @@ HUE = "#1c7ed6"
 
 
 def settings(*, paper: bool = False) -> Any:
-    """Matplotlib's settings for the figures, to be used in a with statement.
-
-    With `paper` the ink is dark, else it is the page's own.
-    """
+    """Matplotlib's settings for the figures, to be used in a with statement."""
     import matplotlib as mpl
 
     file = Path(__file__).with_name("figure.mplstyle")

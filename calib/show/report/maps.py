@@ -34,10 +34,7 @@ _CELLS: dict[str, Any] = {"origin": "lower", "aspect": "auto", "interpolation": 
 
 
 def heat_maps(evidence: Evidence, direction: str) -> Any:
-    """Errors of a direction, "forward" or "inverse", over positions; in a plane over joints too.
-
-    Positions in space are seen along each axis of the sensor.
-    """
+    """Errors of a direction, "forward" or "inverse", over positions; in a plane over joints too."""
     residuals, model = evidence.residuals, evidence.model
     if residuals is None:
         return None
