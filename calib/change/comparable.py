@@ -107,9 +107,8 @@ def comparable(model: Model, log: Samples) -> Comparable:
                 f"the log covers {100 * width:.0f} % of the learned range of {name}: the result "
                 "says little about the rest"
             )
-    lost = given - (len(log) - len(first)) - len(rows)
-    back = model.motor.scale.from_unit(u)
-    return Comparable(model, u, back, x, turns, wrong, lost, tuple(notes))
+    lost, q = given - (len(log) - len(first)) - len(rows), model.motor.scale.from_unit(u)
+    return Comparable(model, u, q, x, turns, wrong, lost, tuple(notes))
 
 
 def _refuse_other(model: Model, log: Samples) -> None:

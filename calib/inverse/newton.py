@@ -24,6 +24,7 @@ _CHUNK = 4096  # rows at once: what is held of them fits into the cache
 _SLIDES = 25  # most slides towards the joints that are wished for
 _SETTLED = 1e-6  # of the joints' range: a slide that is shorter is the last
 _SLACK = 2e-6  # of the joints' range: a slide that has come so close to a limit is there
+_WISHED = 0.2  # of a wish: a step ahead takes no more of it
 _LONGEST = 0.25  # of the joints' range: no step and no slide is longer
 
 
@@ -150,7 +151,23 @@ class Newton:
 
     def tangent(self, u: Array, wish: Array) -> Array:
         """What of a wished move (n, dof) leaves the position as it is, limits kept."""
-        slope = self._slope(self.task.value_and_slope(u)[1])
+        return self._tangent(u, wish, self._slope(self.task.value_and_slope(u)[1]))
+
+    def ahead(self, u: Array, x: Array, wish: Array, share: float) -> Array:
+        """Joints (n, dof) a step from `u` towards targets `x` (n, k) close by, to start from.
+
+        They also go the way of a wish (n, dof) as far as the target leaves that free, by at most
+        a `share` of the step.
+        """
+        value, slope = self.task.value_and_slope(u)
+        slope, gap = self._slope(slope), self.task.gap(x, value).T
+        step = self._step(u.T, slope, gap, np.full(len(u), 1e-9)).T
+        free = self._tangent(u, wish, slope)
+        longest = share * np.linalg.norm(step, axis=1)
+        length = np.maximum(np.linalg.norm(free, axis=1), 1e-300)
+        return np.asarray(u + step + free * np.minimum(_WISHED, longest / length)[:, None])
+
+    def _tangent(self, u: Array, wish: Array, slope: Array) -> Array:
         place, move = u.T, wish.T
         blocked = np.zeros(place.shape, dtype=bool)
         for _ in range(u.shape[1]):

@@ -133,16 +133,18 @@ class _Follower:
         """One step of the target; whether joints moved by little, and met it, (n,)."""
         newton = self._solver.newton
         targets = np.broadcast_to(x, (len(u), len(x)))
-        trial, distance = newton.refine(u, targets, CLOSE, _FEW)
-        moved = np.linalg.norm(newton.scale.difference(trial, u), axis=1)
-        met = distance <= CLOSE * newton.extent
-        if self._solver.redundant and met.any():
+        met, trial, rest = np.zeros(len(u), dtype=bool), u.copy(), np.arange(len(u))
+        if self._solver.redundant:
             # redundant joints use what is free to keep away from their limits
-            drift = newton.tangent(trial, newton.scale.difference(np.full_like(trial, 0.5), trial))
-            most = _DRIFT * moved / np.maximum(np.linalg.norm(drift, axis=1), 1e-300)
-            drift *= np.minimum(0.2, most)[:, None]
-            slid, after = newton.refine(trial + drift, targets, CLOSE, _FEW)
-            near = np.linalg.norm(newton.scale.difference(slid, trial), axis=1) <= moved + 1e-12
-            good = met & (after <= CLOSE * newton.extent) & near
-            trial = np.where(good[:, None], slid, trial)
-        return trial, moved <= _SMOOTH, met
+            middle = newton.scale.difference(np.full_like(u, 0.5), u)
+            start = newton.ahead(u, targets, middle, _DRIFT)
+            trial, distance = newton.refine(start, targets, CLOSE, _FEW)
+            met = distance <= CLOSE * newton.extent
+            rest = np.flatnonzero(self._moved(trial, u) > _SMOOTH)
+        if len(rest):
+            trial[rest], distance = newton.refine(u[rest], targets[rest], CLOSE, _FEW)
+            met[rest] = distance <= CLOSE * newton.extent
+        return trial, self._moved(trial, u) <= _SMOOTH, met
+
+    def _moved(self, u: Array, before: Array) -> Array:
+        return np.asarray(np.linalg.norm(self._solver.scale.difference(u, before), axis=1))

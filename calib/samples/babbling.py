@@ -87,12 +87,10 @@ def _even_points(n: int, dof: int, rng: Generator, sequence: str) -> Array:
     """Return Halton's or Sobol's sequence in the unit cube (n, dof), shifted at random."""
     from scipy.stats import qmc
 
-    if sequence == "halton":
-        points = qmc.Halton(d=dof, scramble=False).random(n)
-    else:
-        # the balance of the sequence holds for powers of two; its beginning is what is needed
-        points = qmc.Sobol(d=dof, scramble=False).random_base2((n - 1).bit_length())[:n]
-    return np.asarray((points + rng.random(dof)) % 1.0)
+    halton, sobol = qmc.Halton(dof, scramble=False), qmc.Sobol(dof, scramble=False)
+    # the balance of Sobol's holds for powers of two; its beginning is what is needed
+    some = halton.random(n) if sequence == "halton" else sobol.random_base2((n - 1).bit_length())
+    return np.asarray((some[:n] + rng.random(dof)) % 1.0)
 
 
 def smooth_points(n: int, dof: int, rng: Generator) -> Array:

@@ -104,45 +104,40 @@ class LoggedJoint:
         self, values: Array, rows: NDArray[np.intp]
     ) -> tuple[Array, Range, list[str]]:
         limits, notes = self.limits, []
+        low, high = limits
         if self.revolute and np.ptp(values) <= TURN + 1e-9 and beyond(values, *limits) > SLACK:
             wrapped = self._wrapped(values)
             if beyond(wrapped, *limits) <= SLACK:
                 notes, values = self._moved(values, wrapped, limits), wrapped
         excess = beyond(values, *limits)
         if excess > SLACK:
-            raise self._outside(values, rows)
-        low, high = _extremes(values)
-        widened = min(limits[0], low), max(limits[1], high)
+            row = int(np.argmax(np.maximum(low - values, values - high)))
+            factor, unit = unit_of_joint(self.revolute, self.degrees)
+            # small angles of another column look like degrees too
+            far = self.revolute and not self.degrees and float(np.abs(values).max()) > TURN
+            in_other = far and in_degrees(values, low, high)
+            hint = (
+                "check that the column is of this joint and in its unit; if the joint really goes "
+                f"there, give `ranges={{{self.name!r}: (LOW, HIGH)}}`"
+            )
+            if in_other:
+                hint = "as degrees the log fits: give `degrees=True`"
+            elif beyond(-values, low, high) <= SLACK:
+                hint = "with the opposite sign it fits: change the sign of its column"
+            raise LogError(
+                f"{self.label}, row {rows[row]}: {self.name} is {factor * values[row]:g} {unit}, "
+                f"outside of its limits {self.show(limits)}",
+                hint=hint,
+                parameter="degrees" if in_other else "ranges",
+                value=self.degrees if in_other else float(values[row]),
+            )
+        widened = min(low, float(values.min())), max(high, float(values.max()))
         if excess > _ROUNDED:
             notes.append(
                 f"{self.name}: the log goes beyond the limits {self.show(limits)}; "
                 f"range widened to {self.show(widened)}"
             )
         return values, widened, notes
-
-    def _outside(self, values: Array, rows: NDArray[np.intp]) -> LogError:
-        low, high = self.limits
-        row = int(np.argmax(np.maximum(low - values, values - high)))
-        factor, unit = unit_of_joint(self.revolute, self.degrees)
-        # small angles of another column look like degrees too
-        far = self.revolute and not self.degrees and float(np.abs(values).max()) > TURN
-        parameter = "ranges"
-        if far and in_degrees(values, low, high):
-            hint, parameter = "as degrees the log fits: give `degrees=True`", "degrees"
-        elif beyond(-values, low, high) <= SLACK:
-            hint = "with the opposite sign it fits: change the sign of its column"
-        else:
-            hint = (
-                "check that the column is of this joint and in its unit; if the joint really goes "
-                f"there, give `ranges={{{self.name!r}: (LOW, HIGH)}}`"
-            )
-        return LogError(
-            f"{self.label}, row {rows[row]}: {self.name} is {factor * values[row]:g} {unit}, "
-            f"outside of its limits {self.show(self.limits)}",
-            hint=hint,
-            parameter=parameter,
-            value=self.degrees if parameter == "degrees" else float(values[row]),
-        )
 
     def _moved(self, values: Array, wrapped: Array, turn: Range) -> list[str]:
         moved = int(np.count_nonzero(np.abs(wrapped - values) > 1.0))

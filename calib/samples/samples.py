@@ -90,8 +90,7 @@ class Samples:
             object.__setattr__(self, "orientation", _frozen("orientation", self.orientation))
         for name in ("joint_names", "revolute", "notes"):
             object.__setattr__(self, name, tuple(getattr(self, name)))
-        self._check_shapes()
-        self._check_values()
+        self._check()
 
     def __len__(self) -> int:
         return len(self.q)
@@ -128,7 +127,7 @@ class Samples:
         touch = None if self.touch is None else self.touch.take(rows)
         return replace(self, q=self.q[rows], x=self.x[rows], touch=touch, **beside)
 
-    def _check_shapes(self) -> None:
+    def _check(self) -> None:
         dof, n = len(self.joint_names), len(self.q) if self.q.ndim else 0
         if dof == 0 or len(set(self.joint_names)) != dof:
             raise LogError(
@@ -146,8 +145,6 @@ class Samples:
             raise LogError(f"revolute has {len(self.revolute)} entries for {dof} joints")
         if n == 0:
             raise LogError("no rows: samples need at least one")
-
-    def _check_values(self) -> None:
         for name in ("q", "x"):
             values = getattr(self, name)
             known = (np.abs(values) < LARGEST).all(axis=1)

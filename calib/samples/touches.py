@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..common.arrays import Array
 from ..common.scale import METRES
 from ..common.wording import listed
 from ..errors import LogError
@@ -73,7 +72,20 @@ def read_touches(
         for i, j in combinations(range(len(sockets)), 2)
         if sockets[i][0] == sockets[j][0] and np.isfinite([spots[i], spots[j]]).all()
     )
-    touches = Touches(number, sockets, known)
+    touches, names_of = Touches(number, sockets, known), [" ".join(s).strip() for s in sockets]
+    few = [name for k, name in enumerate(names_of) if (number == k).sum() < _LEAST]
+    alike = [
+        name for k, name in enumerate(names_of) if np.ptp(q[number == k], axis=0).max() < _ALIKE
+    ]
+    doubts = {
+        f"fewer than {_LEAST} postures touch {listed(few)}: 20 and more, with the wrist turned "
+        "each way, tell much more": bool(few),
+        f"the postures at {listed(alike)} are all alike, which tells nothing there": bool(alike),
+        "one socket tells little of the arm elsewhere: touch another, at a known distance": (
+            len(sockets) == 1
+        ),
+    }
+    notes = [words for words, doubted in doubts.items() if doubted]
     lower, upper, x = q.min(axis=0) - 1e-9, q.max(axis=0) + 1e-9, np.zeros((len(q), 3))
     if arm is not None:
         lower, upper = np.minimum(arm.lower, lower), np.maximum(arm.upper, upper)
@@ -82,26 +94,6 @@ def read_touches(
     return Samples(
         q, x, tuple(names), lower, upper,
         tuple(revolute), "m", dropped=int((~good).sum()), arm=arm, touch=touches,
-        notes=tuple(_doubts(touches, q)), columns=dict(columns), degrees=degrees,
+        notes=tuple(notes), columns=dict(columns), degrees=degrees,
         rows=np.flatnonzero(good) + 1,
     )  # fmt: skip
-
-
-def _doubts(touches: Touches, q: Array) -> list[str]:
-    """What some sockets hardly tell."""
-    number, names = touches.number, [" ".join(s).strip() for s in touches.sockets]
-    few = [name for k, name in enumerate(names) if (number == k).sum() < _LEAST]
-    alike = [name for k, name in enumerate(names) if np.ptp(q[number == k], axis=0).max() < _ALIKE]
-    notes = []
-    if few:
-        notes.append(
-            f"fewer than {_LEAST} postures touch {listed(few)}: 20 and more, with the wrist turned "
-            "each way, tell much more"
-        )
-    if alike:
-        notes.append(f"the postures at {listed(alike)} are all alike, which tells nothing there")
-    if len(touches.sockets) == 1:
-        notes.append(
-            "one socket tells little of the arm elsewhere: touch another, at a known distance"
-        )
-    return notes

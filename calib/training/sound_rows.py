@@ -64,22 +64,17 @@ def fit_sound_rows(
 
 def _other_order(samples: Samples, part: SmoothPart, fit: _Fit) -> list[str]:
     """Say that joints without a robot fit far better in another order from base to tip."""
-    dof, stated = samples.dof, samples.source.get("noise")
-    error = part.error
+    dof, stated, error = samples.dof, samples.source.get("noise"), part.error
     extent = float(np.linalg.norm(np.ptp(samples.x, axis=0)))
     noisy = isinstance(stated, float) and error > _MANY_TIMES * stated
     if samples.arm is not None or not 2 <= dof <= 3 or not (noisy or error > NO_ARM * extent):
         return []
     some, tried = samples.take(thinned(len(samples), _ORDERED_ROWS)), {}
     for order in itertools.permutations(range(dof)):
-        rows, names = list(order), tuple(samples.joint_names[k] for k in order)
-        revolute = tuple(some.revolute[k] for k in rows)
-        limits: dict[str, Any] = {
-            "lower": some.lower[rows],
-            "upper": some.upper[rows],
-            "revolute": revolute,
-        }
-        tried[names] = fit(replace(some, q=some.q[:, rows], joint_names=names, **limits)).error
+        k, names = list(order), tuple(samples.joint_names[j] for j in order)
+        told: dict[str, Any] = {name: getattr(some, name)[k] for name in ("lower", "upper")}
+        told |= {"joint_names": names, "revolute": tuple(some.revolute[j] for j in order)}
+        tried[names] = fit(replace(some, q=some.q[:, k], **told)).error
     best = min(tried, key=lambda names: tried[names])
     if not tried[best] < min(FAR_BETTER * tried[samples.joint_names], NO_ARM * extent):
         return []
