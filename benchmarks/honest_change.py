@@ -4,6 +4,7 @@ import sys
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cache
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -329,22 +330,33 @@ def noisier(quick: bool) -> Iterator[Row]:
 
 def encoders(quick: bool) -> Iterator[Row]:
     """Logs whose encoder is noisy: called drifted, and taken for a change by `adapt`."""
+    seeds = range(2000, 2002 if quick else 2008)
     for robot in ("two_link", "three_link"):
-        arm = calib.load_arm(robot)
-        model = calib.train(_logged(arm, 400, 78, NOISE), size=8)
-        alarms = adapted = count = 0
-        for n in (20, 40, 100):
-            for seed in range(2000, 2002 if quick else 2008):
-                for joint in arm.joint_names:
-                    for size in (0.001, 0.003, 0.01):
-                        log = _logged(arm, n, seed, NOISE, f"{joint}.noise={size}")
-                        alarms += bool(calib.check(model, log).drifted)
-                        adapted += calib.adapt(model, log).improved
-                        count += 1
-        most = 0.02 * count
-        case = f"{robot}, one noisy encoder: drifted, of {count} logs"
-        yield row(case, alarms, most=most)
-        yield row(f"{robot}, the same: adapted", adapted, most=0)
+        yield from _encoders(calib.load_arm(robot), (20, 40, 100), (0.001, 0.003, 0.01), seeds)
+
+
+def space_encoders(quick: bool) -> Iterator[Row]:
+    """The same of arms in space, 5 mrad."""
+    for name in ("ur10_robot", "panda", "so101"):
+        arm = calib.load_arm(nominal_urdf(name))
+        yield from _encoders(arm, (40, 100), (0.005,), range(2000, 2001 if quick else 2004))
+
+
+def _encoders(
+    arm: Any, rows: tuple[int, ...], sizes: tuple[float, ...], seeds: range
+) -> Iterator[Row]:
+    model = calib.train(_logged(arm, 400, 78, NOISE), size=8)
+    alarms = adapted = named = count = 0
+    for n, seed, joint, size in product(rows, seeds, arm.joint_names, sizes):
+        log = _logged(arm, n, seed, NOISE, f"{joint}.noise={size}")
+        found = calib.check(model, log)
+        alarms += bool(found.drifted)
+        named += any(cause.cause == f"noise:{joint}" for cause in found.causes)
+        adapted += calib.adapt(model, log).improved
+        count += 1
+    case = f"{arm.name}, one noisy encoder: drifted, of {count} logs"
+    yield row(case, alarms, most=0.02 * count, more=f"named in {named}")
+    yield row(f"{arm.name}, the same: adapted", adapted, most=0)
 
 
 def _logged(arm: Any, n: int, seed: int, noise: float, *changes: str) -> calib.Samples:

@@ -25,12 +25,12 @@ def series(folder: Path, name: str) -> calib.Samples:
     return calib.read_log(folder / f"series_{name}.csv", joints=JOINTS)
 
 
-def nominal_urdf() -> Path:
-    """The UR10's URDF of PyPI example-robot-data."""
+def nominal_urdf(name: str = "ur10_robot") -> Path:
+    """A URDF of PyPI example-robot-data, the UR10's."""
     import pinocchio
 
     root = Path(pinocchio.__file__).parents[4] / "share/example-robot-data/robots"
-    return next(root.rglob("ur10_robot.urdf"))
+    return next(root.rglob(f"{name}.urdf"))
 
 
 def halves(n: int, blocks: int) -> list[tuple[Array, Array]]:

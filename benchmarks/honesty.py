@@ -6,7 +6,7 @@ FOLDER holds the laser-tracker logs series_a.csv, series_c.csv, full_a.csv and f
 (docs/accuracy.md names their source); without it the parts on real rows are left out, aloud.
 PART is one of coverage, gaps, adapt, adapt-space, check, rows, few, urdf, real-streams (real rows)
 and paths, places, power, camera, change, noise, exact, worlds, three, time, simulation, clocks,
-noisier, encoders, streams (own generators, see honest_worlds.py).
+noisier, encoders, encoders-space, streams (own generators, see honest_worlds.py).
 ``--quick`` takes fewer splits and seeds: each part then ends within about a minute.
 """
 
@@ -52,6 +52,7 @@ OWN: dict[str, Callable[[bool], Iterator[Row]]] = {
     "clocks": honest_simulated.clocks,
     "noisier": honest_change.noisier,
     "encoders": honest_change.encoders,
+    "encoders-space": honest_change.space_encoders,
     "streams": honest_streams.streams,
 }
 

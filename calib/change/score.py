@@ -28,9 +28,11 @@ from .settings import (
     DRIFTS,
     FALSE_ALARM,
     FEW_ROWS,
+    FINER,
     JOINT_NOISES,
     LEFT,
     NOISIER,
+    OUTLIER,
     POWER,
     WAVES,
 )
@@ -227,7 +229,16 @@ def group_tests(reference: Reference, log: Log, probes: Array) -> Tested:
         best = _Best.whatever(profiles)
         gain = max(2.0 * (best.value - _Best.whatever(profiles[:1]).value), 0.0)
         if best.profile.noisy and float(chdtrc(1, gain)) * len(joints) < FALSE_ALARM:
-            noisy = best.profile.noisy[0], best.profile.noisy[1] * best.size
+            # Robust weights took errors along one direction for outliers: 3 mrad of noise passed
+            # for 2, its mean for an offset.
+            rest = best.profile.equations.whiten(y).reshape(y.shape) / best.size
+            near = (rest**2).sum(axis=1) <= OUTLIER**2 * y.shape[1] * log.weight
+            log = replace(log, weight=np.where(log.kept | near, 1.0, log.weight))
+            joint, ratio = best.profile.noisy
+            finer = [(joint, ratio * times) for times in FINER]
+            profiles = [_Profile(reference, log, y, groups, own) for own in (None, *finer)]
+            best = _Best.whatever(profiles[1:])
+            noisy = joint, (best.profile.noisy or finer[0])[1] * best.size
             found, noise = _judged(profiles, groups)
     if noisy is None:  # what the weights leave out, as the median tells it
         rest = noise * calm.equations.rest(calm.y, calm.x, noise)

@@ -9,6 +9,7 @@ OUTLIER = 5.0  # noises from which a row contradicts all others
 PSEUDO = 4.0  # observations that the old noise counts for
 # Noise of one encoder over that of the sensor, at the tip: a factor of four is .4 nats at most
 JOINT_NOISES = (0.5, 2.0, 8.0, 32.0)
+FINER = (0.5, 0.7, 1.0, 1.4, 2.0)  # times that, once one is found: a seventh of its size at most
 DRIFTS = (2.0, 4.0, 8.0, 16.0)  # sizes of a smooth residual over what the model expects of one log
 LEFT = 4.0  # degrees of freedom that a noise needs at least to be told from a change
 LEAST_NOISE = 1e-7  # least noise, of the extents: rounding of exact samples

@@ -189,7 +189,6 @@ def correct(
 
 
 def _notes(model: Model, nominal: Wanted, cause: str) -> tuple[str, ...]:
-    """What a correction assumes."""
     notes = free_frame(model, cause) if nominal.free else ()
     positions = moves_in_space(model) and not nominal.posed
     turned = any(abs(frame.angle) > _TURNED for frame in frames(model, cause))
