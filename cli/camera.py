@@ -27,10 +27,10 @@ class Shooting:
     """Pictures or a video, and what is in them, as typed."""
 
     joints_file: Annotated[Text, option("--joints-file FILE", "Joints by picture or time.")] = None
-    tag: Annotated[int | None, Option("--tag", metavar="ID", min=0, help="That on the tip.")] = None
+    tag: Annotated[int | None, Option("--tag", metavar="ID", min=0, help="The tip's tag.")] = None
     dictionary: opt.Dictionary = DICTIONARY
     board: opt.BoardSpec = None
-    tags_at: Annotated[Text, option("--tags-at FILE", "The desk: tag, x, y [m].")] = None
+    tags_at: Annotated[Text, option("--tags-at FILE", "Table of desk tags: tag, x, y [m].")] = None
     lens: Annotated[Text, option("--lens SHOTS|lens.json", "Pictures of a board, or a model.")] = (
         None
     )

@@ -103,10 +103,10 @@ SensorView = Annotated[
 
 # logs
 TimeOffset = Annotated[
-    Any, option("--time-offset auto|S", "Added to times of positions.", parsing.offset_or_auto)
+    Any, option("--time-offset auto|S", "Added to times of positions [s].", parsing.offset_or_auto)
 ]
 Columns = Annotated[
-    Any, option("--columns x=U,y=V", "Of other names, such as tip[0].", parsing.typed_columns)
+    Any, option("--columns x=U,y=V", "Other columns' names, such as tip[0].", parsing.typed_columns)
 ]
 Unit = Annotated[Text, option("--unit m|mm|px|..", "Of the log (default m, or the model's).")]
 Prismatic = Annotated[Any, option("--prismatic A,B", "Joints that slide.", parsing.names)]
@@ -114,7 +114,7 @@ LogDegrees = Annotated[bool | None, flag("--degrees/--radians", "Of the log (def
 PhotoFile = Annotated[Text, option("--photo FILE", "Of the log's camera, to draw the map over.")]
 NoPhoto = Annotated[bool, flag("--no-photo", "Keep no photo in the model and draw none.")]
 Distances = Annotated[
-    list[str] | None, option("--distance A,B=50mm", "Of touched points; repeatable.")
+    list[str] | None, option("--distance A,B=50mm", "Of touched points, +-0.1mm if said; several.")
 ]
 Planes = Annotated[
     list[str] | None, option("--plane A,B,C,D", "Touched points in a plane; repeatable.")

@@ -161,7 +161,6 @@ def typed_columns(text: str) -> dict[str, str]:
 
 
 def _named(text: str, *, between: str = "\0") -> tuple[Any, ...]:
-    """Return a joint and its numbers."""
     # from the right: names in URDFs hold what they like, a number no equals sign
     name, _, numbers = text.rpartition("=")
     if not name.strip():

@@ -220,6 +220,8 @@ class Newton:
         `found` (k, dof) leave `now` (k,) of the targets `owner` (k,).  A target that is met goes
         before one that is missed, then joints close to `near` (n, dof).
         """
+        if not len(owner):
+            return
         asked = np.unique(owner)
         owner = np.append(asked, owner)
         every, left_over = np.concatenate([u[asked], found]), np.append(left[asked], now)

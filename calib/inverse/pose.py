@@ -78,6 +78,8 @@ def pose_branches(
     active near each pose and are tried first, then starts that are drawn by `seed`, in at most
     `_ROUNDS` rounds; the search ends when two in a row find nothing new.
     """
+    if not len(position):
+        return []
     newton = Newton(Poses(evaluate, joints.turning, length), joints.turning, length)
     target = Poses.target(position, rotation)
     rng, dof = np.random.default_rng(seed), len(joints.lower)

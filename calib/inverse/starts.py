@@ -213,6 +213,8 @@ def twins(newton: Newton, u: Array, share: float = FOLDED, far: Any = _FAR) -> t
     slope = newton.task.value_and_slope(u)[1]
     sides, size, ways = np.linalg.svd(slope)
     rows = np.flatnonzero(size[:, -1] ** 2 <= share * (size * size).sum(axis=1))
+    if not len(rows):
+        return rows, u[:0]
     side, flat = sides[rows, :, -1], ways[rows, -1]
     ahead, behind = (
         np.einsum(

@@ -57,9 +57,13 @@ class Predictor:
         return self.smooth.body if isinstance(self.smooth, BodyInBox) else None
 
     def value(self, u: Array) -> Array:  # noqa: D102
+        if len(u) <= _ROWS:
+            return self._evaluate(u, slope=False)[0]
         return np.concatenate([self._evaluate(part, slope=False)[0] for part in _parts(u)])
 
     def value_and_slope(self, u: Array) -> tuple[Array, Array]:  # noqa: D102
+        if len(u) <= _ROWS:
+            return self._evaluate(u, slope=True)
         values, slopes = zip(*(self._evaluate(part, slope=True) for part in _parts(u)), strict=True)
         return np.concatenate(values), np.concatenate(slopes)
 
@@ -72,4 +76,4 @@ class Predictor:
 
 
 def _parts(u: Array) -> list[Array]:
-    return [u[first : first + _ROWS] for first in range(0, len(u), _ROWS)] or [u]
+    return [u[first : first + _ROWS] for first in range(0, len(u), _ROWS)]

@@ -54,15 +54,21 @@ def unit_joints(model: Parts, x: Array, near: Array, readouts: Sequence[str]) ->
 
 def joints(model: Parts, x: Array, near: Array, *, nearest: bool) -> Array:
     """Joint values (n, dof) alone; NaN out of reach unless `nearest`."""
-    x = in_sight(model, x)
-    u, distance = model.solver.solve(x, near)
-    q = model.motor.scale.from_unit(u)
-    far = np.flatnonzero(distance > _REACHED * model.solver.extent)
-    if len(far) and not nearest:
-        # only the expected error can still call these reachable
-        beyond = distance[far] > _within_reach(model, model.bound_at(u[far]))
-        q[far[beyond]] = np.nan
+    q, within = joints_and_reach(model, x, near, told=not nearest)
+    q[~within] = np.nan
     return q
+
+
+def joints_and_reach(
+    model: Parts, x: Array, near: Array, *, told: bool = True
+) -> tuple[Array, NDArray[np.bool_]]:
+    """Nearest joint values (n, dof), and whether they reach the target (n,) if that is `told`."""
+    u, distance = model.solver.solve(in_sight(model, x), near)
+    within = np.ones(len(u), dtype=bool)
+    far = np.flatnonzero(distance > _REACHED * model.solver.extent)
+    if len(far) and told:  # only the expected error can still call these reachable
+        within[far] = distance[far] <= _within_reach(model, model.bound_at(u[far]))
+    return model.motor.scale.from_unit(u), within
 
 
 def in_sight(model: Parts, x: Array) -> Array:

@@ -264,7 +264,7 @@ class Model(Parts):
             answer = kernel.ask("inverse_pose", near, position, quaternion)
             if answer is not None and answer[1]:
                 return np.asarray(answer[0])
-        found = solve_poses(self, position, quaternion, near, frame=frame)
+        found = solve_poses(self, position, quaternion, near, frame=frame, bounded=False)
         q = np.where(found.reachable[:, None], found.q, np.nan)
         return q[0] if np.ndim(position) == 1 else q
 

@@ -52,6 +52,7 @@ def solve_poses(
     frame: str = "sensor",
     every: bool = False,
     keep: bool = False,
+    bounded: bool = True,
 ) -> PoseAnswers:
     """Joint values for positions and, if given, orientations.
 
@@ -63,6 +64,7 @@ def solve_poses(
     frame : {"sensor", "base"}
     every : whether all branches of a pose are wanted, the nearest first
     keep : of a position, whether the orientation at `near` is kept as far as the joints allow
+    bounded : whether the answers' bounds are found, which takes as long as the answers; else NaN
     Raises QueryError if the model knows no arm in space, a value is no number, or a quaternion is
     none.
     """
@@ -106,11 +108,13 @@ def solve_poses(
     met = (away <= REACHED * space.length) & (turned <= 10 * REACHED)
     reachable = np.isin(target, target[met])
     scale = 1.0
+    bound = error = np.full(len(q), np.nan)
     if frame == "base":
-        bound = error = space.bound(q)
+        bound = error = space.bound(q) if bounded else bound
     else:
         position, rotation = space.to_sensor(position, rotation)
         scale = space.sensor[2]
-        bound, error = model.bounded(q, "bounds"), model.bounded(q, "model_bounds")
+        if bounded:
+            bound, error = model.bounded(q, "bounds"), model.bounded(q, "model_bounds")
     turns = quaternion_of(rotation)
     return PoseAnswers(target, q, position, turns, scale * away, turned, bound, error, reachable)

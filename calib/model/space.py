@@ -212,6 +212,8 @@ class Space:
     def _again(self, newton: Newton, u: Array, left: Array, target: Array, wish: Array) -> None:
         """Answers that missed their target, tried from all over the ranges; in place."""
         owner = np.repeat(np.flatnonzero(left > REACHED * self.length), _STARTS)
+        if not len(owner):
+            return
         start = np.random.default_rng(0).random((_STARTS, u.shape[1]))
         tried = np.tile(start, (len(owner) // _STARTS, 1))
         found = newton.settle(tried, target[owner], wish[owner])

@@ -279,7 +279,6 @@ def _planar_prior(
 
 
 def _held(prior: Prior, still: Sequence[int] | Indices) -> Prior:
-    """The prior with some parameters held at their mean."""
     sd, hypers = prior.sd.copy(), []
     sd[still] = 0.0
     # offsets first: what an offset explains, turned and shifted origins would explain too

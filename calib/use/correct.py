@@ -19,6 +19,7 @@ from ..common.rows import checked_rows, each_joint
 from ..common.scale import TURN
 from ..errors import QueryError
 from ..kernel.compiled import Compiled
+from ..model.answers import anchor, joints_and_reach
 from ..model.model import Model
 from ..model.nominal import moves_in_space, visited_joints
 from ..samples.joint_values import check_joint_values
@@ -188,7 +189,6 @@ def correct(
 
 
 def _notes(model: Model, nominal: Wanted, cause: str) -> tuple[str, ...]:
-    """What a correction assumes."""
     notes = free_frame(model, cause) if nominal.free else ()
     positions = moves_in_space(model) and not nominal.posed
     turned = any(abs(frame.angle) > _TURNED for frame in frames(model, cause))
@@ -279,6 +279,11 @@ def _solved(model: Model, nominal: Wanted, q: Array) -> tuple[Array, NDArray[np.
     target, there = nominal.target(near), np.ones(len(near), dtype=bool)
     if nominal.space is not None:
         near, there = nominal.near(near)
-    answer = model.solve(target, np.clip(near, about.lower, about.upper))
-    turns = TURN * np.round((q - answer.q) / TURN)
-    return answer.q + np.where(about.revolute, turns, 0.0), answer.reachable & there
+    near = np.clip(near, about.lower, about.upper)
+    if model.default_readout == "local":
+        found, reachable = joints_and_reach(model, target, anchor(model, near, len(near)))
+    else:
+        answer = model.solve(target, near)
+        found, reachable = answer.q, answer.reachable
+    turns = TURN * np.round((q - found) / TURN)
+    return found + np.where(about.revolute, turns, 0.0), reachable & there

@@ -122,7 +122,6 @@ def _episode(
 
 
 def _details(drift: Drift, factor: float, name: str) -> list[str | TextTable]:
-    """Return the most telling groups, and how the rows lie on the maps."""
     groups = sorted(drift.groups, key=lambda g: -g.score)[:_MOST]
     tests = [
         [

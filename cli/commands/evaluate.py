@@ -42,19 +42,23 @@ def evaluate(
     document["left_out"] = result.left_out
     if result.touch:
         document["touch"] = result.touch
-        return Outcome(document, [_scatter(model, result)], [_points(result)])
-    rows = f"{result.rows} {result.source}"
+        rows = [
+            [each["setup"], each["point"], str(each["rows"]), f"{1e3 * each['scatter']:.3f}"]
+            for each in result.touch["points"]
+        ]
+        table = TextTable(["setup", "point", "rows", "scatter [mm]"], rows, "by socket", 2)
+        return Outcome(document, [_scatter(model, result)], [table])
+    tested = f"{result.rows} {result.source}"
     lines = [
-        f"{model}: {accuracy(loaded, result.errors, result.within, rows, result.left_out)}",
+        f"{model}: {accuracy(loaded, result.errors, result.within, tested, result.left_out)}",
         answers_back(loaded, result.errors),
         *advice(loaded, result.errors),
     ]
-    title = f"errors on {rows}"
+    title = f"errors on {tested}"
     return Outcome(document, lines, [error_table(loaded, result.errors, title)])
 
 
 def _scatter(model: str, result: Evaluation) -> str:
-    """The scatter of touches in a line, and the distances of sockets."""
     size = {name: 1e3 * value for name, value in result.touch["scatter"].items()}
     line = (
         f"{model}: tips scatter about their sockets by {size['mean']:.3g} mm (95 % within "
@@ -64,12 +68,3 @@ def _scatter(model: str, result: Evaluation) -> str:
         line += f", {result.left_out} left out (in no socket of theirs, or out of range)"
     off = [abs(each["predicted"] - each["stated"]) for each in result.touch["distances"]]
     return line + (f"; distances are off by {1e3 * sum(off) / len(off):.2g} mm" if off else "")
-
-
-def _points(result: Evaluation) -> TextTable:
-    """The scatter of each socket."""
-    rows = [
-        [each["setup"], each["point"], str(each["rows"]), f"{1e3 * each['scatter']:.3f}"]
-        for each in result.touch["points"]
-    ]
-    return TextTable(["setup", "point", "rows", "scatter [mm]"], rows, "by socket", 2)

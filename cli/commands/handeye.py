@@ -83,7 +83,6 @@ def handeye(
 
 
 def _place(what: str, found: dict[str, Any]) -> str:
-    """A line of where something is."""
     at = ", ".join(
         f"{1e3 * value:.2f} ± {1e3 * half:.2g}"
         for value, half in zip(found["position"], found["position_95_up_to_gauge"], strict=True)

@@ -15,8 +15,6 @@ from ..output import NO, Outcome, note
 from ..parsing import BadOption, any_number, check_count, height, reader, reals
 
 if TYPE_CHECKING:
-    from calib import Answer
-
     from ..answers import Query
 
 _TOGETHER = 0.05  # of the largest share: joints that move less are not named
@@ -125,8 +123,18 @@ class _Question:
         """Return what an `Answer` or `PoseAnswers` holds, by name, for each answer."""
         model, frame = self.query.model, self.query.frame
         if not self.in_space:
-            answers = self._branches() if every else model.solve(self.x, self.near, self.readout)
-            return {**answers._asdict()}
+            if not every:
+                return {**model.solve(self.x, self.near, self.readout)._asdict()}
+            (answer,) = model.solve_all([self.x])
+            if self.near is not None:  # those near the anchor first
+                import numpy as np
+
+                scale = model.motor.scale
+                gaps = scale.difference(
+                    scale.to_unit(answer.q), scale.to_unit(np.array([self.near]))
+                )
+                answer = answer.take(np.argsort(np.linalg.norm(gaps, axis=1), kind="stable"))
+            return {**answer._asdict()}
         if self.readout is not None:
             raise BadOption("--readout is for positions in the sensor's frame alone")
         from calib.model.poses import solve_poses
@@ -137,17 +145,6 @@ class _Question:
         found = solve_poses(model, self.x, self.turn, self.near, frame=frame, **ways)
         scaled = up_to_scale(model, found.q) if frame == "base" else {}
         return {**found._asdict(), **scaled}
-
-    def _branches(self) -> Answer:
-        """Every branch that reaches a target, those near the anchor first."""
-        import numpy as np
-
-        (answer,) = self.query.model.solve_all([self.x])
-        if self.near is None:
-            return answer
-        scale = self.query.model.motor.scale
-        gaps = scale.difference(scale.to_unit(answer.q), scale.to_unit(np.array([self.near])))
-        return answer.take(np.argsort(np.linalg.norm(gaps, axis=1), kind="stable"))
 
 
 def _answer(asked: _Question, told: dict[str, Any], every: bool) -> Outcome:

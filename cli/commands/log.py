@@ -27,9 +27,9 @@ def log(
     ],
     *,
     output: Annotated[str, option("--output -o LOG", "The log: CSV or Parquet.")],
-    joints_topic: Annotated[Text, option("--joints-topic TOPIC", "Found if one only.")] = None,
-    tip_topic: Annotated[Text, option("--tip-topic TOPIC", "Found if one only.")] = None,
-    frames: Annotated[Any, option("--frames SENSOR,TIP", "Those of tf.", parsing.names)] = None,
+    joints_topic: Annotated[Text, option("--joints-topic TOPIC", "JointState, if several.")] = None,
+    tip_topic: Annotated[Text, option("--tip-topic TOPIC", "Points, poses, tf if several.")] = None,
+    frames: Annotated[Any, option("--frames SENSOR,TIP", "Of tf, if many.", parsing.names)] = None,
     joints: opt.JointNames = None,
     max_gap: Annotated[float, option("--max-gap S", "Between joint states [s].", above_zero)] = 0.1,
     still: Annotated[

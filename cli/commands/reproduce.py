@@ -24,7 +24,7 @@ def reproduce(
         Subject, Argument(metavar="|".join(get_args(Subject)), help="What to repeat.")
     ] = "all",
     *,
-    output: Annotated[str, option("--output -o DIR", "CSV files, figures.")] = "reproduced",
+    output: Annotated[str, option("--output -o DIR", "Folder of tables, figures.")] = "reproduced",
     quick: Annotated[bool, Option("--quick", help="Small lattices and few samples.")] = False,
     robot: Annotated[Text, option("--robot ROBOT", "Another arm, two revolute joints.")] = None,
     joints: opt.JointNames = None,
@@ -60,7 +60,6 @@ def reproduce(
 
 
 def _run(name: str, setting: Setting, folder: Path) -> tuple[str, Result]:
-    """Redo one subject: draw its figures, and return its result and the name of that."""
     from calib.paper import figures, tables
     from calib.paper.adaptation import adaptation
 
@@ -78,14 +77,16 @@ _LONG = ("schedules", "adaptation_curves")  # for the CSV files only
 
 
 def _written(result: Result, folder: Path) -> list[TextTable]:
-    """Write a result's tables as CSV, and return those that are shown."""
     from calib.common.atomic import atomic_write
 
     shown = []
     for table in result.tables:
         atomic_write(folder / f"{table.name}.csv", table.csv().encode())
         if table.name not in _LONG:
-            rows = [[_cell(c) for c in row] for row in table.rows]
+            rows = [
+                ["" if c is None else c if isinstance(c, str) else number(c) for c in row]
+                for row in table.rows
+            ]
             words = [isinstance(c, str) for c in table.rows[0]]
             left = words.index(False) if False in words else len(words)
             shown.append(TextTable(table.header, rows, table.title, left, foot=_TERMS))
@@ -97,9 +98,3 @@ _TERMS = (
     "of each sample (eq. 8); sigma: radius of the neighbourhood [nodes]; +-: standard deviation "
     "over the seeds"
 )
-
-
-def _cell(value: str | float | None) -> str:
-    if value is None:
-        return ""
-    return value if isinstance(value, str) else number(value)

@@ -21,14 +21,13 @@ _SHOWN = ("forward_mean", "forward_max", "inverse_mean", "inverse_max")
 
 
 def _grid(usage: str, text: str, read: parsing.Reader[Any]) -> Any:
-    """Declare an option of several values to try, with commas between them."""
     return option(f"{usage},..", text, several(read))
 
 
 def sweep(
     robots: Annotated[list[str] | None, Argument(metavar="ROBOT...", help="URDFs, names.")] = None,
     *,
-    data: Annotated[list[str] | None, option("--data LOG", "Or a quoted pattern; several.")] = None,
+    data: Annotated[list[str] | None, option("--data LOG", "Logs or patterns; repeatable.")] = None,
     output: Annotated[Text, option("--output -o FILE", "CSV or Parquet (- stdout).")] = None,
     size: Annotated[Any, _grid("--size N|NxN|NxNxN", opt.SIZE, parsing.size)] = None,
     map: Annotated[Any, _grid("--map NAME", opt.MAP, parsing.one_of(MAPS))] = None,  # noqa: A002
@@ -38,7 +37,7 @@ def sweep(
     samples: Annotated[Any, _grid("--samples -n N", opt.BABBLED, parsing.count)] = None,
     noise: Annotated[Any, _grid("--noise S", opt.NOISE, parsing.not_negative)] = None,
     seeds: Annotated[int, Option(metavar="K", min=1, max=1000, help="Seeds 0 to K - 1.")] = 1,
-    jobs: Annotated[int | None, Option(metavar="N", min=1, max=1000, help="At a time.")] = None,
+    jobs: Annotated[int | None, Option(metavar="N", min=1, max=1000, help="Runs at once.")] = None,
     readout: Annotated[ReadoutWord, Option(help="Of the printed table.")] = "local",
     selection: Selection,
     logged: Logged,

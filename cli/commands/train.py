@@ -141,6 +141,5 @@ def _check_same_origin(path: str, log: Samples) -> None:
 
 
 def _default_name(source: str) -> str:
-    """Return the default name of a model, without what would lead elsewhere or hide the file."""
     safe = re.sub(r"[^\w.+-]+", "_", Path(source).stem).lstrip(".")
     return "log.calib" if source == "-" else f"{safe or 'robot'}.calib"

@@ -68,7 +68,6 @@ def urdf(
 
 
 def _table(geometry: Geometry) -> TextTable:
-    """Return what differs from the URDF, a line for each number; `geometry` is as its JSON."""
     import numpy as np
 
     told, arm = geometry.to_json(), geometry.arm

@@ -211,7 +211,6 @@ def _verdict(evidence: Evidence) -> str:
 
 
 def _errors(evidence: Evidence) -> str:
-    """Return mean and largest errors of each readout."""
     readouts = [r for r in READOUTS if r in evidence.errors]
     if not readouts:
         return ""
@@ -230,7 +229,6 @@ def _errors(evidence: Evidence) -> str:
 
 
 def _drift(model: Model, log: Samples) -> str:
-    """Return what a log says: drifted or not, the causes, each signal."""
     found = check(model, log)
     verdict = "It has drifted." if found.drifted else "No drift was found."
     rows = [
