@@ -204,8 +204,8 @@ def _verdict(evidence: Evidence) -> str:
         noise = float(np.sqrt(np.mean(model.body.noise[:axes] ** 2))) * _MEAN[axes]
         own = float(np.nanmedian(model.model_bounds[model.visited]))
         text += (
-            f". That is the distance to noisy readings, each off by about {words(noise)} on average "
-            f"(estimated): the model's own error is below <strong>{words(own)}</strong> "
+            f". That is the distance to noisy readings, each off by about {words(noise)} "
+            f"on average (estimated): the model's own error is below <strong>{words(own)}</strong> "
             "(95 % bound, median over the range)"
         )
     return f"{text}."
