@@ -39,7 +39,7 @@ _SIZES = {
     "view.shift": _Sizes(0.05),  # of the extents
     "view.scale": _Sizes(0.3),
     "view.shear": _Sizes(0.1),
-    "view.tilt": _Sizes(0.3),  # over an extent
+    "view.tilt": _Sizes(0.3),  # over the chain's length
     "lens": _Sizes(0.2),
     "offset": _Sizes(np.radians(5.0), np.radians(0.02), np.radians(0.1)),
     "length": _Sizes(0.15, 1e-4, 1e-3),  # of the mean length; as built [m]
@@ -156,7 +156,9 @@ def _deviations(
     """
     structure, sd = body.structure, np.zeros(body.structure.size)
     extent, length = float(structure.extents[0]), metre or _length(body)
-    times = {"view.shift": extent, "view.tilt": 1.0 / extent, "length": length}
+    # what is tilted is the chain, in its own unit: a log may be in another
+    chain = float(np.abs(body.beta[indices_of(structure, ("length",))]).sum()) or extent
+    times = {"view.shift": extent, "view.tilt": 1.0 / chain, "length": length}
     if groups is None:
         groups = [g for g in structure.groups if not is_sensors(g)]
     for group in groups:
