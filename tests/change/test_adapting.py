@@ -117,7 +117,7 @@ def test_wrong_detections_are_counted_and_left_out():
     one = samples.x.copy()
     one[7] += 0.15
     single = calib.adapt(model(), replace(samples, x=one))
-    assert any("contradicts" in note for note in single.notes)
+    assert any("contradict" in note and "row 8" in note for note in single.notes)
     none = calib.adapt(model(), samples)
     assert not any("contradict" in note for note in none.notes)
 
