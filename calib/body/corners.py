@@ -11,19 +11,20 @@ with a corner c in the board's frame and s in the camera's.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from ..arm.rotations import cross_matrix, exponential, logarithm, quaternion_of
+from ..arm.spatial_chain import Motion
 from ..common.arrays import Array
 from .belief import Body
 from .fitting import BodyFit, fit
-from .measurement import Measurement
+from .measurement import Columns, Measurement
 from .parameters import Block, Indices
-from .settings import FINE_SCALES
+from .settings import FINER
 from .spatial import SpatialStructure
 from .spatial_start import frame
 from .spatial_view import InSpace, Placed, pixels
@@ -40,16 +41,15 @@ class Corners(Measurement):
 
     blocks = (2,)
     curves = False  # of 20 pictures they explained a board that had been moved by 5 cm
-    scales = FINE_SCALES
+    within = FINER
 
     def parameters(self) -> tuple[Block, ...]:
         """Where what stands still is, and the lens."""
         return self.pose.parameters()
 
-    def look(self, ready: Mapping[str, Array], motion: Any, also: Array) -> _Corner:
+    def look(self, own: Mapping[str, Array], motion: Motion, also: Array) -> _Corner:
         """See a corner in each row."""
-        own = ready
-        seen = self.pose.look(self.pose.ready(own), motion, also[:, :0])
+        seen = self.pose.look(own, motion, also)
         shift, turn = seen.values[:, :3], exponential(seen.values[:, 3:])
         # columns of the derivative of s by the pose's shift and turn, both in the sensor's axes
         if self.in_hand:
@@ -85,7 +85,7 @@ class _Corner:
         """How outputs (..., 2, n) move when the hand does."""
         return self._seen(self.pose.push(velocity, angular))
 
-    def columns(self) -> Iterator[tuple[str, Callable[[], Array]]]:
+    def columns(self) -> Columns:
         """The derivative by each of the sensor's own blocks."""
         for name, own in self.pose.columns():
             if name != "view.scale":

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..common.arrays import Array
-from .fit import BLOCKS, Fit, maximise
+from .fit import BLOCKS, Fit
 from .held_out import HeldOut, leave_blocks_out
 from .settings import NATS, SETTLED
 from .starts import Start
@@ -70,17 +70,12 @@ def pass_gate(
     def fit(free: tuple[str, ...]) -> Fit:
         within = [made for groups, made in known if groups <= set(free)]
         best = max(within, key=lambda made: made.evidence, default=None)
-        starts = [start if best is None else best]
-        if best is not None and gaussian and within[0] is not best:
-            starts.append(within[0])  # what passed may have bent the arm for the sensor
-        every = [
-            maximise(
-                structure, q, z, each.beta, structure.prior(free), nu=nu, floor=floor,
-                tolerance=1e-3 if gaussian else SETTLED, steps=20 if gaussian else 10,
-            )
-            for each in starts
-        ]  # fmt: skip
-        made = max(every, key=lambda made: made.evidence)
+        begin = start.beta if best is None else best.beta
+        made = Fit(structure, q, z, begin, structure.prior(free), nu=nu, floor=floor)
+        if gaussian:  # exact rows may be far along a curved valley, such as that of a lens
+            made.settle(40)
+        steps, tolerance = (20, 1e-3) if gaussian else (10, SETTLED)
+        made.maximise(steps=steps, tolerance=tolerance)
         if set(chain) <= set(free):
             known.append((set(free), made))
         return made

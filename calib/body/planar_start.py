@@ -72,8 +72,8 @@ def _linear(
 
 def _placed(structure: PlanarStructure, beta: Array, q: Array, tip: Complex) -> Array:
     """`beta` with the rotation, scale and shift that fit its chain best."""
-    groups, p = structure.groups, structure.move(structure.joint_values(q, beta), beta).tip
-    p = p if structure.mirror > 0 else p.conj()
+    groups, place = structure.groups, structure.seen(q, beta)[0].position
+    p = place[0] + 1j * structure.mirror * place[1]
     centred = p - p.mean()
     t = np.vdot(centred, tip) / (np.vdot(centred, centred).real + 1e-300)
     out = beta.copy()

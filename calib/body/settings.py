@@ -13,17 +13,15 @@ FREE = 1e3
 SHIFT, TURN = 1e-3, float(np.radians(0.1))
 """Joint origins are where a drawing says to 1 mm and 0.1 deg [m, rad], or some times that."""
 
-SCALES = (1.0, 5.0, 20.0)
-"""Factors on a prior sd that the evidence compares."""
+WIDER = (1.0, 20.0)
+"""Times a drawing's prior sd, between which the evidence finds it."""
 
-FINE_SCALES = (0.2, *SCALES)
-"""The same where corners of a board tell them: of an arm whose origins were off by .3 mm at most,
-intervals of what is in the hand were 2.3 mm with 1 mm, and are .46 mm.  So of touches, but for 20:
-with 1 mm at least the bound was ten times the scatter in sockets left out; it covers 98, 97 and
-91 % of that of a Panda, an iiwa and a Gen3."""
-
-OFFSET_SCALES = (1.0, 5.0, 20.0, 100.0)
+SERVOS = (1.0, 100.0)
 """The same of offsets: 0.1 deg where an arm was calibrated, 10 deg where servos were put on."""
+
+FINER = (0.2, 20.0)
+"""The same where corners of a board tell them: of an arm whose origins were off by .3 mm at most,
+intervals of what is in the hand were 2.3 mm with 1 mm, and are .46 mm."""
 
 GAIN = 1e-3
 """Prior sd of a joint's gain, of a drawing; twice that without one."""

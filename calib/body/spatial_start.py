@@ -98,7 +98,7 @@ def _settled(
     structure: Structure, q: Array, z: Array, beta: Array, prior: Prior, steps: int
 ) -> tuple[Array, float, float]:
     still = np.zeros(structure.outputs)
-    return Fit(structure, q, z, beta, prior, STUDENT, still).settle(steps)
+    return Fit(structure, q, z, beta, prior, nu=STUDENT, floor=still).settle(steps)
 
 
 def _refuse_misfit(structure: SpatialStructure, q: Array, z: Array, beta: Array) -> None:

@@ -65,7 +65,7 @@ def best_starts(
 
     def refined(run: Start, steps: int) -> Start:
         still, prior = np.zeros(structure.outputs), run.structure.prior(free)
-        fit = Fit(run.structure, q, z, run.beta, prior, STUDENT, still)
+        fit = Fit(run.structure, q, z, run.beta, prior, nu=STUDENT, floor=still)
         return Start(run.structure, *fit.settle(steps))
 
     runs = sorted((refined(run, 6) for run in runs), key=lambda run: run.cost)

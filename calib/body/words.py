@@ -28,7 +28,7 @@ def words_of(structure: Structure, beta: Array, sd: Array) -> tuple[str, ...]:
 
 def _of_joints(structure: Structure, beta: Array, half: Array) -> Iterator[str]:
     """What each joint has of its own, `half` (d,) half widths of intervals."""
-    away, labels = beta - structure.neutral(), structure.layout.labels
+    away, labels = beta - structure.neutral(), structure.labels
     curves = []
     for joint in dict.fromkeys(label.joint for label in labels if label.joint):
         own: dict[tuple[str, str], list[int]] = {}

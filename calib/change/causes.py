@@ -194,7 +194,7 @@ def _of_change(found: Comparison) -> list[Cause]:
         if not above:
             return []
         ix, step, deviation = above[0].indices, *np.zeros((2, len(old)))
-        groups = tuple(dict.fromkeys(structure.label(int(k)).group for k in ix))
+        groups = tuple(dict.fromkeys(structure.labels[int(k)].group for k in ix))
         step[ix], deviation[ix] = above[0].estimate, above[0].deviation
         beta = structure.retract(old, step)
     change, size = beta - old, np.zeros(len(old))
@@ -215,7 +215,7 @@ def _of_change(found: Comparison) -> list[Cause]:
             for k in told.tolist():
                 of = every if whole else [k]
                 moved = float(np.linalg.norm(change[of] * size[of]))
-                label = structure.label(k)
+                label = structure.labels[k]
                 cause = Cause.of_parameter(
                     label, old[k], float(change[k]), float(deviation[k]), most
                 )

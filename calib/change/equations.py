@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..body.covariance import root_of
-from ..body.fit import maximise
+from ..body.fit import Fit
 from ..body.likeness import lengths_of, matern
 from ..body.parameters import Indices, Prior
 from ..body.settings import STUDENT
@@ -62,10 +62,9 @@ def weighted(
     body, structure = reference.body, reference.structure
     sd = np.hypot(freedom(body, hypotheses_of(structure, cause)[-1], cause), creep(body))
     rows, size = thinned(len(q), _ROBUST_ROWS), reference.sizes
-    fit = maximise(
-        structure, q[rows], z[rows], reference.beta, Prior(reference.beta, sd), nu=STUDENT,
-        floor=size, steps=STEPS,
-    )  # fmt: skip
+    prior = Prior(reference.beta, sd)
+    fit = Fit(structure, q[rows], z[rows], reference.beta, prior, nu=STUDENT, floor=size)
+    fit.maximise(steps=STEPS)
     r = structure.residual(z, structure.predict(q, fit.beta)) / size
     m, e2 = r.shape[1], (r**2).sum(axis=1)
     noise = max(float(np.median(e2[rows])) / (m - 2 / 3), 1.0)

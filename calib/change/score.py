@@ -114,7 +114,7 @@ def groups_of(body: Body) -> dict[str, Indices]:
     joints: dict[str, list[int]] = {}
     for group in TESTED:
         for index in joined(group):
-            joint = structure.label(int(index)).joint
+            joint = structure.labels[int(index)].joint
             joints.setdefault(f"{group}:{joint}" if joint else group, []).append(int(index))
     joints["elastic"] = joined("elastic").tolist()  # a payload bends all joints at once
     for name, some in joints.items():

@@ -12,7 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..body.fit import Fit, maximise
+from ..body.fit import Fit
 from ..body.parameters import Prior
 from ..body.settings import STUDENT
 from ..body.spatial import SpatialStructure
@@ -52,8 +52,8 @@ def as_positions(model: Model, log: Samples) -> tuple[Samples, list[str]]:
     view = "touch" if structure.view == "base" else "touch and rigid"
     seen = structure.with_view(view, reading=reading)
     rows, point = reading.rows(q, number, log.x), seen.groups["point"]
-    names = {label.name: k for k, label in enumerate(seen.layout.labels)}
-    to = np.array([names[label.name] for label in structure.layout.labels])
+    names = {label.name: k for k, label in enumerate(seen.labels)}
+    to = np.array([names[label.name] for label in structure.labels])
     beta = seen.neutral()
     beta[to] = body.beta
     base = structure.pose(q, body.beta)[0]
@@ -70,10 +70,10 @@ def as_positions(model: Model, log: Samples) -> tuple[Samples, list[str]]:
         free = np.flatnonzero(np.diag(more) > 0)
         sd = np.sqrt(np.diag(more))
         prior = Prior(beta, sd, known=np.asarray(np.linalg.inv(more[np.ix_(free, free)])))
-        return maximise(
+        return Fit(
             seen, rows, np.zeros((len(rows), 3)), beta, prior, nu=STUDENT,
-            floor=np.full(3, 0.5 * noise), noise=np.full(3, noise), steps=8,
-        )  # fmt: skip
+            floor=np.full(3, 0.5 * noise), noise=np.full(3, noise),
+        ).maximise(steps=8)  # fmt: skip
 
     same = fitted(None)
     fits = [fitted(group) for group in _FREED]
