@@ -23,7 +23,7 @@ from ..model.answers import anchor, joints_and_reach
 from ..model.model import Model
 from ..model.nominal import moves_in_space, visited_joints
 from ..samples.joint_values import check_joint_values
-from ..samples.log_ranges import wrap
+from ..samples.log_joints import wrap
 from .geometry import frames
 from .wanted import Wanted, wanted
 
