@@ -14,6 +14,7 @@ import numpy as np
 
 from ..arm.arm import Arm, SpatialArm
 from ..arm.rotations import exponential, logarithm
+from ..body.belief import Body
 from ..body.corners import Corners
 from ..body.spatial import SpatialStructure, structure_of
 from ..body.spatial_view import InSpace
@@ -62,7 +63,7 @@ class _Aim:
 
     def spare(self, target: Array, dof: int) -> bool:
         """Whether there are more joints than numbers in a target."""
-        return dof > target.shape[1]
+        return bool(dof > target.shape[1])
 
 
 def _led(
@@ -218,7 +219,7 @@ def _likely(
     return likely
 
 
-def _encoded(body: Any, made: dict[str, Any]) -> Array:
+def _encoded(body: Body, made: dict[str, Any]) -> Array:
     """Parameters of a body of pictures of a board, with its lens, seen by camera and board."""
     beta, groups, glass = body.beta.copy(), body.structure.groups, made["lens"]
     beta[groups["lens"]] = (np.mean(glass["focal"]), *glass["centre"], glass["distortion"][0])
