@@ -29,7 +29,7 @@ from ..samples import (
 from ..summary import accuracy, advice, error_table, found_by_body, summary
 
 if TYPE_CHECKING:
-    from calib import Model, Samples
+    from calib import Samples
 
 
 def train(
