@@ -187,8 +187,8 @@ def advice(model: Model, errors: Errors, stated: object = None) -> list[str]:
     if high > _UNEVEN * low:
         span = f"{_in_words(low, about.unit)} to {_in_words(high, about.unit)}"
         return [f"limited by few rows in parts of the range (bound {span}); {plan}"]
-    own, read = (np.median(each[known]) for each in (model.model_error(q), bound))
-    if own < _NOISY * read:
+    own = float(np.median(model.model_error(q)[known]))
+    if own < _NOISY * float(np.median(bound[known])):
         least = f"the model itself is within {_in_words(own, about.unit)}"
         return [f"limited by noise of the readings: {least}; rows at rest (--still) help most"]
     return [
