@@ -193,7 +193,7 @@ def _free(asked: _Question, q: Any) -> Any:
     """Tell directions (k, dof) of the joints that leave the answer q (dof,) where it is."""
     import numpy as np
 
-    from calib.inverse.self_motions import free_directions
+    from calib.inverse.families import free_directions
     from calib.model.space import Space
 
     model, names = asked.query.model, asked.query.joints.names
