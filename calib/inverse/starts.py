@@ -95,7 +95,7 @@ class Starts:
         cell = np.floor(u / (_CELL * motor.spacing)).astype(np.int64)
         order = np.lexsort((length, *cell.T, target))
         key = np.column_stack([target, cell])[order]
-        keep = order[np.append(True, np.any(key[1:] != key[:-1], axis=1))]
+        keep = order[np.append(True, np.any(key[1:] != key[:-1], axis=1))[: len(order)]]
         # where none is likely (a target out of reach, a singular pose) the best three
         keep = keep[np.lexsort((length[keep], target[keep]))]
         close, owner = length[keep] <= _REACH, target[keep]
