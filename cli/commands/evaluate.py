@@ -9,7 +9,7 @@ from .. import options as opt
 from ..measurements import Reading, log_of
 from ..output import Outcome, TextTable, fields, say
 from ..samples import Sockets
-from ..summary import accuracy, advice, answers_back, error_table, summary
+from ..summary import accuracy, advice, answers_back, does_not_hold, error_table, summary
 
 if TYPE_CHECKING:
     from calib import Evaluation
@@ -40,6 +40,8 @@ def evaluate(
     document = summary(loaded, model, result.errors, seconds)
     document["evaluated"] = fields(result, "source rows left_out")
     document["left_out"] = result.left_out
+    missed = [] if log is None else does_not_hold(result.within, result.rows)
+    limit = missed or advice(loaded, result.errors)
     if result.touch:
         document["touch"] = result.touch
         rows = [
@@ -47,12 +49,12 @@ def evaluate(
             for each in result.touch["points"]
         ]
         table = TextTable(["setup", "point", "rows", "scatter [mm]"], rows, "by socket", 2)
-        return Outcome(document, [_scatter(model, result)], [table])
+        return Outcome(document, [_scatter(model, result), *limit], [table])
     tested = f"{result.rows} {result.source}"
     lines = [
         f"{model}: {accuracy(loaded, result.errors, result.within, tested, result.left_out)}",
         answers_back(loaded, result.errors),
-        *advice(loaded, result.errors),
+        *limit,
     ]
     title = f"errors on {tested}"
     return Outcome(document, lines, [error_table(loaded, result.errors, title)])

@@ -9,9 +9,8 @@ from calib.common.wording import printable, unit_of_joint
 from calib.model.facts import facts
 
 from .. import options as opt
-from ..output import Outcome, fact_lines, fields
+from ..output import Outcome, as_typed, fact_lines, fields
 from ..summary import accuracy, advice, error_table, summary
-from ..translation import as_typed
 
 if TYPE_CHECKING:
     from calib import Model

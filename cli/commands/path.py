@@ -20,13 +20,9 @@ _step = reader(
 def path(
     model: opt.ModelFile,
     *,
-    input_: Annotated[str, option("--input FILE", "Waypoints: a CSV file with columns x,y.")],
-    columns: opt.Columns = None,
-    output: opt.Output = None,
     start: Annotated[Any, option("--from Q1,Q2", "Start near these joints.", reals)] = None,
     step: Annotated[Any, option("--step S", "Longest, or inf (default 1 % extent).", _step)] = None,
-    unit: opt.PositionUnit = None,
-    degrees: opt.Degrees = False,
+    asking: opt.Asking,
 ) -> Outcome:
     """Joint values along straight lines through waypoints, on one branch where possible.
 
@@ -36,13 +32,12 @@ def path(
 
     from ..answers import Query, say_rows
 
-    query = Query(model, degrees, "sensor", unit, (), input_, columns, output)
+    query = Query(model, asking)
     asked, joints, positions = query.model, query.joints, query.positions
-    batch = query.read(input_, asked.axes, columns)
+    batch = query.read(asked.axes)
     valid = np.flatnonzero(np.isfinite(batch.values).all(axis=1))
     longest = None if step is None else step / positions.typed
     found = asked.path(batch.values[valid], joints.one_each("--from", start), longest)
-    out = ~found.reachable
     table: dict[str, Any] = {
         "waypoint": valid[found.waypoint] + 1,
         **dict(zip(asked.axes, found.target.T, strict=True)),
@@ -51,31 +46,25 @@ def path(
         "reachable": found.reachable.astype(np.int64),
         "jump": np.isin(np.arange(len(found.q)), found.jumps).astype(np.int64),
     }
+    n, out, held = len(found.q), *(np.flatnonzero(x) for x in (~found.reachable, found.held))
     say_rows(batch.invalid, len(batch.values), "not all numbers, left out of the path")
-    for row in found.jumps.tolist():
-        named = zip(asked.axes, (found.target[row] * positions.typed).tolist(), strict=True)
-        where = ", ".join(f"{axis} = {value:.6g}" for axis, value in named)
-        note(f"row {row + 1}: a jump cannot be avoided, the branch ends before {where}")
-    if found.held.any():
+    jumps, left_out = (found.jumps + 1).tolist(), (held + 1).tolist()
+    say_rows(jumps, n, "a jump cannot be avoided, the branch ends before")
+    say_rows(left_out, n, "left out, far beyond all that the arm reaches: the joints stay")
+    if len(out):
         note(
-            f"{int(found.held.sum())} of {len(out)} rows were left out, far beyond all that the "
-            "arm reaches: the joints stay as they were"
-        )
-    if out.any():
-        note(
-            f"{int(out.sum())} of {len(out)} rows are out of reach, the furthest by "
+            f"{len(out)} of {n} rows are out of reach, the furthest by "
             f"{positions.said(float(found.distance[out].max()))}: they hold attainable points "
             "close by"
         )
     return query.write(
         table,
-        output,
         key="path",
-        code=1 if batch.invalid else NO if len(found.jumps) or out.any() else 0,
-        rows=len(found.q),
+        code=1 if batch.invalid else NO if jumps or len(out) else 0,
+        rows=n,
         invalid=batch.invalid,
-        jumps=(found.jumps + 1).tolist(),
-        left_out=(np.flatnonzero(found.held) + 1).tolist(),
-        out_of_reach=(np.flatnonzero(out) + 1).tolist(),
+        jumps=jumps,
+        left_out=left_out,
+        out_of_reach=(out + 1).tolist(),
         **query.meaning,
     )

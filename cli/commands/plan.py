@@ -112,7 +112,7 @@ def plan(
     if found.random_length > 0:
         share = 100 * found.length / found.random_length
         travel += f": {share:.0f} % of the way of a random order"
-    return Outcome(document, [line, *found.why, travel], to_stderr=output == "-")
+    return Outcome(document, [line, *found.why, travel])
 
 
 def _measured(

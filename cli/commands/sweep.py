@@ -89,4 +89,4 @@ def sweep(
         "units": {"errors": "unit of the row", "seconds": "s"},
         "rows": [fields(r, "source options seed unit errors seconds error") for r in found.rows],
     }
-    return Outcome(document, lines, to_stderr=output == "-", code=1 if failed else 0)
+    return Outcome(document, lines, code=1 if failed else 0)
