@@ -71,26 +71,26 @@ def _table(geometry: Geometry) -> TextTable:
     import numpy as np
 
     told, arm = geometry.to_json(), geometry.arm
-    found = []
-    for name, kind in zip(arm.joint_names, arm.units_of_joints, strict=True):
-        found.append((name, "offset", kind, told["offsets"][name]))
-        if "moved" in told:
-            found.append((name, "far end of its link, along {}", "m", told["moved"][name]))
+    found = [
+        (name, "offset", kind, told["offsets"][name])
+        for name, kind in zip(arm.joint_names, arm.units_of_joints, strict=True)
+    ]
+    ways = told.get("moved", {})
+    found += [(name, "far end of its link, along {}", "m", each) for name, each in ways.items()]
     places = dict(told.get("places", {}))
     if "tip" in told:
         written = "" if told["tip"]["written"] else ", not written"
         places[f"sensed point{written}"] = told["tip"]
     for name, each in places.items():
-        found.append((name, "origin along {}", "m", each["shift"]))
-        found.append((name, "origin about {}", "rad", each["turn"]))
+        found += [(name, "origin along {}", "m", each["shift"])]
+        found += [(name, "origin about {}", "rad", each["turn"])]
     found += [("base", "along {}", "m", told["base"])] if "base" in told else []
     rows = []
     for name, what, kind, each in found:
-        values, widths = np.ravel(each["value"]), np.ravel(each["interval"])
-        if not widths.any() and (name == "base" or "places" in told):
-            continue  # what was not fitted
         factor, unit = for_people(kind)
+        values, widths = np.ravel(each["value"]), np.ravel(each["interval"])
         for axis, value, width in zip("xyz", values.tolist(), widths.tolist(), strict=False):
-            shown = fixed(factor * value, 4), number(factor * width)
-            rows.append([name, what.format(axis), unit, *shown])
+            if width:  # what was fitted
+                shown = fixed(factor * value, 4), number(factor * width)
+                rows.append([name, what.format(axis), unit, *shown])
     return TextTable(["joint", "change of", "unit", "value", "+-"], rows, "against the URDF", 3)
