@@ -45,33 +45,35 @@ def export(
     endings = _ENDINGS if lerobot is None else {**_ENDINGS, "output": (".json",)}
     for name, path in paths.items():
         check_file(path, endings[name], option=f"--{name}")
-    from calib.use.camera_files import camera_info, static_transform
-    from calib.use.export_c import c_header
+    from calib.use.formats import (
+        c_header,
+        camera_info,
+        corrected_arm,
+        homed,
+        mjcf_text,
+        static_transform,
+        ur_kinematics,
+    )
 
     loaded, document = calib.load(model), dict[str, Any](model=model)
     made: dict[str, tuple[str, str]] = {}  # text, and what it is; all before anything is written
     if lerobot is not None and output is None:
         raise BadOption("--lerobot needs -o NEW.json, where the corrected calibration goes")
     if {lerobot, ur, mjcf} != {None}:
-        from calib.use.lerobot import homed, read_calibration
-        from calib.use.robot_files import corrected_arm, mjcf_text, ur_kinematics
-
-        motors = None if lerobot is None else read_calibration(lerobot)
-        arm = corrected_arm(loaded)
-        document["offsets"] = arm.offsets
+        corrected, document["offsets"] = corrected_arm(loaded)
         if ur is not None:
-            made["ur"] = ur_kinematics(arm), "kinematics of a UR"
+            made["ur"] = ur_kinematics(corrected, loaded.about.tip), "kinematics of a UR"
         if mjcf is not None:
-            made["mjcf"] = mjcf_text(arm), "bodies for MuJoCo"
-        if motors is not None:
-            text, document["ticks"] = homed(motors, arm.offsets)
+            made["mjcf"] = mjcf_text(corrected, loaded.about.tip), "bodies for MuJoCo"
+        if lerobot is not None:
+            text, document["ticks"] = homed(lerobot, document["offsets"])
             made["output"] = text, f"homing offsets moved by {document['ticks']} ticks"
             say(["the ends of the motors' ranges move with their zeros: drive to them with care"])
     if output is not None and lerobot is None:
-        header = c_header(loaded, prefix=prefix, single=single)
-        document |= {"bytes": len(header.text), "table_bytes": header.tables}
-        size = f"tables of {header.tables / 1024:.1f} kB, {len(header.text) / 1e3:.0f} kB text"
-        made["output"] = header.text, f"{'float' if single else 'double'}, {size}"
+        text, tables = c_header(loaded, prefix=prefix, single=single)
+        document |= {"bytes": len(text), "table_bytes": tables}
+        size = f"tables of {tables / 1024:.1f} kB, {len(text) / 1e3:.0f} kB text"
+        made["output"] = text, f"{'float' if single else 'double'}, {size}"
     if camera is not None:
         made["camera"] = camera_info(loaded), "camera_info"
     if transform is not None:

@@ -34,7 +34,7 @@ def urdf(
     """
     import calib
     from calib.common.atomic import atomic_write
-    from calib.use.correct import free_frame
+    from calib.use.correct import frame_notes
     from calib.use.geometry import fit_geometry
     from calib.use.urdf import MOST_UNEXPLAINED, check_output, corrected_urdf
 
@@ -52,7 +52,7 @@ def urdf(
         "units": {**units_of(loaded.about), "positions": geometry.unit},
     }
     if geometry.free:
-        say(free_frame(loaded, cause))
+        say(frame_notes(loaded, cause))
     share = 100.0 * geometry.residual / geometry.reach
     factor, unit = for_people(geometry.unit)
     rms = f"{number(factor * geometry.residual)} {unit} rms ({share:.3g} % of the reach)"
