@@ -47,7 +47,13 @@ COMMANDS = {
 """What the command line can do, in the order of its use, and what `calib --help` says of it."""
 
 QUERIES = ("forward", "inverse", "path")
-_TOGETHER = {"info": "robots evaluate", "show": "preview report", "query": "forward path correct"}
+_TOGETHER = {
+    "info": "robots evaluate",
+    "query": "forward path correct",
+    "many": "sweep reproduce",
+    "files": "urdf export",
+    "show": "preview report",
+}
 """Commands of one module, where it does not have the command's name."""
 _MODULE = {name: module for module, names in _TOGETHER.items() for name in names.split()}
 

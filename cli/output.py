@@ -21,7 +21,7 @@ from typing import Annotated, Any, ClassVar, TextIO
 
 import typer
 
-from calib.common.wording import one_line, printable
+from calib.common.wording import for_people, one_line, printable
 
 from .parsing import BadOption
 
@@ -258,6 +258,12 @@ def number(value: float | None) -> str:
         return "<1e-6" if size else "0"
     # decimals that four digits need: 1.234, 12.34, 0.0001234
     return f"{value:.{max(0, 3 - math.floor(math.log10(size)))}f}"
+
+
+def sized(value: float, unit: str) -> str:
+    """Return a length or an angle with the unit that people read, mm or degrees."""
+    factor, shown = for_people(unit)
+    return f"{number(factor * value)} {shown}"
 
 
 def fixed(value: float, decimals: int) -> str:

@@ -7,11 +7,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from typer import Argument
 
-from calib.common.wording import for_people
-
 from .. import options as opt
 from ..options import option
-from ..output import NO, Outcome, TextTable, fields, fixed, note, number, say
+from ..output import NO, Outcome, TextTable, fields, fixed, note, say, sized
 from ..parsing import above_zero, any_number, finite_number, reader, reals
 
 if TYPE_CHECKING:
@@ -208,9 +206,7 @@ def correct(
             joints.names, loaded.about.units_of_joints, each, strict=True
         ):
             changes[name] = dict(zip(("mean", "max", "limit"), values, strict=True))
-            factor, unit = for_people(kind)
-            mean, largest = (number(factor * value) for value in values[:2])
-            lines.append(f"{name} {mean} (largest {largest}) {unit}")
+            lines.append(f"{name} {sized(values[0], kind)} (largest {sized(values[1], kind)})")
     answered = bool((found.reachable & ~found.exceeded).any())
     return query.write(
         batch.answered(over_all_rows(valid, table)) if answered or not beyond else None,
