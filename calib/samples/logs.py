@@ -36,7 +36,7 @@ from .roles import (
 )
 from .samples import Samples
 from .settings import HELD_ROWS, LARGEST_ARM, MOST_WRONG, OUT_OF_PLANE, UNSURE
-from .tables import ROW, Source, numbers_of, open_source, write_table
+from .tables import Source, open_source, write_table
 from .touches import read_touches
 from .wrong_rows import rows_in_words
 
@@ -124,18 +124,15 @@ def read_log(
     known = logged_joints(source.label, arm, roles.joints, prismatic, degrees, ranges or {})
     drawn, total = source.drawn(most, seed)
     timed = ["time"] if "time" in source.header and "time" not in roles.columns else []
-    table = drawn.read([*roles.columns, *timed])
-    values = numbers_of(source.label, table, roles.columns)
-    time = numbers_of(source.label, table, timed, lenient=True)
+    values, numbers = drawn.numbers([*roles.columns, *timed], timed)
+    values, time = np.split(values, [len(roles.columns)], axis=1)
     notes = []
     if total > most:
         notes.append(
             f"{total:,} rows: {most:,} of them, drawn evenly, are held; other counts are of these"
         )
-    rows, dropped, left_out, told = _sound(
-        source.label, values, table[ROW].to_numpy(), roles, known
-    )
-    values, time, numbers = values[rows], time[rows], table[ROW].to_numpy()[rows].astype(np.intp)
+    rows, dropped, left_out, told = _sound(source.label, values, numbers, roles, known)
+    values, time, numbers = values[rows], time[rows], numbers[rows]
     notes += told
     q, x, turns, spread = roles.split(values)
     _check_motion(source.label, q, x, roles)

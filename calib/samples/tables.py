@@ -7,7 +7,7 @@ import json
 import os
 import re
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
@@ -15,9 +15,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from ..common.arrays import Array
+from ..common.arrays import Array, Index
 from ..common.atomic import atomic_write
 from ..common.wording import clipped, listed, printable, quoted
 from ..errors import LogError
@@ -74,14 +74,58 @@ class Source:
         return replace(self, rows=self.rows.filter(drawn)), total
 
     def read(self, names: Sequence[str]) -> pl.DataFrame:
-        """Read some columns as they are, text from CSV, and `ROW`.
+        """Read some columns as they are, text from CSV.
 
         Of a Parquet file's lists a name is one element, as in `state[0]`.
         Raises LogError if a column is missing or there twice.
         """
+        return self._collected([self._column(name).alias(name) for name in names]).drop(ROW)
+
+    def numbers(self, names: Sequence[str], lenient: Collection[str] = ()) -> tuple[Array, Index]:
+        """Read some columns as numbers (n, names), and the numbers of their rows (n,).
+
+        NaN is a missing value, of columns that are `lenient` also text in a number's place.
+        Raises LogError for other text, by the row's number.
+        """
         import polars as pl
 
-        columns = [self._column(name).alias(name) for name in names]
+        asked: list[pl.Expr] = []
+        kinds = self.rows.select(self._column(name).alias(name) for name in names).collect_schema()
+        for name, kind in kinds.items():
+            cell = self._column(name)
+            if isinstance(kind, pl.String):
+                cell = cell.str.strip_chars()
+                missing = cell.is_null() | cell.str.to_lowercase().is_in(_MISSING)
+                wrong = cell.cast(pl.Float64, strict=False).is_null() & ~missing
+                asked += [] if name in lenient else [wrong.alias(f"\0wrong {name}")]
+            elif not (kind.is_numeric() or isinstance(kind, pl.Null)):
+                hint = f"; name one element, such as {name}[0]" if isinstance(kind, pl.List) else ""
+                words = f"{self.label}, column {name!r} holds {kind}"
+                raise LogError(f"{words}, expected numbers{hint}")
+            asked.append(cell.cast(pl.Float64, strict=False).alias(name))
+        # not as text: Polars would hold the whole file for some cells of it
+        table = self._collected(asked)
+        for name in names:
+            wrong_rows = table.get_column(f"\0wrong {name}", default=pl.Series([False])).arg_true()
+            if len(wrong_rows):
+                row = table[ROW][int(wrong_rows[0])]
+                cells = self.rows.filter(pl.col(ROW) == row).select(self._column(name))
+                text = str(cells.collect().item())
+                remedy = "empty the cell if it is missing"
+                remedy = "write decimals with a point" if "," in text else remedy
+                raise LogError(
+                    f"{self.label}, row {row}, column {name!r}: {clipped(text)!r} is not a number; "
+                    f"{remedy}"
+                )
+        values = np.empty((table.height, len(names)))
+        for k, name in enumerate(names):
+            values[:, k] = table[name].fill_null(float("nan")).to_numpy()
+        return values, table[ROW].to_numpy().astype(np.intp)
+
+    def _collected(self, columns: Sequence[pl.Expr]) -> pl.DataFrame:
+        """Some columns and `ROW`, without blank lines at the end of a CSV file."""
+        import polars as pl
+
         blank = pl.all_horizontal(pl.exclude(ROW).is_null()) if self.text else pl.lit(value=False)
         with _told(self.label):
             rows = self.rows.select(ROW, *columns, blank.alias("\0blank"))
@@ -224,42 +268,9 @@ def _told(label: str) -> Iterator[None]:
     raise LogError(f"{label} cannot be read: {reason}")
 
 
-def numbers_of(
-    label: str, table: pl.DataFrame, names: Sequence[str], *, lenient: bool = False
-) -> Array:
-    """Columns of a table as numbers (n, names); NaN is a missing value, or `lenient` any text.
-
-    Raises LogError if a value is no number, by the row's number.
-    """
-    import polars as pl
-
-    values = np.empty((table.height, len(names)))
-    for k, name in enumerate(names):
-        column = table[name]
-        if text := column.dtype == pl.String:
-            column = column.str.strip_chars()
-        elif not (column.dtype.is_numeric() or column.dtype == pl.Null):
-            hint = f"; name one element, such as {name}[0]" if column.dtype == pl.List else ""
-            raise LogError(f"{label}, column {name!r} holds {column.dtype}, expected numbers{hint}")
-        number = column.cast(pl.Float64, strict=False)
-        values[:, k] = number.fill_null(float("nan")).to_numpy()
-        if lenient or not text:
-            continue
-        missing = column.is_null() | column.str.to_lowercase().is_in(_MISSING)
-        if (wrong := number.is_null() & ~missing).any():
-            row = int(wrong.arg_max() or 0)
-            remedy = "write decimals with a point"
-            remedy = remedy if "," in column[row] else "empty the cell if it is missing"
-            raise LogError(
-                f"{label}, row {table[ROW][row]}, column {name!r}: {clipped(column[row])!r} is "
-                f"not a number; {remedy}"
-            )
-    return values
-
-
 def read_columns(source: Source, names: Sequence[str], *, lenient: bool = False) -> Array:
-    """Read some columns as numbers (n, names), all rows; see `Source.read` and `numbers_of`."""
-    return numbers_of(source.label, source.read(names), names, lenient=lenient)
+    """Read some columns as numbers (n, names), all rows; see `Source.numbers`."""
+    return source.numbers(names, names if lenient else ())[0]
 
 
 @dataclass(frozen=True, eq=False)
@@ -278,7 +289,7 @@ class Batch:
         mine = dict(zip(self.names, self.values.T, strict=True))
         return {**self.table.drop(old).to_dict(), **mine, **added}
 
-    def take(self, rows: NDArray[np.intp]) -> Batch:
+    def take(self, rows: Index) -> Batch:
         """The table with some of its rows, which may be there more than once."""
         return replace(self, values=self.values[rows], table=self.table[rows])
 
@@ -308,13 +319,12 @@ def read_batch(
             names = (*names, *group)
     held = {called.get(name, name): name for name in names}
     rest = [name for name in source.header if name in held or name not in names]
-    table = source.read(list(dict.fromkeys([*rest, *held])))
-    values = numbers_of(source.label, table, list(held), lenient=True)
+    values, rows = source.numbers(list(held), held)
     invalid = ~np.isfinite(values).all(axis=1)
     values[invalid] = np.nan
-    numbers = tuple(table[ROW].to_numpy()[invalid].tolist())
-    table = table.drop(ROW).rename(held).with_columns(pl.col(pl.String).fill_null(""))
-    return Batch(values, tuple(names), numbers, table)
+    table = source.read(list(dict.fromkeys([*rest, *held]))).rename(held)
+    table = table.with_columns(pl.col(pl.String).fill_null(""))
+    return Batch(values, tuple(names), tuple(rows[invalid].tolist()), table)
 
 
 def write_table(
