@@ -11,12 +11,12 @@ import numpy as np
 from ..arm.rotations import exponential, quaternion_of
 from ..common.arrays import Array
 from ..errors import LogError, OptionError
+from .samples import POSITION
 from .tables import Source
 
 if TYPE_CHECKING:
     from ..arm.arm import Arm
 
-POSITION = ("x", "y", "z")
 PIXELS = {"x": "u", "y": "v"}
 """Columns of pixels, where a log has no x, y or z."""
 

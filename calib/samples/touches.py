@@ -12,8 +12,8 @@ from ..common.scale import METRES
 from ..common.wording import listed
 from ..errors import LogError
 from .joint_values import check_joint_values
-from .roles import POSITION, joint_names
-from .samples import Samples
+from .roles import joint_names
+from .samples import POSITION, Samples
 from .sockets import Known, Touches
 from .tables import Source
 
