@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -15,7 +14,6 @@ from ..arm.plane import Plane, fit_plane
 from ..arm.ranges import Range
 from ..common.arrays import Array, Index, Mask
 from ..common.checks import LARGEST, whole
-from ..common.scale import TURN
 from ..common.wording import listed, vector
 from ..errors import LogError, OptionError
 from .camera import camera_of
@@ -27,7 +25,6 @@ from .roles import (
     QUATERNION,
     ROUNDING,
     Roles,
-    check_names,
     covariances,
     find_roles,
     from_angles,
@@ -124,7 +121,7 @@ def read_log(
     known = logged_joints(source.label, arm, roles.joints, prismatic, degrees, ranges or {})
     drawn, total = source.drawn(most, seed)
     timed = ["time"] if "time" in source.header and "time" not in roles.columns else []
-    values, numbers = drawn.numbers([*roles.columns, *timed], timed)
+    values, numbers = drawn.numbers([*roles.columns, *timed])
     values, time = np.split(values, [len(roles.columns)], axis=1)
     notes = []
     if total > most:
@@ -136,10 +133,6 @@ def read_log(
     notes += told
     q, x, turns, spread = roles.split(values)
     _check_motion(source.label, q, x, roles)
-    turning = [k for k, joint in enumerate(known) if joint.revolute]
-    # values of a few degrees at most are doubted
-    if degrees and turning and np.abs(q[:, turning]).max() <= math.radians(TURN):
-        notes.append("no joint goes beyond 6.3 degrees; if the log is in rad, leave out `degrees`")
     settled = [joint.settle(q[:, k], numbers) for k, joint in enumerate(known)]
     q = np.stack([column for column, *_ in settled], axis=1)
     lower, upper = np.array([limits for _, limits, _ in settled]).T
@@ -174,7 +167,7 @@ def read_log(
         orientation=_quaternions(turns, roles, degrees) if oriented else None,
         covariance=covariances(spread, source.label) if oriented and roles.spread else None,
         columns=columns,
-        degrees=degrees and bool(turning),
+        degrees=degrees and any(joint.revolute for joint in known),
         camera=camera,
         source=source.about,
         rows=numbers,
@@ -208,7 +201,6 @@ def write_log(samples: Samples, path: str | os.PathLike[str]) -> None:
     >>> bool((calib.read_log("log.csv", arm).q == samples.q).all())
     True
     """
-    check_names(samples.joint_names)
     about = samples.orientation, samples.covariance
     write_table(path, log_columns(samples.joint_names, samples.q, samples.x, *about))
 
@@ -239,7 +231,9 @@ def _sound(
         raise LogError(f"{label} has a header and no rows")
     finite = np.abs(values) < LARGEST
     lacking = listed(np.array(roles.columns)[~np.asarray(finite.all(axis=0))])
-    dropped = leave_out(~np.asarray(finite.all(axis=1)), f"miss a finite value of {lacking}")
+    dropped = leave_out(
+        ~np.asarray(finite.all(axis=1)), f"miss a finite number (2.5, not 2,5) of {lacking}"
+    )
     values[~kept] = 0.0
     for k, joint in enumerate(joints):
         if joint.revolute and joint.degrees:

@@ -7,7 +7,7 @@ import json
 import os
 import re
 import sys
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
@@ -36,8 +36,6 @@ KEY = "calib"
 
 ROW = "\0row"
 """Column with the number of each row, counted below the header from 1."""
-
-_MISSING = ("", "na", "n/a", "nan", "null", "none", "-", "?")
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,45 +79,27 @@ class Source:
         """
         return self._collected([self._column(name).alias(name) for name in names]).drop(ROW)
 
-    def numbers(self, names: Sequence[str], lenient: Collection[str] = ()) -> tuple[Array, Index]:
+    def numbers(self, names: Sequence[str]) -> tuple[Array, Index]:
         """Read some columns as numbers (n, names), and the numbers of their rows (n,).
 
-        NaN is a missing value, of columns that are `lenient` also text in a number's place.
-        Raises LogError for other text, by the row's number.
+        NaN is what is missing, or no number: decimals have a point.
+        Raises LogError for a column of another type.
         """
         import polars as pl
 
-        asked: list[pl.Expr] = []
-        kinds = self.rows.select(self._column(name).alias(name) for name in names).collect_schema()
+        columns = {name: self._column(name) for name in names}
+        kinds = self.rows.select(**columns).collect_schema()
         for name, kind in kinds.items():
-            cell = self._column(name)
-            if isinstance(kind, pl.String):
-                cell = cell.str.strip_chars()
-                missing = cell.is_null() | cell.str.to_lowercase().is_in(_MISSING)
-                wrong = cell.cast(pl.Float64, strict=False).is_null() & ~missing
-                asked += [] if name in lenient else [wrong.alias(f"\0wrong {name}")]
-            elif not (kind.is_numeric() or isinstance(kind, pl.Null)):
+            if not (kind.is_numeric() or isinstance(kind, (pl.String, pl.Null))):
                 hint = f"; name one element, such as {name}[0]" if isinstance(kind, pl.List) else ""
                 words = f"{self.label}, column {name!r} holds {kind}"
                 raise LogError(f"{words}, expected numbers{hint}")
-            asked.append(cell.cast(pl.Float64, strict=False).alias(name))
+            if isinstance(kind, pl.String):
+                columns[name] = columns[name].str.strip_chars()
         # not as text: Polars would hold the whole file for some cells of it
-        table = self._collected(asked)
-        for name in names:
-            wrong_rows = table.get_column(f"\0wrong {name}", default=pl.Series([False])).arg_true()
-            if len(wrong_rows):
-                row = table[ROW][int(wrong_rows[0])]
-                cells = self.rows.filter(pl.col(ROW) == row).select(self._column(name))
-                text = str(cells.collect().item())
-                remedy = "empty the cell if it is missing"
-                remedy = "write decimals with a point" if "," in text else remedy
-                raise LogError(
-                    f"{self.label}, row {row}, column {name!r}: {clipped(text)!r} is not a number; "
-                    f"{remedy}"
-                )
-        values = np.empty((table.height, len(names)))
-        for k, name in enumerate(names):
-            values[:, k] = table[name].fill_null(float("nan")).to_numpy()
+        cast = (cell.cast(pl.Float64, strict=False).alias(n) for n, cell in columns.items())
+        table = self._collected([cell.fill_null(float("nan")) for cell in cast])
+        values = table.select(names).to_numpy(order="c").astype(np.float64).reshape(-1, len(names))
         return values, table[ROW].to_numpy().astype(np.intp)
 
     def _collected(self, columns: Sequence[pl.Expr]) -> pl.DataFrame:
@@ -179,31 +159,23 @@ def open_source(path: str | os.PathLike[str] | Source) -> Source:
         return path
     name = os.fspath(path)
     label, file = "standard input" if name == "-" else printable(name), Path(name)
-    make = f"make a log of it: calib log {label} -o log.csv"
     try:
+        if file.is_dir() or (file.exists() and file.suffix.lower() in RECORDINGS):
+            hint = f"of a bag, pictures or a video make a log: calib log {label} -o log.csv"
+            raise LogError(f"{label} is no table: expected a CSV or Parquet file", hint=hint)
         content = _content(file)
         with file.open("rb") if isinstance(content, Path) else io.BytesIO(content) as opened:
             head = opened.read(1 << 16)
-    except IsADirectoryError:
-        bag = any(each.suffix.lower() in RECORDINGS for each in file.iterdir())
-        words = f"{label} is a folder, expected a CSV or Parquet file"
-        raise LogError(words, hint=make if bag else None) from None
     except FileNotFoundError:
         raise LogError(f"there is no file {label!r}") from None
     except (OSError, ValueError) as error:
         raise LogError(f"cannot read {label!r}: {error}") from None
     if not head.startswith(b"PAR1"):
-        if file.suffix.lower() in RECORDINGS:
-            words = f"{label} is a recording of messages, expected a CSV or Parquet file"
-            raise LogError(words, hint=make)
-        if file.suffix.lower() in PARQUET:
-            raise LogError(f"{label} is not a Parquet file; rename it to .csv if it is CSV")
         return _open_csv(label, content, head.decode("utf-8-sig", errors="replace"))
     with _told(label):
         rows = pl.scan_parquet(content, glob=False).with_row_index(ROW, 1)
         header = tuple(rows.collect_schema())[1:]
-        whole = content if isinstance(content, Path) else io.BytesIO(content)
-        about = pl.read_parquet_metadata(whole).get(KEY, "")
+        about = pl.read_parquet_metadata(content).get(KEY, "")
     return Source(label, header, rows, _said(about))
 
 
@@ -268,9 +240,9 @@ def _told(label: str) -> Iterator[None]:
     raise LogError(f"{label} cannot be read: {reason}")
 
 
-def read_columns(source: Source, names: Sequence[str], *, lenient: bool = False) -> Array:
+def read_columns(source: Source, names: Sequence[str]) -> Array:
     """Read some columns as numbers (n, names), all rows; see `Source.numbers`."""
-    return source.numbers(names, names if lenient else ())[0]
+    return source.numbers(names)[0]
 
 
 @dataclass(frozen=True, eq=False)
@@ -319,7 +291,7 @@ def read_batch(
             names = (*names, *group)
     held = {called.get(name, name): name for name in names}
     rest = [name for name in source.header if name in held or name not in names]
-    values, rows = source.numbers(list(held), held)
+    values, rows = source.numbers(list(held))
     invalid = ~np.isfinite(values).all(axis=1)
     values[invalid] = np.nan
     table = source.read(list(dict.fromkeys([*rest, *held]))).rename(held)

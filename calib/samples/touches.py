@@ -48,7 +48,7 @@ def read_touches(
     columns = [called.get(name, name) for name in names]
     axes, texts = ([called.get(n, n) for n in some] for some in (POSITION, ("setup", "point")))
     axes = [axis for axis in axes if {*axes} <= {*source.header}]
-    q, rows = source.numbers(columns, columns)
+    q, rows = source.numbers(columns)
     table = source.read([name for name in texts if name in source.header])
     empty = [""] * len(q)
     told = [table[name].fill_null("") if name in table.columns else empty for name in texts]
@@ -59,7 +59,7 @@ def read_touches(
         if unit not in METRES:
             words = f"{source.label}: x, y, z of touches in {unit}"
             raise LogError(f"{words}, expected {listed(METRES)}")
-        stated = source.numbers(axes, axes)[0] / METRES[unit]
+        stated = source.numbers(axes)[0] / METRES[unit]
     touched = np.array([bool(point) for _, point in pairs])
     good = np.isfinite(q).all(axis=1) & (touched | np.isfinite(stated).all(axis=1))
     if not (good & touched).any():
