@@ -17,7 +17,6 @@ from calib.common.choices import (
     CauseWord,
     FrameWord,
     LogFrameWord,
-    MotionWord,
     ReadoutWord,
     RuleWord,
     ViewWord,
@@ -68,7 +67,6 @@ BABBLED = "How many samples to babble (default 20000)."
 NOISE = "Noise of the simulated sensor along each axis, standard deviation [m] (default 0)."
 Number = Annotated[int | None, Option("--samples", "-n", metavar="N", min=1, help=BABBLED)]
 Noise = Annotated[float | None, Option("--noise", metavar="S", min=0, help=NOISE)]
-Moves = Annotated[MotionWord | None, flag("--motion", "How the arm babbles (default uniform).")]
 Changes = Annotated[
     list[str] | None,
     option(

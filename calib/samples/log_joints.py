@@ -14,7 +14,7 @@ from ..common.arrays import Array, Index
 from ..common.checks import LARGEST
 from ..common.scale import TURN
 from ..errors import CalibError, LogError, OptionError
-from .joint_values import SLACK, beyond, many_turns, outside
+from .joint_values import SLACK, beyond, in_words, many_turns, outside
 from .settings import HELD_ROWS, LARGE_GAP, LOCKED, LOCKED_SHARE, ROUNDED, SMALL_GAP, STILL
 from .tables import Source, open_source, read_columns
 
@@ -39,7 +39,7 @@ class LoggedJoint:
             return values, (low, high), []
         if self.limits is None or (self.revolute and np.diff(self.limits)[0] >= TURN - 1e-9):
             return self._round(values, rows, low, high)
-        lower, upper = self.limits
+        limits = lower, upper = self.limits
         moved = wrap(values, lower, upper) if self.revolute else values
         if not beyond(values, lower, upper) > SLACK >= beyond(moved, lower, upper):
             moved = values
@@ -49,13 +49,11 @@ class LoggedJoint:
                 "check that the column is of this joint, its unit and its sign; if the joint "
                 f"really goes there, give `ranges={{{self.name!r}: (LOW, HIGH)}}`"
             )
-            raise self._outside(values, rows, self.limits, hint)
+            raise self._outside(values, rows, limits, hint)
         notes = self._wrapped(values, moved)
         widened = min(lower, float(moved.min())), max(upper, float(moved.max()))
         if excess > ROUNDED:
-            was, now = (
-                in_words(limits, self.revolute, self.degrees) for limits in (self.limits, widened)
-            )
+            was, now = (in_words(each, self.revolute, self.degrees) for each in (limits, widened))
             notes += [f"{self.name}: the log goes beyond the limits {was}; range widened to {now}"]
         return moved, widened, notes
 

@@ -132,7 +132,7 @@ def read_log(
     timed = ["time"] if "time" in source.header and "time" not in roles.columns else []
     values, numbers = drawn.numbers([*roles.columns, *timed])
     values, time = np.split(values, [len(roles.columns)], axis=1)
-    turning = np.flatnonzero(revolute) if degrees else []
+    turning = np.flatnonzero(revolute) if degrees else slice(0)
     values[:, turning] = np.deg2rad(values[:, turning])
     held = f"{total:,} rows: {most:,} of them, drawn evenly, are held; other counts are of these"
     notes = [held] if total > most else []
@@ -140,13 +140,11 @@ def read_log(
     values, time, numbers = values[kept], time[kept], numbers[kept]
     q, x, turns, spread = roles.split(values)
     _check_motion(source.label, q, x, roles)
-    limits = {} if arm is None else dict(zip(names, zip(arm.lower, arm.upper), strict=True))
-    settled = [
-        LoggedJoint(source.label, name, turns, (limits | ranges).get(name), degrees).settle(
-            column, numbers
-        )
-        for name, turns, column in zip(names, revolute, q.T, strict=True)
-    ]
+    settled = []
+    for k, name in enumerate(names):
+        own = None if arm is None else (float(arm.lower[k]), float(arm.upper[k]))
+        joint = LoggedJoint(source.label, name, revolute[k], ranges.get(name, own), degrees)
+        settled.append(joint.settle(q[:, k], numbers))
     q = np.stack([column for column, *_ in settled], axis=1)
     lower, upper = np.array([each for _, each, _ in settled]).T
     notes += [*told, *(note for *_, more in settled for note in more)]

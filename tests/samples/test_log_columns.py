@@ -61,7 +61,7 @@ def test_without_joints_the_choices_are_listed(file):
     refused(path, "choices: 'b', 'a', 't'; name them in .joints", OptionError, joints=None)
     refused(path, "taken twice", OptionError, joints=["b", "b"])
     refused(path, "taken twice", OptionError, joints=["b", "x"])
-    refused(path, "'c' is named as sliding", OptionError, prismatic=["c"])
+    refused(path, "c named as sliding", OptionError, prismatic=["c"])
 
 
 NUMBERS = pl.List(pl.Float64)

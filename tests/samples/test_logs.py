@@ -60,7 +60,7 @@ def test_any_finite_numbers_come_back(tmp_path, rows, suffix):
     ("content", "message"),
     [
         ("", "is empty"),
-        ("a,b,x,y\n", "no rows"),
+        ("a,b,x,y\n", "no row is left: 0 of 0"),
         ("a,b,x,y\n1,2,3,4\n", "one usable row"),
         ("a,b,x\n1,2,3\n", "no column 'y': columns: 'a', 'b', 'x'"),
         ("a,bb,x,y\n1,2,3,4\n", "did you mean 'bb'"),
