@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Annotated, Any
+
+import numpy as np
 
 from ..common.arrays import Array, Shape
 from ..common.frozen import ReadOnly
@@ -83,40 +85,22 @@ class About(ReadOnly):
     def possible(self) -> bool:
         """Whether the facts of a file make sense."""
         names, sizes = self.joint_names, self.upper - self.lower
-        axes = [] if self.plane is None else [self.plane.get(key) for key in ("origin", "x", "y")]
-        simulated = self.simulation or {"noise": 0.0, "changes": []}
+        simulated, plane = self.simulation or {}, self.plane or {}
+        positions = {"x", "y", "distance"}
         return (
             all(names)
             and 1 <= len(set(names)) == len(names) == len(self.revolute) == len(sizes)
             and bool(((sizes > 0.0) & (sizes < _WIDEST)).all())
-            and all(_numbers(each, 3) for each in axes)
-            and _numbers([simulated.get("noise")], 1)
-            and all(isinstance(each, str) for each in simulated.get("changes", (0,)))
+            and all(
+                np.shape(np.add(plane[key], 0.0)) == (3,) for key in ("origin", "x", "y") if plane
+            )
+            and math.isfinite(simulated.get("noise", 0.0))
+            and all(isinstance(each, str) for each in simulated.get("changes", ()))
             and min(self.picture or (1,)) >= 1
             and min(self.samples, self.seed, self.tested, self.left_out) >= 0
             and set(_OPTIONS) <= set(self.options)
-            and all(_errors(each, names) for each in self.errors.values())
+            and all(
+                positions <= set(told["forward"]) and {*names, "distance"} <= set(told["inverse"])
+                for told in self.errors.values()
+            )
         )
-
-
-def _numbers(values: Any, count: int) -> bool:
-    return (
-        isinstance(values, list | tuple)
-        and len(values) == count
-        and all(isinstance(v, int | float) and not isinstance(v, bool) for v in values)
-        and all(map(math.isfinite, values))
-    )
-
-
-def _errors(told: Any, joints: Sequence[str]) -> bool:
-    """Whether a readout's errors have a mean, a maximum and a quantile of everything."""
-    try:
-        found = [
-            told[direction][name][key]
-            for direction, names in (("forward", ("x", "y")), ("inverse", joints))
-            for name in (*names, "distance")
-            for key in ("mean", "max", "p99")
-        ]
-    except (KeyError, TypeError):
-        return False
-    return all(error is None or _numbers([error], 1) for error in found)
