@@ -85,26 +85,21 @@ class Trust:
 
         `noise` says whether they count the noise of a single reading.
         """
-        blended = blend_nodes(self.motor, bounds, u)
+        blended, scale = blend_nodes(self.motor, bounds, u), self.motor.scale
         wide = blended > self.most
         if self.body is not None and wide.any():
-            # Beside a joint that hardly moved the posterior widens within less than a node's
-            # spacing: a blended bound would refuse the measured rows themselves.  What held-out
-            # rows added at the nodes to the posterior is added here in the same proportion.
-            scale, known = self.motor.scale, np.clip(self.motor.units, 0.0, 1.0)
-            own = self.body.bound(scale.from_unit(known), noise=noise)
-            more = np.maximum(bounds / np.maximum(own, np.finfo(float).tiny), 1.0)
+            # beside a joint that hardly moved the posterior widens within less than a node's
+            # spacing: a blended bound would refuse the measured rows themselves
             there = self.body.bound(scale.from_unit(u[wide]), noise=noise)
-            there = there * blend_nodes(self.motor, more, u[wide])
             blended[wide] = np.minimum(blended[wide], there)
         if self.known is None:
             return blended
         holding = np.flatnonzero(self.known >= 0.0)
-        distance, nearest = self._tree.query(self.motor.scale.wrapped(u), k=1)
+        distance, nearest = self._tree.query(scale.wrapped(u), k=1)
         node = holding[nearest]
         away = np.maximum(distance - self.known[node], 0.0)
         if self.paths is not None:
-            gap = self.motor.scale.difference(u, self.motor.units[node])
+            gap = scale.difference(u, self.motor.units[node])
             away = np.maximum(away, self.paths.beside(node, gap))
         return np.asarray(blended + self.growth * away)
 

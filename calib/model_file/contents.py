@@ -173,16 +173,20 @@ def _fits(kept: Kept) -> bool:
 
 
 def _map(own: Map) -> bool:
-    lattice, history = own.lattice, own.history.shape[1:] == (len(HISTORY),)
+    lattice: Any = own.lattice
     graph = isinstance(lattice, Graph)
     fine = lattice.pairs.max(initial=0) < lattice.size if graph else min(lattice.shape) >= 1
-    known = history and bool(fine) and lattice.size == len(own.units)
-    # steps and cells are counted in the distance of nodes
-    return known and not (own.scale.span < _TINY).any() and own.spacing > 0.0
+    return bool(
+        own.history.shape[1:] == (len(HISTORY),)
+        and fine
+        and lattice.size == len(own.units)
+        and not (own.scale.span < _TINY).any()
+        and own.spacing > 0.0  # steps and cells are counted in the distance of nodes
+    )
 
 
 def _body(own: Body, dof: int) -> bool:
-    structure, beliefs = own.structure, [own, *([own.second] if own.second else [])]
+    structure, beliefs = own.structure, tuple(each for each in (own, own.second) if each)
     return (
         structure.dof == dof
         and all(

@@ -23,7 +23,7 @@ from ..common.checks import LARGEST
 from ..errors import ModelError
 
 Tensors = dict[str, NDArray[Any]]
-Kinds = Mapping[type, tuple[type, ...]]
+Kinds = Mapping[Any, tuple[type, ...]]
 """Classes that may stand for a base class; a key `kind` tells which."""
 
 
@@ -165,7 +165,7 @@ def _value(kind: Any, value: Any, path: str) -> Any:
 
 def _kept(value: Any, shape: Shape) -> NDArray[Any]:
     """An array as a file keeps it: whole numbers in as few bytes as they need."""
-    array = np.frombuffer(value, np.uint8) if isinstance(value, bytes) else value
+    array: Any = np.frombuffer(value, np.uint8) if isinstance(value, bytes) else value
     if shape.kept == TRIANGLE:
         array = pack(array)
     kind = (
