@@ -22,18 +22,16 @@ from ..maps.linear_models import LinearModels
 from ..maps.local_models import NO_MODELS
 from ..maps.map import Map
 from ..maps.predictor import BodyInBox, Predictor
-from .baseline import KNOWN
-from .measured import Rows
-from .trust import MOST_BLENDED, MOST_SHARE, STEEP, Trust
+from .about import Rows
+from .trust import KNOWN, MOST_BLENDED, MOST_SHARE, STEEP, Trust
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
     from ..body.approach import Approach
     from ..body.belief import Body
-    from .about import About
-    from .baseline import Baseline
-    from .measured import Photo
+    from .about import About, Photo
+    from .trust import Baseline
 
 
 @dataclass(frozen=True, eq=False, repr=False)

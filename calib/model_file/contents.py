@@ -22,12 +22,11 @@ from ..maps.links import Compressed, Wiring
 from ..maps.local_models import MOST_DEGREE, NO_MODELS, LocalModels, exponents
 from ..maps.map import HISTORY, Map
 from ..maps.predictor import BodyInBox, Predictor
-from ..model.about import About
+from ..model.about import MOST_ROWS, About, Photo, Rows
 from ..model.alignment import Alignment
-from ..model.baseline import Baseline
 from ..model.facts import shown_errors
-from ..model.measured import MOST_ROWS, Photo, Rows
 from ..model.parts import Parts
+from ..model.trust import Baseline
 from .fields import Tensors, read, write
 
 _TINY = 1e-300  # the least number above zero

@@ -60,19 +60,17 @@ def write(value: Any, kind: Any, kinds: Kinds) -> tuple[Any, Tensors]:
 
     def told(value: Any, kind: Any, path: str) -> Any:
         hint = _Hint.of(kind)
-        if is_dataclass(value):
-            parts = {
-                name: told(getattr(value, name), own, _under(path, name))
-                for name, own in _hints(type(value)).items()
-                if not _Hint.of(own).shape
-            }
-            for name, own in _hints(type(value)).items():
-                shape, array = _Hint.of(own).shape, getattr(value, name)
-                if shape and array is not None:
-                    tensors[_under(path, name)] = _kept(array, shape)
-            several = len(_classes(hint, kinds)) > 1
-            return {"kind": _name(type(value)), **parts} if several else parts
-        return _json(value)
+        if not is_dataclass(value):
+            return _json(value)
+        own: Any = type(value)
+        parts = {"kind": _name(own)} if len(_classes(hint, kinds)) > 1 else {}
+        for name, hinted in _hints(own).items():
+            part, shape, place = getattr(value, name), _Hint.of(hinted).shape, _under(path, name)
+            if shape is None:
+                parts[name] = told(part, hinted, place)
+            elif part is not None:
+                tensors[place] = _kept(part, shape)
+        return parts
 
     return told(value, kind, ""), tensors
 

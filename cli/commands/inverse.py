@@ -192,7 +192,7 @@ def _free(query: Query, q: Any, posed: bool, near: Any, in_space: bool) -> Any:
     """Tell directions (k, dof) of the joints that leave the answer q (dof,) where it is."""
     import numpy as np
 
-    from calib.inverse.families import free_directions
+    from calib.inverse.solver import free_directions
     from calib.model.space import Space
 
     model, names, told = query.model, query.joints.names, []
