@@ -53,7 +53,7 @@ def fit_sound_rows(
     notes += told + _other_order(samples, part, fit)
 
     def residual() -> Array:
-        return samples.x - part.candidate.smooth.value(scale.to_unit(samples.q))
+        return samples.x - part.smooth.value(scale.to_unit(samples.q))
 
     kept, told = contradictions(samples, residual())
     if not kept.all():

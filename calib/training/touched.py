@@ -12,7 +12,7 @@ from ..body.touch import TouchFit, fit_touches
 from ..common.arrays import Mask
 from ..common.scale import Scale
 from ..errors import LogError
-from ..maps.model_selection import of_body
+from ..maps.predictor import BodyInBox
 from ..samples.samples import Samples
 from ..samples.wrong_rows import row_numbers
 from .smooth import SmoothPart
@@ -99,6 +99,5 @@ def fit_sockets(samples: Samples, scale: Scale, seed: int) -> tuple[Samples, Smo
         )
     x = np.where(touched[:, None], found.points[touch.number], samples.x)
     samples = replace(samples, x=x).take(kept)
-    u = scale.to_unit(samples.q)
-    part = SmoothPart(of_body(found.fit, scale, u, samples.x), found.fit, np.arange(len(u)))
+    part = SmoothPart(BodyInBox(found.fit.body, scale), found.fit, np.arange(len(samples)))
     return samples, part, notes
