@@ -47,6 +47,15 @@ COMMANDS = {
 """What the command line can do, in the order of its use, and what `calib --help` says of it."""
 
 QUERIES = ("forward", "inverse", "path")
+_TOGETHER = {
+    "info": "robots evaluate",
+    "query": "forward path correct",
+    "many": "sweep reproduce",
+    "files": "urdf export",
+    "show": "preview report",
+}
+"""Commands of one module, where it does not have the command's name."""
+_MODULE = {name: module for module, names in _TOGETHER.items() for name in names.split()}
 
 USAGE, INTERRUPTED = 2, 130
 _TRACEBACK = "CALIB_TRACEBACK"
@@ -59,7 +68,7 @@ def load_command(name: str) -> Any:
     """Import the module of a command, and return its command."""
     made = typer.Typer(**_PLAIN, help=COMMANDS[name])
     for part in QUERIES if name == "query" else (name,):
-        command = getattr(import_module(f".commands.{part}", __package__), part)
+        command = getattr(import_module(f".commands.{_MODULE.get(part, part)}", __package__), part)
         # -0.1 is a number, not an option
         numbers = {"ignore_unknown_options": True} if part in ("forward", "inverse") else {}
         made.command(part, context_settings=numbers)(rendered(command))
@@ -136,12 +145,8 @@ def describe_error(error: BaseException) -> tuple[int, dict[str, Any]]:
         option, value = getattr(error, "option", None), getattr(error, "value", None)
     elif isinstance(error, OSError):
         text = f"{f'{error.filename}: ' if error.filename else ''}{error.strerror or error}"
-    elif isinstance(error, ImportError):
-        text = f"{error}; install calib-arm again, with all that it requires"
     elif isinstance(error, MemoryError):  # NumPy has one of its own
         text = "not enough memory; use a smaller --size or fewer --samples"
-    elif isinstance(error, RecursionError):
-        text = "the input is nested too deeply; simplify it"
     else:
         text = f"internal error, {kind}: {error}; {_TRACEBACK}=1 shows where, please report it"
     text = one_line(" ".join(text.split()))

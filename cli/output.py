@@ -21,7 +21,7 @@ from typing import Annotated, Any, ClassVar, TextIO
 
 import typer
 
-from calib.common.wording import one_line, printable
+from calib.common.wording import for_people, one_line, printable
 
 from .parsing import BadOption
 
@@ -230,7 +230,7 @@ def print_json(document: Any) -> None:
     """Print one JSON document; numbers that are not finite become null."""
     # a program wants one document on one line
     indent = 2 if sys.stdout.isatty() else None
-    print(json.dumps(plain(document), indent=indent, allow_nan=False, default=str))
+    print(json.dumps(plain(document), indent=indent))
 
 
 def fields(holder: object, names: str) -> dict[str, Any]:
@@ -239,18 +239,14 @@ def fields(holder: object, names: str) -> dict[str, Any]:
 
 
 def plain(value: Any) -> Any:
-    """Return a value without arrays, NaN and infinities, which JSON cannot hold."""
-    if isinstance(value, Mapping):
-        return {str(key): plain(item) for key, item in value.items()}
-    # arrays and scalars of NumPy, columns of Polars, which need not be imported for this
-    for name in ("tolist", "to_list"):
-        if hasattr(value, name):
-            return plain(getattr(value, name)())
-    if isinstance(value, (list, tuple)):
-        return [plain(item) for item in value]
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value
+    """Return plain data: no arrays, of which Polars and NumPy need not be imported, no NaN."""
+
+    def listed(value: Any) -> Any:
+        if isinstance(value, Mapping):
+            return dict(value)
+        return next((getattr(value, n)() for n in ("tolist", "to_list") if hasattr(value, n)), None)
+
+    return json.loads(json.dumps(value, default=listed), parse_constant=lambda _: None)
 
 
 def number(value: float | None) -> str:
@@ -262,6 +258,12 @@ def number(value: float | None) -> str:
         return "<1e-6" if size else "0"
     # decimals that four digits need: 1.234, 12.34, 0.0001234
     return f"{value:.{max(0, 3 - math.floor(math.log10(size)))}f}"
+
+
+def sized(value: float, unit: str) -> str:
+    """Return a length or an angle with the unit that people read, mm or degrees."""
+    factor, shown = for_people(unit)
+    return f"{number(factor * value)} {shown}"
 
 
 def fixed(value: float, decimals: int) -> str:

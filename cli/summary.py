@@ -6,10 +6,10 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 from calib.common.choices import READOUTS
-from calib.common.wording import for_people, printable
+from calib.common.wording import printable
 from calib.model.facts import STATISTICS, Errors, shown_errors
 
-from .output import TextTable, number
+from .output import TextTable, number, sized
 from .units import units_of
 
 if TYPE_CHECKING:
@@ -91,19 +91,14 @@ def _best(errors: Errors) -> Any:
     return next(errors[readout] for readout in READOUTS if readout in errors)
 
 
-def _in_words(value: float, unit: str) -> str:
-    factor, shown = for_people(unit)
-    return f"{number(value * factor)} {shown}"
-
-
 def accuracy(
     model: Model, errors: Errors, within: Mapping[str, float], rows: str, left_out: int
 ) -> str:
     """Return in one line how far predictions are from where the tip is or is measured."""
     unit = model.about.unit
-    told = f"{_in_words(_best(errors)['forward']['distance']['mean'], unit)} on average"
+    told = f"{sized(_best(errors)['forward']['distance']['mean'], unit)} on average"
     if within:
-        told += f", 95 % within {_in_words(within['p95'], unit)}"
+        told += f", 95 % within {sized(within['p95'], unit)}"
         told += f"; the 95 % bound covers {100 * within['covered']:.0f} %"
     left = f"; {left_out} left out, wrong or outside of what was learned" if left_out else ""
     return f"{told}, on {rows}{left}"
@@ -113,8 +108,8 @@ def answers_back(model: Model, errors: Errors) -> str:
     """Return in one line how far the joints of inverse queries are from the right ones."""
     about, found = model.about, _best(errors)["inverse"]
     joints = zip(about.joint_names, about.units_of_joints, strict=True)
-    off = ", ".join(f"{name} {_in_words(found[name]['mean'], unit)}" for name, unit in joints)
-    there = _in_words(found["distance"]["mean"], about.unit)
+    off = ", ".join(f"{name} {sized(found[name]['mean'], unit)}" for name, unit in joints)
+    there = sized(found["distance"]["mean"], about.unit)
     return f"inverse: {there} from the target on average; {off}"
 
 
@@ -171,9 +166,9 @@ def advice(model: Model, errors: Errors, stated: object = None) -> list[str]:
         if mean < _EXACT * float(np.linalg.norm(model.sensory.scale.span)):
             return ["limited by rounding alone: the model holds all that was simulated"]
         return ["limited by the simulated noise and changes; more samples (-n) help most"]
-    left = f"what rows leave unexplained ({_in_words(mean, about.unit)})"
+    left = f"what rows leave unexplained ({sized(mean, about.unit)})"
     if isinstance(stated, float) and mean > _UNTOLD * stated:
-        read = f"far above the noise of the readings ({_in_words(stated, about.unit)})"
+        read = f"far above the noise of the readings ({sized(stated, about.unit)})"
         moved = "a camera that refocuses, a loose tag, play, or too few rows"
         return [f"limited by {left}, {read}; look for {moved}"]
     q = np.random.default_rng(0).uniform(about.lower, about.upper, (_ASKED, len(about.lower)))
@@ -185,11 +180,11 @@ def advice(model: Model, errors: Errors, stated: object = None) -> list[str]:
         return [f"limited by coverage: only {share} have an answer; {plan}"]
     low, high = np.quantile(bound[known], (0.1, 0.9))
     if high > _UNEVEN * low:
-        span = f"{_in_words(low, about.unit)} to {_in_words(high, about.unit)}"
+        span = f"{sized(low, about.unit)} to {sized(high, about.unit)}"
         return [f"limited by few rows in parts of the range (bound {span}); {plan}"]
     own = float(np.median(model.model_error(q)[known]))
     if own < _NOISY * float(np.median(bound[known])):
-        least = f"the model itself is within {_in_words(own, about.unit)}"
+        least = f"the model itself is within {sized(own, about.unit)}"
         return [f"limited by noise of the readings: {least}; rows at rest (--still) help most"]
     return [
         f"limited by {left}, noise of the readings or more; poses measured twice tell which, rows "

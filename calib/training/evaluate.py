@@ -155,6 +155,8 @@ class Evaluation:
         Of touches: "scatter" of the tips about their sockets' means, and the share of it that the
         expected error covers, by "points", and stated and
         predicted "distances" [m]. Empty for other samples.
+    residuals : Residuals or None
+        The errors row by row; None for those of the training.
     """
 
     errors: dict[str, Any]
@@ -164,6 +166,7 @@ class Evaluation:
     within: dict[str, float] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
     touch: dict[str, Any] = field(default_factory=dict)
+    residuals: Residuals | None = None
 
     def __repr__(self) -> str:
         """Say in a line how well each readout predicts."""
@@ -216,8 +219,14 @@ def evaluate(model: Model, samples: Samples | None = None, *, frame: str = "kept
         source, within = "rows held out in contiguous blocks", dict(about.within)
         return Evaluation(dict(about.errors), about.tested, about.left_out, source, within)
     tested, within = len(residuals.q), answered_within(model, residuals)
+<<<<<<< HEAD
     errors = summarise(residuals)
     return Evaluation(errors, tested, given - tested, source, within, tuple(notes), touched)
+=======
+    errors = summarise(residuals, turned)
+    left_out, said = given - tested, tuple(notes)
+    return Evaluation(errors, tested, left_out, source, within, said, touched, residuals)
+>>>>>>> main
 
 
 def _in_frame(model: Model, samples: Samples, *, free: bool) -> tuple[Samples, list[str]]:

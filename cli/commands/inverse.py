@@ -15,7 +15,6 @@ from ..parsing import BadOption, any_number, height, reader, reals
 if TYPE_CHECKING:
     from ..answers import Query
 
-_TOGETHER = 0.05  # of the largest share: joints that move less are not named
 _FAR = 10.0  # extents of the workspace: so far off, positions in mm were typed as m
 _quaternion = reader(
     "4 numbers of length 1, qx,qy,qz,qw",
@@ -67,16 +66,16 @@ def inverse(
     anchor = query.joints.one_each("--near", near)
     if anchor is not None and (beyond := query.joints.beyond(query.model, anchor)):
         raise BadOption(f"--near {beyond}")
-    in_space = query.frame == "base" or turned or keep
-    how = {"readout": readout, "every": every, "keep": keep}
+    how = {"near": anchor, "readout": readout, "every": every, "keep": keep}
     if asking.input_ is not None:
-        return _batch(query, anchor, in_space, how)
+        return _batch(query, query.frame == "base" or keep, how)
     typed, wanted = target or [], query.axes if on is None else ("u", "v")
     if len(typed) != len(wanted):
         expected = f"expected {len(wanted)}, one each for {', '.join(wanted)}"
         raise BadOption(f"{len(typed)} coordinates: {expected}")
     x = typed if on is not None else [value / query.positions.typed for value in typed]
     document: dict[str, Any] = {"target": x}
+    in_space = query.frame == "base" or turned or keep
     if in_space:
         document["frame"] = query.frame
     if on is not None:
@@ -95,16 +94,16 @@ def inverse(
         turn = from_angles(np.array([rpy]) * (math.radians(1.0) if asking.degrees else 1.0))[0]
     if turn is not None:
         document["quaternion"] = turn
-    return _single(query, x, turn, anchor, in_space, how, document)
+    # in space all branches are looked for, so that the nearest is found
+    found = _solve(query, [x], turn, in_space, {**how, "every": every or in_space})
+    return _single(query, x, found, document, every, f" of readout '{readout}'" * bool(readout))
 
 
-def _solve(
-    query: Query, x: Any, turn: Any, near: Any, in_space: bool, how: dict[str, Any]
-) -> dict[str, Any]:
+def _solve(query: Query, x: Any, turn: Any, in_space: bool, how: dict[str, Any]) -> dict[str, Any]:
     """Return what is told of each answer to targets (n, m), by name, and the "target" it is of."""
     import numpy as np
 
-    model, readout, every = query.model, how["readout"], how["every"]
+    model, near, readout, every = query.model, how["near"], how["readout"], how["every"]
     if in_space:
         from calib.errors import QueryError
         from calib.model.poses import solve_poses
@@ -137,41 +136,34 @@ def _solve(
 def _single(
     query: Query,
     x: list[float],
-    turn: Any,
-    near: Any,
-    in_space: bool,
-    how: dict[str, Any],
+    found: dict[str, Any],
     document: dict[str, Any],
+    every: bool,
+    whose: str,
 ) -> Outcome:
-    """Answer one question; what `document` has begins what is told of it."""
-    from ..answers import say_size
-
-    model, joints, posed = query.model, query.joints, turn is not None
-    every, readout = how["every"], how["readout"]
-    # of a pose all branches are looked for, so that the nearest is found
-    found = _solve(query, [x], turn, near, in_space, {**how, "every": every or in_space})
+    """Tell the answers to one question; what `document` has begins what is told of it."""
+    model, joints, posed = query.model, query.joints, "quaternion" in document
     del found["target"]
     q, reachable = found.pop("q"), bool(found.pop("reachable").any())
     rows = zip(q, *found.values(), strict=True)
     solutions = [query.document(one, **dict(zip(found, row, strict=True))) for one, *row in rows]
     solutions = solutions if every else solutions[:1]
     document |= {"reachable": reachable, "solutions": solutions}
-    if in_space or (reachable and model.body is not None and len(model.axes) == 3):
-        free = _free(query, q[0], posed, near, in_space) if reachable else []
-        if in_space:
-            document["free"] = [dict(zip(joints.names, row, strict=True)) for row in free]
-    document |= query.meaning
-    if query.frame == "base":
+    if "frame" in document:
         from calib.model.space import Space
 
-        say_size(solutions[0])
-        if not Space.of(model).sees(x).all():
+        from ..answers import say_size
+
+        space, say = Space.of(model), query.frame == "base"
+        free: Any = space.free(q[0], 6 if posed else 3)[:9] if reachable else []
+        document["free"] = [dict(zip(joints.names, row, strict=True)) for row in free]
+        if say:
+            say_size(solutions[0])
+        if say and not space.sees(x).all():
             note("the camera's picture does not show the target")
-    other = readout is not None and readout != model.default_readout
-    missed = f"nearest attainable {'pose' if posed else 'point'}"
-    missed = f"the answer of readout '{readout}'" if other else missed
+    document |= query.meaning
     shown = ["distance", *(["turned"] if posed else []), *query.bounds]
-    table = query.table(solutions, shown, "" if reachable or posed else missed)
+    table = query.table(solutions, shown, "" if reachable else "the nearest that is attainable")
     if reachable:
         alone = [" ".join(joints.cells(list(each["joints"].values()))) for each in solutions]
         return Outcome(document, [table], result=alone)
@@ -181,42 +173,11 @@ def _single(
     told = query.positions.said(away)
     if posed:
         told += f" and {math.degrees(float(found['turned'][0])):.3g} deg"
-        few = "; so few joints reach few poses, ask for a position alone"
-        hint = few if len(joints.names) < 6 else hint
-    # a coarser readout can miss a target that the arm reaches
-    note(f"{'missed:' if other else 'out of reach: the'} {missed} is {told} away{hint}")
+    note(f"out of reach{whose}: the nearest that is attainable is {told} away{hint}")
     return Outcome(document, [table], result=(), code=NO)
 
 
-def _free(query: Query, q: Any, posed: bool, near: Any, in_space: bool) -> Any:
-    """Tell directions (k, dof) of the joints that leave the answer q (dof,) where it is."""
-    import numpy as np
-
-    from calib.inverse.families import free_directions
-    from calib.model.space import Space
-
-    model, names, told = query.model, query.joints.names, []
-    if in_space:
-        found = Space.of(model).free(q, 6 if posed else 3)[:9]
-    else:
-        scale = model.motor.scale
-        # the slope by joints: u = (q - lower) / span, so dx/dq = (dx/du) / span
-        found = free_directions(
-            model.predictor.value_and_slope(scale.to_unit(q[None]))[1][0] / scale.span
-        )
-    for row in found:
-        # each direction is scaled so that one joint moves by 1: it names the direction
-        own = int(np.argmin(np.abs(row - 1.0)))
-        order = [k for k in np.argsort(-np.abs(row)) if abs(row[k]) > _TOGETHER and k != own]
-        others = ", ".join(f"{names[k]} {row[k]:+.2f}" for k in order)
-        told.append(f"{names[own]} with {others}" if others else f"{names[own]} alone")
-    if told:
-        nearest = "the middle of the ranges, --near chooses another" if near is None else "--near"
-        note(f"free: {'; '.join(told)}; the answer is the one nearest to {nearest}")
-    return found
-
-
-def _batch(query: Query, near: Any, in_space: bool, how: dict[str, Any]) -> Outcome:
+def _batch(query: Query, in_space: bool, how: dict[str, Any]) -> Outcome:
     """Answer a table; columns near_JOINT choose the branch, qx to qw ask for an orientation."""
     import numpy as np
 
@@ -227,14 +188,14 @@ def _batch(query: Query, near: Any, in_space: bool, how: dict[str, Any]) -> Outc
     # fewer than six joints reach almost no pose that is given: its columns go along unread
     turns = TURN if len(joints.names) >= 6 and len(axes) == 3 else ()
     batch = query.read(axes, (beside, turns))
-    posed = bool(turns) and "qw" in batch.names
-    n = len(batch.values)
     valid: Any = np.isfinite(batch.values).all(axis=1)
     given = dict(zip(batch.names, batch.values[valid].T, strict=True))
+    posed = bool(turns) and "qw" in given
     turn = np.stack([given[name] for name in TURN], axis=1) if posed else None
     if beside[0] in given:
         near = np.stack([given[name] for name in beside], axis=1) / joints.typed
-    found = _solve(query, batch.values[valid, : len(axes)], turn, near, in_space or posed, how)
+        how = {**how, "near": near}
+    found = _solve(query, batch.values[valid, : len(axes)], turn, in_space or posed, how)
     # with every branch a target has several answers
     rows = np.flatnonzero(valid)[found.pop("target")]
     reachable, q = found["reachable"], found.pop("q")
@@ -244,6 +205,7 @@ def _batch(query: Query, near: Any, in_space: bool, how: dict[str, Any]) -> Outc
     # rows without numbers stand where they stood, between the answers of the others
     index = np.sort(np.concatenate([rows, np.flatnonzero(~valid)]))
     answers = over_all_rows(valid[index], {**dict(zip(joints.names, q.T, strict=True)), **found})
+    n = len(valid)
     if how["every"]:
         answers, batch = {"row": index + 1, **answers}, batch.take(index)
     missed = np.unique(rows[~reachable] + 1).tolist()

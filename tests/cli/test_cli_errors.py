@@ -108,7 +108,6 @@ def test_wrong_usage_points_to_the_help(run):
     ("error", "line"),
     [
         (MemoryError(), "not enough memory; use a smaller --size or fewer --samples"),
-        (RecursionError("deep"), "the input is nested too deeply; simplify it"),
         (PermissionError(13, "Permission denied", "a.csv"), "a.csv: Permission denied"),
         (OSError(28, "No space left on device"), "No space left on device"),
         (TypeError("a\nb"), "internal error, TypeError: a b; CALIB_TRACEBACK=1 shows"),
