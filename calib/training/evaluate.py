@@ -219,14 +219,8 @@ def evaluate(model: Model, samples: Samples | None = None, *, frame: str = "kept
         source, within = "rows held out in contiguous blocks", dict(about.within)
         return Evaluation(dict(about.errors), about.tested, about.left_out, source, within)
     tested, within = len(residuals.q), answered_within(model, residuals)
-<<<<<<< HEAD
-    errors = summarise(residuals)
-    return Evaluation(errors, tested, given - tested, source, within, tuple(notes), touched)
-=======
-    errors = summarise(residuals, turned)
-    left_out, said = given - tested, tuple(notes)
+    errors, left_out, said = summarise(residuals), given - tested, tuple(notes)
     return Evaluation(errors, tested, left_out, source, within, said, touched, residuals)
->>>>>>> main
 
 
 def _in_frame(model: Model, samples: Samples, *, free: bool) -> tuple[Samples, list[str]]:
