@@ -28,7 +28,7 @@ def robots() -> Outcome:
     table = TextTable(["robot", "joints", "description"], rows, left=3)
     names = fact_lines({entry.name: ", ".join(entry.joints) for entry in entries})
     document = [fields(entry, "name joints dof description") for entry in entries]
-    return Outcome(document, [table], ["", "joints, base to tip", *names], result=[table])
+    return Outcome(document, [table], ["", "joints, base to tip", *names])
 
 
 def info(model: opt.ModelFile, *, degrees: opt.Degrees = False) -> Outcome:
