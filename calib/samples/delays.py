@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 
 from ..common.arrays import Array, Index, Mask
 from ..errors import LogError
+from .alignment import is_path
 from .samples import Samples
 from .settings import (
     CLEAR_DELAY,
@@ -23,7 +24,6 @@ from .settings import (
     DELAY_SHARE,
     DOUBTED_DELAY,
     LONGEST_PAUSE,
-    PATH,
 )
 
 
@@ -44,18 +44,14 @@ class Delay:
     def note(self) -> str:
         """What the user should be told, empty for nothing."""
         factor, unit = (1e3, "ms") if self.unit == "s" else (1.0, "rows")
-        side = "late" if self.value > 0 else "early"
-        words = f"{factor * abs(self.value):.3g} +- {factor * 1.96 * self.sd:.2g} {unit} {side}"
+        side, sd = "late" if self.value > 0 else "early", 1.96 * factor * self.sd
+        words = f"{factor * abs(self.value):.3g} +- {sd:.2g} {unit} {side} against the joints"
         if self.clear:
-            return (
-                f"the positions are {words} against the joints: corrected; poses at rest "
-                "(`still`) do not depend on clocks"
-            )
+            return f"the positions are {words}: corrected; poses at rest do not depend on clocks"
         if abs(self.value) > DOUBTED_DELAY * self.sd and self.share > 0.02:
             return (
-                f"the positions may be {words} against the joints, which the rows do not "
-                "settle: not corrected; measure at rest (`still`), or along a path that "
-                "is run in both directions"
+                f"the positions may be {words}, which the rows do not settle: not corrected; "
+                "measure at rest, or along a path that is run in both directions"
             )
         return ""
 
@@ -71,18 +67,14 @@ class Trajectory:
     @staticmethod
     def of(samples: Samples) -> Trajectory | None:
         """The motion of a log's rows; None where they are poses, or known to be in time."""
-        if samples.in_time:
+        if samples.in_time or len(samples) < 20:
             return None
         rows = np.arange(len(samples)) if samples.rows is None else samples.rows
-        time, unit = rows.astype(float), "rows"
-        if samples.time is not None and np.isfinite(samples.time).all():
-            time, unit = samples.time, "s"
+        time, unit = (rows.astype(float), "rows") if samples.time is None else (samples.time, "s")
         motion = Trajectory(time, samples.q, unit)
-        step = np.diff(samples.q, axis=0)[motion.joined]
-        if len(samples) < 20 or len(step) < len(samples) // 2:
+        if motion.joined.sum() < len(samples) // 2:
             return None
-        span = np.maximum(np.ptp(samples.q, axis=0), 1e-12)
-        return motion if float(np.max(np.median(np.abs(step), axis=0) / span)) <= PATH else None
+        return motion if is_path(samples.q, motion.joined) else None
 
     @cached_property
     def joined(self) -> Mask:

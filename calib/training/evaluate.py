@@ -144,6 +144,8 @@ class Evaluation:
         Of touches: "scatter" of the tips about their sockets' means, and the share of it that the
         expected error covers, by "points", and stated and
         predicted "distances" [m]. Empty for other samples.
+    residuals : Residuals or None
+        The errors row by row; None for those of the training.
     """
 
     errors: dict[str, Any]
@@ -153,6 +155,7 @@ class Evaluation:
     within: dict[str, float] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
     touch: dict[str, Any] = field(default_factory=dict)
+    residuals: Residuals | None = None
 
     def __repr__(self) -> str:
         """Say in a line how well each readout predicts."""
@@ -206,7 +209,8 @@ def evaluate(model: Model, samples: Samples | None = None, *, frame: str = "kept
         return Evaluation(dict(about.errors), about.tested, about.left_out, source, within)
     tested, within = len(residuals.q), answered_within(model, residuals)
     errors = summarise(residuals, turned)
-    return Evaluation(errors, tested, given - tested, source, within, tuple(notes), touched)
+    left_out, said = given - tested, tuple(notes)
+    return Evaluation(errors, tested, left_out, source, within, said, touched, residuals)
 
 
 def _in_frame(model: Model, samples: Samples, *, free: bool) -> tuple[Samples, list[str]]:
