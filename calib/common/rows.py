@@ -17,7 +17,6 @@ from .arrays import Array
 from .wording import listed, quoted, suggestion
 
 
-
 def number_rows(
     values: Any, names: Sequence[str], what: str, error: type[CalibError] = QueryError
 ) -> tuple[Array, bool]:
