@@ -11,20 +11,7 @@ from typing import Annotated, Any
 
 from typer import Argument, Option
 
-<<<<<<< HEAD
-from calib.common.choices import (
-    MAPS,
-    BodyWord,
-    CauseWord,
-    FrameWord,
-    LogFrameWord,
-    ReadoutWord,
-    RuleWord,
-    ViewWord,
-)
-=======
 from calib.common import choices
->>>>>>> main
 
 from . import parsing as read
 
@@ -65,18 +52,8 @@ BABBLED = "How many samples to babble (default 20000)."
 NOISE = "Noise of the simulated sensor along each axis, standard deviation [m] (default 0)."
 Number = Annotated[int | None, Option("--samples", "-n", metavar="N", min=1, help=BABBLED)]
 Noise = Annotated[float | None, Option("--noise", metavar="S", min=0, help=NOISE)]
-<<<<<<< HEAD
-Changes = Annotated[
-    list[str] | None,
-    option(
-        "--change JOINT.WHAT=VALUE", "Such as elbow.length=+20%, sensor.rotate=0.14; repeatable."
-    ),
-]
-=======
-Moves = Annotated[choices.MotionWord | None, flag("--motion", "How it babbles (default uniform).")]
 CHANGES = "Such as elbow.length=+20%, sensor.rotate=0.14."
 Changes = Annotated[list[str] | None, option("--change JOINT.WHAT=VALUE", CHANGES)]
->>>>>>> main
 Seed = Annotated[int, Option("--seed", metavar="K", min=0, help="Seed of the random numbers.")]
 
 # training
