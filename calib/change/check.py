@@ -165,8 +165,8 @@ def check(
         drifted: bool | None = score > 1.0
         if not drifted and tolerance is not None and smallest > tolerance:
             drifted = None
-        notes, far = [*found.notes, *told], found.beyond
-        if far > 0.5 or found.bound_test.score > 1.0:
+        notes, (far, beyond) = [*found.notes, *told], found.bound_test
+        if far > 0.5 or beyond.score > 1.0:
             noisier = "" if drifted else "a noisier sensor or encoder, "
             notes.append(
                 f"{100 * far:.0f} % of the rows are further from the prediction than its bound, "
@@ -174,7 +174,7 @@ def check(
             )
         return Drift(
             drifted, len(found.q), found.outliers, score,
-            (*found.tested.groups, found.bound_test), smallest, tolerance, _distortions(found),
+            (*found.tested.groups, beyond), smallest, tolerance, _distortions(found),
             found.tested.noise, found.tested.usual, causes, tuple(notes), adapts, found.left_out,
         )  # fmt: skip
 
