@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..body.covariance import root_of
-from ..body.fit import maximise
+from ..body.fit import Fit
 from ..body.likeness import lengths_of, matern
 from ..body.parameters import Indices, Prior
 from ..body.settings import STUDENT
@@ -23,9 +23,7 @@ from .frame import Reference
 from .hypotheses import creep, freedom, hypotheses_of
 from .settings import CREEP, LEAST_NOISE, OUTLIER, PSEUDO
 
-STEPS = 12
-"""Gauss-Newton steps at most."""
-
+_SETTLED = 30  # steps of that fit at most
 _ROBUST_ROWS = 400  # of the fit that finds outliers: enough for every parameter
 _NODES = 40  # of the log's own residual; more did not change a verdict on A and C
 _NOISES = 32  # sizes of the noise: steps of a fifth change a likelihood by .02 nats
@@ -57,11 +55,11 @@ def weighted(
     body, structure = reference.body, reference.structure
     sd = np.hypot(freedom(body, hypotheses_of(structure, cause)[-1], cause), creep(body))
     rows, size = thinned(len(q), _ROBUST_ROWS), reference.sizes
-    fit = maximise(
-        structure, q[rows], z[rows], reference.beta, Prior(reference.beta, sd), nu=STUDENT,
-        floor=size, steps=STEPS,
-    )  # fmt: skip
-    r = structure.residual(z, structure.predict(q, fit.beta)) / size
+    prior = Prior(reference.beta, sd)
+    # steps of undamped least squares took exact rows of a longer link for outliers
+    fit = Fit(structure, q[rows], z[rows], reference.beta, prior, STUDENT, size)
+    beta, *_ = fit.settle(_SETTLED)
+    r = structure.residual(z, structure.predict(q, beta)) / size
     m, e2 = r.shape[1], (r**2).sum(axis=1)
     noise = max(float(np.median(e2[rows])) / (m - 2 / 3), 1.0)
     kept = e2 <= OUTLIER**2 * m * noise

@@ -16,12 +16,13 @@ from ..body.covariance import autocorrelation_time
 from ..body.normal import Factor
 from ..body.settings import NATS
 from ..common.arrays import Array
-from .equations import STEPS, Equations, Log
+from .equations import Equations, Log
 from .frame import Reference
 from .hypotheses import Hypothesis, freedom, hypotheses_of, is_framed, name_of
 from .settings import CREEP, MARGIN, OWN, USUAL
 
 _ROWS = 200  # that hypotheses are compared on
+_STEPS = 12  # of Gauss-Newton at most
 _AVERAGED = 6  # explanations at most
 _NOTHING_LEFT = 1e-2  # twice the nats by which a step must better the fit
 
@@ -105,7 +106,7 @@ def _fitted(
         return -float(equations.likelihood(y, noise)[0]) / temper + 0.5 * float(moved @ moved)
 
     left = residual(beta)
-    for _ in range(STEPS):
+    for _ in range(_STEPS):
         y = equations.whiten(left)
         noise = equations.most_likely_noise(y)
         _, x = structure.linearise(log.q, beta, free)
