@@ -23,12 +23,12 @@ if TYPE_CHECKING:
     from .change.adapt import adapt as adapt
     from .change.adaptation import Adaptation as Adaptation
     from .change.check import Drift as Drift
+    from .change.check import Recognition as Recognition
     from .change.check import check as check
+    from .change.check import recognise as recognise
     from .change.follow import follow as follow
     from .change.monitor import Monitor as Monitor
     from .change.monitor import monitor as monitor
-    from .change.recognise import Recognition as Recognition
-    from .change.recognise import recognise as recognise
     from .errors import CalibError as CalibError
     from .errors import LogError as LogError
     from .errors import ModelError as ModelError
@@ -91,7 +91,7 @@ _HOME = {
     "PlanarArm": "arm.arm",
     "Preview": "show.preview.server",
     "QueryError": "errors",
-    "Recognition": "change.recognise",
+    "Recognition": "change.check",
     "RobotError": "errors",
     "SOM": "maps.som",
     "Samples": "samples.samples",
@@ -115,7 +115,7 @@ _HOME = {
     "plan": "use.plan",
     "preview": "show.preview.server",
     "read_log": "samples.logs",
-    "recognise": "change.recognise",
+    "recognise": "change.check",
     "report": "show.report.page",
     "sweep": "sweeps",
     "train": "training.train",

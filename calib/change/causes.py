@@ -18,9 +18,9 @@ from ..model.alignment import Alignment
 from ..samples.diagnosis import unit_hint
 from .comparison import Comparison
 from .explain import simplest
-from .hypotheses import FRAME, GROUPS, OFF, Hypothesis, indices_of, is_sensors, parts_of
+from .hypotheses import FRAME, GROUPS, OFF, indices_of, is_sensors, parts_of
 from .score import fired
-from .settings import CREEP
+from .settings import CREEP, OWN
 
 _SIGNIFICANT = 2.6  # standard deviations from which a parameter is said to have changed
 _NOISIER = 1.5  # noise over the usual one from which it is worth a word
@@ -115,33 +115,23 @@ def _of_frame(found: Comparison) -> list[Cause]:
     return causes
 
 
-def _found_change(found: Comparison) -> tuple[Hypothesis, Array, Array]:
-    """Groups that changed, their parameters (d,) now, and their deviations (d,).
-
-    Of the simplest hypothesis, or of the most telling test where none is clearly better than none.
-    """
-    structure, old = found.reference.structure, found.belief.beta
-    if found.changed:
-        best = simplest(found.explanations)
-        return best.hypothesis, best.beta, best.deviation
-    above = fired(found.tested.groups)
-    if found.cause == "sensor":
-        above = tuple(group for group in above if group.name.startswith(("sensor", "lens")))
-    step, deviation = np.zeros((2, len(old)))
-    for group in above[:1]:
-        step[group.indices], deviation[group.indices] = group.estimate, group.deviation
-    groups = (structure.label(k).group for group in above[:1] for k in group.indices.tolist())
-    return tuple(dict.fromkeys(groups)), structure.retract(old, step), deviation
-
-
 def _of_change(found: Comparison) -> list[Cause]:
-    """Each parameter that is clearly away from where it was, the largest effect first."""
+    """Each parameter that is clearly away from where it was, the largest effect first.
+
+    Of the simplest hypothesis; where none is clearly better than no change, of those with the usual
+    residual alone, if a group's test fired.
+    """
     structure, old, new = found.reference.structure, found.belief.beta, found.reference
-    groups, beta, deviation = _found_change(found)
-    if not groups:
-        waves = found.changed and simplest(found.explanations).waves > CREEP
+    some = list(found.explanations)
+    if not found.changed:
+        some = [e for e in some if e.hypothesis and (e.factor, e.waves) == OWN[0]]
+        if not fired(found.tested.groups):
+            return []
+    best = simplest(some)
+    if not best.hypothesis:
         words = "the joints have waves that the model does not know: gears, or their sensors"
-        return [Cause("curve", "curve", words)] * waves
+        return [Cause("curve", "curve", words)] * (best.waves > CREEP)
+    groups, beta, deviation = best.hypothesis, best.beta, best.deviation
     change, size, free = beta - old, np.zeros(len(old)), np.flatnonzero(deviation)
     clear = (deviation > 0) & (np.abs(change) > _SIGNIFICANT * deviation)
     # root mean square displacement by one of each parameter
@@ -250,19 +240,12 @@ def _twins(found: Comparison, causes: list[Cause]) -> list[str]:
         )
     links = [named.get(f"length:{each}") for each in about.joint_names]
     shares = [
-        np.array([c.value, *c.interval]) / found.belief.beta[k]
+        np.array(c.interval) / found.belief.beta[k]
         for c, k in zip(links, groups.get("length", ()), strict=False)
         if c is not None and c.interval is not None
     ]
-    same = "scale" in named and named["scale"].interval is not None and "length" in groups
-    if len(shares) == len(links) and not same and all(about.revolute):
-        value, low, high = np.transpose(shares)
-        if same := low.max() <= high.min():
-            share = float(value.mean())
-            words = f"or the sensor shows all {100 * abs(share):.3g} % "
-            words += "larger" if share > 0 else "smaller"
-            interval = math.log1p(low.max()), math.log1p(high.min())
-            causes.append(Cause("scale", "view.scale", words, math.log1p(share), interval, "1"))
-    if same and all(about.revolute):
+    alike = len(shares) == len(links) and np.max(shares, axis=0)[0] <= np.min(shares, axis=0)[1]
+    scaled = "scale" in named and named["scale"].interval is not None and "length" in groups
+    if (alike or scaled) and all(about.revolute):
         notes.append(f"a sensor that shows all larger and links that are all longer {_WHICH}")
     return notes if found.cause is None else []

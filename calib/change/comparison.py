@@ -1,8 +1,7 @@
 """Comparison: a log beside a model, as `check`, `adapt` and their words for it see it.
 
-One comparison holds the rows that count, the belief that they are compared with, the frame that
-they were measured in, and how well each hypothesis explains them; each is found when it is first
-asked for.  Maps alone, without a body, are compared with their bound.
+The rows that count, the belief in their frame, tests, and what explains them: each is found when it
+is first asked for.  Maps alone, without a body, are compared with their bound.
 """
 
 from __future__ import annotations
@@ -23,6 +22,7 @@ from ..samples.alignment import rows_behind
 from ..samples.diagnosis import diagnose, readings, refuse_mistakes
 from ..samples.samples import Samples
 from ..training.sound_rows import sound_log
+from ..training.touched import as_positions
 from .bound import bound_test
 from .equations import Log, shared_columns, weighted
 from .explain import Explanation, explain, is_changed
@@ -30,7 +30,6 @@ from .frame import Reference, carried_offset, reference_of
 from .hypotheses import as_built
 from .score import GroupTest, Tested, group_tests
 from .settings import FEW_WRONG, OUTLIER, UNEXPLAINED
-from .sockets import as_positions
 
 _LEAST_ROWS = 10  # fewest different rows that a judgement or a correction can rest on
 _MISREAD = ("exchanged", "turns", "inverted")
@@ -108,28 +107,17 @@ class Comparison:
         return np.asarray(self.missed <= max(OUTLIER * usual, float(self._told.max())))
 
     @property
-    def outliers(self) -> int:
-        """Rows that contradict their neighbours or all others."""
-        return self.wrong + int(np.count_nonzero(~self.kept))
-
-    @property
-    def left_out(self) -> int:
-        """Rows of the log that are wrong, or outside of what the model has learned."""
-        return self.lost + int(np.count_nonzero(~self.kept))
+    def strays(self) -> int:
+        """Rows that contradict all others."""
+        return int(np.count_nonzero(~self.kept))
 
     @property
     def notes(self) -> list[str]:
-        """What the user should be told of the rows, those that contradict all others included."""
-        wrong = int(np.count_nonzero(~self.kept))
-        rows = "1 row contradicts" if wrong == 1 else f"{wrong} rows contradict"
-        return [*self.told, *[f"{rows} all others: left out"] * bool(wrong)]
+        """What the user should be told of the rows."""
+        rows = "1 row contradicts" if self.strays == 1 else f"{self.strays} rows contradict"
+        return [*self.told, *[f"{rows} all others: left out"] * bool(self.strays)]
 
     # The belief in their frame, and what is tested.
-
-    @cached_property
-    def offset(self) -> Array:
-        """What maps add to the body at the rows, (n, m) [unit]."""
-        return self.predicted - self.body.predict(self.q)
 
     @cached_property
     def belief(self) -> Body:
@@ -139,12 +127,13 @@ class Comparison:
     @cached_property
     def reference(self) -> Reference:
         """That belief in the frame of the log."""
-        return reference_of(self.belief, self.q, self.x - self.offset, self.unit)
+        alone = self.x - self.predicted + self.body.predict(self.q)
+        return reference_of(self.belief, self.q, alone, self.unit)
 
     @cached_property
     def log(self) -> Log:
         """Rows with robust weights, less what maps add to the body in the frame of the log."""
-        to, offset = self.reference, self.offset
+        to, offset = self.reference, self.predicted - self.body.predict(self.q)
         if to.new:
             offset = carried_offset(self.body, to.body, to.beta, self.q, offset)
         # the model's own log shares as much
@@ -201,14 +190,14 @@ class Comparison:
         beyond, test = self.bound_test
         return self.reference.new or max(self.tested.score, test.score) > 1.0 or beyond > 0.5
 
-    @cached_property
+    @property
     def score(self) -> float:
         """How far the log is from an arm and a sensor as they were: above 1 they changed."""
         score = max(self.tested.score, self.bound_test[1].score)
         if self.model.body is None or not self._suspect:
             return score
         score = max(score, 2.0 if self.reference.new else 0.0)
-        return score if self.explained else max(score, 1.0 + self._misfit)
+        return score if self.explained else max(score, 1.0 + self._left[1])
 
     @cached_property
     def changed(self) -> bool:
@@ -221,15 +210,11 @@ class Comparison:
         return changed and self.explained
 
     @cached_property
-    def _left(self) -> float:
-        """Typical distance of the rows from the best explanation [unit]."""
-        return float(np.median(np.linalg.norm(self.explanations[0].residual, axis=1)))
-
-    @property
-    def _misfit(self) -> float:
-        """The same over the spread of positions: their typical distance from their middle."""
-        spread = np.median(np.linalg.norm(self.x - np.median(self.x, axis=0), axis=1))
-        return self._left / max(float(spread), 1e-300)
+    def _left(self) -> tuple[float, float]:
+        """Typical distance of the rows from the best explanation [unit], and of their spread."""
+        residual, away = self.explanations[0].residual, self.x - np.median(self.x, axis=0)
+        left, spread = (float(np.median(np.linalg.norm(r, axis=1))) for r in (residual, away))
+        return left, left / max(spread, 1e-300)
 
     @cached_property
     def explained(self) -> bool:
@@ -237,11 +222,12 @@ class Comparison:
 
         A sparse model may be wrong by a tenth of the few millimetres that rows of one place span.
         """
-        if self.model.body is None or self._misfit < UNEXPLAINED:
+        left, misfit = (0.0, 0.0) if self.model.body is None else self._left
+        if misfit < UNEXPLAINED:
             return True
         # rows that lag or whose joints are exchanged come near too, but for those at each jump
-        few = self.outliers <= FEW_WRONG * len(self.q)
-        return self._left < float(np.median(self._told[self.kept])) < np.inf and few
+        few = self.wrong + self.strays <= FEW_WRONG * len(self.q)
+        return left < float(np.median(self._told[self.kept])) < np.inf and few
 
     def why_not(self) -> str:
         """One line on a log that nothing explains."""
@@ -251,7 +237,7 @@ class Comparison:
         if lag:
             check = f"positions follow the joints by {lag} rows: align the clocks of both"
         return (
-            f"nothing explains the log: its positions are {100 * self._misfit:.0f} % of their "
+            f"nothing explains the log: its positions are {100 * self._left[1]:.0f} % of their "
             f"spread away from any change of the arm or the sensor; {check}"
         )
 

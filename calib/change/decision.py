@@ -91,10 +91,10 @@ def kept_model(
 ) -> Adaptation:  # fmt: skip
     """An adaptation that keeps the old model, of distances (k,) from held-out rows [unit]."""
     return Adaptation(
-        found.model, False, int(np.count_nonzero(found.kept)), found.outliers,
+        found.model, False, int(np.count_nonzero(found.kept)), found.wrong + found.strays,
         error_sizes(before), error_sizes(after), correction,
         tuple(c for c in causes if c.group != "noise"), ("the arm and the sensor",),
-        found.coverage, (*found.notes, *notes), found.spans, found.left_out,
+        found.coverage, (*found.notes, *notes), found.spans, found.lost + found.strays,
     )  # fmt: skip
 
 

@@ -82,7 +82,7 @@ class Monitor:
         # sums that fade: products of directions and residuals; samples, their squared weights,
         # zeta over what is usual, squared bounds
         self._moments, self._sums = np.zeros((p + 1, p + 1)), np.zeros(4)
-        self._usual, self._last, self._lagged, self._long = 0.0, np.zeros(axes), 0.0, 0.0
+        self._last, self._lagged, self._long = np.zeros(axes), 0.0, 0.0
         self._state = State(0, False, 0.0, 0.0, 0.0, 0.0, ())
 
     def update(self, q: Sequence[float] | Array, x: Sequence[float] | Array) -> State:
@@ -105,9 +105,8 @@ class Monitor:
         unit = model.motor.scale.to_unit(q[None])
         bound = float(self._own[int(model.motor.nearest(unit)[1][0, 0])])
         size = float(np.sqrt(residual @ residual))
-        usual = max(self._usual, self._noise, bound)
-        self._usual += 0.05 * (min(size, 3.0 * usual) - self._usual)
-        residual *= min(1.0, _CLIP * max(self._usual, self._noise, bound) / max(size, 1e-300))
+        usual = math.sqrt(self._moments[-1, -1] / max(self._sums[0], 1.0))
+        residual *= min(1.0, _CLIP * max(usual, self._noise, bound) / max(size, 1e-300))
         row = np.concatenate([self._moves(unit)[0] @ self._combined, residual[:, None]], axis=1)
         away, winner = model.sensory.nearest(model.sensory.scale.to_unit(x[None]))
         ratio = float(away[0, 0]) ** 2 / float(self._expected[int(winner[0, 0])])

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -51,11 +51,6 @@ class GroupTest:
     p_value: float  # chance of such rows where nothing changed, after Bonferroni
     statistic: float = 0.0  # twice the gain in log likelihood
     freedom: int = 1  # directions that the rows tell apart
-    # (p,), its parameters; the first is the one that the group is about
-    indices: Indices = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
-    # (p,), change of each parameter and its standard deviation
-    estimate: Array = field(default_factory=lambda: np.zeros(0))
-    deviation: Array = field(default_factory=lambda: np.zeros(0))
     # [unit], root mean square displacement, over the learned range, of the smallest change of the
     # first parameter that these rows would show nine times in ten
     smallest: float = 0.0
@@ -86,11 +81,11 @@ class Tested:
         return max((g.smallest for g in self.groups if g.smallest > 0.0), default=np.inf)
 
 
-def fired(groups: Iterable[GroupTest]) -> tuple[GroupTest, ...]:
-    """Groups above their threshold, the most telling first."""
+def fired(groups: Iterable[GroupTest]) -> tuple[str, ...]:
+    """Names of the groups above their threshold, the most telling first."""
     above = (g for g in groups if g.score > 1.0 and g.name != DRIFT)
     # a larger group explains more by chance alone
-    return tuple(sorted(above, key=lambda g: 3.0 * g.freedom - g.statistic))
+    return tuple(g.name for g in sorted(above, key=lambda g: 3.0 * g.freedom - g.statistic))
 
 
 def groups_of(body: Body) -> dict[str, Indices]:
@@ -176,8 +171,7 @@ class _Profile:
 def _explained(power: Array, pull: Array, ix: Indices) -> tuple[Array, int]:
     """Quadratic form (s,) of a group's moment, and the directions that the rows tell apart."""
     a, v = power[:, ix[:, None], ix], pull[:, ix]
-    size = np.sqrt(np.maximum(np.einsum("sii->si", a), 0.0))
-    size = np.where(size > 0.0, size, 1.0)
+    size = np.sqrt(np.maximum(np.einsum("sii->si", a), 1e-300))
     values, vectors = np.linalg.eigh(a / size[:, :, None] / size[:, None])
     turned = np.einsum("sij,si->sj", vectors, v / size)
     clear = values > 1e-9 * values[:, -1:]
@@ -278,18 +272,10 @@ def _judged(profiles: list[_Profile], groups: _Groups) -> tuple[list[GroupTest],
         if name == DRIFT:
             found.append(GroupTest(name, p, statistic))
             continue
-        place = groups.columns[name]
-        power, pull = best.profile.power[k][np.ix_(place, place)], best.profile.pull[k][place]
-        size = np.sqrt(np.maximum(np.diag(power), 1e-300))
-        inverse = np.linalg.pinv(power / size[:, None] / size, rcond=1e-9, hermitian=True)
-        estimate, deviation = inverse @ (pull / size) / size, np.sqrt(np.diag(inverse)) / size
+        first_of = groups.columns[name][0]
         most = freedom / left * float(fdtri(freedom, left, 1.0 - FALSE_ALARM / len(names)))
         needed = chndtrinc(count * np.log1p(most), freedom, 1.0 - POWER) * temper
-        told = max(float(likely.profile.power[likely.at][place[0], place[0]]), 1e-300)
-        found.append(
-            GroupTest(
-                name, p, statistic, freedom, groups.every[place], estimate,
-                deviation * np.sqrt(temper), float(np.sqrt(needed / told) * groups.moves[place[0]]),
-            )
-        )  # fmt: skip
+        told = max(float(likely.profile.power[likely.at][first_of, first_of]), 1e-300)
+        smallest = float(np.sqrt(needed / told) * groups.moves[first_of])
+        found.append(GroupTest(name, p, statistic, freedom, smallest))
     return found, (likely if any(g.score > 1.0 for g in found) else same).size
