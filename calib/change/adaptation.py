@@ -131,9 +131,9 @@ def finished(
         baseline = replace(baseline, paths=old.baseline.paths)
     # a camera that was moved sees another picture
     photo = old.photo if method == "few-shot" and frame is None else None
-    rows, history = Rows.of(found.q[found.kept], found.x[found.kept]), (*old.history, event)
-    known = {"about": about, "baseline": baseline, "rows": rows, "history": history}
-    return replace(made, model=replace(fresh, **known, photo=photo))
+    rows = Rows.of(found.q[found.kept], found.x[found.kept])
+    facts: dict[str, Any] = {"about": about, "baseline": baseline, "rows": rows, "photo": photo}
+    return replace(made, model=replace(fresh, **facts, history=(*old.history, event)))
 
 
 def rebuilt(found: Comparison, body: Body) -> Model:

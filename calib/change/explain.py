@@ -1,7 +1,6 @@
 """Explaining: which hypotheses account for a log, each with its evidence.
 
-Every hypothesis moves by damped Gauss-Newton steps from where the belief is in the log's frame; its
-evidence is Laplace's, with the likelihood raised to the power 1 / temper: rows that resemble their
+It is Laplace's, with the likelihood raised to the power 1 / temper: rows that resemble their
 neighbours count for less than their number.
 """
 

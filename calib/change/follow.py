@@ -1,14 +1,10 @@
-"""Online adaptation, as in the paper: maps and links re-form while samples stream in.
-
-For a stream that lasts: a change is noticed and followed.
-Equation numbers are those of the paper in the order in which it states them.
-"""
+"""Online adaptation, as in the paper: maps and links re-form while samples stream in."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -68,10 +64,8 @@ def matching_sigma(network: Map, error: float) -> float:
     error : root mean square distance to the winner after the change, in the unit box
     Returns float, the radius of the whole map where the error is larger than at the start.
     """
-    dim = len(network.lattice.shape)
-    side = network.lattice.size ** (1 / dim)
-    nodes, sigma, past = network.history[:, 0], network.history[:, 1], network.history[:, 2]
-    full = sigma * side / nodes ** (1 / dim)
+    nodes, sigma, past = network.history.T[:3]
+    full = sigma * (network.lattice.size / nodes) ** (1 / len(network.lattice.shape))
     # the error of an epoch is that of the radius before it
     past, full = past[1:], full[:-1]
     if not len(past) or error > past.max():
@@ -162,8 +156,8 @@ class OnlineAdapter:
                 kept = slice(0)
         if self._since >= 0:
             rates = self._learn(u, v, kept)
-        zetas, error = mean[:2].tolist(), float(mean[2])
-        return Step(self._seen, *zetas, expected, error, *rates, self.adapting)
+        motor_zeta, zeta, error = mean.tolist()
+        return Step(self._seen, motor_zeta, zeta, expected, error, *rates, self.adapting)
 
     def _expected(self, sensory: Map, winner: Index) -> float:
         """Sensory distortion that samples of some winners exceed by chance next to never."""
@@ -173,8 +167,8 @@ class OnlineAdapter:
         chance = _FIRED * math.sqrt(baseline.spread[1] / _WINDOW)
         # distances scale with the lattice: a larger arm's nodes stand further apart
         size = (sensory.spacing / self._model.sensory.spacing) ** 2
-        size *= _SETTLED if self._since >= 0 else 1.0
-        return float(baseline.sensory[winner].mean()) * size * (1.0 + chance)
+        size *= (_SETTLED if self._since >= 0 else 1.0) * (1.0 + chance)
+        return float(baseline.sensory[winner].mean()) * size
 
     def _left(self, expected: float) -> bool:
         """Whether the distortion (eq. 9) or the links' residual left what is usual."""
@@ -217,20 +211,14 @@ class OnlineAdapter:
         """
         if self._since < 0 or sum(map(len, self._x)) < _LEAST:
             return self._model
-        found = None
-        if links == "rule":
-            found = without_weak(self._net.links * np.exp(-self._idle))
+        own = without_weak(self._net.links * np.exp(-self._idle)) if links == "rule" else None
         q, x = np.concatenate(self._q), np.concatenate(self._x)
-        return settled_model(self._model, *self._maps(), q, x, found)
+        return settled_model(self._model, *self._maps(), q, x, own)
 
-    def _maps(self) -> list[Map]:
+    def _maps(self) -> tuple[Map, Map]:
         """The motor and the sensory map as they are."""
-        return [
-            Map(layer.weights, old.lattice, old.scale, old.history)
-            for layer, old in zip(
-                self._net.layers, (self._model.motor, self._model.sensory), strict=True
-            )
-        ]
+        motor, sensory = (layer.weights for layer in self._net.layers)
+        return replace(self._model.motor, units=motor), replace(self._model.sensory, units=sensory)
 
 
 def follow(

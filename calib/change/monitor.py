@@ -36,11 +36,10 @@ class State(NamedTuple):
 
 
 class Monitor:
-    """Watches a stream of samples.
+    """Watches a stream of samples: a sequential form of the tests of `check`.
 
-    A sequential form of the tests of `check`: of the recent past it keeps the products of the
-    residual with the displacements that a change of a link, an offset or the sensor's frame would
-    make.  What these explain is compared with chance (an F test, of as many samples as are
+    Of the recent past it keeps the products of the residual with the displacements that a change
+    would make.  What these explain is compared with chance (an F test, of as many samples as are
     independent of each other) and with what the model may be off by itself where the samples lie.
 
     Parameters

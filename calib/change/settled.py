@@ -51,8 +51,10 @@ def settled_model(
     some = slice(None, None, -(-len(u) // _ROWS))
     if body is not None:
         with suppress(CalibError):  # too few rows, or too close to each other
-            known = {"simulated": body.simulated, "seed": model.about.seed}
-            found = fit(body.structure, scale.from_unit(u[some]), x[some], **known)
+            found = fit(
+                body.structure, scale.from_unit(u[some]), x[some],
+                simulated=body.simulated, seed=model.about.seed,
+            )  # fmt: skip
 
     def linked(u: Array, x: Array) -> Association:
         return Association.learn(motor, u, sensory, sensory.scale.to_unit(x), wiring)

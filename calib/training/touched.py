@@ -133,19 +133,20 @@ def as_positions(model: Model, log: Samples) -> tuple[Samples, list[str]]:
     tip = structure.measurement
     assert isinstance(tip, InSpace)  # noqa: S101 - three outputs
     view = "touch" if structure.view == "base" else "touch and rigid"
-    seen = structure.with_view(view, reading=Touch(tip, len(own), known, noise, noise))
+    reading = Touch(tip, len(own), known, noise, noise)
+    seen = structure.with_view(view, reading=reading)
     belief, point = restated(body, seen), seen.groups["point"]
     at, beta, variance = belief.active, belief.beta.copy(), np.zeros((seen.size, seen.size))
     base = structure.pose(q, body.beta)[0]
     beta[point] = np.ravel([base[number == k].mean(axis=0) for k in range(len(own))])
     variance[np.ix_(at, at)] = body.kappa**2 * belief.covariance + _GAUGE**2 * np.eye(len(at))
     variance[point, point] = structure.extent**2
-    fits, touches = [], seen.measurement.rows(q, number, log.x)
+    fits, touches = [], reading.rows(q, number, log.x)
     for freed in ({}, _FREED):
         for group, sd in freed.items():
             variance[seen.groups[group], seen.groups[group]] += sd**2
         free, sd = np.flatnonzero(np.diag(variance)), np.sqrt(np.diag(variance))
-        prior = Prior(beta, sd, known=np.linalg.inv(variance[np.ix_(free, free)]))
+        prior = Prior(beta, sd, known=np.asarray(np.linalg.inv(variance[np.ix_(free, free)])))
         fits.append(
             maximise(
                 seen, touches, np.zeros((len(touches), 3)), beta, prior, nu=STUDENT,
