@@ -20,7 +20,7 @@ from .comparison import Comparison
 from .explain import simplest
 from .hypotheses import FRAME, GROUPS, OFF, indices_of, is_sensors, parts_of
 from .score import fired
-from .settings import CREEP, OWN
+from .settings import CREEP
 
 _SIGNIFICANT = 2.6  # standard deviations from which a parameter is said to have changed
 _NOISIER = 1.5  # noise over the usual one from which it is worth a word
@@ -118,20 +118,25 @@ def _of_frame(found: Comparison) -> list[Cause]:
 def _of_change(found: Comparison) -> list[Cause]:
     """Each parameter that is clearly away from where it was, the largest effect first.
 
-    Of the simplest hypothesis; where none is clearly better than no change, of those with the usual
-    residual alone, if a group's test fired.
+    Of the simplest hypothesis; where none is clearly better than no change, of the most telling
+    test.
     """
     structure, old, new = found.reference.structure, found.belief.beta, found.reference
-    some = list(found.explanations)
+    best, own = simplest(found.explanations), ("sensor", "lens") if found.cause == "sensor" else ""
+    groups, beta, deviation = best.hypothesis, best.beta, best.deviation
     if not found.changed:
-        some = [e for e in some if e.hypothesis and (e.factor, e.waves) == OWN[0]]
-        if not fired(found.tested.groups):
+        above = [
+            g.change for g in fired(found.tested.groups) if g.change and g.name.startswith(own)
+        ]
+        if not above:
             return []
-    best = simplest(some)
-    if not best.hypothesis:
+        ix, step, deviation = above[0][0], *np.zeros((2, len(old)))
+        groups = tuple(dict.fromkeys(structure.label(k).group for k in ix.tolist()))
+        step[ix], deviation[ix] = above[0][1:]
+        beta = structure.retract(old, step)
+    elif not groups:
         words = "the joints have waves that the model does not know: gears, or their sensors"
         return [Cause("curve", "curve", words)] * (best.waves > CREEP)
-    groups, beta, deviation = best.hypothesis, best.beta, best.deviation
     change, size, free = beta - old, np.zeros(len(old)), np.flatnonzero(deviation)
     clear = (deviation > 0) & (np.abs(change) > _SIGNIFICANT * deviation)
     # root mean square displacement by one of each parameter

@@ -104,7 +104,7 @@ class Drift:
     @property
     def fired(self) -> tuple[str, ...]:
         """Names of the groups above their threshold, the most telling first."""
-        return fired(self.groups)
+        return tuple(group.name for group in fired(self.groups))
 
     @property
     def explanations(self) -> tuple[str, ...]:

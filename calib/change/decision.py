@@ -26,7 +26,7 @@ from .explain import Explanation, weighed
 from .frame import Reference
 from .hypotheses import GROUPS
 from .orientation import turned_tool
-from .settings import CHANGED, CREEP, REFINED, SIMULATED_KAPPA, SURE, SURER
+from .settings import CHANGED, CREEP, REFINED, SIMULATED_KAPPA, SURE, SURER, UNSURE
 
 _ROWS = 600  # that an update takes: linear in them
 _BLOCKS = 5  # contiguous ones that are held out in turn, each of which tells a gain
@@ -62,7 +62,7 @@ def decide(found: Comparison) -> Decision:
     body, held = _updated(found.reference, chosen, log)
     kept, held = thinned(len(found.q), _ROWS)[log.kept], held[log.kept]
     before, after = found.missed[kept], np.linalg.norm(held, axis=1)
-    improved = found.explained and _improves(found, before, after)
+    improved = found.explained and _improves(found, body, before, after)
     causes, notes = find_causes(found)
     tool = turned_tool(found)
     if tool.causes:
@@ -98,16 +98,24 @@ def kept_model(
     )  # fmt: skip
 
 
-def _improves(found: Comparison, before: Array, after: Array) -> bool:
+def _improves(found: Comparison, body: Body, before: Array, after: Array) -> bool:
     """Whether the update is worth taking: held-out blocks gain, and by more than chance."""
     gain = [float(part.mean()) for part in np.array_split(before - after, _BLOCKS)]
     error = float(np.std(gain, ddof=1) / np.sqrt(len(gain)))
     ratio = float(after.mean() / max(float(before.mean()), 1e-300))
     sure = float(np.mean(gain)) / max(error, 1e-300)
     if found.changed:
-        return ratio < CHANGED and sure > SURE
+        return ratio < CHANGED and sure > SURE, SURER, UNSURE
     noisy = found.tested.noisy is not None and found.score <= 1.0
-    return ratio < REFINED and sure > SURER and not noisy
+    if ratio >= REFINED or sure <= SURE or noisy:
+        return False
+    old = found.belief
+    if float(before.mean()) > float(replace(old, second=None).bound(found.q).mean()):
+        return sure > SURER  # rows that the old belief had not thought possible
+    # mean square error [unit] that each belief expects of itself over the learned range
+    spreads = (np.trace(b.spread(found.probes), axis1=1, axis2=2).mean() for b in (body, old))
+    new, usual = (s * old.kappa**2 + (old.tau**2 + old.noise**2).sum() for s in spreads)
+    return bool(new < UNSURE**2 * usual)
 
 
 def _updated(

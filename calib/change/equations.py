@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..body.covariance import root_of
-from ..body.fit import Fit
+from ..body.fit import Fit, maximise
 from ..body.likeness import lengths_of, matern
 from ..body.parameters import Indices, Prior
 from ..body.settings import STUDENT
@@ -55,11 +55,11 @@ def weighted(
     body, structure = reference.body, reference.structure
     sd = np.hypot(freedom(body, hypotheses_of(structure, cause)[-1], cause), creep(body))
     rows, size = thinned(len(q), _ROBUST_ROWS), reference.sizes
-    prior = Prior(reference.beta, sd)
-    # steps of undamped least squares took exact rows of a longer link for outliers
-    fit = Fit(structure, q[rows], z[rows], reference.beta, prior, STUDENT, size)
-    beta, *_ = fit.settle(_SETTLED)
-    r = structure.residual(z, structure.predict(q, beta)) / size
+    some, prior = (structure, q[rows], z[rows]), Prior(reference.beta, sd)
+    # steps of a known noise alone took exact rows of a longer link for outliers
+    start = Fit(*some, reference.beta, prior, STUDENT, size).settle(_SETTLED)[0]
+    fit = maximise(*some, start, prior, nu=STUDENT, floor=size)
+    r = structure.residual(z, structure.predict(q, fit.beta)) / size
     m, e2 = r.shape[1], (r**2).sum(axis=1)
     noise = max(float(np.median(e2[rows])) / (m - 2 / 3), 1.0)
     kept = e2 <= OUTLIER**2 * m * noise

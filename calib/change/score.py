@@ -51,6 +51,8 @@ class GroupTest:
     p_value: float  # chance of such rows where nothing changed, after Bonferroni
     statistic: float = 0.0  # twice the gain in log likelihood
     freedom: int = 1  # directions that the rows tell apart
+    # (p,), its parameters, how each changed, and the standard deviation of that
+    change: tuple[Indices, Array, Array] | None = None
     # [unit], root mean square displacement, over the learned range, of the smallest change of the
     # first parameter that these rows would show nine times in ten
     smallest: float = 0.0
@@ -81,11 +83,11 @@ class Tested:
         return max((g.smallest for g in self.groups if g.smallest > 0.0), default=np.inf)
 
 
-def fired(groups: Iterable[GroupTest]) -> tuple[str, ...]:
-    """Names of the groups above their threshold, the most telling first."""
+def fired(groups: Iterable[GroupTest]) -> tuple[GroupTest, ...]:
+    """Groups above their threshold, the most telling first."""
     above = (g for g in groups if g.score > 1.0 and g.name != DRIFT)
     # a larger group explains more by chance alone
-    return tuple(g.name for g in sorted(above, key=lambda g: 3.0 * g.freedom - g.statistic))
+    return tuple(sorted(above, key=lambda g: 3.0 * g.freedom - g.statistic))
 
 
 def groups_of(body: Body) -> dict[str, Indices]:
@@ -272,10 +274,15 @@ def _judged(profiles: list[_Profile], groups: _Groups) -> tuple[list[GroupTest],
         if name == DRIFT:
             found.append(GroupTest(name, p, statistic))
             continue
-        first_of = groups.columns[name][0]
+        place = groups.columns[name]
+        power, pull = best.profile.power[k][np.ix_(place, place)], best.profile.pull[k][place]
+        size = np.sqrt(np.maximum(np.diag(power), 1e-300))
+        inverse = np.linalg.pinv(power / size[:, None] / size, rcond=1e-9, hermitian=True)
+        deviation = np.sqrt(np.diag(inverse) * temper) / size
+        change = groups.every[place], inverse @ (pull / size) / size, deviation
         most = freedom / left * float(fdtri(freedom, left, 1.0 - FALSE_ALARM / len(names)))
         needed = chndtrinc(count * np.log1p(most), freedom, 1.0 - POWER) * temper
-        told = max(float(likely.profile.power[likely.at][first_of, first_of]), 1e-300)
-        smallest = float(np.sqrt(needed / told) * groups.moves[first_of])
-        found.append(GroupTest(name, p, statistic, freedom, smallest))
+        told = max(float(likely.profile.power[likely.at][place[0], place[0]]), 1e-300)
+        smallest = float(np.sqrt(needed / told) * groups.moves[place[0]])
+        found.append(GroupTest(name, p, statistic, freedom, change, smallest))
     return found, (likely if any(g.score > 1.0 for g in found) else same).size

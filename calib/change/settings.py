@@ -22,7 +22,10 @@ NOISIER = 1.15
 CHANGED = 0.95  # share of the held-out error that a change may leave at most
 REFINED = 0.85  # the same where nothing changed and rows are only added
 SURE = 2.0  # standard errors by which five held-out blocks must gain
-SURER = 4.0  # the same where nothing changed
+SURER = 4.0  # the same where rows lie beyond the old belief's bound on average
+# Share of the error that a belief expects of itself that rows may leave where nothing changed: half
+# of series A was added to a model of the other, which was then 1.15 times as far off
+UNSURE = 0.9
 # 95 % quantile over median of the distances that is no noise (in the plane that of noise is 2.1):
 # a bump of 5 mm that 3 of 30 rows saw, as in tests/change/test_drawing.py
 TAIL = 3.0
