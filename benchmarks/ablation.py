@@ -141,8 +141,8 @@ def train_on(case: Case, ground: Ground, network: str, side: int, seed: int) -> 
     started = time.perf_counter()
     pair = associate(scale, u, samples.x, options, wrong)
     seconds, motor = time.perf_counter() - started, pair.motor
-    selected = select(motor, u[part.rows], part.candidate)
-    smooth = part.candidate.smooth
+    smooth, rows = part.smooth, part.rows
+    selected = select(motor, u[rows], samples.x[rows], smooth, part.fit.held_out)
     alone = pair
     if (
         wrong is not None and network == "vdsom:residual"

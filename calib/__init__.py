@@ -39,7 +39,6 @@ if TYPE_CHECKING:
     from .maps.density import Visit as Visit
     from .maps.map import Map as Map
     from .maps.som import SOM as SOM
-    from .maps.som import Pair as Pair
     from .model.answers import Answer as Answer
     from .model.model import Model as Model
     from .model.paths import Path as Path
@@ -85,7 +84,6 @@ _HOME = {
     "ModelError": "errors",
     "Monitor": "change.monitor",
     "OptionError": "errors",
-    "Pair": "maps.som",
     "Path": "model.paths",
     "Plan": "use.plan",
     "PlanarArm": "arm.arm",

@@ -6,6 +6,7 @@ own is read by a reader, and is Any to Typer.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Annotated, Any
 
 from typer import Argument, Option
@@ -137,3 +138,14 @@ Dictionary = Annotated[str, option("--dictionary NAME", "Dictionary of the tags.
 BoardSpec = Annotated[
     Text, option("--board COLSxROWS:SQUARE:MARKER:DICT", "Such as 7x5:24mm:18mm:5x5_100.")
 ]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Asking:
+    """How a model is asked, one question or a table of them, as typed."""
+
+    input_: Input = None
+    columns: Columns = None
+    output: Output = None
+    unit: PositionUnit = None
+    degrees: Degrees = False

@@ -8,13 +8,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, Literal, TypeVar, get_args, get_origin
 
 import typer
 import typer.core
 
+from calib.common.wording import quoted, suggestion
 from calib.errors import OptionError
 
 _T = TypeVar("_T")
@@ -38,12 +38,7 @@ class BadOption(typer.BadParameter):
 
 def bad_option(option: str, text: str, expected: str) -> BadOption:
     """Return the error for a value that an option cannot have."""
-    shown = text if len(text) <= 60 else text[:57] + "..."
-    return BadOption(f"{option} {shown!r}: expected {expected}", option, text)
-
-
-class _ExpectedError(ValueError):
-    """What a reader expected."""
+    return BadOption(f"{option} {quoted(text)}: expected {expected}", option, text)
 
 
 def reader(
@@ -55,11 +50,9 @@ def reader(
         try:
             if good(value := read(text)):
                 return value
-        except _ExpectedError:
-            raise
         except ValueError:
             pass
-        raise _ExpectedError(expected)
+        raise ValueError(expected)
 
     return told
 
@@ -82,7 +75,7 @@ class _Value:
     def _read(self, text: str, option: str) -> Any:
         try:
             return (self._info.parser or self._plain)(text)
-        except _ExpectedError as error:
+        except ValueError as error:
             raise bad_option(option, text, str(error)) from None
         except OptionError as error:  # of the library, which reads columns itself
             raise BadOption(f"--{error}", option, text) from None
@@ -130,9 +123,9 @@ def one_of(choices: Sequence[str]) -> Reader[str]:
     """Return a reader of a word out of several."""
 
     def read(text: str) -> str:
-        near = get_close_matches(text, choices, n=1)
-        meant = f"; did you mean {near[0]}?" if near else ""
-        return reader(f"one of {', '.join(choices)}{meant}", str, choices.__contains__)(text)
+        if text not in choices:
+            raise ValueError(f"a name that there is: {suggestion(text, choices)}")
+        return text
 
     return read
 
@@ -141,9 +134,12 @@ def several(read: Reader[_T]) -> Reader[tuple[_T, ...]]:
     """Return a reader of values with commas between them, each once."""
 
     def read_all(text: str) -> tuple[_T, ...]:
-        return tuple(read(part.strip()) for part in text.split(","))
+        values = tuple(read(part.strip()) for part in text.split(","))
+        if len(set(values)) < len(values):
+            raise ValueError("each value once")
+        return values
 
-    return reader("each value once", read_all, lambda values: len(set(values)) == len(values))
+    return read_all
 
 
 def _sides(text: str) -> int | tuple[int, ...]:
@@ -196,14 +192,6 @@ offset_or_auto = reader(
     "a number of seconds, or auto",
     lambda text: None if text.strip() == "auto" else finite_number(text),
 )
-
-
-def check_count(typed: Sequence[float], names: Sequence[str], what: str) -> None:
-    """Refuse more or fewer numbers than there are names."""
-    if len(typed) != len(names):
-        raise BadOption(
-            f"{len(typed)} {what}s: expected {len(names)}, one each for {', '.join(names)}"
-        )
 
 
 def check_file(

@@ -105,7 +105,7 @@ def _improves(found: Comparison, body: Body, before: Array, after: Array) -> boo
     ratio = float(after.mean() / max(float(before.mean()), 1e-300))
     sure = float(np.mean(gain)) / max(error, 1e-300)
     if found.changed:
-        return ratio < CHANGED and sure > SURE, SURER, UNSURE
+        return ratio < CHANGED and sure > SURE
     noisy = found.tested.noisy is not None and found.score <= 1.0
     if ratio >= REFINED or sure <= SURE or noisy:
         return False

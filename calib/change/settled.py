@@ -18,8 +18,8 @@ from ..errors import CalibError
 from ..maps.association import Association
 from ..maps.local_models import NO_MODELS
 from ..maps.map import Map
-from ..maps.model_selection import blocks, of_body, select
-from ..maps.predictor import Predictor
+from ..maps.model_selection import blocks, select
+from ..maps.predictor import BodyInBox, Predictor
 from ..model.measured import Rows
 from ..model.model import Model
 from ..training.held_out import node_bounds
@@ -61,8 +61,9 @@ def settled_model(
 
     seen, predictor = (u, x), None
     if found is not None:
-        selected = select(motor, u[some], of_body(found, scale, u[some], x[some]))
-        predictor, rows, errors = selected.predictor, selected.rows * (some.step), selected.errors
+        smooth = BodyInBox(found.body, scale)
+        selected = select(motor, u[some], x[some], smooth, found.held_out)
+        predictor, rows, errors = selected.predictor, selected.rows * some.step, selected.errors
         if len(u) < _FEW_ROWS:
             drawn = np.random.default_rng(model.about.seed).random((_IMAGINED, u.shape[1]))
             seen = drawn, predictor.value(drawn)

@@ -43,7 +43,7 @@ class Joints:
 
     def within(self, q: Array) -> tuple[Array, NDArray[np.bool_]]:
         """Joint values (n, dof) by whole turns into the ranges, and whether all are inside (n,)."""
-        out = q - np.where(self.revolute, TURN * np.round((q - self.middle) / TURN), 0.0)
+        out = q - self._turns(q - self.middle)
         near = (out >= self.lower - _SLACK) & (out <= self.upper + _SLACK)
         return np.clip(out, self.lower, self.upper), np.asarray(near.all(axis=1))
 
@@ -56,9 +56,10 @@ class Joints:
 
     def apart(self, a: Array, b: Array) -> Array:
         """Largest distance (n,) of any joint between rows (n, dof) and b (dof,); turns wrap."""
-        away = a - b
-        whole = np.where(self.revolute, TURN * np.round(away / TURN), 0.0)
-        return np.asarray(np.abs(away - whole).max(axis=1))
+        return np.asarray(np.abs(a - b - self._turns(a - b)).max(axis=1))
+
+    def _turns(self, away: Array) -> Array:
+        return np.where(self.revolute, TURN * np.round(away / TURN), 0.0)
 
 
 def pose_branches(
@@ -78,13 +79,10 @@ def pose_branches(
     active near each pose and are tried first, then starts that are drawn by `seed`, in at most
     `_ROUNDS` rounds; the search ends when two in a row find nothing new.
     """
-    if not len(position):
-        return []
     newton = Newton(Poses(evaluate, joints.turning, length), joints.turning, length)
-    target = Poses.target(position, rotation)
-    rng, dof = np.random.default_rng(seed), len(joints.lower)
-    known = [np.empty((0, dof)) for _ in position]
-    inside, quiet = [np.empty(0, dtype=bool) for _ in position], np.zeros(len(position), dtype=int)
+    target, n, dof = Poses.target(position, rotation), len(position), len(joints.lower)
+    rng, quiet = np.random.default_rng(seed), np.zeros(n, dtype=int)
+    known = [np.empty((0, dof))] * n
     tried = list(known) if starts is None else list(starts[:, None])
     for _ in range(_ROUNDS):
         more = [i for i, own in enumerate(known) if quiet[i] < _QUIET and len(own) <= _MOST]
@@ -97,13 +95,13 @@ def pose_branches(
             q, met = newton.scale.from_unit(u), left < TOLERANCE * length
             for i in some:
                 before = len(known[i])
-                for row, ok in zip(*joints.within(q[met & (owner == i)]), strict=True):
+                for row in q[met & (owner == i)]:
                     if not len(known[i]) or joints.apart(known[i], row).min() > APART:
-                        known[i], inside[i] = np.vstack([known[i], row]), np.append(inside[i], ok)
+                        known[i] = np.vstack([known[i], row])
                 quiet[i] = 0 if len(known[i]) > before else quiet[i] + 1
                 tried[i] = _flipped(known[i][before:], joints)
-    found = [own[ok] for own, ok in zip(known, inside, strict=True)]
-    return [rows[np.lexsort(rows.T[::-1])] for rows in found]
+    inside = [rows[ok] for rows, ok in map(joints.within, known)]
+    return [rows[np.lexsort(rows.T[::-1])] for rows in inside]
 
 
 def _flipped(q: Array, joints: Joints) -> Array:

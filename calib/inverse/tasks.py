@@ -16,56 +16,37 @@ from ..common.scale import Scale
 Evaluate = Callable[[Array], tuple[Array, Array, Array]]
 
 
-class Slope(Protocol):
-    """A forward map that knows its own Jacobian."""
+class Task(Protocol):
+    """What engines know of a question: targets are rows (n, k), residuals have m numbers."""
 
     def value_and_slope(self, u: Array) -> tuple[Array, Array]:
-        """What is reached (n, k), and how it moves with the unit coordinates (n, m, dof)."""
+        """What is reached (n, k), and how residuals shrink with unit coordinates (n, m, dof)."""
         ...
-
-
-class Task(Slope, Protocol):
-    """What engines know of a question: targets are rows (n, k), residuals have m numbers."""
 
     def gap(self, target: Array, value: Array) -> Array:
         """Residuals (n, m) between targets and what is reached."""
         ...
 
-    def spare(self, target: Array, dof: int) -> bool:
-        """Whether so many joints are more than the targets need."""
-        ...
-
 
 @dataclass(frozen=True)
 class Positions:
-    """Positions (n, m) by a forward map."""
+    """Positions (n, m) by a forward map that knows its Jacobian."""
 
-    forward: Slope
-
-    def value_and_slope(self, u: Array) -> tuple[Array, Array]:
-        """Positions (n, m) and their derivatives by the unit coordinates (n, m, dof)."""
-        return self.forward.value_and_slope(u)
+    value_and_slope: Callable[[Array], tuple[Array, Array]]
 
     def gap(self, target: Array, value: Array) -> Array:
         """Residuals (n, m)."""
         return target - value
 
-    def spare(self, target: Array, dof: int) -> bool:
-        """Whether there are more joints than coordinates."""
-        return bool(dof > target.shape[1])
+    @staticmethod
+    def of_chain(evaluate: Evaluate, scale: Scale) -> Positions:
+        """Positions (n, 3) [m] of a chain in its base frame."""
 
+        def value_and_slope(u: Array) -> tuple[Array, Array]:
+            place, _, slope = evaluate(scale.from_unit(u))
+            return place, slope[:, :3] * scale.span
 
-@dataclass(frozen=True)
-class Places:
-    """Positions (n, 3) [m] of a chain in its base frame."""
-
-    evaluate: Evaluate
-    scale: Scale
-
-    def value_and_slope(self, u: Array) -> tuple[Array, Array]:
-        """Positions (n, 3) and their derivatives by the unit coordinates (n, 3, dof)."""
-        place, _, slope = self.evaluate(self.scale.from_unit(u))
-        return place, slope[:, :3] * self.scale.span
+        return Positions(value_and_slope)
 
 
 @dataclass(frozen=True)
@@ -93,7 +74,3 @@ class Poses:
         wanted, reached = (part[:, 3:].reshape(-1, 3, 3) for part in (target, value))
         turn = logarithm(wanted @ np.swapaxes(reached, 1, 2))
         return np.concatenate([target[:, :3] - value[:, :3], self.lever * turn], axis=1)
-
-    def spare(self, target: Array, dof: int) -> bool:
-        """Whether there are more than six joints."""
-        return bool(dof > target.shape[1] // 2)

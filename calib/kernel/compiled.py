@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 
 from ..common.arrays import Array
+from ..errors import OptionError
 from .source import c_source, source
 
 OFF = "CALIB_NO_CC"
@@ -102,25 +103,19 @@ class Compiled:
         return call, int(whole.ctypes.data), whole[: self._dof], parts, found
 
 
-def compiler() -> list[str] | None:
-    """The C compiler's command; None where there is none, or the user wants none."""
-    if os.environ.get(OFF, "0") not in ("", "0"):
-        return None
-    command = shlex.split(os.environ.get("CC", "")) or ["cc"]
-    return command if shutil.which(command[0]) else None
-
-
-def compile_source(text: str, words: dict[str, object], dof: int, outputs: int) -> Compiled | str:
-    """The library of a header's text; where it cannot be made, why.
+def compile_source(text: str, words: dict[str, object], dof: int, outputs: int) -> Compiled:
+    """The library of a header's text.
 
     words : what the functions that Python calls depend on, see ``c/calls.h``
+    Raises OptionError where it cannot be made.
     """
-    command = compiler()
-    if command is None:
-        off = os.environ.get(OFF, "0") not in ("", "0")
-        return f"{OFF} is set" if off else "no C compiler was found"
+    if os.environ.get(OFF, "0") not in ("", "0"):
+        raise OptionError(f"{OFF} is set")
+    command = shlex.split(os.environ.get("CC", "")) or ["cc"]
+    if not shutil.which(command[0]):
+        raise OptionError("no C compiler was found")
     if dof > _MOST_JOINTS:
-        return f"more than {_MOST_JOINTS} joints"
+        raise OptionError(f"more than {_MOST_JOINTS} joints")
     # a folder of this user alone, removed with the object or at exit
     folder = tempfile.TemporaryDirectory(prefix="calib-")
     made, path = Path(folder.name) / "kernel.c", Path(folder.name) / "kernel.so"
@@ -138,6 +133,6 @@ def compile_source(text: str, words: dict[str, object], dof: int, outputs: int) 
             if done.returncode == 0:
                 return Compiled(ctypes.CDLL(str(path)), folder, dof, outputs)
     except (OSError, subprocess.TimeoutExpired) as error:
-        return f"{command[0]} failed: {type(error).__name__}"
-    said = done.stderr.decode(errors="replace").strip().splitlines()
-    return f"{command[-1]} failed" + (f": {said[0][:120]}" if said else "")
+        raise OptionError(f"{command[0]} failed: {type(error).__name__}") from error
+    said = " ".join(done.stderr.decode(errors="replace").split())[:120]
+    raise OptionError(f"{command[-1]} failed: {said}")

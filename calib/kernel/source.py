@@ -9,10 +9,12 @@ where the word is true.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from importlib.resources import files
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..common.arrays import Array
 
@@ -22,6 +24,7 @@ _CHOICE = re.compile(
     re.MULTILINE,
 )
 _NUMBER = re.compile(r"[-\d.][-+.e\d]*")
+_BRACES = str.maketrans("[]", "{}")
 _FUNCTIONS = re.compile(r"\b(cos|sin|sqrt|floor|fabs|atan2)\(")
 
 
@@ -49,13 +52,14 @@ def c_number(value: float, single: bool) -> str:
     return braces(np.asarray(value, dtype=float), single)
 
 
-def array(name: str, values: Array, single: bool, floats: bool = False) -> str:
+def table(name: str, values: NDArray[Any], single: bool, floats: bool = False) -> str:
     """A constant array of C of any shape, braces round each row; `floats` in any header."""
-    values = np.asarray(values, dtype=float)
-    values = values if values.size else np.zeros([max(size, 1) for size in values.shape])
-    shape = "".join(f"[{size}]" for size in values.shape)
-    kind = "float" if floats else "calib_real"
-    return f"static const {kind} {name}{shape} = {braces(values, single)};\n"
+    if not values.size:
+        values = np.zeros([max(size, 1) for size in values.shape], dtype=values.dtype)
+    whole = values.dtype.kind == "i"
+    text = str(values.tolist()).translate(_BRACES) if whole else braces(values, single or floats)
+    kind = "int" if whole else "float" if floats else "calib_real"
+    return f"static const {kind} {name}{''.join(f'[{n}]' for n in values.shape)} = {text};\n"
 
 
 def braces(values: Array, single: bool) -> str:
@@ -64,19 +68,10 @@ def braces(values: Array, single: bool) -> str:
     text = str(numbers.tolist())
     if single:  # nine digits tell any two floats apart
         text = _NUMBER.sub(lambda found: _nine_digits(found[0]), text)
-    return text.replace("], [", "},\n{").replace("[", "{").replace("]", "}")
+    return text.replace("], [", "],\n[").translate(_BRACES)
 
 
 def _nine_digits(text: str) -> str:
     text = f"{np.float32(text):.9g}"
     # a C literal needs a point or an exponent
     return (text if any(c in text for c in ".e") else text + ".0") + "f"
-
-
-def integers(name: str, values: Iterable[int] | Array) -> str:
-    """A constant array of int, of one or two dimensions."""
-    rows = np.asarray(values, dtype=int)
-    rows = rows if rows.size else np.zeros([max(size, 1) for size in rows.shape], dtype=int)
-    text = str(rows.tolist()).replace("[", "{").replace("]", "}")
-    shape = "".join(f"[{size}]" for size in rows.shape)
-    return f"static const int {name}{shape} = {text};\n"

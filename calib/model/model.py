@@ -62,7 +62,7 @@ class Model(Parts):
         C, or by the batch, and why.  Answers are the same.  Nothing is compiled without this, and
         nothing with the environment variable ``CALIB_NO_CC=1``.
         """
-        from .fast import compiled_of
+        from .header import compiled_of
 
         kernel, told = compiled_of(self)
         object.__setattr__(self, "kernel", kernel)
@@ -79,7 +79,7 @@ class Model(Parts):
         if self.kernel is None or (found := self.kernel.ask(name, q)) is None:
             return None
         answer: Array = found[0]
-        return answer if found[1] or self.sure else None
+        return answer if found[1] or self.trust.everywhere else None
 
     def forward(
         self, q: ArrayLike, readout: str | None = None, *, approach: ArrayLike | None = None

@@ -125,11 +125,6 @@ class Parts:
         return Trust(self.motor, self.model_bounds, most, known, growth, paths, self.body)
 
     @cached_property
-    def sure(self) -> bool:
-        """Whether there is an answer wherever joints are within their range."""
-        return self.trust.known is None and bool((self.model_bounds <= self.trust.most).all())
-
-    @cached_property
     def posterior(self) -> CompactPosterior | None:
         """What bounds positions of more than three joints; None where nodes' bounds are blended."""
         if self.body is None or self.motor.units.shape[1] <= MOST_BLENDED:

@@ -58,7 +58,7 @@ class Trust:
     def covers(self, u: Array) -> NDArray[np.bool_]:
         """Whether points of the unit box (n, dof) are answered, (n,)."""
         known = np.asarray(self.in_range(u).all(axis=1))
-        if not self._everywhere and known.any():
+        if not self.everywhere and known.any():
             known[known] = self.bound(self.bounds, u[known]) <= self.most
         return known
 
@@ -115,6 +115,6 @@ class Trust:
         return search_tree(self.motor.units[self.known >= 0.0], self.motor.scale)
 
     @cached_property
-    def _everywhere(self) -> bool:
-        """Whether no bound is too large, wherever."""
+    def everywhere(self) -> bool:
+        """Whether there is an answer wherever joints are within their range."""
         return self.known is None and bool((self.bounds <= self.most).all())

@@ -21,7 +21,6 @@ from ..common.scale import Scale
 from ..errors import ModelError
 from ..maps.association import Association
 from ..maps.lattice import Graph, Lattice
-from ..maps.linear_models import from_shifts, to_shifts
 from ..maps.links import Compressed, Wiring
 from ..maps.local_models import MOST_DEGREE, NO_MODELS, LocalModels, exponents
 from ..maps.map import HISTORY, Map
@@ -81,8 +80,8 @@ def kept_of(model: Parts) -> Kept:
         model.about,
         model.motor,
         model.sensory,
-        _shifts(model.motor, association.motor_means),
-        _shifts(model.sensory, association.sensory_means),
+        association.motor_shifts,
+        association.sensory_shifts,
         Links(
             np.diff(links.indptr).astype(np.intp),
             np.asarray(links.indices, dtype=np.intp),
@@ -102,10 +101,6 @@ def kept_of(model: Parts) -> Kept:
         model.photo,
         model.history,
     )
-
-
-def _shifts(part: Map, means: Array | None) -> Array | None:
-    return None if means is None else to_shifts(part, means).astype(float)
 
 
 def model_of(kept: Kept) -> Parts:
@@ -139,12 +134,10 @@ def model_of(kept: Kept) -> Parts:
     for state in kept.history:
         if state.get("frame") is not None:
             Alignment.from_json(state["frame"])
-    means = [
-        None if shift is None else from_shifts(part, shift)
-        for part, shift in ((motor, kept.motor_shifts), (sensory, kept.sensory_shifts))
-    ]
     wiring = Wiring(links.local, links.mutual, links.bandwidth)
-    association = Association(motor, sensory, linked, wiring, *means)
+    association = Association(
+        motor, sensory, linked, wiring, kept.motor_shifts, kept.sensory_shifts
+    )
     smooth = association.linear if body is None else BodyInBox(body, motor.scale)
     wider = kept.bounds if kept.model_bounds is None else kept.model_bounds
     return Parts(

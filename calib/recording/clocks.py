@@ -176,12 +176,12 @@ class ClockPair:
                 q, ahead, behind = (self.joints(at + h) for h in (0.0, _STEP, -_STEP))
                 speed = (ahead - behind) / (2.0 * _STEP)
                 predicted, columns = structure.linearise(q, beta, active)
-                slope = structure.slope(q, beta)
-                apart = np.einsum("nmd,nd->nm", slope, speed) * since[:, None]
+                velocity = np.einsum("nmd,nd->nm", structure.slope(q, beta), speed)
+                apart = velocity * since[:, None]
                 columns = np.concatenate([columns, apart[:, :, None]], axis=2)
                 pull = np.r_[(prior.mean - beta)[active], -clocks.rate]
                 miss = seen - predicted
-                found = estimate_delay(q, speed, miss, slope, columns, precision, pull)
+                found = estimate_delay(miss, velocity, columns, precision, pull)
                 if found is None or not np.isfinite(found[0].value):
                     return None
                 late, change = found

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ..common.arrays import Array
 from ..common.wording import listed
 from ..errors import LogError
-from ..samples.columns import Source, open_source, read_columns, read_texts
+from ..samples.tables import Source, open_source, read_columns
 
 _TIME_COLUMNS = ("time", "timestamp", "stamp", "t", "seconds", "time_s")
 _PICTURE_COLUMNS = ("picture", "image", "file", "filename", "photo")
@@ -67,7 +67,7 @@ def read_joints(
     time = read_columns(source, [time_column])[:, 0] if time_column else None
     pictures = None
     if picture_column:  # one may stand with its folder, of this system or another
-        cells = read_texts(source, [picture_column])[picture_column].to_list()
+        cells = source.read([picture_column])[picture_column].to_list()
         named = (str(cell or "").strip().replace("\\", "/") for cell in cells)
         pictures = [name.rpartition("/")[2] for name in named]
     episode_column = _named(source, _EPISODE_COLUMNS)

@@ -15,7 +15,7 @@ import numpy as np
 from ..arm.rotations import similarity
 from ..common.arrays import Array
 from ..errors import LogError, OptionError
-from ..samples.columns import open_source, read_columns
+from ..samples.tables import open_source, read_columns
 from .board import LEAST_CORNERS, Board
 from .lens import Lens
 from .reference import (

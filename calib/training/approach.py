@@ -29,7 +29,7 @@ def play_of(samples: Samples, scale: Scale, part: SmoothPart) -> Array | None:
         return None  # nothing that rows could show
     few = max(1, -(-len(part.rows) // _ROWS))
     rows = part.rows[::few]
-    smooth, u = part.candidate.smooth, scale.to_unit(samples.q[rows])
+    smooth, u = part.smooth, scale.to_unit(samples.q[rows])
     value, slope = smooth.value_and_slope(u)
     residual = samples.x[rows] - value
     size = np.linalg.norm(residual, axis=1)

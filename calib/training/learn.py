@@ -70,7 +70,7 @@ def associate(
     if options.rule == "online" and kind_of(network) == "som":
         # The links that eq. 5 has made on the way lag behind the maps (30x30 nodes, five passes of
         # 20,000 samples: `activity` 9.2 mm); kept are those at which it comes to rest (2.9 mm).
-        pair = som(0, "motor").developed((u, v), (scale, seen), shapes, tell).association
+        pair = som(0, "motor").developed((u, v), (scale, seen), shapes, tell)
         motor, sensory = pair.motor, pair.sensory
     else:
         # steps of a few samples hold the interpreter's lock: two threads would fight for it

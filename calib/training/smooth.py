@@ -23,7 +23,8 @@ from ..common.arrays import Array
 from ..common.choices import VIEWS
 from ..common.scale import METRES, Scale
 from ..errors import OptionError
-from ..maps.model_selection import SmoothCandidate, misfit, of_body
+from ..maps.model_selection import misfit
+from ..maps.predictor import BodyInBox
 from ..samples.samples import Samples
 from .options import TrainingOptions
 
@@ -41,7 +42,7 @@ _IMAGINED = 5  # samples for each motor node
 class SmoothPart:
     """What stands under the local models."""
 
-    candidate: SmoothCandidate  # the body, and what it leaves over
+    smooth: BodyInBox  # the body, of the joints' unit box
     fit: BodyFit
     rows: NDArray[np.intp]  # (k,), rows of the samples that it rests on
     notes: tuple[str, ...] = ()  # what the user should be told besides the notes of the fit
@@ -67,7 +68,7 @@ def find_smooth_part(samples: Samples, *, view: str = "auto", seed: int) -> Smoo
     told = warnings_of(q, samples.joint_names, samples.revolute, travel)
     found = replace(found, notes=(*told, *found.notes))
     scale = Scale.of_range(samples.lower, samples.upper, samples.revolute)
-    part = SmoothPart(of_body(found, scale, scale.to_unit(q), x), found, rows)
+    part = SmoothPart(BodyInBox(found.body, scale), found, rows)
     extent = float(np.linalg.norm(np.ptp(x, axis=0)))
     if part.error <= NO_ARM * extent or samples.simulation is not None:
         return part
@@ -106,7 +107,7 @@ def _fit_in_plane(samples: Samples, rows: NDArray[np.intp], view: str, seed: int
 def wrong_around(part: SmoothPart, scale: Scale, samples: Samples, u: Array) -> Array | None:
     """How wrong (k,) the body is around points `u` (k, dof), None within noise."""
     q, extent = samples.q[part.rows], float(np.linalg.norm(np.ptp(samples.x[part.rows], axis=0)))
-    return misfit(scale, scale.to_unit(q), part.candidate.held_out, extent, u)
+    return misfit(scale, scale.to_unit(q), part.fit.held_out, extent, u)
 
 
 def taught(samples: Samples, part: SmoothPart | None, options: TrainingOptions) -> bool:
@@ -137,7 +138,7 @@ def to_learn(
         every = -(-len(u) // _LEARNED_ROWS)
         rng = np.random.default_rng(options.stream("imagined"))
         drawn = rng.random((_IMAGINED * math.prod(options.shapes[0]), u.shape[1]))
-        seen = part.candidate.smooth.value(drawn)
+        seen = part.smooth.value(drawn)
         u, x = np.concatenate([u[::every], drawn]), np.concatenate([x[::every], seen])
     return u, x, wrong_around(part, scale, samples, u)
 

@@ -16,6 +16,7 @@ from ..errors import LogError
 from ..model.model import Model
 from ..samples.alignment import aligned, rows_behind
 from ..samples.delays import Delay, Trajectory, estimate_delay
+from ..samples.joint_values import directions
 from ..samples.samples import Samples
 from ..samples.settings import FAR_BETTER, FEWEST_ROWS
 from ..samples.wrong_rows import contradicting_corner, contradictions
@@ -52,7 +53,7 @@ def fit_sound_rows(
     notes += told + _other_order(samples, part, fit)
 
     def residual() -> Array:
-        return samples.x - part.candidate.smooth.value(scale.to_unit(samples.q))
+        return samples.x - part.smooth.value(scale.to_unit(samples.q))
 
     kept, told = contradictions(samples, residual())
     if not kept.all():
@@ -175,9 +176,12 @@ def _delay(
         seen, slope = structure.predict_and_slope(q, beta)
         columns = structure.linearise(q, beta, active)[1]
         speed = Trajectory(motion.time[some][known], q, motion.unit).velocity
-        residual, pull = structure.residual(x, seen), (prior.mean - beta)[active]
-        precision = prior.sd[active] ** -2.0
-        found = estimate_delay(q, speed, residual, slope, columns, precision, pull, motion.unit)
+        found = estimate_delay(
+            structure.residual(x, seen), np.einsum("nmk,nk->nm", slope, speed), columns,
+            prior.sd[active] ** -2.0, (prior.mean - beta)[active],
+            play=slope * directions(q)[:, None],  # joints with play err by their direction
+            unit=motion.unit,
+        )  # fmt: skip
         if found is None:
             return None
         step, change = found

@@ -16,7 +16,7 @@ from ..body.touch import Touch, TouchFit, fit_touches, restated
 from ..common.arrays import Mask
 from ..common.scale import Scale
 from ..errors import LogError
-from ..maps.model_selection import of_body
+from ..maps.predictor import BodyInBox
 from ..model.model import Model
 from ..samples.samples import Samples
 from ..samples.wrong_rows import row_numbers
@@ -109,8 +109,7 @@ def fit_sockets(samples: Samples, scale: Scale, seed: int) -> tuple[Samples, Smo
         )
     x = np.where(touched[:, None], found.points[touch.number], samples.x)
     samples = replace(samples, x=x).take(kept)
-    u = scale.to_unit(samples.q)
-    part = SmoothPart(of_body(found.fit, scale, u, samples.x), found.fit, np.arange(len(u)))
+    part = SmoothPart(BodyInBox(found.fit.body, scale), found.fit, np.arange(len(samples)))
     return samples, part, notes
 
 

@@ -132,7 +132,8 @@ def _learned(samples: Samples, options: TrainingOptions, progress: Progress) -> 
     selected = None
     predictor = Predictor(motor, association.linear, NO_MODELS)
     if part is not None:
-        selected = select(motor, u[part.rows], part.candidate)
+        some = part.rows
+        selected = select(motor, u[some], samples.x[some], part.smooth, part.fit.held_out)
         predictor = selected.predictor
 
     begin(0.8, "evaluation")
@@ -148,8 +149,8 @@ def _learned(samples: Samples, options: TrainingOptions, progress: Progress) -> 
         errors = tested.errors[model.default_readout]
         bounds = node_bounds(model, u_known, np.arange(len(u_known)), errors)
     model = replace(model, bounds=bounds[0], model_bounds=bounds[1])
-    some = slice(None, None, max(1, len(samples) // _TESTED))
-    miss = np.linalg.norm(predictor.value(u[some]) - samples.x[some], axis=1)
+    thin = slice(None, None, max(1, len(samples) // _TESTED))
+    miss = np.linalg.norm(predictor.value(u[thin]) - samples.x[thin], axis=1)
     baseline = learn_baseline(association, u_known, x_known, miss)
     if part is None and samples.simulation is None:
         baseline = replace(baseline, paths=Paths.of(motor, baseline.motor, u_known))

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Annotated
 
 from typer import Argument, Option
 
-from calib.common.wording import for_people
 from calib.model.facts import size_in_words
 
 from .. import options as opt
@@ -30,7 +29,7 @@ from ..samples import (
 from ..summary import accuracy, advice, error_table, found_by_body, summary
 
 if TYPE_CHECKING:
-    from calib import Model, Samples
+    from calib import Samples
 
 
 def train(
@@ -78,7 +77,7 @@ def train(
     how = calib.TrainingOptions(*sizes, map, rule, epochs, sigma, body=body, view=view, seed=seed)
     with progress_bar(log.unit) as progress:
         model = calib.train(log, how, progress=progress)
-    say([*model.about.notes, *_unexplained(model, log)])
+    say(model.about.notes)
     if no_rows:
         model = replace(model, rows=None)
     if photo is not None:
@@ -88,32 +87,18 @@ def train(
     model.save(path)
     about = model.about
     simulated = about.source == "simulation"
+    stated = log.source.get("noise") if log.source.get("unit") == about.unit else None
     what = "fresh exact samples" if simulated else "rows held out in blocks of the log"
     lines = [
         accuracy(model, about.errors, about.within, f"{about.tested} {what}", about.left_out),
         *found_by_body(model),
-        *advice(model, about.errors),
+        *advice(model, about.errors, stated),
         f"{path}: {about.options['map']}, {size_in_words(model)}, {about.samples} "
         f"{'samples' if simulated else 'rows'}, "
         f"{model.seconds['total']:.2f} s, {Path(path).stat().st_size / 1e6:.2f} MB",
     ]
     table = error_table(model, about.errors, f"errors on {what}")
     return Outcome(summary(model, path, about.errors, model.seconds), lines, [table])
-
-
-def _unexplained(model: Model, log: Samples) -> list[str]:
-    """Tell of rows that are predicted far worse than their log says that they were measured."""
-    # only a log of pictures states how well its rows were measured
-    stated, unit = log.source.get("noise"), model.about.unit
-    left = next(iter(model.about.errors.values()))["forward"]["distance"]["mean"]
-    if not isinstance(stated, float) or log.source.get("unit") != unit or left < 10.0 * stated:
-        return []
-    factor, name = for_people(unit)
-    return [
-        f"rows are predicted to {factor * left:.2g} {name} and were measured to "
-        f"{factor * stated:.2g} {name}: too few rows, or something moved that no joint tells, such "
-        "as a camera that refocuses, a loose tag or play"
-    ]
 
 
 def _check_same_origin(path: str, log: Samples) -> None:

@@ -1,4 +1,4 @@
-"""Self-motions: solutions of redundant joints that one of them connects are one answer."""
+"""Families: solutions of redundant joints that a self-motion connects are one answer."""
 
 from __future__ import annotations
 
