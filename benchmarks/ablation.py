@@ -125,7 +125,7 @@ class Ground:
         samples = case.samples
         scale = Scale.of_range(samples.lower, samples.upper, samples.revolute)
         part = find_smooth_part(samples, seed=seed)
-        wrong = wrong_around(part, scale, samples, scale.to_unit(samples.q))
+        wrong = wrong_around(part, samples, scale.to_unit(samples.q))
         return Ground(scale, part, wrong)
 
 

@@ -20,7 +20,7 @@ from typer.main import get_command
 from calib.common.wording import one_line
 from calib.errors import CalibError
 
-from .output import NO, as_typed, begin, note, option_of, print_json, rendered, silence
+from .output import NO, as_typed, note, option_of, print_json, rendered, silence
 
 COMMANDS = {
     "robots": "List the bundled robots.",
@@ -99,7 +99,6 @@ class CalibGroup(TyperGroup):
         self, args: Any = None, *, standalone_mode: bool = True, **more: Any
     ) -> Any:
         """Run a command line; see `typer.core.TyperGroup.main` for the parameters."""
-        begin()
         try:
             # not standalone: Typer would print its own errors in several lines and exit
             code = super().main(args, standalone_mode=False, **more)

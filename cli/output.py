@@ -90,22 +90,16 @@ class TextTable:
         """Return the table as plain text, its columns aligned; too wide a line for each cell."""
         # names from a file may hold control characters
         cells = [[printable(cell) for cell in row] for row in (self.header, *self.rows)]
-        widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
-        if sum(widths) + 2 * len(widths) > _WIDTH:
-            wide = max(map(len, cells[0]))
-            lines = [
-                f"{name:<{wide}}  {cell}"
-                for row in cells[1:]
-                for name, cell in zip(cells[0], row, strict=True)
-            ]
-        else:
-            lines = [
-                "  ".join(
-                    cell.ljust(width) if k < self.left else cell.rjust(width)
-                    for k, (cell, width) in enumerate(zip(row, widths, strict=True))
-                ).rstrip()
-                for row in cells
-            ]
+        left, columns = self.left, list(zip(*cells, strict=True))
+        if sum(2 + max(map(len, column)) for column in columns) > _WIDTH:
+            left, names = 2, cells[0]
+            cells = [[*pair] for row in cells[1:] for pair in zip(names, row, strict=True)]
+            columns = list(zip(*cells, strict=True))
+        forms = [f"{'<' if k < left else '>'}{max(map(len, c))}" for k, c in enumerate(columns)]
+        lines = [
+            "  ".join(format(*pair) for pair in zip(row, forms, strict=True)).rstrip()
+            for row in cells
+        ]
         title = [printable(self.title)] if self.title else []
         return [*title, *lines, *textwrap.wrap(printable(self.foot), _WIDTH)]
 
@@ -179,6 +173,7 @@ def rendered(command: Callable[..., Outcome]) -> Callable[..., None]:
         if as_json and streamed:
             raise BadOption("--json and '-' both want standard output: expected one of them")
         _Spoken.quiet = quiet
+        _Spoken.notes.clear()
         for name, kind in groups.items():
             typed[name] = kind(**{part: typed.pop(part) for part in signature(kind).parameters})
         outcome = command(**typed)
@@ -190,16 +185,10 @@ def rendered(command: Callable[..., Outcome]) -> Callable[..., None]:
 
 
 class _Spoken:
-    """What one command line has said on standard error."""
+    """What the command line at hand has said on standard error."""
 
     quiet = False
     notes: ClassVar[set[str]] = set()
-
-
-def begin() -> None:
-    """Forget what an earlier command line of this process has said."""
-    _Spoken.quiet = False
-    _Spoken.notes.clear()
 
 
 def say(notes: Iterable[str]) -> None:

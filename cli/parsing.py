@@ -85,31 +85,30 @@ class _Value:
             return one_of(get_args(self._kind))(text)
         if self._kind not in (int, float):
             return text
-        least, most = self._info.min, self._info.max
-        told = "a whole number" if self._kind is int else "a number"
-        told += f", {'zero' if least == 0 else least} or more" if least is not None else ""
-        told += f", at most {most}" if most is not None else ""
+        least, most, whole = self._info.min, self._info.max, self._kind is int
+        told = "a whole number" if whole else "a number"
+        told += "" if least is None else f", {least or 'zero'} or more"
+        told += "" if most is None else f", at most {most}"
         low, high = -math.inf if least is None else least, math.inf if most is None else most
-        number = whole_number if self._kind is int else finite_number
-        return reader(told, number, lambda value: low <= value <= high)(text)
+        read = whole_number if whole else finite_number
+        return reader(told, read, lambda value: low <= value <= high)(text)
 
 
 # Typer has no public way; of 0.26, which reads plainly itself, it is no name
 typer.core.build_runtime_param = _Value  # type: ignore[attr-defined, assignment]
 
 
+def finite_number(text: str, kind: type[float] = float) -> float:
+    """Return a finite number as a plain user would write it, else raise ValueError."""
+    # Python also takes 1_0 and other digits
+    if not text.isascii() or "_" in text or not math.isfinite(number := kind(text)):
+        raise ValueError(text)
+    return number
+
+
 def whole_number(text: str) -> int:
     """Return a whole number as a plain user would write it, else raise ValueError."""
-    if not text.isascii() or "_" in text:  # Python also takes 1_0 and other digits
-        raise ValueError(text)
-    return int(text)
-
-
-def finite_number(text: str) -> float:
-    """Return a finite number as a plain user would write it, else raise ValueError."""
-    if not text.isascii() or "_" in text or not math.isfinite(float(text)):
-        raise ValueError(text)
-    return float(text)
+    return int(finite_number(text, int))
 
 
 def any_number(text: str) -> float:
@@ -188,7 +187,7 @@ joint_range = reader(
 height = reader(
     "a height of the base frame in m such as z=0.02", _named, lambda found: found[0] == "z"
 )
-offset_or_auto = reader(
+seconds = reader(
     "a number of seconds, or auto",
     lambda text: None if text.strip() == "auto" else finite_number(text),
 )
@@ -203,9 +202,7 @@ def check_file(
     if path is None or (stream and path == "-"):
         return
     if path == "-":
-        raise BadOption(f"{option} '-': expected a file name", option, path)
-    ending = Path(path).suffix.lower()
-    if endings and ending and ending not in endings:
-        expected = f"{option} {path!r}: expected a name that ends in {' or '.join(endings)}"
-        raise BadOption(f"{expected}, which is what is written", option, path)
+        raise bad_option(option, path, "a file name")
+    if endings and Path(path).suffix and not path.lower().endswith(endings):
+        raise bad_option(option, path, f"a name that ends in {' or '.join(endings)}")
     check_writable(path)

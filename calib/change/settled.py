@@ -20,9 +20,9 @@ from ..maps.local_models import NO_MODELS
 from ..maps.map import Map
 from ..maps.model_selection import blocks, select
 from ..maps.predictor import BodyInBox, Predictor
-from ..model.measured import Rows
+from ..model.about import Rows
 from ..model.model import Model
-from ..training.held_out import node_bounds
+from ..training.bounds import node_bounds
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
@@ -83,6 +83,6 @@ def settled_model(
         visited=np.bincount(motor.nearest(u)[1][:, 0], minlength=motor.size) > 0,
         rows=Rows.of(scale.from_unit(u), x) if model.rows is not None else None,
     )
-    reading, position = node_bounds(made, u, rows, errors)
+    reading, position = node_bounds(made, u[rows], errors)
     true = model.about.bound_of == "true position"
     return replace(made, bounds=position if true else reading, model_bounds=position)

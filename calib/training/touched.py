@@ -14,14 +14,13 @@ from ..body.spatial import SpatialStructure, structure_of
 from ..body.spatial_view import InSpace
 from ..body.touch import Touch, TouchFit, fit_touches, restated
 from ..common.arrays import Mask
-from ..common.scale import Scale
 from ..errors import LogError
 from ..maps.predictor import BodyInBox
 from ..model.model import Model
 from ..samples.samples import Samples
 from ..samples.wrong_rows import row_numbers
 from .evaluate import in_sockets
-from .smooth import SmoothPart
+from .smooth import SmoothPart, unit_box
 
 _MOST = 0.25  # share of rows that may be wrong
 _FEW = 12  # touches that tell an arm in space at least
@@ -33,7 +32,7 @@ _NATS = 5.0  # of evidence for a change
 _GAUGE = 1e-6  # [m or rad] of what no touch tells, and of what a belief holds for exact
 
 
-def fit_sockets(samples: Samples, scale: Scale, seed: int) -> tuple[Samples, SmoothPart, list[str]]:
+def fit_sockets(samples: Samples, seed: int) -> tuple[Samples, SmoothPart, list[str]]:
     """Fit arm and sockets; rows that are not in theirs are left out.
 
     Returns the samples with their sockets' places as positions: in the arm's base frame, or in the
@@ -109,7 +108,8 @@ def fit_sockets(samples: Samples, scale: Scale, seed: int) -> tuple[Samples, Smo
         )
     x = np.where(touched[:, None], found.points[touch.number], samples.x)
     samples = replace(samples, x=x).take(kept)
-    part = SmoothPart(BodyInBox(found.fit.body, scale), found.fit, np.arange(len(samples)))
+    smooth = BodyInBox(found.fit.body, unit_box(samples))
+    part = SmoothPart(smooth, found.fit, np.arange(len(samples)))
     return samples, part, notes
 
 

@@ -68,7 +68,7 @@ def urdf(
             f"offsets and placements leave {rms} unexplained, more than {MOST_UNEXPLAINED:.0%}: "
             "nothing was written; check the joints, the tip and the unit of the log, and --view"
         )
-        return Outcome(document, [_table(geometry)], result=(), code=NO)
+        return Outcome(document, [_table(geometry)], code=NO)
     before = sized(geometry.before, geometry.unit)
     line = f"{output}: residual {rms}, with the nominal URDF {before}"
     return Outcome(document, [line, _table(geometry)])
@@ -166,4 +166,4 @@ def export(
         ascii_alone = name == "output" and lerobot is None
         atomic_write(paths[name], text.encode(*(("ascii", "replace") if ascii_alone else ())))
     lines = [f"{path}: {made[name][1]}" for name, path in paths.items()]
-    return Outcome(document | paths, lines, result=lines)
+    return Outcome(document | paths, lines)

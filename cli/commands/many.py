@@ -146,7 +146,7 @@ def reproduce(
     document["seconds"] = time.perf_counter() - started
     document["files"] = sorted(str(path) for path in folder.iterdir())
     line = f"{output}: {len(document['files'])} files, {document['seconds']:.0f} s"
-    return Outcome(document, [*shown, line], result=[line])
+    return Outcome(document, [line, *shown])
 
 
 def _run(name: str, setting: Setting, folder: Path) -> tuple[str, Result]:

@@ -44,7 +44,7 @@ def report(
             path = folder / f"{name}.png"
             atomic_write(path, to_png(figure))
             lines.append(str(path))
-    return Outcome({"output": output, "png": png}, lines, result=lines)
+    return Outcome({"output": output, "png": png}, lines)
 
 
 def preview(
