@@ -80,7 +80,7 @@ def test_the_samples_carry_what_draws_fresh_exact_ones(arm):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"n": 0}, "samples is 0, expected 1 to"),
+        ({"n": 0}, "samples is 0, expected a whole number, 1 to"),
         ({"n": MAX_SAMPLES + 1}, "10,000,000"),
         ({"n": True}, "samples is True, expected a whole number"),
         ({"seed": -1}, "seed is -1"),
