@@ -156,20 +156,16 @@ def held_of(body: Body) -> Held:
     """What is in the hand, as the belief of `fit_corners` knows it."""
     structure = body.structure
     assert isinstance(structure, SpatialStructure)  # noqa: S101 - corners are seen in space
-    groups, still, q = structure.groups, structure.with_view("base"), np.zeros((1, structure.dof))
-    tool = np.concatenate([groups["tool"], groups["tool.rotation"]])
+    groups, q = structure.groups, np.zeros((1, structure.dof))
+    tool, tool_turn = groups["tool"], groups["tool.rotation"]
     last = structure.chain_names.index(structure.joint_names[-1])
-    (at,), (frame,) = still.pose(q, structure.neutral())
+    (at,), (frame,) = structure.with_view("base").pose(q, structure.neutral())
     axis = frame.T @ structure.chain.axes[last]
     origin = frame.T @ (structure.chain.points[last] - at)
     along = structure.shifts[last], structure.turns[last], groups["offset"][-1:]
 
     def placed(beta: Array) -> tuple[Array, Array]:
-        bare = beta.copy()
-        bare[tool] = 0.0
-        (p,), (turn,) = still.pose(q, beta)
-        (p0,), (turn0,) = still.pose(q, bare)
-        return turn0.T @ (p - p0), turn0.T @ turn
+        return beta[tool], exponential(beta[tool_turn])
 
     def as_encoded(beta: Array) -> tuple[Array, Array]:
         """Carried by the last joint as it is drawn, whose own deviation goes to the hand."""
@@ -181,7 +177,7 @@ def held_of(body: Body) -> Held:
         back = exponential(turned * axis)
         return origin + back @ (position - origin) + slid * axis, back @ turn
 
-    free = np.intersect1d(np.concatenate([tool, *along]), body.active)
+    free = np.intersect1d(np.concatenate([tool, tool_turn, *along]), body.active)
     place = np.searchsorted(body.active, free)
     covariance = body.covariance[np.ix_(place, place)]
     found = []

@@ -8,8 +8,8 @@ an arm in space it was 2.6 % worse on a real UR10 (.2013 for .1962 mm).  Elastic
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import product
 
@@ -22,12 +22,13 @@ from ..errors import OptionError
 from . import settings
 from .curves import curve_shape
 from .measurement import Moved
-from .nominal import Nominal
+from .nominal import Complex, Nominal, linear_chain, sides
 from .parameters import Block, Hyper, Indices
 from .planar_view import PlanarReading
 from .structure import Ladder, Structure
 from .views import PLANAR
 
+_MOST = 16  # combinations of signs and mirrors that are refined
 _UP = np.array([0.0, 0.0, 1.0])
 
 
@@ -203,6 +204,59 @@ class PlanarStructure(Structure):
             ("curves and elastic", (*chain, "elastic", "curve"), turns),
         )
         return tuple((name, groups) for name, groups, wanted in ladder if wanted)
+
+    def starts(self, q: Array, z: Array) -> list[tuple[Structure, Array]]:
+        """Candidates of signs, mirror and parameters (d,), the best linear fits first.
+
+        With a nominal geometry its own signs come first; every combination is tried where the view
+        is not metric (a camera says nothing of the servos) or where the nominal signs do not fit.
+        """
+        tip = z[:, 0] + 1j * z[:, 1]
+        found = [each.linear(q, tip) for each in self._sided(every=self.scaled)]
+        best = min(error for error, _, _ in found)
+        if self.nominal and not self.scaled and best > settings.DOUBTED * self.extent:
+            found += [each.linear(q, tip) for each in self._sided(every=True)]
+        found.sort(key=lambda item: item[0])
+        return [(each, beta) for _, each, beta in found[:_MOST]]
+
+    def _sided(self, *, every: bool) -> Iterator[PlanarStructure]:
+        """The structure with each combination of signs and mirrors that may differ."""
+        nominal = self.nominal
+        pairs: Iterable[tuple[tuple[int, ...], int]] = sides(self.revolute)
+        if nominal is not None:
+            mirrors = (nominal.mirror,) if self.view == "base" else (1, -1)
+            flips = product((1, -1) if every else (1,), repeat=self.dof)
+            signs = [tuple(np.multiply(nominal.signs, flip).tolist()) for flip in flips]
+            pairs = product(signs, mirrors)
+        for signed, mirror in pairs:
+            yield replace(self, signs=signed, mirror=mirror)
+
+    def linear(self, q: Array, tip: Complex) -> tuple[float, PlanarStructure, Array]:
+        """Error, structure and parameters of the best similarity of the chain to tips (n,)."""
+        beta, groups = self.neutral(), self.groups
+        if self.nominal is not None:
+            if self.view != "base":  # the rotation, scale and shift that fit its chain best
+                place = self.seen(q, beta)[0].position
+                p = place[0] + 1j * self.mirror * place[1]
+                t = np.vdot(p - p.mean(), tip) / (np.vdot(p - p.mean(), p).real + 1e-300)
+                scale = np.log(max(abs(t), 1e-12)) if self.scaled else 0.0
+                shift = np.mean(tip - np.exp(scale + 1j * np.angle(t)) * p)
+                beta[groups["view.rotation"]], beta[groups["view.scale"]] = np.angle(t), scale
+                beta[groups["view.shift"]] = shift.real, shift.imag
+            miss = np.abs(tip - self.predict(q, beta) @ (1, 1j))
+            return float(np.sqrt(np.mean(miss**2))), self, beta
+        found, miss = linear_chain(q, tip, self.signs, self.mirror, self.revolute)
+        beta[groups["offset"]], beta[groups["view.rotation"]] = found.offsets, found.rotation
+        beta[groups["view.shift"]] = found.shift
+        turning, sizes = np.asarray(self.revolute), np.asarray(found.lengths)
+        if self.scaled:
+            slides = sizes[~turning]
+            unit = float(sizes[0] if self.anchored else np.exp(np.mean(np.log(slides + 1e-300))))
+            unit = max(unit, 1e-9 * self.extent)
+            beta[groups["view.scale"]] = np.log(unit)
+            sizes = sizes / unit
+        beta[groups["length"]] = np.where(turning, sizes, 0.0)
+        return float(np.sqrt(np.mean(miss**2))), self, beta
 
 
 def planar_structure(

@@ -14,9 +14,9 @@ import numpy as np
 
 from ..body.covariance import root_of
 from ..body.fit import Fit
-from ..body.likeness import lengths_of, matern
 from ..body.parameters import Indices, Prior
 from ..body.settings import STUDENT
+from ..body.telling import lengths_of, matern
 from ..common.arrays import Array, Mask
 from ..common.rows import thinned
 from .frame import Reference
