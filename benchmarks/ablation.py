@@ -125,7 +125,7 @@ class Ground:
         samples = case.samples
         scale = Scale.of_range(samples.lower, samples.upper, samples.revolute)
         part = find_smooth_part(samples, seed=seed)
-        wrong = wrong_around(part, scale, samples, scale.to_unit(samples.q))
+        wrong = wrong_around(part, samples, scale.to_unit(samples.q))
         return Ground(scale, part, wrong)
 
 
@@ -141,8 +141,8 @@ def train_on(case: Case, ground: Ground, network: str, side: int, seed: int) -> 
     started = time.perf_counter()
     pair = associate(scale, u, samples.x, options, wrong)
     seconds, motor = time.perf_counter() - started, pair.motor
-    selected = select(motor, u[part.rows], part.candidate)
-    smooth = part.candidate.smooth
+    smooth, rows = part.smooth, part.rows
+    selected = select(motor, u[rows], samples.x[rows], smooth, part.fit.held_out)
     alone = pair
     if (
         wrong is not None and network == "vdsom:residual"

@@ -23,7 +23,6 @@ import calib
 from calib.body.fit import maximise
 from calib.body.spatial import structure_of
 from calib.body.touch import Touch
-from calib.common.scale import Scale
 from calib.samples.samples import Samples
 from calib.training.touched import fit_sockets
 
@@ -102,8 +101,7 @@ def load(folder: Path, name: str) -> tuple[calib.PlanarArm, Samples, list[np.nda
 
 def learned(log: Samples) -> object:
     """The belief that touches give."""
-    scale = Scale.of_range(log.lower, log.upper, log.revolute)
-    return fit_sockets(log, scale, 0)[1].fit.body
+    return fit_sockets(log, 0)[1].fit.body
 
 
 def places(folder: Path) -> None:

@@ -39,10 +39,9 @@ if TYPE_CHECKING:
     from .maps.density import Visit as Visit
     from .maps.map import Map as Map
     from .maps.som import SOM as SOM
-    from .maps.som import Pair as Pair
     from .model.answers import Answer as Answer
+    from .model.answers import Path as Path
     from .model.model import Model as Model
-    from .model.paths import Path as Path
     from .model_file.loading import load as load
     from .recording.handeye import HandEye as HandEye
     from .recording.handeye import handeye as handeye
@@ -85,8 +84,7 @@ _HOME = {
     "ModelError": "errors",
     "Monitor": "change.monitor",
     "OptionError": "errors",
-    "Pair": "maps.som",
-    "Path": "model.paths",
+    "Path": "model.answers",
     "Plan": "use.plan",
     "PlanarArm": "arm.arm",
     "Preview": "show.preview.server",

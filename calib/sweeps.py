@@ -133,7 +133,7 @@ def sweep(
         for row in _side_by_side(tasks, jobs):
             rows.append(row)
             if progress is not None:
-                told = f"{len(rows)} of {len(tasks)} trainings"
+                told = f"{len(rows)} of {count} trainings"
                 progress(len(rows) / count, told, row.distance("local", "forward", "mean"))
     return Sweep(tuple(rows))
 

@@ -16,6 +16,7 @@ import calib
 from calib.common.wording import for_people
 from calib.samples.tables import Batch, read_batch, write_table
 
+from .options import Asking
 from .output import NO, Outcome, TextTable, fixed, note, say
 from .parsing import TABLES, BadOption, check_file
 from .units import JointFormat, PositionFormat, units_of
@@ -23,6 +24,7 @@ from .units import JointFormat, PositionFormat, units_of
 BOUNDS = ("expected_error", "model_error")
 UP_TO_SCALE = "expected_error_up_to_scale"
 """Key and column of a bound in a camera's base frame that leaves out the arm's size."""
+TURN = ("qx", "qy", "qz", "qw")
 _LENGTHS = ("x", "y", "z", "distance", *BOUNDS, UP_TO_SCALE)  # have the unit of the positions
 _TOLD = 10  # so many rows are named at most
 
@@ -31,82 +33,60 @@ class Query:
     """A model that is asked, and how its joints and positions are typed and printed."""
 
     def __init__(
-        self,
-        path: str,
-        degrees: bool,
-        frame: str,
-        unit: str | None,
-        typed: Sequence[float],
-        input_: str | None,
-        columns: object,
-        output: str | None,
+        self, path: str, asking: Asking, frame: str = "sensor", typed: Sequence[float] = ()
     ) -> None:
-        if input_ is not None and typed:
-            raise BadOption(f"--input {input_!r} and {len(typed)} values: expected one of them")
-        for option, value in (("--output", output), ("--columns", columns)):
-            if value is not None and input_ is None:
-                raise BadOption(f"{option} is for many queries: expected --input FILE too")
-        check_file(output, TABLES, stream=True)
-        self.model, self.frame = calib.load(path), frame
-        about = self.model.about
-        self.joints = JointFormat(about, degrees)
-        self.positions = PositionFormat(about, frame, unit)
-        base = frame == "base"
-        units = units_of(about) | {"positions": self.positions.unit}
-        bound = "true position" if base else about.bound_of
-        told = {"unit": self.positions.unit, "bound_of": bound, "units": units}
+        if asking.input_ is not None and typed:
+            raise BadOption(f"--input {asking.input_!r} and {len(typed)} values: expected one")
+        for name in ("output", "columns"):
+            if getattr(asking, name) is not None and asking.input_ is None:
+                raise BadOption(f"--{name} is for many queries: expected --input FILE too")
+        check_file(asking.output, TABLES, stream=True)
+        self.model, self.frame, self.asking = calib.load(path), frame, asking
+        about, base = self.model.about, frame == "base"
+        self.joints = JointFormat(about, asking.degrees)
+        self.positions = PositionFormat(about, frame, asking.unit)
+        self.axes = ("x", "y", "z") if base else self.model.axes
         # what the numbers of an answer mean, for JSON
-        self.meaning: dict[str, Any] = {"frame": frame, **told} if base else told
+        self.meaning: dict[str, Any] = {"frame": frame} if base else {}
+        self.meaning["unit"] = self.positions.unit
+        self.meaning["bound_of"] = "true position" if base else about.bound_of
+        self.meaning["units"] = units_of(about) | {"positions": self.positions.unit}
         # of a simulation, and in the base frame, both bounds are the same: one is printed
         self.bounds = BOUNDS if about.source == "log" and not base else BOUNDS[:1]
 
-    def documents(self, q: Any, **quantities: Any) -> list[dict[str, Any]]:
-        """Return a document for each answer, of joints (n, dof) and quantities of n rows each."""
-        rows = zip(q, *quantities.values(), strict=True)
-        return [
-            {"joints": dict(zip(self.joints.names, of, strict=True))}
-            | dict(zip(quantities, row, strict=True))
-            for of, *row in rows
-        ]
+    def document(self, q: Sequence[float], **quantities: Any) -> dict[str, Any]:
+        """Return one answer, of joints (dof,) [rad or m] and whatever is told of them."""
+        return {"joints": dict(zip(self.joints.names, q, strict=True)), **quantities}
 
     def table(
-        self,
-        found: Sequence[Mapping[str, Any]],
-        axes: Sequence[str],
-        quantities: Sequence[str],
-        title: str = "",
+        self, found: Sequence[Mapping[str, Any]], quantities: Sequence[str], title: str = ""
     ) -> TextTable:
         """Return answers, one line each, an angle in deg, all else in the positions' unit."""
         length = (self.positions.factor, self.positions.shown)
         by = {name: for_people("rad") if name == "turned" else length for name in quantities}
-        header = [*self.joints.header, *(f"{axis} [{length[1]}]" for axis in axes)]
+        header = [*self.joints.header, *(f"{axis} [{length[1]}]" for axis in self.axes)]
         header += [f"{name.replace('_', ' ')} [{shown}]" for name, (_, shown) in by.items()]
         rows = [
             [
                 *self.joints.cells(list(answer["joints"].values())),
                 *(fixed(value * length[0], 4) for value in answer["position"]),
-                *(fixed(float(answer[name]) * size, 4) for name, (size, _) in by.items()),
+                *(fixed(answer[name] * size, 4) for name, (size, _) in by.items()),
             ]
             for answer in found
         ]
         return TextTable(header, rows, title, left=0)
 
-    def read(
-        self,
-        source: str,
-        names: Sequence[str],
-        columns: Mapping[str, str] | None,
-        more: Sequence[Sequence[str]] = (),
-    ) -> Batch:
-        """Read a table of queries; its positions come in the model's unit."""
-        batch = read_batch(source, names, more, columns or {})
+    def read(self, names: Sequence[str], more: Sequence[Sequence[str]] = ()) -> Batch:
+        """Read the table of queries; its positions come in the model's unit."""
+        if self.asking.input_ is None:
+            raise BadOption("--input FILE is missing: expected a table of queries")
+        batch = read_batch(self.asking.input_, names, more, self.asking.columns or {})
         lengths = [name in _LENGTHS and name not in self.joints.names for name in batch.names]
         return replace(batch, values=batch.values / np.where(lengths, self.positions.typed, 1.0))
 
     def write(
         self,
         columns: Mapping[str, Any] | None,
-        output: str | None,
         *,
         key: str = "answers",
         code: int = 0,
@@ -114,7 +94,8 @@ class Query:
         **told: Any,
     ) -> Outcome:
         """Write a table of answers, None for no table, and tell what goes with it."""
-        to_file, by = output not in (None, "-"), self.positions.typed
+        output, by = self.asking.output, self.positions.typed
+        to_file = output not in (None, "-")
         document = {"output": (columns and output) if to_file else None, **told}
         if columns is None:
             return Outcome(document, lines, code=code)
@@ -130,30 +111,23 @@ class Query:
         return Outcome(document, lines, result=(), columns=written, code=code)
 
     def answer(
-        self,
-        batch: Batch,
-        added: Mapping[str, NDArray[Any]],
-        refused: Sequence[int],
-        why: str,
-        output: str | None,
-        n: int | None = None,
+        self, batch: Batch, added: Mapping[str, Any], refused: Sequence[int], why: str, n: int
     ) -> Outcome:
-        """Write the answers to a batch and say which rows have none."""
-        invalid, n = batch.invalid, len(batch.values) if n is None else n
+        """Write the answers to a batch of `n` rows, and say which rows have none."""
         say(batch.notes(list(added)))
-        say_rows(invalid, n, "not all values are numbers, no answer")
+        say_rows(batch.invalid, n, "not all values are numbers, no answer")
         say_rows(refused, n, why)
-        code = 1 if invalid else NO if refused else 0
-        told = {"rows": n, "invalid": invalid, "out_of_reach": refused, **self.meaning}
-        return self.write(batch.answered(added), output, code=code, **told)
+        code = 1 if batch.invalid else NO if refused else 0
+        told = {"rows": n, "invalid": batch.invalid, "out_of_reach": refused, **self.meaning}
+        return self.write(batch.answered(added), code=code, **told)
 
 
 def over_all_rows(valid: NDArray[np.bool_], columns: Mapping[str, Any]) -> dict[str, NDArray[Any]]:
     """Columns (n,) with values where rows are `valid` (n,); the others are NaN, or not reached."""
-    found = {name: np.full(len(valid), np.nan) for name in columns}
-    if "reachable" in found:
-        found["reachable"] = np.zeros(len(valid), dtype=np.int64)
+    found: dict[str, NDArray[Any]] = {}
     for name, column in columns.items():
+        truths = name == "reachable"
+        found[name] = np.full(len(valid), 0 if truths else np.nan, int if truths else float)
         found[name][valid] = column
     return found
 
@@ -174,9 +148,9 @@ def up_to_scale(model: calib.Model, q: ArrayLike) -> dict[str, Any]:
     return {UP_TO_SCALE: space.bound(q, size=False)} if space.camera else {}
 
 
-def say_size(bound: float | None) -> None:
-    """Say what of a bound [m] in the base frame of a camera is the arm's size."""
-    if bound is not None and np.isfinite(bound):
+def say_size(told: Mapping[str, Any]) -> None:
+    """Say what of a bound in the base frame of a camera is the arm's size."""
+    if np.isfinite(bound := told.get(UP_TO_SCALE, np.nan)):
         note(
             "one camera cannot tell the size of the arm: but for it, the expected error is "
             f"{1e3 * bound:.2g} mm"

@@ -1,15 +1,13 @@
 """The application: its commands, and the one place where errors become lines.
 
 A command line imports the module of the command that it runs, no other. Exit codes: 0 done, 1 an
-error, 2 wrong usage, 3 a result that a script should act on (each command says which), 130
-interrupted.
+error, 2 wrong usage, 3 a result that a script should act on, 130 interrupted.
 """
 
 from __future__ import annotations
 
 import os
 import sys
-from dataclasses import dataclass
 from functools import cache
 from importlib import import_module
 from textwrap import shorten
@@ -22,8 +20,7 @@ from typer.main import get_command
 from calib.common.wording import one_line
 from calib.errors import CalibError
 
-from .output import NO, begin, note, plain, print_json, rendered, silence
-from .translation import as_typed, option_of
+from .output import NO, as_typed, note, option_of, print_json, rendered, silence
 
 COMMANDS = {
     "robots": "List the bundled robots.",
@@ -50,6 +47,15 @@ COMMANDS = {
 """What the command line can do, in the order of its use, and what `calib --help` says of it."""
 
 QUERIES = ("forward", "inverse", "path")
+_TOGETHER = {
+    "info": "robots evaluate",
+    "query": "forward path correct",
+    "many": "sweep reproduce",
+    "files": "urdf export",
+    "show": "preview report",
+}
+"""Commands of one module, where it does not have the command's name."""
+_MODULE = {name: module for module, names in _TOGETHER.items() for name in names.split()}
 
 USAGE, INTERRUPTED = 2, 130
 _TRACEBACK = "CALIB_TRACEBACK"
@@ -62,7 +68,7 @@ def load_command(name: str) -> Any:
     """Import the module of a command, and return its command."""
     made = typer.Typer(**_PLAIN, help=COMMANDS[name])
     for part in QUERIES if name == "query" else (name,):
-        command = getattr(import_module(f".commands.{part}", __package__), part)
+        command = getattr(import_module(f".commands.{_MODULE.get(part, part)}", __package__), part)
         # -0.1 is a number, not an option
         numbers = {"ignore_unknown_options": True} if part in ("forward", "inverse") else {}
         made.command(part, context_settings=numbers)(rendered(command))
@@ -89,107 +95,62 @@ class CalibGroup(TyperGroup):
                 [(name, shorten(text, room, placeholder="...")) for name, text in COMMANDS.items()]
             )
 
-    def invoke(self, ctx: Any) -> Any:
-        """Run the command that was chosen; Typer has codes of its own for Ctrl-C and pipes."""
-        try:
-            return super().invoke(ctx)
-        except KeyboardInterrupt:
-            raise typer.Abort from None
-        except BrokenPipeError:  # a reader who has seen enough
-            silence(sys.stdout)
-            return 0
-
     def main(  # type: ignore[override]
         self, args: Any = None, *, standalone_mode: bool = True, **more: Any
     ) -> Any:
         """Run a command line; see `typer.core.TyperGroup.main` for the parameters."""
-        begin()
         try:
-            # not standalone: Click would print its own errors in several lines and exit
+            # not standalone: Typer would print its own errors in several lines and exit
             code = super().main(args, standalone_mode=False, **more)
             sys.stdout.flush()
-        except BrokenPipeError:  # only now, by the flush
+            if code == INTERRUPTED:
+                note("error: interrupted")
+        except BrokenPipeError:  # a reader who has seen enough
             silence(sys.stdout)
             code = 0
         except Exception as error:
             if os.environ.get(_TRACEBACK):
                 raise
-            told = describe_error(error)
-            code = told.code
+            code, told = describe_error(error)
             try:
                 if "--json" in (sys.argv[1:] if args is None else args):
-                    print_json({"error": told.to_json()})
+                    print_json({"error": told})
                 sys.stdout.flush()
             except OSError:  # a full disk, perhaps the error itself
                 silence(sys.stdout)
-            note(told.line)
+            note("error: " + "; ".join(filter(None, (told["message"], told["hint"]))))
         code = code if isinstance(code, int) else 0
         if standalone_mode:
             sys.exit(code)
         return code
 
 
-@dataclass(frozen=True)
-class ErrorReport:
-    """An error as the command line tells it."""
-
-    kind: str  # its type, such as "LogError"; "UsageError" for what was typed wrongly
-    message: str  # what was given and what was expected, in one line
-    code: int = 1  # exit code
-    # what to do, the option that is concerned, and its value
-    hint: str | None = None
-    option: str | None = None
-    value: Any = None
-
-    @property
-    def line(self) -> str:
-        """All of it in one line, whatever the error's own text looks like."""
-        text = self.message if self.hint is None else f"{self.message}; {self.hint}"
-        return "error: " + one_line(" ".join(text.split()))
-
-    def to_json(self) -> dict[str, Any]:
-        """Plain data: what a command with `--json` prints in place of its result."""
-        is_plain = isinstance(self.value, (bool, int, float, str, list, tuple, type(None)))
-        return {
-            "type": self.kind,
-            "message": one_line(" ".join(self.message.split())),
-            "hint": self.hint,
-            "parameter": self.option,
-            "value": plain(self.value) if is_plain else str(self.value),
-        }
-
-
-def describe_error(error: BaseException) -> ErrorReport:
-    """Return how an error is told, whatever ended a command."""
-    kind = type(error).__name__
+def describe_error(error: BaseException) -> tuple[int, dict[str, Any]]:
+    """Return the exit code of what ended a command, and what is told of it as plain data."""
+    kind, code, hint, option, value = type(error).__name__, 1, None, None, None
     if isinstance(error, CalibError):
+        text, value = as_typed(error.message), error.value
         hint = None if error.hint is None else as_typed(error.hint)
+        option = None if error.parameter is None else option_of(error.parameter)
         # clocks that no offset brings together are an answer about the recording
-        code, option = NO if kind == "ClockError" else 1, option_of(error.parameter)
-        return ErrorReport(kind, as_typed(error.message), code, hint, option, error.value)
-    behind: BaseException | None = error  # Ctrl-C may come while Python makes a class
-    while behind is not None:
-        if isinstance(behind, (KeyboardInterrupt, typer.Abort)):
-            return ErrorReport(kind, "interrupted", INTERRUPTED)
-        behind = behind.__cause__
-    if hasattr(error, "format_message"):  # an error of usage, told by Typer
+        code = NO if kind == "ClockError" else 1
+    elif isinstance(error, KeyboardInterrupt) or isinstance(error.__cause__, KeyboardInterrupt):
+        text, code = "interrupted", INTERRUPTED  # the latter while Python made a class
+    elif hasattr(error, "format_message"):  # an error of usage, told by Typer
         context = getattr(error, "ctx", None)
         see = f" (see {context.command_path} --help)" if context else ""
-        code = int(getattr(error, "exit_code", USAGE))
-        kind = "UsageError" if code == USAGE else kind
-        option, value = getattr(error, "option", None), getattr(error, "value", None)
         text = error.format_message().rstrip(".") + see
-        return ErrorReport(kind, text, code, option=option, value=value)
-    text = f"internal error, {kind}: {error}; {_TRACEBACK}=1 shows where, please report it"
-    if isinstance(error, OSError):
+        code, kind = USAGE, "UsageError"
+        option, value = getattr(error, "option", None), getattr(error, "value", None)
+    elif isinstance(error, OSError):
         text = f"{f'{error.filename}: ' if error.filename else ''}{error.strerror or error}"
-    elif isinstance(error, ImportError):
-        text = f"{error}; install calib-arm again, with all that it requires"
     elif isinstance(error, MemoryError):  # NumPy has one of its own
         text = "not enough memory; use a smaller --size or fewer --samples"
-    elif isinstance(error, RecursionError):
-        text = "the input is nested too deeply; simplify it"
-    return ErrorReport(kind, text)
+    else:
+        text = f"internal error, {kind}: {error}; {_TRACEBACK}=1 shows where, please report it"
+    text = one_line(" ".join(text.split()))
+    told = {"type": kind, "message": text, "hint": hint, "parameter": option, "value": value}
+    return code, told
 
 
 def _print_version(wanted: bool) -> None:

@@ -42,14 +42,12 @@ def log_for(model: Model, path: str, reading: Reading) -> Samples:
     import calib
     from calib.common.scale import METRES
     from calib.errors import LogError
-    from calib.samples.columns import open_source
     from calib.samples.joint_values import check_joint_values
-    from calib.samples.tables import read_about
+    from calib.samples.tables import open_source
 
     about = model.about
     source = open_source(path)  # once: it may be a pipe
-    said = read_about(source).get("unit")
-    unit = reading.unit or (said if isinstance(said, str) else None)
+    unit = reading.unit or source.unit
     # pixels and metres have no factor between them, and the plane of a camera model is another
     if unit is not None and (unit == "px") != (about.unit == "px"):
         raise LogError(

@@ -6,32 +6,23 @@ own is read by a reader, and is Any to Typer.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Annotated, Any
 
 from typer import Argument, Option
 
-from calib.common.choices import (
-    MAPS,
-    BodyWord,
-    CauseWord,
-    FrameWord,
-    LogFrameWord,
-    MotionWord,
-    ReadoutWord,
-    RuleWord,
-    ViewWord,
-)
+from calib.common import choices
 
-from . import parsing
-from .parsing import Reader
+from . import parsing as read
 
 Text = str | None
+Many = list[Any] | None
 
 
-def option(usage: str, help: str, read: Reader[Any] | None = None) -> Any:  # noqa: A002
+def option(usage: str, help: str, reader: read.Reader[Any] | None = None) -> Any:  # noqa: A002
     """Declare an option of a value as a usage line has it, such as "--output -o FILE"."""
     *flags, metavar = usage.split()
-    return Option(*flags, metavar=metavar, parser=read, help=help)
+    return Option(*flags, metavar=metavar, parser=reader, help=help)
 
 
 def flag(name: str, help: str) -> Any:  # noqa: A002
@@ -49,17 +40,11 @@ DatasetCamera = Annotated[Text, option("--camera NAME", "Of a dataset with sever
 NewLog = Annotated[str, option("--data LOG", f"New samples: {_LOG}.")]
 
 # what is babbled or sensed
-JointNames = Annotated[Any, option("--joints A,B", "Active joints (default found).", parsing.names)]
+JointNames = Annotated[Any, option("--joints A,B", "Active joints (default found).", read.names)]
 Tip = Annotated[Text, option("--tip FRAME", "The frame whose position is sensed.")]
 Planar = Annotated[bool, flag("--planar", "Take the planar part of a robot in space: x, y.")]
-Lock = Annotated[
-    list[Any] | None,
-    option("--lock JOINT=VALUE", "Hold it there [rad or m]; repeatable.", parsing.joint_value),
-]
-Ranges = Annotated[
-    list[Any] | None,
-    option("--range JOINT=LO:HI", "Part of its range [rad or m]; repeatable.", parsing.joint_range),
-]
+Lock = Annotated[Many, option("--lock JOINT=VALUE", "Hold it there [rad, m].", read.joint_value)]
+Ranges = Annotated[Many, option("--range JOINT=LO:HI", "Part of its range.", read.joint_range)]
 Degrees = Annotated[bool, flag("--degrees", "Joint values typed, read and printed are in deg.")]
 
 # simulated babbling
@@ -67,73 +52,66 @@ BABBLED = "How many samples to babble (default 20000)."
 NOISE = "Noise of the simulated sensor along each axis, standard deviation [m] (default 0)."
 Number = Annotated[int | None, Option("--samples", "-n", metavar="N", min=1, help=BABBLED)]
 Noise = Annotated[float | None, Option("--noise", metavar="S", min=0, help=NOISE)]
-Moves = Annotated[MotionWord | None, flag("--motion", "How the arm babbles (default uniform).")]
-Changes = Annotated[
-    list[str] | None,
-    option(
-        "--change JOINT.WHAT=VALUE", "Such as elbow.length=+20%, sensor.rotate=0.14; repeatable."
-    ),
-]
+Moves = Annotated[choices.MotionWord | None, flag("--motion", "How it babbles (default uniform).")]
+CHANGES = "Such as elbow.length=+20%, sensor.rotate=0.14."
+Changes = Annotated[list[str] | None, option("--change JOINT.WHAT=VALUE", CHANGES)]
 Seed = Annotated[int, Option("--seed", metavar="K", min=0, help="Seed of the random numbers.")]
 
 # training
 SIZE = "Nodes of both maps (default 70; for three joints 17x17x17; a log chooses its own)."
 MAP = (
-    f"Kind of map: {', '.join(MAPS)}. Default vdsom:residual, which also follows the body's "
-    "residuals (vdsom is the paper's); for a log with --body none the better of it and gas."
+    f"Kind of map: {', '.join(choices.MAPS)}. Default vdsom:residual, which also follows what "
+    "the body leaves (vdsom is the paper's); of a log with --body none the better of it and gas."
 )
 EPOCHS = "Passes over the samples; the full lattice alone is trained then."
 SIGMA = "Neighbourhood radius, start and end [nodes]; the full lattice alone is trained then."
-MapSize = Annotated[Any, option("--size N|NxN|NxNxN", SIZE, parsing.size)]
-MotorSize = Annotated[Any, option("--motor-size N|NxN", "Of the motor map.", parsing.size)]
-SensorySize = Annotated[Any, option("--sensory-size N|NxN", "Of the sensory map.", parsing.size)]
-MapName = Annotated[Text, option("--map NAME", MAP, parsing.one_of(MAPS))]
-TrainingRule = Annotated[RuleWord, flag("--rule", "Training rule.")]
+MapSize = Annotated[Any, option("--size N|NxN|NxNxN", SIZE, read.size)]
+MotorSize = Annotated[Any, option("--motor-size N|NxN", "Of the motor map.", read.size)]
+SensorySize = Annotated[Any, option("--sensory-size N|NxN", "Of the sensory map.", read.size)]
+MapName = Annotated[Text, option("--map NAME", MAP, read.one_of(choices.MAPS))]
+TrainingRule = Annotated[choices.RuleWord, flag("--rule", "Training rule.")]
 Epochs = Annotated[int | None, Option("--epochs", metavar="N", min=1, help=EPOCHS)]
-Sigma = Annotated[Any, option("--sigma START:END", SIGMA, parsing.sigma)]
-BodyKind = Annotated[BodyWord, flag("--body", "none: maps and links alone, without a body.")]
-SensorView = Annotated[
-    ViewWord,
-    flag(
-        "--view",
-        "What the sensor measures: base is the robot's root frame; auto is rigid for lengths, "
-        "homography for pixels, pinhole for pixels of an arm in space.",
-    ),
-]
+Sigma = Annotated[Any, option("--sigma START:END", SIGMA, read.sigma)]
+BodyKind = Annotated[choices.BodyWord, flag("--body", "none: maps and links alone.")]
+VIEW = (
+    "What the sensor measures: base is the robot's root frame; auto is rigid for lengths, "
+    "homography for pixels, pinhole for pixels of an arm in space."
+)
+SensorView = Annotated[choices.ViewWord, flag("--view", VIEW)]
 
 # logs
-TimeOffset = Annotated[
-    Any, option("--time-offset auto|S", "Added to times of positions [s].", parsing.offset_or_auto)
-]
-Columns = Annotated[
-    Any, option("--columns x=U,y=V", "Other columns' names, such as tip[0].", parsing.typed_columns)
-]
+TimeOffset = Annotated[Any, option("--time-offset auto|S", "Of positions [s].", read.seconds)]
+Columns = Annotated[Any, option("--columns x=U,y=V", "Columns of other names.", read.typed_columns)]
 Unit = Annotated[Text, option("--unit m|mm|px|..", "Of the log (default m, or the model's).")]
-Prismatic = Annotated[Any, option("--prismatic A,B", "Joints that slide.", parsing.names)]
+Prismatic = Annotated[Any, option("--prismatic A,B", "Joints that slide.", read.names)]
 LogDegrees = Annotated[bool | None, flag("--degrees/--radians", "Of the log (default: as before).")]
 PhotoFile = Annotated[Text, option("--photo FILE", "Of the log's camera, to draw the map over.")]
 NoPhoto = Annotated[bool, flag("--no-photo", "Keep no photo in the model and draw none.")]
-Distances = Annotated[
-    list[str] | None, option("--distance A,B=50mm", "Of touched points, +-0.1mm if said; several.")
-]
-Planes = Annotated[
-    list[str] | None, option("--plane A,B,C,D", "Touched points in a plane; repeatable.")
-]
+Distances = Annotated[list[str] | None, option("--distance A,B=50mm", "Of touched points.")]
+Planes = Annotated[list[str] | None, option("--plane A,B,C,D", "Touched points in a plane.")]
 
 # queries and what else asks a model
-ReadoutKind = Annotated[ReadoutWord | None, flag("--readout", "local, linear without a body.")]
-InFrame = Annotated[FrameWord, flag("--in", "Frame of positions: sensor, or the arm's base [m].")]
+ReadoutKind = Annotated[choices.ReadoutWord | None, flag("--readout", "Default local, or linear.")]
+InFrame = Annotated[choices.FrameWord, flag("--in", "Of positions: sensor, or base [m].")]
 PositionUnit = Annotated[Text, option("--unit m|mm|..", "Of positions (default the model's).")]
 Input = Annotated[Text, option("--input FILE", "Answer every row of a CSV (- standard input).")]
 Output = Annotated[Text, option("--output FILE", "CSV or Parquet (default standard output).")]
-LogView = Annotated[LogFrameWord, flag("--view", "base: the log is in the robot's root frame.")]
-WhatChanged = Annotated[CauseWord | None, flag("--cause", "If known: sensor, or joints, links.")]
-FrameOrJoints = Annotated[
-    CauseWord, flag("--cause", "Whose a turn is that the sensor and the first joint explain.")
-]
+LogView = Annotated[choices.LogFrameWord, flag("--view", "base: the log is in the root frame.")]
+WhatChanged = Annotated[choices.CauseWord | None, flag("--cause", "What changed, if known.")]
+FrameOrJoints = Annotated[choices.CauseWord, flag("--cause", "Whose a turn is that both explain.")]
 
 # what is printed for a camera
 Dictionary = Annotated[str, option("--dictionary NAME", "Dictionary of the tags.")]
-BoardSpec = Annotated[
-    Text, option("--board COLSxROWS:SQUARE:MARKER:DICT", "Such as 7x5:24mm:18mm:5x5_100.")
-]
+BOARD = "Such as 7x5:24mm:18mm:5x5_100."
+BoardSpec = Annotated[Text, option("--board COLSxROWS:SQUARE:MARKER:DICT", BOARD)]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Asking:
+    """How a model is asked, one question or a table of them, as typed."""
+
+    input_: Input = None
+    columns: Columns = None
+    output: Output = None
+    unit: PositionUnit = None
+    degrees: Degrees = False

@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import math
 import os
-import shutil
+import re
 import sys
 import textwrap
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -21,16 +21,59 @@ from typing import Annotated, Any, ClassVar, TextIO
 
 import typer
 
-from calib.common.wording import one_line, printable
+from calib.common.wording import for_people, one_line, printable
 
 from .parsing import BadOption
-from .translation import as_typed
 
-# what is below a nanometre or a millionth of a degree is rounding
-_LEAST, _TINY = 1e-6, "<1e-6"
 NO = 3  # exit code of a result that a script should act on; each command says which
 _WIDTH = 100  # of lines of words and of tables
-_HUGE = 1e12  # written out it would be wider than its column
+_TINY = 1e-6  # what is below a nanometre or a millionth of a degree is rounding
+
+_QUOTED = re.compile(r"`([A-Za-z_]\w*)(?:=([^`]*))?`")
+_WORDS = "adapt calib check expected_error ffmpeg homing_offset measured model_error names time"
+"""What stands in backquotes without being a parameter that an option sets."""
+_RENAMED = {
+    "changes": "--change",
+    "log": "--data",
+    "n": "--samples",
+    "ranges": "--range",
+    "robot": "ROBOT",
+    "samples": "--data",
+    "start": "--from",
+}
+"""Options of another name than the parameters that they set."""
+
+
+def as_typed(text: str) -> str:
+    """Return a message of the library, parameters in backquotes, in what people type.
+
+    Examples
+    --------
+    >>> as_typed("give `degrees=True`, or `ranges={'elbow': (LOW, HIGH)}`")
+    'give --degrees, or --range elbow=LOW:HIGH'
+    >>> as_typed("leave it out of `joints`, or give `joints=['a', 'b']`")
+    'leave it out of --joints, or give --joints a,b'
+    """
+    return _QUOTED.sub(_option, text)
+
+
+def option_of(parameter: str) -> str:
+    """Return the option that sets a parameter."""
+    return _RENAMED.get(parameter, f"--{parameter.replace('_', '-')}")
+
+
+def _option(match: re.Match[str]) -> str:
+    name, value = match[1], match[2]
+    if name in _WORDS.split():
+        return match[0]
+    option = option_of(name)
+    if value in (None, "True"):
+        return option
+    pairs = re.sub(r"\(([^()]*)\)", lambda pair: pair[1].replace(", ", ":"), value)
+    typed = re.sub(r"[][{}'\"]", "", pairs).replace(": ", "=").replace(", ", ",")
+    # an option for each entry of a mapping
+    several = value.startswith("{") and name != "columns"
+    return " ".join(f"{option} {part}" for part in (typed.split(",") if several else [typed]))
 
 
 @dataclass(frozen=True)
@@ -47,21 +90,16 @@ class TextTable:
         """Return the table as plain text, its columns aligned; too wide a line for each cell."""
         # names from a file may hold control characters
         cells = [[printable(cell) for cell in row] for row in (self.header, *self.rows)]
-        widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
+        left, columns = self.left, list(zip(*cells, strict=True))
+        if sum(2 + max(map(len, column)) for column in columns) > _WIDTH:
+            left, names = 2, cells[0]
+            cells = [[*pair] for row in cells[1:] for pair in zip(names, row, strict=True)]
+            columns = list(zip(*cells, strict=True))
+        forms = [f"{'<' if k < left else '>'}{max(map(len, c))}" for k, c in enumerate(columns)]
         lines = [
-            "  ".join(
-                cell.ljust(width) if k < self.left else cell.rjust(width)
-                for k, (cell, width) in enumerate(zip(row, widths, strict=True))
-            ).rstrip()
+            "  ".join(format(*pair) for pair in zip(row, forms, strict=True)).rstrip()
             for row in cells
         ]
-        room = shutil.get_terminal_size().columns if sys.stdout.isatty() else _WIDTH
-        if max(map(len, lines)) > room:
-            wide, lines = max(map(len, cells[0])), []
-            for row in cells[1:]:
-                pairs = zip(cells[0], row, strict=True)
-                lines += ["", *(f"{name:<{wide}}  {cell}".rstrip() for name, cell in pairs if cell)]
-            del lines[0]
         title = [printable(self.title)] if self.title else []
         return [*title, *lines, *textwrap.wrap(printable(self.foot), _WIDTH)]
 
@@ -83,14 +121,11 @@ class Outcome:
     lines: Sequence[_Line] = ()  # what people read, the verdict first
     more: Sequence[_Line] = ()  # what --verbose adds
     result: Sequence[_Line] | None = None  # what --quiet prints, the first line if not given
-    # columns that go to standard output as CSV, unless a document is wanted; lines go to standard
-    # error then
-    columns: Mapping[str, Any] | None = None
-    to_stderr: bool = False  # whether a result went to standard output already
+    columns: Mapping[str, Any] | None = None  # what goes to standard output as CSV
     code: int = 0  # exit code
 
-    def show(self, *, as_json: bool, verbose: bool) -> None:
-        """Print what was found."""
+    def show(self, *, as_json: bool, verbose: bool, streamed: bool) -> None:
+        """Print what was found; lines go to standard error where a table was `streamed`."""
         if as_json:
             print_json(self.document)
             return
@@ -101,21 +136,20 @@ class Outcome:
             from calib.samples.tables import write_table
 
             write_table("-", self.columns)
-        if self.columns is not None or self.to_stderr:
-            for line in () if _Spoken.quiet else shown:
-                note(str(line))
+        if self.columns is not None or streamed:
+            for line in shown:
+                if isinstance(line, str) and not _Spoken.quiet:
+                    note(line)
             return
         for line in shown:
-            if isinstance(line, TextTable):
-                print("\n".join(line.lines()))
-            else:
-                print(one_line(as_typed(line)))
+            print(one_line(as_typed(line)) if isinstance(line, str) else "\n".join(line.lines()))
 
 
-_JSON = typer.Option("--json", help="One JSON document on standard output, in SI units.")
-_VERBOSE = typer.Option("--verbose", "-v", help="Print what the answer rests on too.")
-_QUIET = typer.Option("--quiet", "-q", help="Print the result alone, without notes.")
-_SHOWN = {"as_json": _JSON, "verbose": _VERBOSE, "quiet": _QUIET}
+_SHOWN = {
+    "as_json": ("--json", "One JSON document on standard output, in SI units."),
+    "verbose": ("--verbose", "-v", "Print what the answer rests on too."),
+    "quiet": ("--quiet", "-q", "Print the result alone, without notes."),
+}
 
 
 def rendered(command: Callable[..., Outcome]) -> Callable[..., None]:
@@ -129,19 +163,21 @@ def rendered(command: Callable[..., Outcome]) -> Callable[..., None]:
             options |= signature(groups[name], eval_str=True).parameters
         else:
             options[name] = taken
-    for name, shown in _SHOWN.items():
-        kind = Annotated[bool, shown]
+    for name, (*flags, told) in _SHOWN.items():
+        kind = Annotated[bool, typer.Option(*flags, help=told)]
         options[name] = Parameter(name, Parameter.KEYWORD_ONLY, default=False, annotation=kind)
 
     @wraps(command)
     def run(*, as_json: bool, verbose: bool, quiet: bool, **typed: Any) -> None:
-        if as_json and "-" in (typed.get("output"), typed.get("transform")):
+        streamed = typed.get("output") == "-"
+        if as_json and streamed:
             raise BadOption("--json and '-' both want standard output: expected one of them")
         _Spoken.quiet = quiet
+        _Spoken.notes.clear()
         for name, kind in groups.items():
             typed[name] = kind(**{part: typed.pop(part) for part in signature(kind).parameters})
         outcome = command(**typed)
-        outcome.show(as_json=as_json, verbose=verbose)
+        outcome.show(as_json=as_json, verbose=verbose, streamed=streamed)
         raise typer.Exit(outcome.code)
 
     run.__signature__ = Signature(list(options.values()))  # type: ignore[attr-defined]
@@ -149,16 +185,10 @@ def rendered(command: Callable[..., Outcome]) -> Callable[..., None]:
 
 
 class _Spoken:
-    """What one command line has said on standard error."""
+    """What the command line at hand has said on standard error."""
 
     quiet = False
     notes: ClassVar[set[str]] = set()
-
-
-def begin() -> None:
-    """Forget what an earlier command line of this process has said."""
-    _Spoken.quiet = False
-    _Spoken.notes.clear()
 
 
 def say(notes: Iterable[str]) -> None:
@@ -187,9 +217,9 @@ def silence(stream: TextIO) -> None:
 
 def print_json(document: Any) -> None:
     """Print one JSON document; numbers that are not finite become null."""
-    # a person reads it on a terminal; a program wants one document on one line
+    # a program wants one document on one line
     indent = 2 if sys.stdout.isatty() else None
-    print(json.dumps(plain(document), indent=indent, allow_nan=False))
+    print(json.dumps(plain(document), indent=indent))
 
 
 def fields(holder: object, names: str) -> dict[str, Any]:
@@ -198,41 +228,36 @@ def fields(holder: object, names: str) -> dict[str, Any]:
 
 
 def plain(value: Any) -> Any:
-    """Return a value as JSON can hold it: no arrays, no NaN, no infinity."""
-    if isinstance(value, Mapping):
-        return {str(key): plain(item) for key, item in value.items()}
-    # arrays and scalars of NumPy, columns of Polars, which need not be imported for this
-    for name in ("tolist", "to_list"):
-        if hasattr(value, name):
-            return plain(getattr(value, name)())
-    if isinstance(value, (list, tuple)):
-        return [plain(item) for item in value]
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value
+    """Return plain data: no arrays, of which Polars and NumPy need not be imported, no NaN."""
+
+    def listed(value: Any) -> Any:
+        if isinstance(value, Mapping):
+            return dict(value)
+        return next((getattr(value, n)() for n in ("tolist", "to_list") if hasattr(value, n)), None)
+
+    return json.loads(json.dumps(value, default=listed), parse_constant=lambda _: None)
 
 
 def number(value: float | None) -> str:
     """Return the size of an error with four significant digits, or a dash for none."""
     if value is None or not math.isfinite(value):
         return "-"
-    # decimals that four digits need: 1.234, 12.34, 0.0001234
     size = abs(value)
-    if 0.0 < size < _LEAST:
-        return _TINY
-    if size >= 1e7:
-        return f"{value:.3e}"
-    decimals = 3 - math.floor(math.log10(size)) if size else 0
-    return f"{value:.{max(0, decimals)}f}"
+    if size < _TINY:
+        return "<1e-6" if size else "0"
+    # decimals that four digits need: 1.234, 12.34, 0.0001234
+    return f"{value:.{max(0, 3 - math.floor(math.log10(size)))}f}"
+
+
+def sized(value: float, unit: str) -> str:
+    """Return a length or an angle with the unit that people read, mm or degrees."""
+    factor, shown = for_people(unit)
+    return f"{number(factor * value)} {shown}"
 
 
 def fixed(value: float, decimals: int) -> str:
     """Return a number with so many decimals, never minus zero, or a dash for none."""
-    if not math.isfinite(value):
-        return "-"
-    if abs(value) >= _HUGE:
-        return f"{value:.3e}"
-    return f"{round(value, decimals) + 0.0:.{decimals}f}"
+    return f"{round(value, decimals) + 0.0:.{decimals}f}" if math.isfinite(value) else "-"
 
 
 @contextmanager

@@ -8,13 +8,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, Literal, TypeVar, get_args, get_origin
 
 import typer
 import typer.core
 
+from calib.common.wording import quoted, suggestion
 from calib.errors import OptionError
 
 _T = TypeVar("_T")
@@ -38,12 +38,7 @@ class BadOption(typer.BadParameter):
 
 def bad_option(option: str, text: str, expected: str) -> BadOption:
     """Return the error for a value that an option cannot have."""
-    shown = text if len(text) <= 60 else text[:57] + "..."
-    return BadOption(f"{option} {shown!r}: expected {expected}", option, text)
-
-
-class _ExpectedError(ValueError):
-    """What a reader expected."""
+    return BadOption(f"{option} {quoted(text)}: expected {expected}", option, text)
 
 
 def reader(
@@ -55,11 +50,9 @@ def reader(
         try:
             if good(value := read(text)):
                 return value
-        except _ExpectedError:
-            raise
         except ValueError:
             pass
-        raise _ExpectedError(expected)
+        raise ValueError(expected)
 
     return told
 
@@ -82,7 +75,7 @@ class _Value:
     def _read(self, text: str, option: str) -> Any:
         try:
             return (self._info.parser or self._plain)(text)
-        except _ExpectedError as error:
+        except ValueError as error:
             raise bad_option(option, text, str(error)) from None
         except OptionError as error:  # of the library, which reads columns itself
             raise BadOption(f"--{error}", option, text) from None
@@ -92,31 +85,30 @@ class _Value:
             return one_of(get_args(self._kind))(text)
         if self._kind not in (int, float):
             return text
-        least, most = self._info.min, self._info.max
-        told = "a whole number" if self._kind is int else "a number"
-        told += f", {'zero' if least == 0 else least} or more" if least is not None else ""
-        told += f", at most {most}" if most is not None else ""
+        least, most, whole = self._info.min, self._info.max, self._kind is int
+        told = "a whole number" if whole else "a number"
+        told += "" if least is None else f", {least or 'zero'} or more"
+        told += "" if most is None else f", at most {most}"
         low, high = -math.inf if least is None else least, math.inf if most is None else most
-        number = whole_number if self._kind is int else finite_number
-        return reader(told, number, lambda value: low <= value <= high)(text)
+        read = whole_number if whole else finite_number
+        return reader(told, read, lambda value: low <= value <= high)(text)
 
 
 # Typer has no public way; of 0.26, which reads plainly itself, it is no name
 typer.core.build_runtime_param = _Value  # type: ignore[attr-defined, assignment]
 
 
+def finite_number(text: str, kind: type[float] = float) -> float:
+    """Return a finite number as a plain user would write it, else raise ValueError."""
+    # Python also takes 1_0 and other digits
+    if not text.isascii() or "_" in text or not math.isfinite(number := kind(text)):
+        raise ValueError(text)
+    return number
+
+
 def whole_number(text: str) -> int:
     """Return a whole number as a plain user would write it, else raise ValueError."""
-    if not text.isascii() or "_" in text:  # Python also takes 1_0 and other digits
-        raise ValueError(text)
-    return int(text)
-
-
-def finite_number(text: str) -> float:
-    """Return a finite number as a plain user would write it, else raise ValueError."""
-    if not text.isascii() or "_" in text or not math.isfinite(float(text)):
-        raise ValueError(text)
-    return float(text)
+    return int(finite_number(text, int))
 
 
 def any_number(text: str) -> float:
@@ -130,9 +122,9 @@ def one_of(choices: Sequence[str]) -> Reader[str]:
     """Return a reader of a word out of several."""
 
     def read(text: str) -> str:
-        near = get_close_matches(text, choices, n=1)
-        meant = f"; did you mean {near[0]}?" if near else ""
-        return reader(f"one of {', '.join(choices)}{meant}", str, choices.__contains__)(text)
+        if text not in choices:
+            raise ValueError(f"a name that there is: {suggestion(text, choices)}")
+        return text
 
     return read
 
@@ -141,9 +133,12 @@ def several(read: Reader[_T]) -> Reader[tuple[_T, ...]]:
     """Return a reader of values with commas between them, each once."""
 
     def read_all(text: str) -> tuple[_T, ...]:
-        return tuple(read(part.strip()) for part in text.split(","))
+        values = tuple(read(part.strip()) for part in text.split(","))
+        if len(set(values)) < len(values):
+            raise ValueError("each value once")
+        return values
 
-    return reader("each value once", read_all, lambda values: len(set(values)) == len(values))
+    return read_all
 
 
 def _sides(text: str) -> int | tuple[int, ...]:
@@ -192,18 +187,10 @@ joint_range = reader(
 height = reader(
     "a height of the base frame in m such as z=0.02", _named, lambda found: found[0] == "z"
 )
-offset_or_auto = reader(
+seconds = reader(
     "a number of seconds, or auto",
     lambda text: None if text.strip() == "auto" else finite_number(text),
 )
-
-
-def check_count(typed: Sequence[float], names: Sequence[str], what: str) -> None:
-    """Refuse more or fewer numbers than there are names."""
-    if len(typed) != len(names):
-        raise BadOption(
-            f"{len(typed)} {what}s: expected {len(names)}, one each for {', '.join(names)}"
-        )
 
 
 def check_file(
@@ -215,9 +202,7 @@ def check_file(
     if path is None or (stream and path == "-"):
         return
     if path == "-":
-        raise BadOption(f"{option} '-': expected a file name", option, path)
-    ending = Path(path).suffix.lower()
-    if endings and ending and ending not in endings:
-        expected = f"{option} {path!r}: expected a name that ends in {' or '.join(endings)}"
-        raise BadOption(f"{expected}, which is what is written", option, path)
+        raise bad_option(option, path, "a file name")
+    if endings and Path(path).suffix and not path.lower().endswith(endings):
+        raise bad_option(option, path, f"a name that ends in {' or '.join(endings)}")
     check_writable(path)

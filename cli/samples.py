@@ -15,7 +15,7 @@ from .units import in_si, kinds_of_joints
 if TYPE_CHECKING:
     from calib import Samples
     from calib.arm.arm import Arm
-    from calib.samples.columns import Source
+    from calib.samples.tables import Source
 
 _SAMPLES = 20_000  # that are babbled where nobody says how many
 
@@ -140,7 +140,7 @@ def measured_samples(
 ) -> Samples:
     """Read a log, for the robot where there is one, and say what was assumed."""
     import calib
-    from calib.samples.columns import open_source
+    from calib.samples.tables import open_source
 
     arm = None
     turns = {name: name not in (logged.prismatic or ()) for name in selection.joints or ()}
@@ -175,7 +175,7 @@ def _arm_of_log(
     robot: str, selection: Selection, source: Source, columns: Mapping[str, str]
 ) -> Arm:
     """Load the arm with its other joints where the log says that they stood."""
-    from calib.samples.locked import locked_from_log
+    from calib.samples.log_joints import locked_from_log
 
     header = {*source.header, *columns}
     arm = selection.load(robot, columns=header)

@@ -6,10 +6,10 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 from calib.common.choices import READOUTS
-from calib.common.wording import for_people, printable
+from calib.common.wording import printable
 from calib.model.facts import STATISTICS, Errors, shown_errors
 
-from .output import TextTable, number
+from .output import TextTable, number, sized
 from .units import units_of
 
 if TYPE_CHECKING:
@@ -18,7 +18,13 @@ if TYPE_CHECKING:
 _EXACT = 1e-9  # share of the extent below which an error is rounding
 _ASKED = 200  # points of the learned range at which the bound is asked
 _UNEVEN = 2.0  # so many times wider in its worst tenth than in its best, a bound tells of few rows
+_NOISY = 0.7  # of the bound on readings: noise is the larger part where the model's own is smaller
+_UNTOLD = 10.0  # times the noise that a log states, rows are predicted far worse
 _MOST = 3  # findings that are printed; `calib info` has all
+_TERMS = (
+    "local: body and local models; body: the body alone; linear, activity, winner: the maps and "
+    "their Hebbian links alone"
+)
 
 
 def summary(
@@ -80,12 +86,6 @@ def _view_of(model: Model) -> dict[str, Any]:
     return view
 
 
-_TERMS = (
-    "local: body and local models; body: the body alone; linear, activity, winner: the maps and "
-    "their Hebbian links alone"
-)
-
-
 def _best(errors: Errors) -> Any:
     """Errors of the readout that answers queries."""
     return next(errors[readout] for readout in READOUTS if readout in errors)
@@ -95,13 +95,10 @@ def accuracy(
     model: Model, errors: Errors, within: Mapping[str, float], rows: str, left_out: int
 ) -> str:
     """Return in one line how far predictions are from where the tip is or is measured."""
-    mean, (factor, unit) = (
-        _best(errors)["forward"]["distance"]["mean"],
-        for_people(model.about.unit),
-    )
-    told = f"{number(mean * factor)} {unit} on average"
+    unit = model.about.unit
+    told = f"{sized(_best(errors)['forward']['distance']['mean'], unit)} on average"
     if within:
-        told += f", 95 % within {number(within['p95'] * factor)} {unit}"
+        told += f", 95 % within {sized(within['p95'], unit)}"
         told += f"; the 95 % bound covers {100 * within['covered']:.0f} %"
     left = f"; {left_out} left out, wrong or outside of what was learned" if left_out else ""
     return f"{told}, on {rows}{left}"
@@ -110,25 +107,20 @@ def accuracy(
 def answers_back(model: Model, errors: Errors) -> str:
     """Return in one line how far the joints of inverse queries are from the right ones."""
     about, found = model.about, _best(errors)["inverse"]
-
-    def told(name: str, unit: str) -> str:
-        factor, shown = for_people(unit)
-        return f"{number(found[name]['mean'] * factor)} {shown}"
-
     joints = zip(about.joint_names, about.units_of_joints, strict=True)
-    off = ", ".join(f"{name} {told(name, unit)}" for name, unit in joints)
-    return f"inverse: {told('distance', about.unit)} from the target on average; {off}"
+    off = ", ".join(f"{name} {sized(found[name]['mean'], unit)}" for name, unit in joints)
+    there = sized(found["distance"]["mean"], about.unit)
+    return f"inverse: {there} from the target on average; {off}"
 
 
 def error_table(model: Model, errors: Errors, title: str) -> TextTable:
     """Return all errors, a line for each readout, direction and quantity."""
-    rows = []
-    for readout in (readout for readout in READOUTS if readout in errors):
-        labels = [readout, ""]
-        for direction, name, unit, found in shown_errors(model.about, {readout: errors[readout]}):
-            shown = "" if direction == labels[1] else direction
-            rows.append([labels[0], shown, name, unit, *map(number, found[readout].values())])
-            labels = ["", direction]
+    rows = [
+        [readout, direction, name, unit, *map(number, found[readout].values())]
+        for readout in READOUTS
+        if readout in errors
+        for direction, name, unit, found in shown_errors(model.about, {readout: errors[readout]})
+    ]
     header = ["readout", "direction", "error of", "unit", *STATISTICS]
     return TextTable(header, rows, title, left=4, foot=_TERMS)
 
@@ -147,8 +139,22 @@ def found_by_body(model: Model) -> list[str]:
     return [f"found: {'; '.join(lines[:_MOST])}{more}"]
 
 
-def advice(model: Model, errors: Errors) -> list[str]:
-    """Return in one line what limits the accuracy, and the one thing that would help most."""
+def does_not_hold(within: Mapping[str, float], rows: int) -> list[str]:
+    """Say in one line that rows miss a model's own 95 % bound far more often than 5 %."""
+    # three times as often, and by two rows more, which few rows do by chance
+    if not within or rows * (1.0 - within["covered"]) <= 0.15 * rows + 2.0:
+        return []
+    return [
+        f"the model does not hold for this log: its 95 % bound covers "
+        f"{100 * within['covered']:.0f} % of the rows; calib check says what changed"
+    ]
+
+
+def advice(model: Model, errors: Errors, stated: object = None) -> list[str]:
+    """Return in one line what limits the accuracy, and the one thing that would help most.
+
+    `stated` is the noise [unit] that the log states of its own readings, where it does.
+    """
     import numpy as np
 
     about, mean = model.about, _best(errors)["forward"]["distance"]["mean"]
@@ -160,19 +166,27 @@ def advice(model: Model, errors: Errors) -> list[str]:
         if mean < _EXACT * float(np.linalg.norm(model.sensory.scale.span)):
             return ["limited by rounding alone: the model holds all that was simulated"]
         return ["limited by the simulated noise and changes; more samples (-n) help most"]
+    left = f"what rows leave unexplained ({sized(mean, about.unit)})"
+    if isinstance(stated, float) and mean > _UNTOLD * stated:
+        read = f"far above the noise of the readings ({sized(stated, about.unit)})"
+        moved = "a camera that refocuses, a loose tag, play, or too few rows"
+        return [f"limited by {left}, {read}; look for {moved}"]
     q = np.random.default_rng(0).uniform(about.lower, about.upper, (_ASKED, len(about.lower)))
     bound = model.expected_error(q)
     known = np.isfinite(bound)
-    factor, unit = for_people(about.unit)
     plan = "calib plan MODEL lists where more rows help most"
     if known.mean() < 0.9:
         share = f"{100 * known.mean():.0f} % of the learned range"
         return [f"limited by coverage: only {share} have an answer; {plan}"]
     low, high = np.quantile(bound[known], (0.1, 0.9))
     if high > _UNEVEN * low:
-        span = f"{number(factor * low)} to {number(factor * high)} {unit}"
+        span = f"{sized(low, about.unit)} to {sized(high, about.unit)}"
         return [f"limited by few rows in parts of the range (bound {span}); {plan}"]
+    own = float(np.median(model.model_error(q)[known]))
+    if own < _NOISY * float(np.median(bound[known])):
+        least = f"the model itself is within {sized(own, about.unit)}"
+        return [f"limited by noise of the readings: {least}; rows at rest (--still) help most"]
     return [
-        f"limited by what rows leave unexplained ({number(factor * mean)} {unit}), noise of the "
-        "readings or more; poses measured twice tell which, rows at rest (--still) help most"
+        f"limited by {left}, noise of the readings or more; poses measured twice tell which, rows "
+        "at rest (--still) help most"
     ]

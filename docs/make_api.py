@@ -43,7 +43,7 @@ CHAPTERS = {
     "Pages": ("report", "preview", "figures", "Preview"),
     "Sweeps": ("sweep", "Sweep", "Trial"),
     "Drift and re-calibration": ("Drift", "Monitor", "adapt", "Adaptation"),
-    "Maps": ("SOM", "Map", "Pair", "Association", "Visit"),
+    "Maps": ("SOM", "Map", "Association", "Visit"),
     "Errors": (
         "CalibError",
         "RobotError",
@@ -201,7 +201,7 @@ MADE_BY_USERS = ("SOM", "Samples", "Simulation")
 
 
 #: Classes that few users look into: `help()` has all of them.
-BRIEF = ("Map", "Pair", "Association", "Visit", "Trial", "Simulation", "Path")
+BRIEF = ("Map", "Association", "Visit", "Trial", "Simulation", "Path")
 
 
 #: Classes whose methods are told in full, those of the others in a line.

@@ -12,15 +12,13 @@ from ..common.arrays import Array
 from ..common.rows import thinned
 from ..common.scale import Scale
 from ..maps import local_models
-from ..maps.association import Association
-from ..maps.linear_models import from_shifts, to_shifts
 from ..maps.local_models import NO_MODELS, exponents
 from ..maps.map import Map
 from ..maps.predictor import BodyInBox, Predictor
+from ..model.about import Rows
 from ..model.alignment import Alignment
-from ..model.baseline import learn_baseline
-from ..model.measured import Rows
 from ..model.model import Model
+from ..model.trust import learn_baseline
 from ..training.evaluate import error_sizes, evaluate_residuals, summarise
 from .causes import Cause
 from .comparison import Comparison
@@ -169,14 +167,11 @@ def rebuilt(found: Comparison, body: Body) -> Model:
         models = local_models.fit(motor, np.arange(motor.size), u, added, (degree, samples))
     predictor = Predictor(motor, smooth, models)
     sensory = _moved(model, before[: len(nodes)], predictor.value(nodes))
-    means = old.sensory_means
-    if means is not None:  # as many spacings from the nodes as before
-        means = from_shifts(sensory, to_shifts(old.sensory, means).astype(float))
     reading, position = (body.bound(q[: len(nodes)], noise=noise) for noise in (True, False))
     winners = motor.nearest(found.u)[1][:, 0]
     return replace(
         model,
-        association=Association(motor, sensory, model.links, old.wiring, old.motor_means, means),
+        association=replace(old, motor=motor, sensory=sensory),
         predictor=predictor,
         body=body,
         rows=None,

@@ -15,11 +15,11 @@ import numpy as np
 
 from ..common.arrays import Array, Index
 from ..errors import OptionError
-from ..maps import dsom
 from ..maps.density import gain_of, kind_of
 from ..maps.lattice import Lattice
 from ..maps.links import without_weak
 from ..maps.map import Map
+from ..maps.others import present_dsom
 from ..maps.vdsom import VDSOM, Layer, Rates
 from ..model.model import Model
 from .settled import settled_model
@@ -200,7 +200,7 @@ class OnlineAdapter:
         if self._dynamic:
             for layer, points in zip(self._net.layers, (u, v), strict=True):
                 layer.weights = layer.weights.copy()
-                dsom.present_dsom(layer.weights, layer.lattice, points)
+                present_dsom(layer.weights, layer.lattice, points)
         self._net.show((u, v), rates, maps=not self._dynamic)
         # eq. 11 forgets where a_j > 0 alone; a node that no sample visits forgets at the
         # mean pace of all, or a shortened arm would promise its old reach for ever

@@ -18,11 +18,11 @@ from ..errors import CalibError
 from ..maps.association import Association
 from ..maps.local_models import NO_MODELS
 from ..maps.map import Map
-from ..maps.model_selection import blocks, of_body, select
-from ..maps.predictor import Predictor
-from ..model.measured import Rows
+from ..maps.model_selection import blocks, select
+from ..maps.predictor import BodyInBox, Predictor
+from ..model.about import Rows
 from ..model.model import Model
-from ..training.held_out import node_bounds
+from ..training.bounds import node_bounds
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
@@ -50,7 +50,8 @@ def settled_model(
     every, wiring = -(-len(u) // _ROWS), model.association.wiring
     found, seen = _body_of(model, motor.scale.from_unit(u[::every]), x[::every]), (u, x)
     if found is not None:
-        selected = select(motor, u[::every], of_body(found, motor.scale, u[::every], x[::every]))
+        smooth = BodyInBox(found.body, motor.scale)
+        selected = select(motor, u[::every], x[::every], smooth, found.held_out)
         predictor, rows, errors = selected.predictor, selected.rows * every, selected.errors
         if len(u) < _FEW_ROWS:
             drawn = np.random.default_rng(model.about.seed).random((_IMAGINED, u.shape[1]))
@@ -71,7 +72,7 @@ def settled_model(
         visited=np.bincount(motor.nearest(u)[1][:, 0], minlength=motor.size) > 0,
         rows=Rows.of(motor.scale.from_unit(u), x) if model.rows is not None else None,
     )
-    reading, position = node_bounds(made, u, rows, errors)
+    reading, position = node_bounds(made, u[rows], errors)
     true = model.about.bound_of == "true position"
     return replace(made, bounds=position if true else reading, model_bounds=position)
 

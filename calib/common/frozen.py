@@ -9,16 +9,7 @@ from numpy.typing import NDArray
 
 
 def frozen(array: NDArray[Any]) -> NDArray[Any]:
-    """A view of an array that refuses to be written through.
-
-    Examples
-    --------
-    >>> view = frozen(np.zeros(2))
-    >>> view[0] = 1.0
-    Traceback (most recent call last):
-        ...
-    ValueError: assignment destination is read-only
-    """
+    """A view of an array that refuses to be written through."""
     view = np.asarray(array).view()
     view.flags.writeable = False
     return view

@@ -38,17 +38,15 @@ def side_by_side(aside: Callable[[], _S], here: Callable[[], _T]) -> tuple[_S, _
 
 
 _lock = threading.Lock()
-_limits: list[Any] = []
-"""The one limit of this process, while it holds."""
+_limits: list[Any] = []  # the one limit of this process, while it holds
 
 
 @contextmanager
 def one_blas_thread() -> Iterator[None]:
     """Multiply matrices in one thread, so that bytes do not depend on how many there are.
 
-    Within another such block it does nothing.  To look the libraries up takes the loader's
-    lock and then the interpreter's, an import in another thread takes them the other way
-    round, and both wait for ever: who starts threads opens a block before.
+    Who starts threads opens a block before: beside an import in another thread the look-up of the
+    libraries can wait for ever.  Within another block it does nothing.
     """
     first = keep_one_blas_thread()
     try:

@@ -7,17 +7,14 @@ import numpy as np
 from .arrays import Array
 
 _TUNING = 4.7  # bisquare: 95 % efficient where the noise is Gaussian
-_STEPS = 30
+_STEPS = 15  # of each of both weights
 
 
-def solve_least_squares(features: Array, x: Array, weight: Array | None = None) -> Array:
+def solve_least_squares(features: Array, x: Array) -> Array:
     """Least squares, of smallest norm where the features depend on each other.
 
-    Features (n, p), x (n, k) and weights (n,) give coefficients (p, k).
+    Features (n, p) and x (n, k) give coefficients (p, k).
     """
-    if weight is not None:
-        root = np.sqrt(weight)[:, None]
-        features, x = features * root, x * root
     size = np.linalg.norm(features, axis=0)
     size = np.where(size > 0, size, 1.0)
     coefficients = np.linalg.lstsq(features / size, x, rcond=1e-9)[0]
@@ -27,23 +24,22 @@ def solve_least_squares(features: Array, x: Array, weight: Array | None = None) 
 def robust_solve(features: Array, x: Array) -> Array:
     """Iteratively reweighted least squares: absolute values first, then the bisquare.
 
-    Both columns of `x` share a row's weight: a detection is wrong as a whole.
+    All columns of `x` share a row's weight: a detection is wrong as a whole.
     """
     coefficients = solve_least_squares(features, x)
-    for step in range(_STEPS):
+    for step in range(2 * _STEPS):
         r = np.linalg.norm(x - features @ coefficients, axis=1)
         middle = float(np.median(r))
         if middle <= 1e-12 * float(np.abs(x).max(initial=0.0)):
             break
-        if step < _STEPS // 2:
-            weight = 1.0 / np.maximum(r, 0.1 * middle)
-        else:
-            # the median of a Rayleigh distance is sigma sqrt(2 ln 2): wrong rows do not move it
-            z = r / (_TUNING * middle / np.sqrt(2.0 * np.log(2.0)))
-            weight = np.where(z < 1.0, (1.0 - np.minimum(z, 1.0) ** 2) ** 2, 0.0)
+        # the median of a Rayleigh distance is sigma sqrt(2 ln 2): wrong rows do not move it
+        z = r / (_TUNING * middle / np.sqrt(2.0 * np.log(2.0)))
+        root = 1.0 - np.minimum(z, 1.0) ** 2  # of the weight
+        if step < _STEPS:
+            root = np.maximum(r, 0.1 * middle) ** -0.5
         before = coefficients
-        coefficients = solve_least_squares(features, x, weight)
+        coefficients = solve_least_squares(root[:, None] * features, root[:, None] * x)
         moved = np.abs(features @ (coefficients - before)).max()
-        if step > _STEPS // 2 and moved < 1e-6 * middle:
+        if step > _STEPS and moved < 1e-6 * middle:
             break
     return coefficients

@@ -16,11 +16,6 @@ from ..errors import CalibError, OptionError, QueryError
 from .arrays import Array
 from .wording import listed, quoted, suggestion
 
-_NO_NUMBERS = dict.fromkeys("mM", "dates or times") | {
-    "c": "complex numbers",
-    "b": "true and false",
-}
-
 
 def number_rows(
     values: Any, names: Sequence[str], what: str, error: type[CalibError] = QueryError
@@ -107,14 +102,11 @@ def column_names(values: Any) -> list[Any]:
 def _numbers(values: Any, what: str, error: type[CalibError]) -> Array:
     """Return a float64 copy of what is an array of plain numbers."""
     if isinstance(values, np.ma.MaskedArray) and np.ma.getmaskarray(values).any():
-        raise error(
-            f"{what}: a masked array, whose masked entries are no measurements",
-            hint="leave out those rows, such as with values[~values.mask.any(axis=1)].data",
-        )
+        raise error(f"{what}: a masked array; leave out its masked entries, no measurements")
     try:
         array = np.asarray(values)
-        if array.dtype.kind in _NO_NUMBERS:
-            raise error(f"{what}: {_NO_NUMBERS[array.dtype.kind]}, expected real numbers")
+        if array.dtype.kind in "mMcb":  # dates, times, complex numbers, true and false
+            raise error(f"{what}: values of type {array.dtype}, expected real numbers")
         return np.array(array, dtype=np.float64, order="C")
     except (TypeError, ValueError) as problem:
         raise error(f"{what}: expected numbers, got {values!r:.60}") from problem

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..common.arrays import Array, Index
 from ..common.scale import Scale
-from .tasks import Task
 
 _ROUNDING = 1e-15
 """Share of the extent below which a target is met as well as numbers allow."""
@@ -24,8 +25,47 @@ _CHUNK = 4096  # rows at once: what is held of them fits into the cache
 _SLIDES = 25  # most slides towards the joints that are wished for
 _SETTLED = 1e-6  # of the joints' range: a slide that is shorter is the last
 _SLACK = 2e-6  # of the joints' range: a slide that has come so close to a limit is there
-_WISHED = 0.2  # of a wish: a step ahead takes no more of it
 _LONGEST = 0.25  # of the joints' range: no step and no slide is longer
+
+# the nearest point out of reach, shares of the joints' range: step of second derivatives, longest
+# and last step; share of the largest curvature that every direction has at least
+_PROBE, _FAR, _STILL, _FLAT = 1e-4, 0.2, 1e-10, 1e-6
+
+#: Position (n, 3) [m], orientation (n, 3, 3) and geometric Jacobian (n, 6, dof) at joints (n, dof).
+Evaluate = Callable[[Array], tuple[Array, Array, Array]]
+
+
+class Task(Protocol):
+    """What engines know of a question: targets are rows (n, k), residuals have m numbers."""
+
+    def value_and_slope(self, u: Array) -> tuple[Array, Array]:
+        """What is reached (n, k), and how residuals shrink with unit coordinates (n, m, dof)."""
+        ...
+
+    def gap(self, target: Array, value: Array) -> Array:
+        """Residuals (n, m) between targets and what is reached."""
+        ...
+
+
+@dataclass(frozen=True)
+class Positions:
+    """Positions (n, m) by a forward map that knows its Jacobian."""
+
+    value_and_slope: Callable[[Array], tuple[Array, Array]]
+
+    def gap(self, target: Array, value: Array) -> Array:
+        """Residuals (n, m)."""
+        return target - value
+
+    @staticmethod
+    def of_chain(evaluate: Evaluate, scale: Scale) -> Positions:
+        """Positions (n, 3) [m] of a chain in its base frame."""
+
+        def value_and_slope(u: Array) -> tuple[Array, Array]:
+            place, _, slope = evaluate(scale.from_unit(u))
+            return place, slope[:, :3] * scale.span
+
+        return Positions(value_and_slope)
 
 
 @dataclass(frozen=True)
@@ -45,22 +85,16 @@ class Newton:
         would push further is left out of that step, so that the others take over. A target counts
         as met within a share `tolerance` of the extent.
         """
-        if not len(u):
-            return u, np.zeros(0)
-        if len(u) <= _CHUNK:
-            return self._refine(u, x, tolerance, steps)
-        chunks = (slice(i, i + _CHUNK) for i in range(0, len(u), _CHUNK))
-        parts = [self._refine(u[rows], x[rows], tolerance, steps) for rows in chunks]
-        return np.concatenate([p[0] for p in parts]), np.concatenate([p[1] for p in parts])
-
-    def _refine(self, start: Array, x: Array, tolerance: float, steps: int) -> tuple[Array, Array]:
+        if len(u) > _CHUNK:
+            chunks = (slice(i, i + _CHUNK) for i in range(0, len(u), _CHUNK))
+            parts = [self.refine(u[rows], x[rows], tolerance, steps) for rows in chunks]
+            return np.concatenate([p[0] for p in parts]), np.concatenate([p[1] for p in parts])
         # coordinates come first here, so that every operation runs along the rows
         met, rounding = tolerance * self.extent, max(tolerance, 1e-12) * self.extent
-        u, rows = self._clip(start.T.copy()), np.arange(len(start))
-        gap, slope = self._left(u, x)
+        found, rows = self._clip(u.T.copy()), np.arange(len(u))
+        u, (gap, slope) = found.copy(), self._left(found, x)
         distance = _length(gap)
-        going = distance > met
-        found, found_distance = u.copy(), distance.copy()
+        left, going = distance.copy(), distance > met
         # nearly Gauss-Newton at first: a start is within a node's spacing of its answer
         damping = np.full(len(rows), 1e-9)
         for _ in range(steps):
@@ -77,38 +111,35 @@ class Newton:
             stalled = (distance - now < 1e-9 * distance) & (better | (distance < rounding))
             if better.all():  # most steps are: nothing has to be chosen row by row
                 u, gap, distance, slope = trial, new_gap, now, new_slope
-                damping = damping / 30
             else:
-                u = np.where(better, trial, u)
-                gap = np.where(better, new_gap, gap)
+                u, gap = np.where(better, trial, u), np.where(better, new_gap, gap)
                 distance = np.where(better, now, distance)
                 slope = np.where(better, new_slope, slope)
-                damping = np.where(better, damping / 30, np.maximum(damping * 30, 1e-6))
+            damping = np.where(better, damping / 30, np.maximum(damping * 30, 1e-6))
             damping = np.maximum(damping, 1e-12)
-            found[:, rows], found_distance[rows] = u, distance
+            found[:, rows], left[rows] = u, distance
             going = ~(stalled | (distance < met) | (moved < 1e-15) | (damping > 1e3))
-        return found.T, found_distance
+        return found.T, left
 
     def _step(self, u: Array, slope: Array, gap: Array, damping: Array) -> Array:
         """J' (J J' + damping)^-1 gap, with the joints that may move, (dof, n)."""
         stuck = self._outward(u, np.einsum("dmn,mn->dn", slope, gap))
         free = np.where(stuck[:, None], 0.0, slope) if stuck.any() else slope
         step = damped_solution(free, gap, damping)
-        longest = np.abs(step).max(axis=0)
-        long = longest > _LONGEST
-        return step * np.where(long, _LONGEST / np.where(long, longest, 1.0), 1.0)
+        longest = np.maximum(np.abs(step).max(axis=0), 1e-300)
+        return np.asarray(step * np.minimum(1.0, _LONGEST / longest))
 
     def settle(
         self, u: Array, x: Array, near: Array, longest: float = _LONGEST
     ) -> tuple[Array, Array]:
-        """Joints (n, dof) on targets `x` (n, m) near to `near`, and distances (n,) left.
+        """Joints (n, dof) on targets `x` (n, k) near to `near`, and distances (n,) left.
 
         Redundant joints slide from `u` along their self-motion. The null space of the Jacobian is
         left free by the target; each move within it, at most `longest` (a share of the range), is
         followed by :meth:`refine`, and kept if it is closer. The length of a move follows from the
         last one (Barzilai and Borwein 1988), because the self-motion is curved.
         """
-        if not self.task.spare(x, u.shape[1]):
+        if not len(u) or len(self._left(u[:1].T, x[:1])[0]) >= u.shape[1]:
             return self.refine(u, x)
         u, distance = self.refine(u, x, CLOSE)
         u = u.copy()
@@ -122,9 +153,7 @@ class Newton:
                 rows, at, share, pull = rows[going], at[going], share[going], pull[going]
             if not len(rows):
                 break
-            move = share[:, None] * pull
-            length = np.linalg.norm(move, axis=1)
-            move *= np.minimum(1.0, longest / length)[:, None]
+            move = shortened(share[:, None] * pull, longest)
             trial, after = self.refine(at + move, x[rows], CLOSE)
             wish = self.scale.difference(near[rows], at)
             wish_now = self.scale.difference(near[rows], trial)
@@ -141,33 +170,17 @@ class Newton:
         u[rows] = at
         return self.refine(u, x)
 
-    def rate(self, u: Array, gap: Array) -> Array:
-        """Small damped moves (n, dof) of the joints `u` that carry the tip along `gap` (n, m).
+    def rate(self, u: Array, gap: Array, damping: float = _CALM) -> Array:
+        """A damped move (n, dof) of the joints `u` that carries the tip along `gap` (n, m).
 
-        Near a stretched or folded pose the damping keeps them short.
+        Near a stretched or folded pose the damping keeps it short.
         """
-        slope = self._slope(self.task.value_and_slope(u)[1])
-        return np.asarray(self._step(u.T, slope, gap.T, np.full(len(u), _CALM)).T)
+        slope = _transposed(self.task.value_and_slope(u)[1])
+        return np.asarray(self._step(u.T, slope, gap.T, np.full(len(u), damping)).T)
 
     def tangent(self, u: Array, wish: Array) -> Array:
         """What of a wished move (n, dof) leaves the position as it is, limits kept."""
-        return self._tangent(u, wish, self._slope(self.task.value_and_slope(u)[1]))
-
-    def ahead(self, u: Array, x: Array, wish: Array, share: float) -> Array:
-        """Joints (n, dof) a step from `u` towards targets `x` (n, k) close by, to start from.
-
-        They also go the way of a wish (n, dof) as far as the target leaves that free, by at most
-        a `share` of the step.
-        """
-        value, slope = self.task.value_and_slope(u)
-        slope, gap = self._slope(slope), self.task.gap(x, value).T
-        step = self._step(u.T, slope, gap, np.full(len(u), 1e-9)).T
-        free = self._tangent(u, wish, slope)
-        longest = share * np.linalg.norm(step, axis=1)
-        length = np.maximum(np.linalg.norm(free, axis=1), 1e-300)
-        return np.asarray(u + step + free * np.minimum(_WISHED, longest / length)[:, None])
-
-    def _tangent(self, u: Array, wish: Array, slope: Array) -> Array:
+        slope = _transposed(self.task.value_and_slope(u)[1])
         place, move = u.T, wish.T
         blocked = np.zeros(place.shape, dtype=bool)
         for _ in range(u.shape[1]):
@@ -180,6 +193,51 @@ class Newton:
                 break
             blocked |= more
         return np.asarray(move.T)
+
+    def closest(self, u: Array, x: Array) -> tuple[Array, Array]:
+        """Joints (n, dof) that come nearest to targets `x` (n, m) of positions, what is left (n,).
+
+        Newton steps on the distance from `u`, with second derivatives: the edge of the workspace is
+        curved, of which the Jacobian alone knows nothing. A far target counts as one workspace
+        away: the nearest point is the same for all targets along one normal of its edge.
+        """
+        u, rows, share = u.copy(), np.arange(len(u)), np.ones(len(u))
+        position, slope = self.task.value_and_slope(u)
+        distance = np.linalg.norm(x - position, axis=1)
+        for _ in range(_STEPS):
+            if not len(rows):
+                break
+            gap = shortened(x[rows] - position[rows], self.extent)
+            step = self._curved_step(u[rows], slope[rows], gap) * share[rows, None]
+            trial = self.clip(u[rows] + step)
+            there, tilt = self.task.value_and_slope(trial)
+            # compared with what is pulled close: far targets have no digits left to compare
+            now = np.linalg.norm(position[rows] + gap - there, axis=1)
+            better = now < np.linalg.norm(gap, axis=1)
+            moved = np.abs(self.scale.difference(trial, u[rows])).max(axis=1)
+            taken = rows[better]
+            u[taken], position[taken], slope[taken] = trial[better], there[better], tilt[better]
+            distance[taken] = np.linalg.norm(x[taken] - position[taken], axis=1)
+            share[rows] = np.where(better, np.minimum(1.0, 2 * share[rows]), share[rows] / 4)
+            rows = rows[(moved > _STILL) & (share[rows] > 1e-6)]
+        return u, distance
+
+    def _curved_step(self, u: Array, slope: Array, gap: Array) -> Array:
+        """Newton step (n, dof) of half the squared distance, with the joints that may move."""
+        push = np.einsum("noi,no->ni", slope, gap)
+        held = self._outward(u.T, push.T).T
+        curvature = np.einsum("noi,noj->nij", slope, slope)
+        for k, probe in enumerate(_PROBE * np.eye(u.shape[1])):
+            ahead, behind = (self.task.value_and_slope(u + way)[1] for way in (probe, -probe))
+            curvature[:, k] -= np.einsum("noi,no->ni", ahead - behind, gap) / (2 * _PROBE)
+        curvature = 0.5 * (curvature + np.swapaxes(curvature, 1, 2))
+        curvature[held[:, :, None] | held[:, None, :]] = 0.0
+        size, axes = np.linalg.eigh(curvature)
+        size = np.abs(size)
+        size = np.maximum(size, _FLAT * np.maximum(size.max(axis=1, keepdims=True), 1e-300))
+        push = np.where(held, 0.0, push)
+        step = np.einsum("nij,nj->ni", axes, np.einsum("nji,nj->ni", axes, push) / size)
+        return shortened(np.where(held, 0.0, step), _FAR)
 
     def clip(self, u: Array) -> Array:
         """Points (n, dof) moved into the unit box; a periodic joint goes round instead."""
@@ -206,11 +264,7 @@ class Newton:
     def _left(self, u: Array, x: Array) -> tuple[Array, Array]:
         """Residuals (m, n) and Jacobian (dof, m, n) at the points `u` (dof, n)."""
         value, slope = self.task.value_and_slope(u.T)
-        return self.task.gap(x, value).T, self._slope(slope)
-
-    def _slope(self, slope: Array) -> Array:
-        # rows next to each other in memory: einsum is ten times slower on a transposed view
-        return np.ascontiguousarray(slope.transpose(2, 1, 0))
+        return self.task.gap(x, value).T, _transposed(slope)
 
     def take_better(
         self, u: Array, left: Array, near: Array, owner: Index, found: Array, now: Array
@@ -228,7 +282,7 @@ class Newton:
         met = left_over <= CLOSE * self.extent
         away = np.linalg.norm(self.scale.difference(every, near[owner]), axis=1)
         order = np.lexsort((np.where(met, away, left_over), ~met, owner))
-        best = order[np.append(True, np.diff(owner[order]) > 0)] if len(order) else order
+        best = order[np.append(True, np.diff(owner[order]) > 0)]
         u[asked], left[asked] = every[best], left_over[best]
 
 
@@ -248,6 +302,17 @@ def damped_solution(slope: Array, gap: Array, damping: Array) -> Array:
         return np.asarray(slope[:, 0] * first + slope[:, 1] * second)
     force = np.linalg.solve(power.transpose(2, 0, 1), gap.T[..., None])[..., 0]
     return np.asarray(np.einsum("dmn,nm->dn", slope, force))
+
+
+def shortened(moves: Array, longest: float) -> Array:
+    """Moves (n, d) of at most that length."""
+    length = np.linalg.norm(moves, axis=1, keepdims=True)
+    return np.asarray(moves * np.minimum(1.0, longest / np.maximum(length, 1e-300)))
+
+
+def _transposed(slope: Array) -> Array:
+    """Jacobians (dof, m, n), rows of memory along n: einsum is ten times slower on a view."""
+    return np.ascontiguousarray(slope.transpose(2, 1, 0))
 
 
 def _length(gap: Array) -> Array:

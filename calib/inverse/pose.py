@@ -12,10 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arm.rotations import logarithm
 from ..common.arrays import Array
 from ..common.scale import TURN, Scale
-from .newton import Newton
-from .tasks import Evaluate, Poses
+from .newton import Evaluate, Newton
 
 _ROUND, _QUIET = 96, 2  # random starts of a round; rounds in a row that must find nothing new
 _ROUNDS = 12  # at most
@@ -26,6 +26,33 @@ _TOGETHER = 50  # poses that are searched side by side: one row costs as much as
 #: A pose is reached within this share of the arm's length, and solutions this far apart [rad or m]
 #: are different branches.
 TOLERANCE, APART = 1e-9, 1e-3
+
+
+@dataclass(frozen=True)
+class Poses:
+    """Positions and orientations of a chain in its base frame, as rows of 3 and 9 numbers."""
+
+    evaluate: Evaluate
+    scale: Scale
+    lever: float  # [m], what a radian of turn counts as
+
+    @staticmethod
+    def target(position: Array, rotation: Array) -> Array:
+        """Targets (n, 12) of positions (n, 3) [m] and orientations (n, 3, 3)."""
+        return np.concatenate([position, rotation.reshape(-1, 9)], axis=1)
+
+    def value_and_slope(self, u: Array) -> tuple[Array, Array]:
+        """Poses (n, 12), and how residuals shrink with the unit coordinates (n, 6, dof)."""
+        place, turn, slope = self.evaluate(self.scale.from_unit(u))
+        slope = slope * self.scale.span
+        slope[:, 3:] *= self.lever
+        return self.target(place, turn), slope
+
+    def gap(self, target: Array, value: Array) -> Array:
+        """Residuals (n, 6): of the position, and the lever times the turn that is left."""
+        wanted, reached = (part[:, 3:].reshape(-1, 3, 3) for part in (target, value))
+        turn = logarithm(wanted @ np.swapaxes(reached, 1, 2))
+        return np.concatenate([target[:, :3] - value[:, :3], self.lever * turn], axis=1)
 
 
 @dataclass(frozen=True)
@@ -43,7 +70,7 @@ class Joints:
 
     def within(self, q: Array) -> tuple[Array, NDArray[np.bool_]]:
         """Joint values (n, dof) by whole turns into the ranges, and whether all are inside (n,)."""
-        out = q - np.where(self.revolute, TURN * np.round((q - self.middle) / TURN), 0.0)
+        out = q - self._turns(q - self.middle)
         near = (out >= self.lower - _SLACK) & (out <= self.upper + _SLACK)
         return np.clip(out, self.lower, self.upper), np.asarray(near.all(axis=1))
 
@@ -56,9 +83,10 @@ class Joints:
 
     def apart(self, a: Array, b: Array) -> Array:
         """Largest distance (n,) of any joint between rows (n, dof) and b (dof,); turns wrap."""
-        away = a - b
-        whole = np.where(self.revolute, TURN * np.round(away / TURN), 0.0)
-        return np.asarray(np.abs(away - whole).max(axis=1))
+        return np.asarray(np.abs(a - b - self._turns(a - b)).max(axis=1))
+
+    def _turns(self, away: Array) -> Array:
+        return np.where(self.revolute, TURN * np.round(away / TURN), 0.0)
 
 
 def pose_branches(
@@ -78,13 +106,10 @@ def pose_branches(
     active near each pose and are tried first, then starts that are drawn by `seed`, in at most
     `_ROUNDS` rounds; the search ends when two in a row find nothing new.
     """
-    if not len(position):
-        return []
     newton = Newton(Poses(evaluate, joints.turning, length), joints.turning, length)
-    target = Poses.target(position, rotation)
-    rng, dof = np.random.default_rng(seed), len(joints.lower)
-    known = [np.empty((0, dof)) for _ in position]
-    inside, quiet = [np.empty(0, dtype=bool) for _ in position], np.zeros(len(position), dtype=int)
+    target, n, dof = Poses.target(position, rotation), len(position), len(joints.lower)
+    rng, quiet = np.random.default_rng(seed), np.zeros(n, dtype=int)
+    known = [np.empty((0, dof))] * n
     tried = list(known) if starts is None else list(starts[:, None])
     for _ in range(_ROUNDS):
         more = [i for i, own in enumerate(known) if quiet[i] < _QUIET and len(own) <= _MOST]
@@ -97,13 +122,13 @@ def pose_branches(
             q, met = newton.scale.from_unit(u), left < TOLERANCE * length
             for i in some:
                 before = len(known[i])
-                for row, ok in zip(*joints.within(q[met & (owner == i)]), strict=True):
+                for row in q[met & (owner == i)]:
                     if not len(known[i]) or joints.apart(known[i], row).min() > APART:
-                        known[i], inside[i] = np.vstack([known[i], row]), np.append(inside[i], ok)
+                        known[i] = np.vstack([known[i], row])
                 quiet[i] = 0 if len(known[i]) > before else quiet[i] + 1
                 tried[i] = _flipped(known[i][before:], joints)
-    found = [own[ok] for own, ok in zip(known, inside, strict=True)]
-    return [rows[np.lexsort(rows.T[::-1])] for rows in found]
+    inside = [rows[ok] for rows, ok in map(joints.within, known)]
+    return [rows[np.lexsort(rows.T[::-1])] for rows in inside]
 
 
 def _flipped(q: Array, joints: Joints) -> Array:

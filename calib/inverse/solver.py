@@ -12,20 +12,22 @@ from ..common.arrays import Array, Index
 from ..common.scale import Scale
 from ..maps.association import Association
 from ..maps.predictor import Predictor
-from .closest import closest
-from .newton import CLOSE, Newton
-from .self_motions import representatives
-from .starts import Starts, damped_inverse, twins
-from .tasks import Positions
+from .newton import CLOSE, Newton, Positions, shortened
+from .starts import Starts, distinct, place_of, twins
 
-SAME = 1e-5
-"""Solutions closer than this share of the joints' range are one."""
-
-_BESIDE = 0.1  # of the sine between the Jacobian's columns: a step so long stays on its branch
-_SHORT = 0.03  # of the joints' range: no longer step is taken for one
+_SAME = 1e-5  # of the joints' range: solutions that are closer are one
+_SHORT = 0.03  # of the joints' range: after a first step so short the start is the joints given
+_BESIDE = 0.005  # of the joints' range: an answer so near is on the same branch
 _ALIKE = 4.0  # node spacings: solutions of redundant joints that are about as close
+_FOLDED, _ACROSS = 0.05, 0.3  # as `twins` has them
 _MANY, _DRAWN = 3, 128  # spare joints of which no lattice holds all families: starts are drawn
 _WIDE = 8  # sensory nodes whose partners are tried where others have failed
+
+_STEP = 0.03  # of the joints' range: length of a step along a self-motion
+_WALK = 60  # most steps from one solution to another
+_STUCK = 0.05  # share of the way ahead that a step has to be able to go
+_ROUNDS = 7  # attempts to join what is still apart, each of twice as many pairs of a group
+_NEAREST = 31  # solutions of the same target that one may be joined with
 
 
 @dataclass(frozen=True)
@@ -51,7 +53,7 @@ class Solver:
     @cached_property
     def newton(self) -> Newton:
         """Damped steps towards a target."""
-        return Newton(Positions(self.predictor), self.scale, self.extent)
+        return Newton(Positions(self.predictor.value_and_slope), self.scale, self.extent)
 
     @cached_property
     def starts(self) -> Starts:
@@ -71,87 +73,40 @@ class Solver:
             attainable point
         Returns distance : (n,), what is left to the target
         """
+        u, distance = self.clip(near), np.full(len(x), np.inf)
+        beside = np.arange(len(x))
         if not self.redundant:
-            u, distance = self._from_near(x, near)
-            rows = np.flatnonzero(np.isnan(distance))
-            if len(rows):
-                u[rows], distance[rows] = self._from_starts(x[rows], near[rows])
-        else:
-            # redundant joints: from the wished ones on; the links where that leads far away
-            u, distance = self.newton.settle(self.clip(near), x, near)
-            away = np.linalg.norm(self.scale.difference(u, near), axis=1)
-            unsure = (distance > CLOSE * self.extent) | (away > _ALIKE * self._spacing)
-            rows = np.flatnonzero(unsure)
-            if len(rows):
-                self.newton.take_better(
-                    u, distance, near, rows, *self._from_starts(x[rows], near[rows])
-                )
-        return self._rescued(u, distance, x, near)
-
-    def _from_near(self, x: Array, near: Array) -> tuple[Array, Array]:
-        """Solutions next to the joints wished for; NaN where another branch may be closer.
-
-        Branches meet at folds, where the Jacobian's columns are parallel: the sine between them
-        is about the way [rad] to the fold, and the other branch is as far beyond it.
-        """
-        u, distance = np.full(near.shape, np.nan), np.full(len(near), np.nan)
-        if near.shape[1] != x.shape[1]:
-            return u, distance
-        value, slope = self.predictor.value_and_slope(near)
-        size = np.sqrt((slope * slope).sum(axis=1)).prod(axis=1)
-        sine = np.abs(np.linalg.det(slope)) / np.maximum(size, 1e-300)
-        room = np.minimum(_BESIDE * sine, _SHORT)
-        step = np.einsum("ndm,nm->nd", damped_inverse(slope, 1e-12), x - value)
-        rows = np.flatnonzero(np.abs(step).max(axis=1) < room)
-        found, found_distance = self.newton.refine(near[rows], x[rows])
-        gap = np.abs(self.scale.difference(found, near[rows])).max(axis=1)
-        sure = (found_distance <= CLOSE * self.extent) & (gap < 2.0 * room[rows])
-        u[rows[sure]], distance[rows[sure]] = found[sure], found_distance[sure]
-        return u, distance
-
-    def _from_starts(self, x: Array, near: Array) -> tuple[Array, Array]:
-        """Solutions from the starts that are closest to the joints wished for."""
-        start, step, folded = self.starts.of(x)
-        n, dof, outputs = start.shape[0], start.shape[2], x.shape[1]
-        gap = self.scale.difference(start, near[:, None])
-        away = np.sqrt((gap * gap).sum(axis=2))
-        away[np.isnan(away)] = np.inf
-        rows = np.arange(n)
-        first = away.argmin(axis=1)
-        u, distance = self.newton.settle(start[rows, first], x, near)
-        # others that may lead closer, because a start is not yet a solution; all where it missed
-        doubt = 1.0 + step[rows, first][:, None] + step if dof <= outputs else _ALIKE
-        other = away < away[rows, first][:, None] + self._spacing * doubt
-        other |= (distance > CLOSE * self.extent)[:, None] & np.isfinite(away)
-        other[rows, first] = False
-        row, column = np.nonzero(other)
-        if len(row):
-            found = self.newton.settle(start[row, column], x[row], near[row])
-            self.newton.take_better(u, distance, near, row, *found)
-        folds = np.flatnonzero(folded)
-        if len(folds):
-            row, twin = twins(self.newton, u[folds])
-            owner = folds[row]
-            found = self.newton.refine(twin, x[owner])
-            self.newton.take_better(u, distance, near, owner, *found)
-        return u, distance
-
-    @property
-    def _spacing(self) -> float:
-        return self.association.motor.spacing
-
-    def _rescued(self, u: Array, distance: Array, x: Array, near: Array) -> tuple[Array, Array]:
-        """Answers whose targets were missed, tried again from more places."""
+            step = self.newton.rate(u, x - self.predictor.value(u), 1e-12)
+            beside = np.flatnonzero(np.abs(step).max(axis=1) < _SHORT)
+        u[beside], distance[beside] = self.newton.settle(u[beside], x[beside], near[beside])
+        away = np.linalg.norm(self.scale.difference(u, near), axis=1)
+        alike = _ALIKE * self.association.motor.spacing if self.redundant else _BESIDE
+        rows = np.flatnonzero((distance > CLOSE * self.extent) | (away > alike))
+        if len(rows):  # where that misses or leads far away, from the links
+            start = self.starts.of(x[rows])
+            away = np.linalg.norm(self.scale.difference(start, near[rows, None]), axis=2)
+            away = np.where(np.isnan(away), np.inf, away)
+            first = away.min(axis=1, keepdims=True)
+            close = away <= (first + alike if self.redundant else np.inf)
+            owner, column = np.nonzero(close & np.isfinite(away))
+            self._try(u, distance, x, near, rows[owner], start[owner, column])
+            if not self.redundant:
+                owner, across = twins(self.newton, u[rows], _FOLDED, _ACROSS)
+                self._try(u, distance, x, near, rows[owner], across)
         missed = np.flatnonzero(distance > CLOSE * self.extent)
-        if len(missed):
-            starts = self.starts
-            for target, start in (starts.propose(x[missed], _WIDE), starts.around(x[missed])):
-                row = missed[target]
-                found = self.newton.settle(start, x[row], near[row])
-                self.newton.take_better(u, distance, near, row, *found)
+        if len(missed):  # and from more places
+            for wider in (self.starts.propose(x[missed], _WIDE), self.starts.around(x[missed])):
+                self._try(u, distance, x, near, missed[wider[0]], wider[1])
             missed = np.flatnonzero(distance > CLOSE * self.extent)
-            u[missed], distance[missed] = closest(self.newton, u[missed], x[missed])
+            u[missed], distance[missed] = self.newton.closest(u[missed], x[missed])
         return u, distance
+
+    def _try(
+        self, u: Array, left: Array, x: Array, near: Array, owner: Index, start: Array
+    ) -> None:
+        """Replace answers by better ones from starts (k, dof) for targets (k,), in place."""
+        found = self.newton.settle(start, x[owner], near[owner])
+        self.newton.take_better(u, left, near, owner, *found)
 
     def solve_all(self, x: Array) -> tuple[Index, Array, Array]:
         """Every distinct solution of each target.
@@ -166,7 +121,7 @@ class Solver:
         """
         target, u, distance = self.solutions(x)
         if self.redundant and len(u):
-            target, u = representatives(self.newton, target, u, x)
+            target, u = _representatives(self.newton, target, u, x)
             distance = np.linalg.norm(self.predictor.value(u) - x[target], axis=1)
         lost = np.setdiff1d(np.arange(len(x)), target)
         if len(lost):
@@ -177,26 +132,25 @@ class Solver:
 
     def solutions(self, x: Array) -> tuple[Index, Array, Array]:
         """Solutions of each target as `solve_all` finds them, many of each family."""
-        start, _, folded = self.starts.of(x)
+        start = self.starts.of(x)
         target, column = np.nonzero(~np.isnan(start[..., 0]))
         u = start[target, column]
-        if folded.any():
-            # where branches meet they can change much between neighbouring nodes
-            row, more = self.starts.propose(x[folded], _WIDE)
-            target, u = np.append(target, np.flatnonzero(folded)[row]), np.concatenate([u, more])
         if u.shape[1] >= x.shape[1] + _MANY:
             drawn = np.random.default_rng(0).random((_DRAWN, u.shape[1]))
             target = np.append(target, np.repeat(np.arange(len(x)), _DRAWN))
             u = np.concatenate([u, np.tile(drawn, (len(x), 1))])
         u, distance = self.newton.refine(u, x[target])
-        if not self.redundant:
-            row, other = twins(self.newton, u)
-            other, other_distance = self.newton.refine(other, x[target[row]])
-            target = np.concatenate([target, target[row]])
-            u, distance = np.concatenate([u, other]), np.concatenate([distance, other_distance])
+        if not self.redundant:  # where branches meet they change much between neighbouring nodes
+            row, across = twins(self.newton, u, _FOLDED, _ACROSS)
+            folded = np.unique(target[row])
+            owner, wide = self.starts.propose(x[folded], _WIDE)
+            owner, more = np.append(target[row], folded[owner]), np.concatenate([across, wide])
+            more, left = self.newton.refine(more, x[owner])
+            target, u = np.append(target, owner), np.concatenate([u, more])
+            distance = np.append(distance, left)
         met = distance <= CLOSE * self.extent
         target, u, distance = self._by_middle(target[met], u[met], distance[met])
-        keep = self._distinct(target, u)
+        keep = distinct(self.scale, target, u, _SAME)
         return target[keep], u[keep], distance[keep]
 
     def _by_middle(self, target: Index, u: Array, distance: Array) -> tuple[Index, Array, Array]:
@@ -205,16 +159,92 @@ class Solver:
         order = np.lexsort((away, target))
         return target[order], u[order], distance[order]
 
-    def _distinct(self, target: Index, u: Array) -> NDArray[np.bool_]:
-        """Which solutions, sorted by target, repeat no earlier one of the same target."""
-        keep = np.ones(len(u), dtype=bool)
-        most = int(np.bincount(target).max(initial=0))
-        for lag in range(1, most):
-            same = np.flatnonzero(target[lag:] == target[:-lag])
-            gap = np.abs(self.scale.difference(u[same + lag], u[same])).max(axis=1)
-            keep[same[gap < SAME] + lag] = False
-        return keep
-
     def clip(self, u: Array) -> Array:
         """Points (n, dof) moved into the unit box; a periodic joint goes round instead."""
         return self.newton.clip(u)
+
+
+def _representatives(newton: Newton, target: Index, u: Array, x: Array) -> tuple[Index, Array]:
+    """One solution of each connected family: the one closest to the middle of the ranges.
+
+    Two solutions belong to one family if small steps along the self-motion, on target and inside of
+    the limits, lead from one to the other. Each group of solutions tries the nearest solutions of
+    other groups, more and more of them, until no more can be joined. `target` (m,) says, ascending,
+    to which row of `x` (n, m) each solution of `u` (m, dof, unit box) belongs; returned are the
+    same of what is left.
+    """
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    a, b, gap = _pairs(newton, target, u)
+    label, ways = np.arange(len(u)), np.zeros((2, 0), dtype=np.intp)
+    for round_ in range(_ROUNDS):
+        other = np.flatnonzero(label[a] != label[b])
+        if not len(other):
+            break
+        # the shortest ways out of each group
+        order = other[np.lexsort((gap[other], label[a[other]]))]
+        first = order[place_of(label[a[order]]) < 2**round_]
+        met = first[_walk(newton, u[a[first]], u[b[first]], x[target[a[first]]])]
+        ways = np.hstack([ways, np.array([a[met], b[met]])])
+        graph = coo_array((np.ones(ways.shape[1]), tuple(ways)), shape=(len(u), len(u)))
+        label = connected_components(graph.tocsr())[1].astype(np.intp)
+        a, b, gap = np.delete(a, first), np.delete(b, first), np.delete(gap, first)
+    middle = np.full_like(u, 0.5)
+    away = np.linalg.norm(newton.scale.difference(u, middle), axis=1)
+    order = np.lexsort((away, label))
+    chosen = np.sort(order[np.append(True, np.diff(label[order]) > 0)])
+    target, u = target[chosen], u[chosen]
+    settled, distance = newton.settle(u, x[target], middle[chosen], longest=_STEP)
+    return target, np.where((distance <= CLOSE * newton.extent)[:, None], settled, u)
+
+
+def _pairs(newton: Newton, target: Index, u: Array) -> tuple[Index, Index, Array]:
+    """Pairs of solutions of the same target, each with those nearest to it, and their distances."""
+    rows, columns, gaps = [target[:0]], [target[:0]], [np.zeros(0)]
+    for own in np.split(np.arange(len(u)), np.flatnonzero(np.diff(target)) + 1):
+        gap = np.linalg.norm(newton.scale.difference(u[own, None], u[own]), axis=2)
+        near = np.argsort(gap, axis=1)[:, 1 : _NEAREST + 1]
+        rows.append(np.repeat(own, near.shape[1]))
+        columns.append(own[near].ravel())
+        gaps.append(np.take_along_axis(gap, near, axis=1).ravel())
+    return np.concatenate(rows), np.concatenate(columns), np.concatenate(gaps)
+
+
+def _walk(newton: Newton, start: Array, goal: Array, x: Array) -> NDArray[np.bool_]:
+    """Whether steps along the self-motion lead from `start` to `goal`, (n,)."""
+    arrived = np.zeros(len(start), dtype=bool)
+    rows, u = np.arange(len(start)), start
+    for _ in range(_WALK):
+        wish = newton.scale.difference(goal[rows], u)
+        ahead = np.linalg.norm(wish, axis=1)
+        near = ahead < 0.3 * _STEP
+        arrived[rows[near]] = True
+        rows, u, wish, ahead = rows[~near], u[~near], wish[~near], ahead[~near]
+        if not len(rows):
+            break
+        move = newton.tangent(u, wish)
+        length = np.linalg.norm(move, axis=1)
+        trial, distance = newton.refine(u + shortened(move, _STEP), x[rows], CLOSE)
+        moved = np.linalg.norm(newton.scale.difference(trial, u), axis=1)
+        now = np.linalg.norm(newton.scale.difference(goal[rows], trial), axis=1)
+        going = (length > _STUCK * ahead) & (distance <= CLOSE * newton.extent)
+        going &= (moved < 2 * _STEP) & (now < ahead)
+        rows, u = rows[going], trial[going]
+    return arrived
+
+
+def free_directions(jacobian: Array) -> Array:
+    """Directions (k, dof) in which joints move on without changing what they reach.
+
+    The Jacobian (m, dof) has rows of comparable size. Each direction has a joint of its own at 1
+    that the others leave still.
+    """
+    from scipy.linalg import qr
+
+    _, size, vt = np.linalg.svd(jacobian)
+    null = vt[int((size > 1e-6 * size[0]).sum()) :]
+    if not len(null):
+        return null
+    own = np.sort(qr(null, mode="r", pivoting=True)[1][: len(null)])
+    return np.asarray(np.linalg.solve(null[:, own], null))

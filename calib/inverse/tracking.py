@@ -17,7 +17,7 @@ _HALVED = 10  # times that a step is halved at most
 _BEYOND, _SPACINGS = 0.1, 1.5
 _FRONT = 8  # solutions of redundant joints that set out together
 _FEW = 20  # iterations of a small step: more are of a target out of reach, which creeps
-_DRIFT = 0.5  # redundant joints drift to the middle by at most this share of their move
+_WISHED, _DRIFT = 0.2, 0.5  # of the way to the middle, and of their move: so far joints drift there
 
 
 class Track(NamedTuple):
@@ -42,30 +42,27 @@ def follow_targets(solver: Solver, x: Array, start: Array | None) -> Track:
     sensory = solver.association.sensory
     away = sensory.nearest(sensory.scale.to_unit(x))[0][:, 0]
     close = away <= max(_BEYOND, _SPACINGS * sensory.spacing)
-    if not close.any():  # the first alone: nothing more is told by the others
-        wish = np.full((1, solver.scale.span.size), 0.5) if start is None else start[None]
-        held = np.arange(len(x)) > 0
-        return Track(np.repeat(solver.solve(x[:1], wish)[0], len(x), axis=0), [], held)
+    lost = not close.any()
+    close[0] |= lost  # the first alone: nothing more is told by the others
     near = np.flatnonzero(close)
-    u, jumps = _followed(solver, x[near], start)
-    last = np.maximum(np.searchsorted(near, np.arange(len(x)), side="right") - 1, 0)
-    return Track(u[last], near[jumps].tolist(), ~close)
-
-
-def _followed(solver: Solver, x: Array, start: Array | None) -> tuple[Array, list[int]]:
-    """Joints (k, dof) for targets that are near what the arm reaches, and the rows of jumps."""
-    front = _everywhere(solver, x[0]) if start is None else solver.solve(x[:1], start[None])[0]
-    follower, rows = _Follower(solver, x), np.empty((0, len(front[0])))
+    if start is None and not lost:
+        front = _everywhere(solver, x[near[0]])
+    else:
+        wish = np.full(solver.scale.span.shape, 0.5) if start is None else start
+        front = solver.solve(x[near[:1]], wish[None])[0]
+    follower, rows = _Follower(solver, x[near]), np.empty((0, front.shape[1]))
     jumps: list[int] = []
     while True:
         rows = np.concatenate([rows, follower.furthest(len(rows), front)])
-        if len(rows) == len(x):
-            return rows, jumps
+        if len(rows) == len(near):
+            break
         jumps.append(len(rows))
-        front = _everywhere(solver, x[len(rows)])
+        front = _everywhere(solver, x[near[len(rows)]])
         # of branches that are as good the closest one: the first counts
         gap = np.linalg.norm(solver.scale.difference(front, rows[-1]), axis=1)
         front = front[np.argsort(gap, kind="stable")]
+    last = np.maximum(np.searchsorted(near, np.arange(len(x)), side="right") - 1, 0)
+    return Track(rows[last], near[np.array(jumps, dtype=int)].tolist(), ~close)
 
 
 def _everywhere(solver: Solver, x: Array) -> Array:
@@ -93,7 +90,7 @@ class _Follower:
                 break
             rows = history[-1].copy()
             rows[alive] = moved
-            length[alive] += np.linalg.norm(self._solver.scale.difference(moved, u), axis=1)
+            length[alive] += self._moved(moved, u)
             alive = alive[going]
             history.append(rows)
         best = alive[np.argmin(length[alive].round(6))]
@@ -123,21 +120,24 @@ class _Follower:
         """Whether the links lead to joints that meet the target of a row."""
         if self._reached[row] < 0:
             solver, x = self._solver, self._x[row : row + 1]
-            start, _, _ = solver.starts.of(x)
-            u = start[~np.isnan(start[..., 0])]
+            (u,) = solver.starts.of(x)
+            u = u[~np.isnan(u[:, 0])]
             left = solver.newton.refine(u, np.repeat(x, len(u), axis=0), CLOSE)[1]
             self._reached[row] = (left <= CLOSE * solver.extent).any()
         return bool(self._reached[row])
 
     def _step(self, u: Array, x: Array) -> tuple[Array, NDArray[np.bool_], NDArray[np.bool_]]:
         """One step of the target; whether joints moved by little, and met it, (n,)."""
-        newton = self._solver.newton
+        solver, newton = self._solver, self._solver.newton
         targets = np.broadcast_to(x, (len(u), len(x)))
         met, trial, rest = np.zeros(len(u), dtype=bool), u.copy(), np.arange(len(u))
-        if self._solver.redundant:
+        if solver.redundant:
             # redundant joints use what is free to keep away from their limits
-            middle = newton.scale.difference(np.full_like(u, 0.5), u)
-            start = newton.ahead(u, targets, middle, _DRIFT)
+            step = newton.rate(u, targets - solver.predictor.value(u), 1e-9)
+            free = newton.tangent(u, solver.scale.difference(np.full_like(u, 0.5), u))
+            longest = _DRIFT * np.linalg.norm(step, axis=1)
+            share = longest / np.maximum(np.linalg.norm(free, axis=1), 1e-300)
+            start = u + step + free * np.minimum(_WISHED, share)[:, None]
             trial, distance = newton.refine(start, targets, CLOSE, _FEW)
             met = distance <= CLOSE * newton.extent
             rest = np.flatnonzero(self._moved(trial, u) > _SMOOTH)

@@ -54,13 +54,9 @@ class CompactPosterior:
         """
         structure, arm = body.structure, KernelArm.of(body.structure, body.beta)
         q = np.random.default_rng(0).uniform(lower, upper, (_ASKED, structure.dof))
-        curves = {
-            k: own
-            for k in range(structure.dof)
-            if len(own := structure.groups.get(f"curve.{k}", ()))
-        }
-        told = np.ones(structure.size, dtype=bool)
-        told[[int(index) for own in curves.values() for index in own]] = False
+        curves = [np.asarray(structure.groups[f"curve.{k}"], int) for k in range(structure.dof)]
+        told = np.ones(structure.size, dtype=bool)  # of the geometry, not of a curve
+        told[np.concatenate(curves)] = False
         seen = structure.blocks[0]
         slope = structure.linearise(q, body.beta)[1][:, :seen]
         basis = np.moveaxis(arm.derivatives(q)[0], 2, 0).swapaxes(1, 2).reshape(_ASKED * seen, -1)
@@ -68,8 +64,9 @@ class CompactPosterior:
         size = np.linalg.norm(basis, axis=0)
         still = size < _STILL * size.max()  # such as the load of a joint that stands upright
         basis[:, still], size[still] = 0.0, 1.0
-        through = np.linalg.lstsq(basis / size, rows, rcond=1e-12)[0]
-        apart = np.linalg.norm(basis / size @ through - rows, axis=0)
+        basis = basis / size
+        through = np.linalg.lstsq(basis, rows, rcond=1e-12)[0]
+        apart = np.linalg.norm(basis @ through - rows, axis=0)
         if (apart > _TOLD * np.linalg.norm(rows, axis=0).max()).any():
             raise OptionError("the body has a parameter that the C source does not know")
         through /= size[:, None]
@@ -77,13 +74,14 @@ class CompactPosterior:
         scales = vectors, np.sqrt(np.maximum(values, 1e-14 * values[-1]))
         beliefs: list[Any] = [body] if body.second is None else [body, body.second]
         active = beliefs[-1].active
-        ways = _WAYS if any(np.isin(own, active).any() for own in curves.values()) else 0
+        ways = _WAYS if not told[active].all() else 0
         parts = []
         for belief in beliefs:
-            off = _apart(structure, body.beta, belief.beta, q, curves, basis / size, seen)
-            off = off / size if off is not None else np.zeros(len(size))
-            parts.append(_compact(structure, belief, body.beta, told, through, curves, ways,
-                                  scales, off))  # fmt: skip
+            # what it predicts apart from the first, its curves left out, in amounts of what moves
+            other = np.where(told, belief.beta, body.beta)
+            gap = structure.predict(q, other) - structure.predict(q, body.beta)
+            off = np.linalg.lstsq(basis, gap[:, :seen].ravel(), rcond=1e-12)[0] / size
+            parts.append(_compact(belief, body.beta, told, through, curves, ways, scales, off))
         rank = max(part[0].shape[1] for part in parts)
         root = np.stack([np.pad(p[0], ((0, 0), (0, rank - p[0].shape[1]))) for p in parts])
         alone, coupled, waved, gains = (np.stack([part[k] for part in parts]) for k in range(1, 5))
@@ -123,36 +121,17 @@ class CompactPosterior:
         return out
 
 
-def _apart(
-    structure: Any, beta: Array, other: Array, q: Array, curves: Any, basis: Array, seen: int
-) -> Array | None:
-    """Amounts (D,) of what moves that lead from one belief's prediction to another's."""
-    moved = other.copy()
-    for own in curves.values():
-        moved[own] = beta[own]
-    if not (moved - beta).any():
-        return None
-    gap = (structure.predict(q, moved) - structure.predict(q, beta))[:, :seen]
-    return np.asarray(np.linalg.lstsq(basis, gap.ravel(), rcond=1e-12)[0])
-
-
 def _compact(
-    structure: Any,
-    belief: Body | Second,
-    beta: Array,
-    told: Array,
-    through: Array,
-    curves: Any,
-    ways: int,
-    scales: tuple[Array, Array],
-    apart: Array,
-) -> tuple[Array, Array, Array, Array, Array]:
+    belief: Body | Second, beta: Array, told: Array, through: Array, curves: list[Any],
+    ways: int, scales: tuple[Array, Array], apart: Array,
+) -> tuple[Array, Array, Array, Array, Array]:  # fmt: skip
     """Root of the geometry, the curves' own terms, coupled directions, their waves and signs.
 
     Directions are chosen where positions move most: vectors (d, d) of parameters times (d,).
-    What a belief predicts apart from `beta` is the last of them, to first order.
+    What a belief predicts `apart` (D,) from `beta` is the last of them, to first order.
     """
-    size, dof, (vectors, weight) = structure.size, structure.dof, scales
+    size, dof, (vectors, weight) = len(beta), len(curves), scales
+    bent = [k for k, curve in enumerate(curves) if len(curve)]
     covariance = np.zeros((size, size))
     covariance[np.ix_(belief.active, belief.active)] = belief.covariance
     geometry = np.ix_(told, told)
@@ -167,8 +146,8 @@ def _compact(
     turn: Array = np.linspace(0.0, 2 * np.pi, 8 * HARMONICS, endpoint=False)
     wave = powers(turn)
     waves = np.concatenate([wave.real, wave.imag], axis=1)
-    for k, curve in curves.items():
-        block = np.ix_(curve, curve)
+    for k in bent:
+        block = np.ix_(curves[k], curves[k])
         terms = np.fft.rfft(((waves @ covariance[block]) * waves).sum(axis=1)) / len(waves)
         own[k, 0], remaining[block] = float(terms[0].real), 0.0
         own[k, 1::2] = 2 * terms[1 : 2 * HARMONICS + 1].real
@@ -180,6 +159,6 @@ def _compact(
     coupled = through @ directions[told]
     coupled[:, -1] = apart
     waved = np.zeros((dof, 2 * HARMONICS, ways + 1))
-    for k, curve in curves.items():
-        waved[k] = directions[curve]
+    for k in bent:
+        waved[k] = directions[curves[k]]
     return root, own, coupled, waved, np.sign(strength[most])

@@ -14,8 +14,8 @@ from ..common.choices import READOUTS
 from ..common.frozen import freeze, frozen
 from ..common.parallel import side_by_side
 from ..errors import OptionError
-from .linear_models import LinearModels, MeanPositions, regress
-from .links import WIRINGS, Compressed, Wiring, squares
+from .linear_models import LinearModels, regress
+from .links import WIRINGS, Compressed, Wiring
 from .map import Map, nearest_points
 
 if TYPE_CHECKING:
@@ -25,6 +25,8 @@ _JOINED = 1.9  # nodes closer than so many spacings belong to one cluster
 _CORE = 6.0  # reach of a cluster around its strongest node [spacings]
 _MOST = 6  # clusters that are kept of each sensory node
 _AT_ONCE = 50_000  # samples whose activities are held together
+_SEEN = 1e-9  # activity below which a node was never active
+_FAR = 6e4  # node spacings: the largest number in half precision is a little more
 
 
 def check_readout(name: str) -> None:
@@ -53,24 +55,24 @@ class Association:
         Strength c_ij of each connection; `links` is the same as a csr_array.
     wiring : Wiring
         How they were learned (eq. 5) and how active nodes are (eq. 6).
-    motor_means, sensory_means : (nodes, dof), (nodes, m) array, optional
-        Mean position of the samples at which each node was active, in the unit boxes; the nodes'
-        weights where not known.
+    motor_shifts, sensory_shifts : (nodes, dof), (nodes, m) array, optional
+        Mean position of the samples at which each node was active, less its weight, in node
+        spacings and half precision, as a model file keeps it; 0 where not known.
     """
 
     motor: Map
     sensory: Map
     linked: Compressed | csr_array
     wiring: Wiring = WIRINGS["reciprocal"]
-    motor_means: Array | None = None
-    sensory_means: Array | None = None
+    motor_shifts: Array | None = None
+    sensory_shifts: Array | None = None
 
     def __repr__(self) -> str:
         strong = f"{len(self.linked.data):,} links"
         return f"Association({self.motor!r}, {self.sensory!r}, {strong})"
 
     def __post_init__(self) -> None:
-        freeze(self, "motor_means", "sensory_means")
+        freeze(self, "motor_shifts", "sensory_shifts")
         links = self.linked
         data, indices, indptr = map(frozen, (links.data, links.indices, links.indptr))
         object.__setattr__(self, "linked", Compressed(data, indices, indptr, links.shape))
@@ -86,21 +88,22 @@ class Association:
     @staticmethod
     def learn(motor: Map, u: Array, sensory: Map, v: Array, wiring: Wiring) -> Association:
         """Link two maps by samples (n, dof) and (n, 2) in their unit boxes."""
-        means = MeanPositions(motor), MeanPositions(sensory)
-        together: Any = 0
-        square: list[Array] = [np.zeros(motor.size), np.zeros(sensory.size)]
+        maps, together = (motor, sensory), cast("Any", 0)
+        sums = [np.zeros((network.size, network.units.shape[1] + 2)) for network in maps]
         for first in range(0, len(u), _AT_ONCE):
             points = u[first : first + _AT_ONCE], v[first : first + _AT_ONCE]
-            ask = (
-                partial(wiring.activity, *one) for one in zip((motor, sensory), points, strict=True)
-            )
+            ask = (partial(wiring.activity, *one) for one in zip(maps, points, strict=True))
             active = side_by_side(*ask)
             together = (active[0].T @ active[1]).tocsr() + together
-            for k, a in enumerate(active):
-                square[k] += squares(a)
-                means[k].add(a, points[k])
-        links = wiring.link(together, square[0], square[1])
-        return Association(motor, sensory, links, wiring, means[0].result(), means[1].result())
+            for k, activity in enumerate(active):
+                sums[k] += _sums(maps[k], activity, points[k])
+        links = wiring.link(together, sums[0][:, -1], sums[1][:, -1])
+        return Association(motor, sensory, links, wiring, *map(_shifts, maps, sums))
+
+    def predict(self, q: Array, readout: str = "activity") -> Array:
+        """Positions (n, m) that a readout gives for joints (n, dof), both in their own units."""
+        u = self.motor.scale.to_unit(np.atleast_2d(np.asarray(q, dtype=float)))
+        return self.sensory.scale.from_unit(self.forward(u, readout))
 
     def forward(self, u: Array, readout: str) -> Array:
         """Positions in the sensory unit box (n, 2) for joints `u` (n, dof) in theirs."""
@@ -150,7 +153,7 @@ class Association:
         weight[:, 0] += 1e-300
         step = np.take_along_axis(gap, best[..., None], 2)[:, :, 0]
         if "linear" in readouts:
-            places = self.sensory.units if self.sensory_means is None else self.sensory_means
+            places = _places(self.sensory, self.sensory_shifts)
             middle, mean, slope = regress(places[nodes] - v[:, None], step, weight)
             found["linear"] = anchor + mean - np.einsum("nd,ndo->no", middle, slope)
         if "activity" in readouts:
@@ -162,7 +165,7 @@ class Association:
     def linear(self) -> LinearModels:
         """The forward direction of the readout ``linear``, with slopes [unit]."""
         motor, strength = self.motor, self._strength
-        means = motor.units if self.motor_means is None else self.motor_means
+        means = _places(motor, self.motor_shifts)
         partners = self._weighted / np.where(strength > 0, strength, 1.0)[:, None]
         inside = motor.scale.wrapped(motor.units)
         predicted = self.sensory.scale.from_unit(partners)
@@ -235,6 +238,27 @@ class Association:
         cores = np.zeros((ns, width), dtype=np.intp)
         cores[owner[keep], place_in_row[keep]] = i[first][rank][keep]
         return Clusters(centers, strength, cores)
+
+
+def _sums(network: Map, activity: csr_array, u: Array) -> Array:
+    """Sums over samples (n, d), (nodes, d + 2): activity times offset from the node, a and a^2."""
+    rows = np.repeat(np.arange(len(u)), np.diff(activity.indptr))
+    gap = network.scale.difference(u[rows], network.units[activity.indices])
+    a = activity.data
+    columns = (*(a * c for c in gap.T), a, a * a)
+    return np.stack([np.bincount(activity.indices, c, network.size) for c in columns], axis=1)
+
+
+def _shifts(network: Map, sums: Array) -> Array:
+    """Mean offsets (nodes, d) [node spacings]; a node that was never active has none."""
+    share = np.where(sums[:, -2] > _SEEN, 1.0 / np.maximum(sums[:, -2], _SEEN), 0.0)
+    shifts = sums[:, :-2] * share[:, None] / network.spacing
+    return np.asarray(np.clip(shifts, -_FAR, _FAR).astype(np.float16), dtype=float)
+
+
+def _places(network: Map, shifts: Array | None) -> Array:
+    """Where nodes are active (nodes, d), in the unit box."""
+    return network.units if shifts is None else network.units + shifts * network.spacing
 
 
 def _close_nodes(network: Map) -> tuple[Index, Index]:

@@ -1,25 +1,109 @@
 """Kohonen's batch map: it goes to the fixed points of eq. 2, some fifty times sooner.
 
-Where eq. 2 comes to rest each node is the mean of all samples, weighted by h of eq. 3.  Each epoch
-puts the nodes there for the winners as they are.  It starts from a coarse lattice spread over the
-samples, which goes to the same fixed points as a random start.  `python benchmarks/map_readouts.py
-rules --samples 20000`: sample by sample 17.1 s, from a random start 0.60 s, coarse to fine 0.21 s.
+Each epoch puts every node at the mean of all samples, weighted by h of eq. 3, and coarse lattices
+come first.  `python benchmarks/map_readouts.py rules --samples 20000`: sample by sample 17.1 s,
+from a random start 0.60 s, coarse to fine 0.21 s.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..common.arrays import Array
+from ..common.arrays import Array, Index
 from .density import Gain, Visit
 from .lattice import REACH, Lattice
 from .map import Epoch, nearest_nodes, search_tree, topographic_error
-from .schedule import Stage
+
+Density = Literal["even", "varying", "growing"]
+"""How a gain acts: not, on the full lattice alone, or on the coarse ones too (the default)."""
 
 _CELLS = 65_535  # parts of the unit box by which samples are sorted
+_LAST, _LAST_VARYING = 0.4, 1.5  # last radii of the full lattice [nodes]
+_COARSEST = 64  # nodes of the lattice that is ordered first
+_GROWTH = 10.0  # the next one has at most so many times the nodes
+_PER_NODE = 10  # samples that a coarse lattice is shown per epoch and node
+_STEP = 1.5  # see Stage.step
+_FIRST_GROWING, _EPOCHS_GROWING = 3.0, 5  # first radius [nodes] and epochs of the full lattice
+_GROWN = 0.5  # t / T after the coarse lattices
+
+
+def decay(start: float, end: float, n: int) -> Array:
+    """`n` values that decay exponentially from `start` to `end` (eq. 4)."""
+    return start * (end / start) ** np.linspace(0.0, 1.0, n) if n > 1 else np.array([end])
+
+
+@dataclass(frozen=True)
+class Stage:
+    """Some epochs on one lattice; the last stage trains the one that is kept."""
+
+    lattice: Lattice
+    sigma: Array  # (epochs,) [nodes], neighbourhood radius of each epoch
+    # the nodes follow the winners' steps, times this (below 2, which would overshoot); without it
+    # Kohonen's batch rule, see :func:`moved`
+    step: float | None = None
+    # t / T of a varying density before and after this stage; without it the density does not vary
+    progress: tuple[float, float] | None = None
+
+
+def coarse_to_fine(
+    lattice: Lattice,
+    epochs: int | None = None,
+    sigma: tuple[float, float] | None = None,
+    density: Density = "even",
+) -> list[Stage]:
+    """Stages that order a coarse lattice and refine it up to `lattice`.
+
+    A coarse lattice settles with less work and fewer folds than a fine one, which starts from its
+    interpolation with a small radius.  On the way the nodes follow the winners' steps, which leaves
+    the border where it belongs; the last stage is eq. 2.  With `epochs` or `sigma` that is the only
+    one, from a random start.
+
+    Where the density is varying, the last radius is wider: a smooth map whose border the gain holds
+    in place is more accurate than one that follows each sample.  One that grows is full on the
+    coarse lattices, where an epoch costs little; its last radius is 0.4 nodes up to 20 a side,
+    where half a node more would cost more inside than the gain wins at the border, 0.8 at 70.
+    """
+    alone, longest = epochs is not None or sigma is not None, max(lattice.shape)
+    last = _LAST_VARYING if density == "varying" or (alone and density == "growing") else _LAST
+    if alone:
+        start, end = sigma or (max(longest / 2, last), last)
+        return [Stage(lattice, decay(start, end, epochs or 20), progress=(0.0, 1.0))]
+    growth = lattice.size / _COARSEST
+    levels = math.ceil(math.log(growth, _GROWTH)) if growth >= 2 else 0
+    coarse = [shrunk(lattice, _COARSEST * growth ** (k / levels)) for k in range(levels)]
+    coarse = [small for small in coarse if small.size < lattice.size]
+    if not coarse:
+        start = max(longest / 2, 1.0)
+        return [Stage(lattice, decay(start, min(last, start), 20), progress=(0.0, 1.0))]
+    if density == "varying":  # so wide a radius comes next that one coarse lattice will do
+        coarse = coarse[:1]
+    first = Stage(coarse[0], decay(2.0, 0.7, 8))
+    finer = [Stage(small, decay(2.0, 1.5, 6), _STEP) for small in coarse]
+    if density == "varying":
+        # the gain draws nodes to the border: that takes wide radii and more epochs
+        radii = decay(max(2 * last, longest / 5), last, 14)
+        return [first, *finer, Stage(lattice, radii, progress=(0.0, 1.0))]
+    finer.append(Stage(lattice, np.array([1.5]), _STEP))
+    if density == "even":
+        return [first, *finer, Stage(lattice, decay(1.0, last, 3), progress=(0.0, 1.0))]
+    share = np.linspace(0.0, _GROWN, len(finer) + 1).tolist()
+    finer = [replace(s, progress=part) for s, part in zip(finer, pairwise(share), strict=True)]
+    side = lattice.size ** (1 / lattice.dim)
+    last = float(np.clip(_LAST + 0.22 * math.log2(side / 20), _LAST, 0.8))
+    radii = decay(_FIRST_GROWING, last, _EPOCHS_GROWING)
+    return [first, *finer, Stage(lattice, radii, progress=(_GROWN, 1.0))]
+
+
+def shrunk(lattice: Lattice, nodes: float) -> Lattice:
+    """A lattice of the same proportions with about `nodes` nodes."""
+    factor = (nodes / lattice.size) ** (1 / lattice.dim)
+    return Lattice(tuple(max(2, round(s * factor)) for s in lattice.shape))
 
 
 def learn_batch(
@@ -37,18 +121,17 @@ def learn_batch(
     """
     order = _by_place(u)
     u = u[order]
-    lattice = stages[0].lattice
+    lattice, full = stages[0].lattice, stages[-1].lattice
     weights = rng.random((lattice.size, u.shape[1]))
     if len(stages) > 1:
         weights = spread_out(u, lattice)
-    per_node = len(u) / stages[-1].lattice.size
     for stage in stages:
         if stage.lattice != lattice:
             weights = lattice.resample(weights, stage.lattice)
         lattice = stage.lattice
-        drawn: NDArray[np.intp] | slice = slice(None)
-        if stage.samples < len(u):
-            drawn = np.sort(rng.choice(len(u), stage.samples, replace=False, shuffle=False))
+        drawn, most = np.arange(len(u)), _PER_NODE * lattice.size
+        if lattice != full and most < len(u):
+            drawn = np.sort(rng.choice(len(u), most, replace=False, shuffle=False))
         some, rows = u[drawn], order[drawn]
         back = np.argsort(rows)  # a gain sees samples in the log's order, not in that of places
         wrong = None if residual is None else residual[rows[back]]
@@ -60,6 +143,7 @@ def learn_batch(
             if gain is not None and stage.progress is not None:
                 first, last = stage.progress
                 t, by, far = first + (last - first) * share, winner[back], distance[back]
+                per_node = len(u) / full.size
                 g[back] = gain(Visit(t, by, far, weights, lattice, wrong, sigma, per_node))
             topographic = topographic_error(some, tree, lattice)
             # of each node: sum of the samples that it won, and their weight
@@ -67,10 +151,10 @@ def learn_batch(
             won = [np.bincount(winner, c, lattice.size) for c in columns]
             sums = np.stack(won, axis=1, dtype=float)
             weights = moved(weights, sums, lattice, sigma, stage.step)
-            yield Epoch(weights, lattice, sigma, float(distance.mean()), topographic, len(some))
+            yield Epoch(weights, lattice, sigma, float(distance.mean()), topographic)
 
 
-def _by_place(u: Array) -> NDArray[np.intp]:
+def _by_place(u: Array) -> Index:
     """An order in which close samples follow each other: their winners are found sooner."""
     per_axis = int(_CELLS ** (1 / u.shape[1]))
     cell = np.zeros(len(u), dtype=np.uint16)

@@ -12,12 +12,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..common.arrays import Array
+from ..common.arrays import Array, Index
+from ..common.wording import one_line
 from ..errors import OptionError
 from .lattice import Graph, Lattice
-from .untrained import KINDS as UNTRAINED
 
 
 @dataclass(frozen=True, repr=False)
@@ -49,7 +48,7 @@ class Visit:
     """
 
     progress: float
-    winners: NDArray[np.intp]
+    winners: Index
     distances: Array
     weights: Array
     lattice: Lattice | Graph
@@ -76,18 +75,23 @@ Gain = Callable[[Visit], Array]
 _FULL = 2 / 3  # share of the training after which the gain at the border is full
 _LEAST, _MOST = 0.05, 50.0  # of the residual's share in the gain
 _OWN = 5.0  # samples that each node keeps
+_ROUNDS = 20  # after which a cap on the density stands
 
 
 def border(visit: Visit, share: float = 1.0) -> Array:
     """Gain of nodes "with a small number of neighbors", corners and edges: what the paper means.
 
-    g = exp(p min(1, 3/2 t/T) (1 - neighbours / most neighbours)), p a `share` of
-    :func:`border_strength`.  It has no feedback and cannot tear the map; the last third of the
-    training, at the full gain, brings the map to rest.
+    g = exp(p min(1, 3/2 t/T) (1 - neighbours / most neighbours)), p a `share` of 3 log2(side / 4),
+    1.5 to 9, by the nodes along a side: of a small lattice a large share is border, and drawn there
+    its nodes would be missed inside.  With fewer than 4 samples per node p is less, down to half:
+    at full strength the readout ``winner`` lost 7 % on 30x30 nodes of 2,000 samples.  The gain has
+    no feedback and cannot tear the map; the last third of the training, at the full gain, brings
+    the map to rest.
     """
-    lonely = 1.0 - visit.lattice.neighbours()
+    side = visit.lattice.size ** (1 / getattr(visit.lattice, "dim", 2))
+    strength = np.clip(3.0 * np.log2(side / 4.0), 1.5, 9.0) * np.clip(visit.per_node / 4, 0.5, 1.0)
     ramp = share * min(1.0, visit.progress / _FULL)
-    strength = border_strength(visit.lattice, visit.per_node)
+    lonely = 1.0 - visit.lattice.neighbours()
     return np.asarray(np.exp(strength * ramp * lonely)[visit.winners])
 
 
@@ -151,20 +155,14 @@ def rationed(residual: Array, per_node: float, dim: int) -> Array:
     residual : (n,), how wrong the smooth model is around each sample
     per_node : samples per node of the whole map
     """
+    if per_node <= _OWN:
+        return np.ones(len(residual))
     share = np.clip(residual / max(float(residual.mean()), 1e-300), _LEAST, _MOST)
-    power, n = dim / (dim + 2.0), len(share)
-    dense = np.sort(share**power)
-    # a cap c is the density of nodes with 5 samples if c = (per_node / 5) mean(min(dense, c)); the
-    # i smallest are below it
-    below, above = np.cumsum(dense), np.arange(n - 1, -1, -1)
-    some = per_node / _OWN
-    low = np.flatnonzero(dense * n < some * (below + above * dense))
-    if not len(low):
-        return np.ones(n)
-    i = low[-1]
-    if i < n - 1:
-        share = np.minimum(share, (below[i] / (n / some - above[i])) ** (1.0 / power))
-    return share
+    power = dim / (dim + 2.0)
+    dense = share**power
+    for _ in range(_ROUNDS):  # what is capped lowers the mean that the cap is a multiple of
+        dense = np.minimum(dense, per_node / _OWN * dense.mean())
+    return np.asarray(dense ** (1.0 / power))
 
 
 def checked_gain(gain: Gain) -> Gain:
@@ -176,26 +174,14 @@ def checked_gain(gain: Gain) -> Gain:
             found = np.asarray(given, dtype=float)
         except (TypeError, ValueError):
             found = np.zeros(0)
-        if found.shape != shape or not (np.isfinite(found) & (found >= 0)).all() or not found.any():
-            told = " ".join(f"{given!r:.100}".split())
+        if found.shape != shape or not (found >= 0).all() or not 0 < found.sum() < np.inf:
             raise OptionError(
-                f"the gain returned {told}: expected an array of shape {shape}, a factor for "
-                "each sample, finite, 0 or more and not all 0"
+                f"the gain returned {one_line(repr(given))}: expected an array of shape {shape}, a "
+                "factor for each sample, finite, 0 or more and not all 0"
             )
         return found
 
     return ask
-
-
-def border_strength(lattice: Lattice | Graph, per_node: float = np.inf) -> float:
-    """Strength p of the border's gain: 3 log2(side / 4), 1.5 to 9, by the nodes along a side.
-
-    Of a small lattice a large share is border: drawn there, its nodes would be missed inside.
-    With fewer than 4 samples per node it is less, down to half: at full strength the readout
-    ``winner`` lost 7 % on 30x30 nodes of 2,000 samples.
-    """
-    side = lattice.size ** (1 / getattr(lattice, "dim", 2))
-    return float(np.clip(3.0 * np.log2(side / 4.0), 1.5, 9.0) * np.clip(per_node / 4.0, 0.5, 1.0))
 
 
 READINGS: dict[str, Gain] = {
@@ -207,15 +193,13 @@ READINGS: dict[str, Gain] = {
 }
 """What a varying density can mean, by the name that follows the colon in ``--map``."""
 
-_VARYING_GNG = ("error", "border")
-
 GAINS: dict[str, Gain | None] = {
     "som": None,
     "vdsom": border,
     **{f"vdsom:{name}": gain for name, gain in READINGS.items()},
     **dict.fromkeys(("dsom", "gng")),
-    **{f"gng:{name}": READINGS[name] for name in _VARYING_GNG},
-    **dict.fromkeys(("gas", *UNTRAINED)),
+    **{f"gng:{name}": READINGS[name] for name in ("error", "border")},
+    **dict.fromkeys(("gas", "grid", "random", "rows")),
 }
 """Networks by their name in ``--map`` and the gain that each trains with."""
 
@@ -228,7 +212,7 @@ def gain_of(name: str) -> Gain | None:
 
 
 def kind_of(network: str | Gain) -> str:
-    """Kind of a network, "som", "dsom", "gng" or untrained, by its name or its gain function."""
+    """Kind of a network, "som", "dsom", "gng", "gas" or untrained, by its name or gain function."""
     if not isinstance(network, str):
         return "som"
     gain_of(network)

@@ -7,7 +7,6 @@ longer block, of at most a tenth of the nodes, the winners are those at its star
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 
@@ -16,24 +15,14 @@ import numpy as np
 from ..common.arrays import Array, Index
 from .density import Gain, Visit
 from .lattice import Graph
-from .map import Epoch, nearest_nodes, search_tree, topographic_error
+from .map import Epoch, nearest_nodes, search_tree
 
+# letters and values of the source: steps towards a sample of the winner and its neighbours, age
+# beyond which an edge is removed, share of the error that the parents of a new node keep
+EPSILON_B, EPSILON_N, A_MAX, ALPHA = 0.1, 0.006, 50, 0.5
 _GROWING = 0.6  # share of the samples during which nodes are inserted
 _BLOCK = 512
-_RECENT = 3  # samples per node over which the error that stops the growth is averaged
 _PER_NODE = 15  # samples per pass and node; more teach a gas little
-
-
-@dataclass(frozen=True)
-class Pace:
-    """Parameters, with the letters and values of the source where it has them."""
-
-    # steps epsilon_b and epsilon_n towards a sample
-    winner: float = 0.1
-    neighbour: float = 0.006
-    oldest: int = 50  # age a_max beyond which an edge is removed
-    shared: float = 0.5  # share alpha of the error that the two parents of a new node keep
-    decay: float = 0.995  # factor d on every error, per sample; see `learn_gng`
 
 
 @dataclass
@@ -58,60 +47,37 @@ class Gas:
         return np.concatenate([b[a == node], a[b == node]])
 
 
-def samples_shown(n: int, nodes: int) -> int:
-    """Samples of `n` that each pass shows."""
-    return min(n, _PER_NODE * max(nodes, 2))
-
-
 def learn_gng(
-    u: Array,
-    nodes: int,
-    gain: Gain | None,
-    epochs: int,
-    rng: np.random.Generator,
-    error: float | None = None,
+    u: Array, nodes: int, gain: Gain | None, epochs: int, rng: np.random.Generator
 ) -> Iterator[Epoch]:
     """Grow a gas within the first 60 % of the samples; yields after each pass over these.
 
     gain : varying density: a factor on the errors that are accumulated
     epochs : passes over the samples, each in another order; a pass ends after 15 per node
-    error : quantization error, in the unit box, at which the gas stops growing; `nodes` are then
-        the most that it may have
     """
     gas = Gas(u[rng.permutation(len(u))[:2]] + 1e-9 * rng.random((2, u.shape[1])), np.zeros(2))
-    # the source's decay remembers 200 samples, too few for thousands of nodes
-    pace = Pace(decay=1.0 - 1.0 / (2.0 * max(nodes, 100)))
-    shown = samples_shown(len(u), nodes)
-    growth = _GROWING * epochs * shown
-    done, recent, enough = 0, math.inf, False
+    # the source's decay d = 0.995 remembers 200 samples, too few for thousands of nodes
+    decay = 1.0 - 1.0 / (2.0 * max(nodes, 100))
+    shown, done = min(len(u), _PER_NODE * nodes), 0
     for _ in range(epochs):
         order = u[rng.permutation(len(u))[:shown]]
         total, first = 0.0, 0
-        while first < len(order):
+        while first < shown:
             block = order[first : first + max(1, min(_BLOCK, len(gas.weights) // 10))]
-            first += len(block)
-            done += len(block)
-            progress = min(1.0, done / growth)
-            distance = present_gng(gas, block, pace, gain, progress)
-            total += distance
-            if error is not None:
-                share = len(block) / (len(block) + _RECENT * len(gas.weights))
-                mean = distance / len(block)
-                recent = mean if math.isinf(recent) else recent + share * (mean - recent)
-                enough = enough or recent <= error
-            aim = 2 + int((nodes - 2) * progress)
-            while not enough and len(gas.weights) < aim and len(gas.pairs):
-                insert(gas, pace)
-        graph = gas.graph
-        topographic = topographic_error(u, search_tree(gas.weights), graph)
-        yield Epoch(gas.weights, graph, 0.0, total / len(order), topographic, len(order))
+            first, done = first + len(block), done + len(block)
+            progress = min(1.0, done / (_GROWING * epochs * shown))
+            total += present_gng(gas, block, decay, gain, progress)
+            while len(gas.weights) < 2 + int((nodes - 2) * progress) and len(gas.pairs):
+                insert(gas)
+        yield Epoch.of(u, gas.weights, gas.graph, 0.0, total / shown)
 
 
 def present_gng(
-    gas: Gas, samples: Array, pace: Pace, gain: Gain | None = None, progress: float = 1.0
+    gas: Gas, samples: Array, decay: float = 0.995, gain: Gain | None = None, progress: float = 1.0
 ) -> float:
     """Move the winners of a block and their neighbours, renew and age edges.
 
+    decay : factor d on every error, per sample
     Returns the sum of the samples' distances to their winners.
     """
     distance, index = nearest_nodes(search_tree(gas.weights), samples, 2)
@@ -120,13 +86,13 @@ def present_gng(
     if gain is not None:
         visit = Visit(progress, first, distance[:, 0], gas.weights, gas.graph)
         square = square * gain(visit)
-    gas.error = (gas.error + np.bincount(first, square, n)) * pace.decay ** len(samples)
+    gas.error = (gas.error + np.bincount(first, square, n)) * decay ** len(samples)
     wins = np.bincount(first, minlength=n).astype(float)
     sums = np.stack([np.bincount(first, c, n) for c in samples.T], axis=1)
     a, b = gas.pairs.T
     gas.age = gas.age + wins[a] + wins[b]
     # what many steps add up to: a node keeps (1 - epsilon)^wins of its place
-    own, other = -np.log1p(-pace.winner), -np.log1p(-pace.neighbour)
+    own, other = -np.log1p(-EPSILON_B), -np.log1p(-EPSILON_N)
     rate, pull = own * wins, own * sums
     for near, far in ((a, b), (b, a)):
         rate = rate + other * np.bincount(near, wins[far], n)
@@ -136,12 +102,10 @@ def present_gng(
     gas.weights[moved] -= np.expm1(-rate[moved])[:, None] * (target - gas.weights[moved])
     # the two nearest nodes of each sample are joined by an edge of age 0
     fresh = np.unique(np.minimum(first, second) * n + np.maximum(first, second))
-    key = gas.pairs[:, 0] * n + gas.pairs[:, 1]
-    # fresh is sorted: a search is sooner than np.isin, which sorts all edges
-    stay = fresh[np.minimum(np.searchsorted(fresh, key), len(fresh) - 1)] != key
+    stay = ~np.isin(gas.pairs[:, 0] * n + gas.pairs[:, 1], fresh)
     gas.pairs = np.concatenate([gas.pairs[stay], np.stack(np.divmod(fresh, n), axis=1)])
     gas.age = np.concatenate([gas.age[stay], np.zeros(len(fresh))])
-    young = gas.age <= pace.oldest
+    young = gas.age <= A_MAX
     if not young.all():  # edges that are too old go, and nodes that are left without one
         gas.pairs, gas.age = gas.pairs[young], gas.age[young]
         kept = np.bincount(gas.pairs.ravel(), minlength=n) > 0
@@ -150,7 +114,7 @@ def present_gng(
     return float(distance[:, 0].sum())
 
 
-def insert(gas: Gas, pace: Pace) -> int:
+def insert(gas: Gas) -> int:
     """Insert a node between the one with the largest error and its worst neighbour; its number."""
     worst = int(gas.error.argmax())
     near = gas.neighbours(worst)
@@ -159,7 +123,7 @@ def insert(gas: Gas, pace: Pace) -> int:
         worst = int(gas.pairs[gas.error[gas.pairs].sum(axis=1).argmax(), 0])
         near = gas.neighbours(worst)
     other = int(near[gas.error[near].argmax()])
-    gas.error[[worst, other]] *= pace.shared
+    gas.error[[worst, other]] *= ALPHA
     new = len(gas.weights)
     between = 0.5 * (gas.weights[worst] + gas.weights[other])
     gas.weights = np.concatenate([gas.weights, between[None]])

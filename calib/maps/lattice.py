@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import math
+import operator
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..common.arrays import Array, Index, Shape
+from ..common.arrays import Array, Index, Mask, Shape
 from ..errors import OptionError
 
 MAX_NODES = 4_000_000
@@ -29,21 +28,16 @@ def shape_of(size: Size, name: str = "size") -> tuple[int, ...]:
 
     Raises OptionError if it is none.
     """
-    parts: Any = size.lower().split("x") if isinstance(size, str) else size
+    parts = size.lower().split("x") if isinstance(size, str) else np.atleast_1d(size).tolist()
     try:
-        several = [parts] if isinstance(size, int | np.integer) else list(parts)
-        if isinstance(size, bool) or any(isinstance(n, float | bool) for n in several):
-            raise ValueError
-        whole = [int(n) for n in several]
+        whole = tuple(int(n) if isinstance(n, str) else operator.index(n) for n in parts)
     except (TypeError, ValueError):
         raise OptionError(
             f"{name} {size!r}: expected whole numbers of nodes such as 9, '9x9' or (9, 9)",
             parameter=name,
             value=size,
         ) from None
-    if len(whole) == 1 and isinstance(size, str | int | np.integer):
-        whole *= 2
-    return Lattice(tuple(whole)).shape
+    return Lattice(2 * whole if len(whole) == 1 and np.ndim(size) == 0 else whole).shape
 
 
 @dataclass(frozen=True)
@@ -82,11 +76,9 @@ class Lattice:
     def neighbours(self) -> Array:
         """Fraction of the lattice neighbours, diagonal ones included, of each node, (size,)."""
         # a block of 3 nodes along each axis, 2 at an end, less the node itself
-        counts = np.ones(self.shape)
-        for axis, n in enumerate(self.shape):
-            along = np.full(n, 3.0)
-            along[[0, -1]] = 2.0
-            counts *= along.reshape([-1 if a == axis else 1 for a in range(self.dim)])
+        counts = np.ones(())
+        for n in self.shape:
+            counts = np.multiply.outer(counts, np.where(np.arange(n) % (n - 1) == 0, 2.0, 3.0))
         return (counts.ravel() - 1.0) / (3.0**self.dim - 1.0)
 
     def around(self, winner: int, *widths: float) -> tuple[tuple[slice, ...], Array]:
@@ -105,12 +97,12 @@ class Lattice:
             window.append(part)
         return tuple(window), h
 
-    def beside(self, i: int) -> NDArray[np.intp]:
+    def beside(self, i: int) -> Index:
         """Nodes around node `i`, diagonal ones included, (k,): O of eq. 7."""
         apart = np.abs(self.positions() - self.positions()[i]).max(axis=1)
         return np.flatnonzero(apart == 1.0)
 
-    def edges(self) -> NDArray[np.intp]:
+    def edges(self) -> Index:
         """Pairs of nodes that are neighbours along an axis, (m, 2)."""
         index = np.arange(self.size).reshape(self.shape)
         pairs = []
@@ -119,7 +111,7 @@ class Lattice:
             pairs.append(np.stack([ahead[:-1].ravel(), ahead[1:].ravel()], axis=1))
         return np.concatenate(pairs)
 
-    def adjacent(self, i: NDArray[np.intp], j: NDArray[np.intp]) -> NDArray[np.bool_]:
+    def adjacent(self, i: Index, j: Index) -> Mask:
         """Whether nodes `i` and `j` are neighbours, diagonal ones included, (n,)."""
         steps = np.subtract(np.unravel_index(i, self.shape), np.unravel_index(j, self.shape))
         return np.asarray(np.abs(steps).max(axis=0) <= 1)
@@ -141,18 +133,14 @@ class Lattice:
 
 @dataclass(frozen=True, eq=False)
 class Graph:
-    """Nodes joined by edges, as a growing neural gas leaves them.
-
-    It answers what a :class:`~calib.maps.lattice.Lattice` answers, but for positions:
-    its nodes stand nowhere but in the space that they have learned.
-    """
+    """Nodes joined by edges, without places of their own, as a neural gas leaves them."""
 
     size: int  # number of nodes
     # (m, 2), the edges, each once, the smaller node first, in ascending order
     pairs: Annotated[Index, Shape("edges", 2)]
 
     @staticmethod
-    def of(size: int, pairs: NDArray[np.intp]) -> Graph:
+    def of(size: int, pairs: Index) -> Graph:
         """The graph of pairs (m, 2) in any order, which may repeat."""
         return Graph(size, np.unique(np.sort(pairs, axis=1), axis=0))
 
@@ -161,24 +149,19 @@ class Graph:
         """Number of nodes, as the shape of a lattice of no particular form."""
         return (self.size,)
 
-    @cached_property
-    def degree(self) -> NDArray[np.intp]:
-        """Number of edges of each node, (size,)."""
-        return np.bincount(self.pairs.ravel(), minlength=self.size)
-
     def neighbours(self) -> Array:
         """Edges of each node over those of most nodes inside, (size,), at most 1.
 
         "Most" is the upper quartile: nodes at the border have fewer.
         """
-        most = max(float(np.quantile(self.degree, 0.75)), 1.0)
-        return np.minimum(1.0, self.degree / most)
+        degree = np.bincount(self.pairs.ravel(), minlength=self.size)
+        return np.minimum(1.0, degree / max(float(np.quantile(degree, 0.75)), 1.0))
 
-    def edges(self) -> NDArray[np.intp]:
+    def edges(self) -> Index:
         """Pairs of joined nodes, (m, 2)."""
         return self.pairs
 
-    def adjacent(self, i: NDArray[np.intp], j: NDArray[np.intp]) -> NDArray[np.bool_]:
+    def adjacent(self, i: Index, j: Index) -> Mask:
         """Whether nodes `i` and `j` are the same or joined, (n,)."""
         low, high = np.minimum(i, j), np.maximum(i, j)
         key = self.pairs[:, 0] * self.size + self.pairs[:, 1]

@@ -7,16 +7,14 @@ continues to the query.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..common.arrays import Array, Index
 from ..common.frozen import ReadOnly
-from .local_models import blend, blend_and_slopes, blend_size
+from .local_models import blend, blend_size
 from .map import Map, nearest_points
 
 if TYPE_CHECKING:
@@ -24,50 +22,6 @@ if TYPE_CHECKING:
 
 _RIDGE = 1e-2
 """Of the regressions, as a share of the mean variance of the active nodes' positions."""
-
-
-class MeanPositions:
-    """Mean of samples weighted by the activity of each node, the short way round of a turn."""
-
-    def __init__(self, network: Map) -> None:
-        self._network = network
-        self._total = np.zeros(network.size)
-        self._shift = np.zeros(network.units.shape)
-
-    def add(self, activity: csr_array, u: Array) -> None:
-        """Count samples `u` (n, d) with the activity (n, nodes) that they caused."""
-        network, n = self._network, self._network.size
-        rows = np.repeat(np.arange(len(u)), np.diff(activity.indptr))
-        gap = network.scale.difference(u[rows], network.units[activity.indices])
-        self._total += np.bincount(activity.indices, activity.data, n)
-        for k, column in enumerate(gap.T):
-            self._shift[:, k] += np.bincount(activity.indices, activity.data * column, n)
-
-    def result(self) -> Array:
-        """The means, (nodes, d); a node that was never active keeps its weight."""
-        share = np.where(self._total > _SEEN, 1.0 / np.maximum(self._total, _SEEN), 0.0)
-        return from_shifts(self._network, (self._shift * share[:, None]) / self._network.spacing)
-
-
-_SEEN = 1e-9  # activity below which a node was never active
-
-
-def from_shifts(network: Map, shifts: Array) -> Array:
-    """Means (nodes, d) that lie `shifts` (nodes, d) [node spacings] away from the weights.
-
-    The shifts are rounded to half precision, as a model file holds them.
-    """
-    rounded = np.clip(shifts, -_FAR, _FAR).astype(np.float16)
-    return np.asarray(network.units + rounded.astype(float) * network.spacing)
-
-
-def to_shifts(network: Map, means: Array) -> NDArray[np.float16]:
-    """The shifts (nodes, d) [node spacings] of which :func:`from_shifts` makes the means."""
-    shifts = (means - network.units) / network.spacing
-    return np.asarray(np.clip(shifts, -_FAR, _FAR), dtype=np.float16)
-
-
-_FAR = 6e4  # node spacings: the largest number in half precision is a little more
 
 
 def regress(place: Array, value: Array, weight: Array) -> tuple[Array, Array, Array]:
@@ -101,31 +55,14 @@ class LinearModels(ReadOnly):
     values: Array  # (nodes, o) [unit], position at each node
     slopes: Array  # (nodes, d, o) [unit], its derivatives by the unit coordinates
 
-    @staticmethod
-    def following(motor: Map, value: Callable[[Array], Array]) -> LinearModels:
-        """Linear models of a function of the unit box, by its values and central differences."""
-        nodes, dof = np.clip(motor.units, 0.0, 1.0), motor.units.shape[1]
-        step = 0.5 * motor.spacing
-        slopes = []
-        for k in range(dof):
-            ahead, behind = nodes.copy(), nodes.copy()
-            ahead[:, k] = np.minimum(nodes[:, k] + step, 1.0)
-            behind[:, k] = np.maximum(nodes[:, k] - step, 0.0)
-            rise = value(ahead) - value(behind)
-            slopes.append(rise / (ahead[:, k] - behind[:, k])[:, None])
-        slope = np.stack(slopes, axis=1)
-        beyond = np.einsum("nd,ndo->no", motor.units - nodes, slope)
-        return LinearModels(motor, value(nodes) + beyond, slope)
-
     def value(self, u: Array) -> Array:
         """Positions (n, o) at the points `u` (n, d) of the unit box."""
-        index, weight = blend(self.motor, u, 2 * blend_size(u.shape[1]))
+        index, weight, _ = blend(self.motor, u, 2 * blend_size(u.shape[1]))
         return self._said(u, index, weight)[0]
 
     def value_and_slope(self, u: Array) -> tuple[Array, Array]:
         """Positions (n, o) and their derivatives by the unit coordinates (n, o, d)."""
-        m = 2 * blend_size(u.shape[1])
-        index, weight, tilt = blend_and_slopes(self.motor, u, m, slope=True)
+        index, weight, tilt = blend(self.motor, u, 2 * blend_size(u.shape[1]), slope=True)
         value, each = self._said(u, index, weight)
         slope = np.einsum("nm,nmdo->nod", weight, self.slopes[index])
         return value, slope + np.einsum("nmd,nmo->nod", tilt, each)

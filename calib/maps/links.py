@@ -55,22 +55,22 @@ class Wiring:
         rows = np.arange(0, a.size + 1, k)
         return csr_array((a.ravel(), index.ravel(), rows), shape=(len(u), network.size))
 
-    def link(self, together: csr_array, motor: Array, sensory: Array, beta: float = 1) -> csr_array:
-        """Links at the fixed point of Oja's rule (eq. 5, with the forgetting factor of eq. 11).
+    def link(self, together: csr_array, motor: Array, sensory: Array) -> csr_array:
+        """Links at the fixed point of Oja's rule (eq. 5).
 
-        Where the mean change of eq. 11 vanishes, c_ij = <a_i a_j> / (beta <a_j^2>), or with both
-        sides <a_i a_j> / (beta (<a_i^2> <a_j^2>)^(1/2)).  A node that was hardly ever active has
-        not come that far: its links stand at the share 1 - exp(-beta sum a_j^2) of it that the
-        rule, at a learning rate of one, has reached.
+        Where its mean change vanishes, c_ij = <a_i a_j> / <a_j^2>, or with both sides
+        <a_i a_j> / (<a_i^2> <a_j^2>)^(1/2).  A node that was hardly ever active has not come that
+        far: its links stand at the share 1 - exp(-sum a_j^2) of it that the rule, at a learning
+        rate of one, has reached.
 
         together : (motor nodes, sensory nodes), sum of a_i a_j
         motor, sensory : (nodes,), sum of a^2 of each node
         Returns csr_array of shape (motor nodes, sensory nodes), weak links are left out.
         """
         rows = np.repeat(np.arange(together.shape[0]), np.diff(together.indptr))
-        scale = _reached(sensory, beta)[together.indices]
+        scale = _reached(sensory)[together.indices]
         if self.mutual:
-            scale = np.sqrt(scale * _reached(motor, beta)[rows])
+            scale = np.sqrt(scale * _reached(motor)[rows])
         together.data *= scale
         return without_weak(together)
 
@@ -107,15 +107,9 @@ def without_weak(links: csr_array | Array) -> csr_array:
     return links
 
 
-def squares(activity: csr_array) -> Array:
-    """Sum of a^2 of each node, (nodes,), over samples (n, nodes)."""
-    return np.asarray(activity.multiply(activity).sum(axis=0), dtype=float).ravel()
-
-
-def _reached(square: Array, beta: float) -> Array:
+def _reached(square: Array) -> Array:
     """Where Oja's rule has come, over <a_i a_j>, from sum a_j^2 of each node, (nodes,)."""
-    exposure = beta * square
-    return np.divide(-np.expm1(-exposure), exposure, out=np.zeros_like(square), where=exposure > 0)
+    return np.divide(-np.expm1(-square), square, out=np.zeros_like(square), where=square > 0)
 
 
 class Compressed(NamedTuple):

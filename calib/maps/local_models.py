@@ -17,16 +17,13 @@ from .map import Map, nearest_points
 MOST_DEGREE = 5
 """Largest degree of a local model."""
 
+SILENT, FULL = 0.3, 0.5
+"""Shares of the weight at which speaking nodes are not heard, and in full."""
+
 _REACH = 0.7  # of the diagonal of a cell of a node's spacing: so far it speaks in full
 _RING = 16  # places around a node where its polynomial has to be firm
 _FIRM = 10.0  # variance of an answer there, over that of one sample
-SILENT, FULL = 0.3, 0.5  # shares of the weight at which nodes are not heard, and in full
 _CHUNK = 20_000_000  # numbers held at once while fitting
-
-
-def blend_size(dim: int) -> int:
-    """Number of nodes whose local models are blended."""
-    return {1: 3, 2: 4, 3: 6}.get(dim, 8)
 
 
 @dataclass(frozen=True)
@@ -53,12 +50,7 @@ def exponents(dim: int, degree: int) -> NDArray[np.intp]:
     return np.array(terms, dtype=np.intp).reshape(-1, dim)
 
 
-def monomials(z: Array, degree: int) -> Array:
-    """Monomials of total degree <= `degree` of `z` (..., d), (..., terms)."""
-    return _products(z, exponents(z.shape[-1], degree))
-
-
-def _products(z: Array, terms: NDArray[np.intp]) -> Array:
+def monomials(z: Array, terms: NDArray[np.intp]) -> Array:
     """Products of powers of `z` (..., d) by their exponents (terms, d), (..., terms)."""
     found = np.ones((*z.shape[:-1], len(terms)))
     for k, column in enumerate(terms.T):
@@ -78,53 +70,50 @@ def fit(motor: Map, nodes: Index, u: Array, residual: Array, shape: tuple[int, i
     shape : degree of the polynomials and number of samples that each is fitted to
     """
     degree, samples = shape
-    places, scale = motor.units[nodes], motor.scale
+    places, scale, dof, outputs = motor.units[nodes], motor.scale, u.shape[1], residual.shape[1]
     distance, near = nearest_points(u, scale, places, samples + 1)
-    samples, outputs = min(samples, near.shape[1] - 1), residual.shape[1]
-    radius = np.maximum(distance[:, samples], 1e-12)
-    z = scale.difference(u[near[:, :samples]], places[:, None]) / radius[:, None, None]
-    kernel = (1.0 - (distance[:, :samples] / radius[:, None]) ** 2) ** 2
-    away = np.random.default_rng(0).standard_normal((_RING, u.shape[1]))
+    near, radius = near[:, :-1], np.maximum(distance[:, -1:], 1e-12)
+    z = scale.difference(u[near], places[:, None]) / radius[..., None]
+    kernel = (1.0 - (distance[:, :-1] / radius) ** 2) ** 2
+    away = np.random.default_rng(0).standard_normal((_RING, dof))
     away *= 0.5 / np.linalg.norm(away, axis=1, keepdims=True)
     ring = places[:, None] + motor.spacings[nodes][:, None, None] * away
     ring = np.where(scale.periodic, ring, np.clip(ring, 0.0, 1.0)) - places[:, None]
-    ring /= radius[:, None, None]
-    coefficients = np.zeros((motor.size, len(exponents(z.shape[2], degree)), outputs))
+    ring /= radius[..., None]
+    coefficients = np.zeros((motor.size, len(exponents(dof, degree)), outputs))
     shaky = np.arange(len(nodes))
     for lower in range(degree, -1, -1):
-        terms = len(exponents(z.shape[2], lower))
-        parts = np.array_split(shaky, 1 + len(shaky) * samples * terms // _CHUNK)
-        for part in parts:
-            features = monomials(z[part], lower)
+        terms = exponents(dof, lower)
+        for part in np.array_split(shaky, 1 + len(shaky) * near.shape[1] * len(terms) // _CHUNK):
+            features = monomials(z[part], terms)
             weighted = np.swapaxes(features * kernel[part, :, None], 1, 2)
             moments = weighted @ features
             # rows on a line leave moments singular; the ring then finds the model shaky
             diagonal = np.einsum("nii->ni", moments)
             diagonal += 1e-9 * diagonal.mean(axis=1, keepdims=True) + 1e-300
-            asked = np.swapaxes(monomials(ring[part], lower), 1, 2)
-            wanted = np.concatenate([weighted @ residual[near[part, :samples]], asked], axis=2)
+            asked = np.swapaxes(monomials(ring[part], terms), 1, 2)
+            wanted = np.concatenate([weighted @ residual[near[part]], asked], axis=2)
             solved = np.linalg.solve(moments, wanted)
             variance = np.einsum("nta,nta->na", asked, solved[..., outputs:])
             firm = (variance < _FIRM).all(axis=1)
-            coefficients[nodes[part[firm]], :terms] = solved[firm, :, :outputs]
+            coefficients[nodes[part[firm]], : len(terms)] = solved[firm, :, :outputs]
         shaky = shaky[(coefficients[nodes[shaky]] == 0.0).all(axis=(1, 2))]
     reach = np.full(motor.size, motor.spacing)
-    reach[nodes] = radius
-    return LocalModels(degree, samples, reach, coefficients)
+    reach[nodes] = radius[:, 0]
+    return LocalModels(degree, near.shape[1], reach, coefficients)
 
 
-def blend(motor: Map, u: Array, m: int) -> tuple[Index, Array]:
-    """Nodes whose models speak for each point and their weights, both (n, m).
+def blend_size(dim: int) -> int:
+    """Number of nodes whose local models are blended."""
+    return {1: 3, 2: 4, 3: 6}.get(dim, 8)
+
+
+def blend(motor: Map, u: Array, m: int, *, slope: bool = False) -> tuple[Index, Array, Array]:
+    """Nodes whose models speak for each point, their weights (n, m), and if asked for the slopes.
 
     A weight falls smoothly to zero where its node leaves the nearest `m`, so that the
-    blended prediction has no steps, and its derivative none inside of each cell.
+    blended prediction has no steps, and its derivative (n, m, d) none inside of each cell.
     """
-    index, weight, _ = blend_and_slopes(motor, u, m, slope=False)
-    return index, weight
-
-
-def blend_and_slopes(motor: Map, u: Array, m: int, *, slope: bool) -> tuple[Index, Array, Array]:
-    """What :func:`blend` gives, and the weights' derivatives (n, m, d) if asked for."""
     m = min(m, motor.size - 1)
     distance, index = motor.nearest(u, m + 1)
     last = np.maximum(distance[:, -1:], 1e-300)
@@ -151,7 +140,7 @@ def speaking(motor: Map, u: Array) -> tuple[Index, Array, Array]:
     A node's say ends between once and twice its reach, so that the nodes of a dense region do not
     speak for the coarse one beside it.  The others share it; where none is left weights are zero.
     """
-    index, weight = blend(motor, u, blend_size(u.shape[1]))
+    index, weight, _ = blend(motor, u, blend_size(u.shape[1]))
     gap = motor.scale.difference(u[:, None], motor.units[index])
     ratio = np.sqrt(np.einsum("nmd,nmd->nm", gap, gap)) / reach_of(motor)[index]
     share = (1.0 - np.clip(ratio - 1.0, 0.0, 1.0) ** 2) ** 2
@@ -166,37 +155,39 @@ def reach_of(motor: Map) -> Array:
     return np.asarray(_REACH * np.sqrt(motor.units.shape[1]) * motor.spacings)
 
 
-def heard(share: Array) -> Array:
-    """Factor on what speaking nodes say, by their share of the weight beside silent ones.
+def heard(weight: Array, talks: NDArray[np.bool_]) -> Array:
+    """Weights (n, m) of the nodes that talk, by their share beside silent ones.
 
     The edge of a sharp defect then lies between nodes, and neither side dilutes the other.
     """
+    own = np.where(talks, weight, 0.0)
+    share = own.sum(axis=1, keepdims=True)
+    share /= np.maximum(weight.sum(axis=1, keepdims=True), 1e-300)
     t = np.clip((share - SILENT) / (FULL - SILENT), 0.0, 1.0)
-    return np.asarray(t * t * (3.0 - 2.0 * t) / np.maximum(share, SILENT))
+    return np.asarray(own * (t * t * (3.0 - 2.0 * t) / np.maximum(share, SILENT)))
 
 
 def contributions(models: LocalModels, index: Index, gap: Array) -> Array:
     """What the models of the nodes `index` (n, m) say at the offsets `gap` (n, m, d), (n, m, o)."""
     z = gap / models.radius[index][..., None]
-    coefficients = models.coefficients[index]
-    return np.asarray(np.einsum("nmt,nmto->nmo", monomials(z, models.degree), coefficients))
+    found = monomials(z, exponents(gap.shape[-1], models.degree))
+    return np.asarray(np.einsum("nmt,nmto->nmo", found, models.coefficients[index]))
 
 
 def predict(
     models: LocalModels, motor: Map, u: Array, *, slope: bool = False
-) -> tuple[Array, Array | None]:
-    """Blended correction at the points `u` (n, d), (n, 2), and its slope (n, 2, d)."""
+) -> tuple[Array, Array]:
+    """Blended correction at the points `u` (n, d), (n, m), and if asked for its slope (n, m, d)."""
     index, weight, gap = speaking(motor, u)
-    own = np.where((models.coefficients != 0.0).any(axis=(1, 2))[index], weight, 0.0)
-    weight = own * heard(own.sum(axis=1) / np.maximum(weight.sum(axis=1), 1e-300))[:, None]
+    weight = heard(weight, (models.coefficients != 0.0).any(axis=(1, 2))[index])
     value = np.einsum("nm,nmo->no", weight, contributions(models, index, gap))
     if not slope:
-        return value, None
+        return value, np.empty(0)
     # of the polynomials alone: what the weights add is small where neighbours agree, and a
     # Newton step that is a little off is corrected by the next
     radius, terms = models.radius[index][..., None], exponents(u.shape[1], models.degree)
     lower = np.maximum(terms - np.eye(u.shape[1], dtype=np.intp)[:, None], 0)
-    own_slopes = [k * _products(gap / radius, part) for k, part in zip(terms.T, lower, strict=True)]
+    own_slopes = [k * monomials(gap / radius, part) for k, part in zip(terms.T, lower, strict=True)]
     slopes = np.stack(own_slopes) / radius
     spoken = models.coefficients[index] * weight[..., None, None]
     return value, np.einsum("dnmt,nmto->nod", slopes, spoken)

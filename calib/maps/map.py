@@ -177,13 +177,12 @@ class Epoch:
     sigma: float  # [nodes], neighbourhood radius of this pass
     error: float  # mean distance of the samples to their winners, in the unit box
     topographic: float  # share of samples whose two nearest nodes are not joined
-    shown: int  # samples of this pass
 
     @staticmethod
     def of(u: Array, weights: Array, lattice: Lattice | Graph, sigma: float, error: float) -> Epoch:
         """The state after a pass over all samples `u` (n, d)."""
         topographic = topographic_error(u, search_tree(weights), lattice)
-        return Epoch(weights, lattice, sigma, error, topographic, len(u))
+        return Epoch(weights, lattice, sigma, error, topographic)
 
     @property
     def row(self) -> tuple[int, float, float, float]:

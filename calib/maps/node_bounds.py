@@ -38,7 +38,7 @@ def learn_bounds(motor: Map, u: Array, errors: Array) -> Array:
     if min(np.count_nonzero(rows) for _, rows in groups) < _ENOUGH:
         groups = [(np.ones_like(edge), np.ones_like(border))]  # too few to tell them apart
     bound: Array = np.maximum(errors[near].mean(axis=1), floor)
-    index, weight = blend(motor, u, blend_size(u.shape[1]))
+    index, weight, _ = blend(motor, u, blend_size(u.shape[1]))
     # both groups' nodes speak for samples between them: again, until both fit
     for _ in range(_PASSES):
         for members, rows in groups:
@@ -59,5 +59,5 @@ def near_border(motor: Map, u: Array) -> NDArray[np.bool_]:
 
 def blend_nodes(motor: Map, values: Array, u: Array) -> Array:
     """Values of the nodes (nodes,) blended at the points `u` (n, dof), (n,)."""
-    index, weight = blend(motor, u, blend_size(u.shape[1]))
+    index, weight, _ = blend(motor, u, blend_size(u.shape[1]))
     return np.asarray(np.einsum("nm,nm->n", weight, values[index]))

@@ -14,7 +14,6 @@ from . import local_models as local
 from .local_models import LocalModels
 from .map import Map
 
-_NONE = np.empty(0)
 _ROWS = 1024  # at once: fewer products than a BLAS splits over threads that wait for each other
 
 
@@ -57,23 +56,25 @@ class Predictor:
         return self.smooth.body if isinstance(self.smooth, BodyInBox) else None
 
     def value(self, u: Array) -> Array:  # noqa: D102
-        if len(u) <= _ROWS:
-            return self._evaluate(u, slope=False)[0]
-        return np.concatenate([self._evaluate(part, slope=False)[0] for part in _parts(u)])
+        return np.concatenate([self._said(part) for part in _parts(u)])
 
     def value_and_slope(self, u: Array) -> tuple[Array, Array]:  # noqa: D102
-        if len(u) <= _ROWS:
-            return self._evaluate(u, slope=True)
-        values, slopes = zip(*(self._evaluate(part, slope=True) for part in _parts(u)), strict=True)
+        values, slopes = zip(*map(self._said_and_slope, _parts(u)), strict=True)
         return np.concatenate(values), np.concatenate(slopes)
 
-    def _evaluate(self, u: Array, *, slope: bool) -> tuple[Array, Array]:
-        value, tilt = self.smooth.value_and_slope(u) if slope else (self.smooth.value(u), _NONE)
+    def _said(self, u: Array) -> Array:
+        value = self.smooth.value(u)
+        if self.models.degree >= 0:
+            value = value + local.predict(self.models, self.motor, u)[0]
+        return value
+
+    def _said_and_slope(self, u: Array) -> tuple[Array, Array]:
+        value, slope = self.smooth.value_and_slope(u)
         if self.models.degree < 0:
-            return value, tilt
-        correction, more = local.predict(self.models, self.motor, u, slope=slope)
-        return value + correction, tilt if more is None else tilt + more
+            return value, slope
+        correction, tilt = local.predict(self.models, self.motor, u, slope=True)
+        return value + correction, slope + tilt
 
 
 def _parts(u: Array) -> list[Array]:
-    return [u[first : first + _ROWS] for first in range(0, len(u), _ROWS)]
+    return np.split(u, range(_ROWS, len(u), _ROWS))

@@ -6,61 +6,26 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..common.arrays import Array
 from ..common.choices import RULES
 from ..common.parallel import one_blas_thread
 from ..common.scale import Scale
 from ..errors import LogError, OptionError
-from . import untrained
 from .association import Association
-from .batch import learn_batch
+from .batch import Density, coarse_to_fine, learn_batch
 from .density import Gain, checked_gain, gain_of, kind_of
-from .dsom import learn_dsom
-from .gas import learn_gas
-from .gng import learn_gng, samples_shown
+from .gng import learn_gng
 from .lattice import Lattice, Size, shape_of
 from .links import wiring_of, without_weak
 from .map import Epoch, Map
-from .schedule import coarse_to_fine, growing, total_work
-from .vdsom import VDSOM, Layer, Rates, passes, zeta
+from .others import learn_dsom, learn_gas, untrained
+from .vdsom import VDSOM, Layer, passes
 
 _Progress = Callable[[float, float], None]
 """Called with the share of the work done and the current quantization error."""
 
 _MOST_EPOCHS = 1_000_000
-_GLANCE = 5  # one sample in so many tells the error of a curve
-
-
-CURVE = ("samples", "sigma", "zeta_motor", "zeta_sensory", "error")
-"""Columns of a curve: samples shown, radius [nodes], distortions (eq. 9, unit box), and the
-mean distance from new samples to what the readout ``activity`` says of them [unit]."""
-
-
-@dataclass(frozen=True, eq=False)
-class Pair:
-    """Two maps that were learned from the same samples.
-
-    Attributes
-    ----------
-    association : Association
-        The maps, their links and the readouts of these, in the unit boxes of both spaces.
-    curve : (m, 5) array
-        How they developed, columns as :data:`CURVE`; empty with the batch rule.
-    """
-
-    association: Association
-    curve: Array
-
-    def __repr__(self) -> str:
-        return f"Pair({self.association!r}, curve of {len(self.curve)} points)"
-
-    def forward(self, q: Array, readout: str = "activity") -> Array:
-        """What the links say of rows (n, d) of the first space, (n, k) in the second's unit."""
-        pair = self.association
-        u = pair.motor.scale.to_unit(np.atleast_2d(np.asarray(q, dtype=float)))
-        return pair.sensory.scale.from_unit(pair.forward(u, readout))
 
 
 @dataclass(frozen=True)
@@ -88,9 +53,6 @@ class SOM:
         Seed of the start and of the order of the samples.
     links : str
         For :meth:`fit_pair`: a name of :data:`calib.maps.links.WIRINGS`.
-    error : float, optional
-        A growing neural gas stops growing at this quantization error, in the unit box, and
-        `size` is the most nodes that it may have: "the optimal number of nodes".
 
     Examples
     --------
@@ -117,16 +79,11 @@ class SOM:
     sigma: tuple[float, float] | None = None
     seed: int | np.random.SeedSequence = field(default=0)
     links: str = "reciprocal"
-    error: float | None = None
 
     def __post_init__(self) -> None:
         wiring_of(self.links)
-        kind = kind_of(self.map)
+        kind_of(self.map)
         object.__setattr__(self, "size", shape_of(self.size))
-        if self.error is not None and kind != "gng":
-            raise OptionError(f"error {self.error:g}: only a growing neural gas stops by its error")
-        if self.error is not None and not 0.0 < self.error < 1.0:
-            raise OptionError(f"error {self.error:g}: expected a share of the unit box, 0 to 1")
         if self.rule not in RULES:
             raise OptionError(f"rule {self.rule!r} is unknown, choose one of {', '.join(RULES)}")
         if self.epochs is not None and not 1 <= self.epochs <= _MOST_EPOCHS:
@@ -165,18 +122,17 @@ class SOM:
             row = int(np.argmin(np.isfinite(x).all(axis=1)))
             raise LogError(f"sample {row} is {x[row]}: expected finite numbers, drop such rows")
         scale = scale or Scale.of_data(x)
-        epochs, work = self._training(scale.to_unit(x), scale, residual)
-        history, done = [], 0
+        every, total = self._training(scale.to_unit(x), scale, residual)
+        history = []
         # small products of matrices: threads would only wait for each other
         with one_blas_thread():
-            for epoch in epochs:
-                done += epoch.shown
+            for epoch in every:
                 history.append(epoch.row)
                 if progress is not None:
-                    progress(min(1.0, done / work), epoch.error)
+                    progress(len(history) / total, epoch.error)
         return Map(epoch.weights, epoch.lattice, scale, np.array(history))
 
-    def fit_pair(self, q: Array, x: Array) -> Pair:
+    def fit_pair(self, q: Array, x: Array) -> Association:
         """Train two maps of this kind on paired samples, and the links between them.
 
         Parameters
@@ -186,16 +142,16 @@ class SOM:
 
         Returns
         -------
-        Pair
-            Maps, links and readouts.  With the online rule maps and links develop together
-            (eq. 5 is stepped) and ``curve`` tells how.
+        Association
+            Maps, links and their readouts.  With the online rule maps and links develop together:
+            eq. 5 is stepped.
 
         Examples
         --------
         >>> import numpy as np, calib
         >>> q = np.random.default_rng(0).uniform(size=(1500, 2))
         >>> pair = calib.SOM(8, "som", "online", epochs=8).fit_pair(q, q**2)
-        >>> bool(pair.curve[-1, 4] < 0.1 < pair.curve[1, 4])
+        >>> bool(np.abs(pair.predict(q) - q**2).mean() < 0.1)
         True
         """
         q, x = np.asarray(q, dtype=float), np.asarray(x, dtype=float)
@@ -211,8 +167,7 @@ class SOM:
             replace(self, seed=seed).fit(rows, scale=scale)
             for seed, rows, scale in zip(seeds, (q, x), scales, strict=True)
         )
-        found = Association.learn(motor, u, sensory, v, wiring_of(self.links))
-        return Pair(found, np.zeros((0, len(CURVE))))
+        return Association.learn(motor, u, sensory, v, wiring_of(self.links))
 
     def developed(
         self,
@@ -220,7 +175,7 @@ class SOM:
         scales: tuple[Scale, Scale],
         shapes: tuple[Size, Size] | None = None,
         tell: _Progress | None = None,
-    ) -> Pair:
+    ) -> Association:
         """Maps and links that develop together, one sample at a time (eq. 1 to 8).
 
         points : (n, d), (n, k), paired samples in the unit boxes of the `scales`
@@ -231,29 +186,17 @@ class SOM:
             self._layer(Lattice(shape_of(shape)), scale, p, rng)
             for shape, scale, p in zip(shapes or (self.size,) * 2, scales, points, strict=True)
         ]
-        net, curve, history = VDSOM(layers, wiring), [], []
-
-        def look(rows: NDArray[np.intp], done: int, rates: Rates) -> None:
-            error = float("nan")  # there are no links yet
-            if done > len(rows):
-                some = rows[::_GLANCE]
-                gap = (net.said(points[0][some]) - points[1][some]) * scales[1].span
-                error = float(np.linalg.norm(gap, axis=1).mean())
-            found = [zeta(layer.weights, p[rows]) for layer, p in zip(layers, points, strict=True)]
-            curve.append((done, float(rates.sigma[1][-1]), *found, error))
-
+        net, history = VDSOM(layers, wiring), []
         with one_blas_thread():
-            sigma = self._online_sigma(layers[0].lattice)
-            for told in passes(net, points, epochs, sigma, rng, look):
-                history.append(told)
+            for told in passes(net, points, epochs, self._sigma(layers[0].lattice), rng):
+                history.append([epoch.row for epoch in told])
                 if tell is not None:
                     tell(len(history) / epochs, told[1].error)
         motor, sensory = (
-            Map(layer.weights, layer.lattice, layer.scale, np.array([e[k].row for e in history]))
-            for k, layer in enumerate(layers)
+            Map(layer.weights, layer.lattice, layer.scale, past)
+            for layer, past in zip(layers, np.array(history).swapaxes(0, 1), strict=True)
         )
-        links = without_weak(net.links)
-        return Pair(Association(motor, sensory, links, wiring), np.array(curve))
+        return Association(motor, sensory, without_weak(net.links), wiring)
 
     def _layer(self, lattice: Lattice, scale: Scale, u: Array, rng: np.random.Generator) -> Layer:
         """A map at its random start."""
@@ -264,7 +207,8 @@ class SOM:
     def _gain(self) -> Gain | None:
         return gain_of(self.map) if isinstance(self.map, str) else checked_gain(self.map)
 
-    def _online_sigma(self, lattice: Lattice) -> tuple[float, float]:
+    def _sigma(self, lattice: Lattice) -> tuple[float, float]:
+        """First and last radius of the online rule [nodes]."""
         return self.sigma or (max(lattice.shape) / 2, 0.5 if self.map == "som" else 1.5)
 
     @property
@@ -275,24 +219,25 @@ class SOM:
     def _training(
         self, u: Array, scale: Scale, residual: Array | None
     ) -> tuple[Iterator[Epoch], int]:
-        """The epochs that train, and how many samples they show in all."""
+        """The epochs that train, and how many they are."""
         rng, lattice = np.random.default_rng(self.seed), Lattice(shape_of(self.size))
-        kind, n, epochs = kind_of(self.map), len(u), self._passes
-        if kind in untrained.KINDS:
-            return untrained.place(kind, u, lattice, rng), n
+        kind, epochs = kind_of(self.map), self._passes
+        every: Iterator[Epoch]
         if kind == "gas":
-            return learn_gas(u, lattice.size, epochs, rng), n * epochs
-        if kind == "gng":
-            shown = samples_shown(n, lattice.size)
-            return learn_gng(u, lattice.size, self._gain, epochs, rng, self.error), shown * epochs
-        if kind == "dsom":
-            return learn_dsom(u, lattice, epochs, rng), n * epochs
-        if self.rule == "online":
+            every = learn_gas(u, lattice.size, epochs, rng)
+        elif kind == "gng":
+            every = learn_gng(u, lattice.size, self._gain, epochs, rng)
+        elif kind == "dsom":
+            every = learn_dsom(u, lattice, epochs, rng)
+        elif kind != "som":
+            epochs, every = 1, untrained(kind, u, lattice, rng)
+        elif self.rule == "online":
             net = VDSOM([self._layer(lattice, scale, u, rng)])
-            every = passes(net, [u], epochs, self._online_sigma(lattice), rng)
-            return (epoch for (epoch,) in every), n * epochs
-        how = lattice, self.epochs, self.sigma
-        stages = coarse_to_fine(*how, varying=self.map != "som")
-        if self.map == "vdsom:residual":
-            stages = growing(*how)
-        return learn_batch(u, stages, self._gain, rng, residual), total_work(stages, n)
+            every = (epoch for (epoch,) in passes(net, [u], epochs, self._sigma(lattice), rng))
+        else:
+            density: Density = "even" if self.map == "som" else "varying"
+            density = "growing" if self.map == "vdsom:residual" else density
+            stages = coarse_to_fine(lattice, self.epochs, self.sigma, density)
+            epochs = sum(len(stage.sigma) for stage in stages)
+            every = learn_batch(u, stages, self._gain, rng, residual)
+        return every, epochs

@@ -222,27 +222,18 @@ def passes(
     epochs: int,
     sigma: tuple[float, float],
     rng: np.random.Generator,
-    look: Any = None,
 ) -> Iterator[list[Epoch]]:
     """Show all samples `epochs` times, each time in another order; yields after each.
 
     points : (n, d) for each map, samples in the unit boxes
     sigma : neighbourhood radius at the start and at the end [nodes]
-    look : called with the rows that come next and their rates, every :data:`CHUNK` samples
     """
-    n, done = len(points[0]), 0
-    for _ in range(epochs):
+    n, maps = len(points[0]), len(points)
+    for epoch in range(epochs):
         order = rng.permutation(n)
-        total = np.zeros(len(points))
-        for first in range(0, n, CHUNK):
-            rows = order[first : first + CHUNK]
-            t = done + np.arange(len(rows))
-            rates = Rates.training(t, sigma, epochs * n, len(points))
-            if look is not None:
-                look(rows, done + len(rows), rates)
-            total += [part.sum() for part in net.show([p[rows] for p in points], rates)]
-            done += len(rows)
+        rates = Rates.training(epoch * n + np.arange(n), sigma, epochs * n, maps)
+        found = net.show([p[order] for p in points], rates)
         yield [
-            Epoch.of(p, layer.weights, layer.lattice, float(s[-1]), float(error / n))
-            for p, layer, s, error in zip(points, net.layers, rates.sigma, total, strict=True)
+            Epoch.of(p, layer.weights, layer.lattice, float(s[-1]), float(distance.mean()))
+            for p, layer, s, distance in zip(points, net.layers, rates.sigma, found, strict=True)
         ]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -12,13 +13,16 @@ from numpy.typing import NDArray
 
 from ..body.covariance import NORMAL_95
 from ..body.curves import HARMONICS
+from ..body.spatial_view import LEAST_DEPTH
 from ..common.arrays import Array
 from ..common.rows import thinned
-from ..errors import OptionError
+from ..errors import CalibError, OptionError
 from ..kernel.arm import KernelArm
+from ..kernel.compiled import Compiled, braces, c_number, c_source, compile_source, source, table
 from ..kernel.posterior import CompactPosterior
-from ..kernel.source import array, braces, c_number, c_source, integers, source
 from ..maps.local_models import FULL, SILENT, blend_size, exponents, reach_of
+from ..samples.roles import ROUNDING
+from .answers import SURE
 from .nominal import nominal_for_kernel
 from .parts import Parts
 from .trust import ROUNDED
@@ -71,9 +75,9 @@ class Header:
         return Header(model, arm, *nominal_for_kernel(model, arm), limit)
 
     @property
-    def trusted(self) -> bool:
-        """Whether there is an answer wherever joints are within their range."""
-        return bool((self.model.model_bounds <= self.model.trust.most).all())
+    def structure(self) -> Any:
+        """The structure of the model's body."""
+        return self.model.body and self.model.body.structure
 
     @property
     def local(self) -> bool:
@@ -98,13 +102,13 @@ class Header:
     def _words(self, single: bool) -> dict[str, object]:
         model, arm, posterior = self.model, self.arm, self.model.posterior
         dof, models, local = len(self.limit), model.predictor.models, self.local
-        most = c_number(model.trust.most, single)
+        trusted, most = model.trust.everywhere, c_number(model.trust.most, single)
         blended = f" || !(calib_blended(calib_position_bound, q) <= {most})"
-        told = ("calib_posterior(inside, calib_more)", "calib_posterior(inside, calib_less)")
-        nodes = tuple(
-            f"calib_blended({name}, inside)" for name in ("calib_bound", "calib_true_bound")
-        )
-        bound, model_bound = told if posterior is not None else nodes
+        bound, model_bound = (
+            f"calib_blended(calib_{nodes}, inside)" if posterior is None
+            else f"calib_posterior(inside, calib_{extra})"
+            for nodes, extra in (("bound", "more"), ("true_bound", "less"))
+        )  # fmt: skip
         lengths = np.linalg.norm(np.vstack([arm.links.strides[1:], arm.links.tip]), axis=1)
         return {
             **_SEARCH,
@@ -112,10 +116,10 @@ class Header:
             "posterior": posterior is not None,
             "bound": bound,
             "model_bound": model_bound,
-            "nodes_asked": local or posterior is None or not self.trusted,
+            "nodes_asked": local or posterior is None or not trusted,
             "dof": dof,
             "out": arm.outputs,
-            "chain": len(arm.bends),
+            "chain": arm.chain.joints,
             "nodes": model.motor.size,
             "near": min(blend_size(dof), model.motor.size - 1),
             "starts": len(self._starts[0]),
@@ -123,12 +127,12 @@ class Header:
             "normal": NORMAL_95,
             "curved": len(arm.curves) > 0,
             "waved": posterior is not None and bool(posterior.waved.any()),
-            "gravity": arm.loaded is not None,
+            "gravity": len(arm.bending) > 0,
             "flexible": arm.flex is not None,
             "projective": arm.projective,
             "placed": arm.outputs == 3,
-            "nearest": arm.nearest,
-            "trusted": "" if self.trusted else blended,
+            "nearest": LEAST_DEPTH,
+            "trusted": "" if trusted else blended,
             "local": local,
             "silent": SILENT,
             "full": float(FULL),
@@ -154,18 +158,19 @@ class Header:
             u = np.clip(model.motor.units[nodes[thinned(len(nodes), _POSTURES)]], 0.0, 1.0)
         else:
             places = model.sensory.weights
-            start, _, _ = solver.starts.of(places[thinned(len(places), _PLACES)])
+            start = solver.starts.of(places[thinned(len(places), _PLACES)])
             u = start.reshape(-1, start.shape[2])
             u = u[np.isfinite(u[:, 0])]
         return model.motor.scale.from_unit(u), model.predictor.value(u)
 
     def _tables(self, single: bool) -> str:
         model, arm, motor, kept = self.model, self.arm, self.model.motor, self.model.posterior
+        chain, trusted = arm.chain, model.trust.everywhere
         tables: dict[str, NDArray[Any]] = {
             "lower": motor.scale.lower, "span": motor.scale.span,
-            "periodic": motor.scale.periodic.astype(int), "bends": arm.bends.astype(int),
-            "coupling": arm.coupling, "bias": arm.bias, "view": arm.view.ravel(),
-            "shift": arm.shift, "aim": arm.aim.ravel(), "limit": self.limit,
+            "periodic": motor.scale.periodic.astype(int), "bends": np.array(chain.revolute, int),
+            "coupling": chain.coupling, "bias": chain.bias, "view": arm.view.ravel(),
+            "shift": arm.shift, "aim": arm.aim.ravel(),
             "start_q": self._starts[0], "start_x": self._starts[1],
         }  # fmt: skip
         if arm.projective:
@@ -175,24 +180,22 @@ class Header:
             tables |= {"curve_cos": waves[:, 0].T, "curve_sin": waves[:, 1].T}
         if arm.flex is not None:
             tables |= {"way": arm.way, "flex_cos": arm.flex[0], "flex_sin": arm.flex[1]}
-        if arm.loaded is not None:
-            drawn = arm.loaded
-            strides = np.diff(drawn.points, axis=0, prepend=np.zeros((1, 3)))
-            centres = drawn.centres - drawn.points
-            tables |= {"drawn": strides, "mass": drawn.masses, "centre": centres}
-            tables["gravity"] = arm.gravity
-        if self.local or kept is None or not self.trusted:
+        if len(arm.bending):
+            tables |= {
+                "drawn": chain.placements().strides, "mass": chain.masses,
+                "centre": chain.centres - chain.points, "gravity": arm.gravity,
+            }  # fmt: skip
+        if self.local or kept is None or not trusted:
             tables["node"] = motor.units
         if kept is None:
             tables |= {"bound": model.bounds, "true_bound": model.model_bounds}
-        if not self.trusted:
+        if not trusted:
             tables["position_bound"] = model.model_bounds
         if self.local:
             tables |= self._local_tables
         arms = _arm("calib_body", arm, single, own=True)
-        if self.nominal is None:
-            del tables["limit"]
-        else:
+        if self.nominal is not None:
+            tables["limit"] = self.limit
             arms += _arm("calib_nominal", self.nominal, single, own=False)
         if kept is not None:
             beliefs, size, rank = kept.root.shape
@@ -200,9 +203,7 @@ class Header:
             arms += f"enum {{ {sizes}, CALIB_WAYS = {kept.coupled.shape[2]} }};\n"
             tables |= self._beliefs(kept)
         return arms + "".join(
-            integers(f"calib_{name}", values)
-            if values.dtype.kind == "i"
-            else array(f"calib_{name}", values, single or name in _FLOATS, name in _FLOATS)
+            table(f"calib_{name}", values, single, name in _FLOATS)
             for name, values in tables.items()
         )
 
@@ -241,12 +242,34 @@ class Header:
 
 def _arm(name: str, arm: KernelArm, single: bool, *, own: bool) -> str:
     """The constant of one arm, the body's or the nominal one's."""
-    joints = len(arm.bends)
-    bending = arm.bending if own and len(arm.bending) else np.zeros(joints)
+    bending = arm.bending if own and len(arm.bending) else np.zeros(arm.chain.joints)
     links = arm.links
     parts = (
-        arm.gain, arm.offset, bending, arm.axis, links.strides, links.turns.reshape(-1, 9),
+        arm.gain, arm.offset, bending, arm.chain.axes, links.strides, links.turns.reshape(-1, 9),
         links.tip, links.tip_turn.ravel(),
     )  # fmt: skip
     words = [braces(np.asarray(part, dtype=float), single) for part in parts]
     return f"static const calib_arm {name} = {{\n" + ",\n".join([*words, str(int(own))]) + "};\n"
+
+
+def compiled_of(model: Parts) -> tuple[Compiled | None, str]:
+    """The compiled kernel of a model, and a sentence that says what single queries are answered by.
+
+    None where the batch has to: without a compiler, without a body, or with `CALIB_NO_CC=1`.
+    """
+    started = time.perf_counter()
+    try:
+        header = Header.of(model)
+        arm = header.arm
+        words: dict[str, Any] = {
+            "placed": arm.outputs == 3 and getattr(header.structure, "informed", False),
+            "corrected": header.nominal is not None,
+            "sure": SURE,
+            "extent": float(model.solver.extent),
+            "rounding": ROUNDING,
+        }
+        made = compile_source(header.text()[0], words, len(header.limit), arm.outputs)
+    except CalibError as error:
+        return None, f"single queries are answered by the batch: {error}"
+    taken = time.perf_counter() - started
+    return made, f"single queries are answered by compiled C, made in {taken:.2g} s"

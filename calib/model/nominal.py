@@ -101,7 +101,7 @@ def nominal_for_kernel(model: Parts, arm: KernelArm) -> tuple[KernelArm | None, 
         drawn = nominal_arm(model) if simulated and moves_in_space(model) else None
     except CalibError:
         return None, 0
-    if not isinstance(drawn, SpatialArm) or drawn.chain.joints != len(arm.bends):
+    if not isinstance(drawn, SpatialArm) or drawn.chain.joints != arm.chain.joints:
         return None, 0
     structure = structure_of(drawn, "base")
     return KernelArm.of(structure, structure.neutral()), 0

@@ -68,25 +68,12 @@ def solve_poses(
     Raises QueryError if the model knows no arm in space, a value is no number, or a quaternion is
     none.
     """
-    space = Space.of(model)
+    space, names = Space.of(model), model.about.joint_names
     if frame != "base" and space.camera:
         raise QueryError("pixels are no positions in space: ask with frame='base'")
-    names = model.about.joint_names
     p, _ = checked_rows(position, ("x", "y", "z"), "positions")
     n = len(p)
-    r = None  # free
-    if quaternion is not None:
-        turns, _ = checked_rows(quaternion, QUATERNION, "quaternions")
-        length = np.linalg.norm(turns, axis=1)
-        if (np.abs(length - 1.0) > ROUNDING).any():  # files round to a few digits
-            row = int(np.argmax(np.abs(length - 1.0)))
-            raise QueryError(
-                f"the quaternion of row {row + 1} has length {length[row]:.4g}: expected length "
-                "1, in the order qx, qy, qz, qw"
-            )
-        r = matrix_of(turns / length[:, None])
-        if len(r) != n:
-            raise QueryError(f"{len(r)} quaternions for {n} positions: expected as many")
+    r = None if quaternion is None else _rotations(quaternion, n)
     anchor, _ = checked_rows(space.joints.middle if near is None else near, names, "near")
     if len(anchor) not in (1, n):
         raise QueryError(f"near has {len(anchor)} rows for {n} poses: give one or {n}")
@@ -107,14 +94,28 @@ def solve_poses(
         turned = np.linalg.norm(logarithm(r[target] @ np.swapaxes(rotation, 1, 2)), axis=1)
     met = (away <= REACHED * space.length) & (turned <= 10 * REACHED)
     reachable = np.isin(target, target[met])
-    scale = 1.0
     bound = error = np.full(len(q), np.nan)
-    if frame == "base":
-        bound = error = space.bound(q) if bounded else bound
-    else:
+    if frame != "base":
         position, rotation = space.to_sensor(position, rotation)
-        scale = space.sensor[2]
-        if bounded:
-            bound, error = model.bounded(q, "bounds"), model.bounded(q, "model_bounds")
+        away = space.sensor[2] * away
+    if bounded and frame == "base":
+        bound = error = space.bound(q)
+    elif bounded:
+        bound, error = model.bounded(q, "bounds"), model.bounded(q, "model_bounds")
     turns = quaternion_of(rotation)
-    return PoseAnswers(target, q, position, turns, scale * away, turned, bound, error, reachable)
+    return PoseAnswers(target, q, position, turns, away, turned, bound, error, reachable)
+
+
+def _rotations(quaternion: ArrayLike, n: int) -> Array:
+    """Matrices (n, 3, 3) of quaternions (n, 4)."""
+    turns, _ = checked_rows(quaternion, QUATERNION, "quaternions")
+    length = np.linalg.norm(turns, axis=1)
+    if (np.abs(length - 1.0) > ROUNDING).any():  # files round to a few digits
+        row = int(np.argmax(np.abs(length - 1.0)))
+        raise QueryError(
+            f"the quaternion of row {row + 1} has length {length[row]:.4g}: expected length "
+            "1, in the order qx, qy, qz, qw"
+        )
+    if len(turns) != n:
+        raise QueryError(f"{len(turns)} quaternions for {n} positions: expected as many")
+    return matrix_of(turns / length[:, None])

@@ -1,7 +1,6 @@
 """Space: what the chain of an arm in space answers, in its base frame: poses, pixels on a plane.
 
-Positions in the sensor's frame are answered by the model itself, see `calib.Model.solve`. This is
-for what needs the chain: poses, positions near joints, and the base frame of a camera or tracker.
+Positions in the sensor's frame are answered by the model itself, see `calib.Model.solve`.
 """
 
 from __future__ import annotations
@@ -13,21 +12,22 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..arm.arm import SpatialArm
+from ..arm.loading import arm_from_urdf
 from ..arm.rotations import quaternion_of
-from ..body.belief import Body
+from ..body.belief import Body, Second
+from ..body.sensor import sensor_of, without_gauge, without_sensor
+from ..body.spatial import structure_of
 from ..body.spatial_view import look
 from ..body.views import is_camera
 from ..common.arrays import Array
 from ..common.rows import checked_rows
 from ..common.scale import Scale
 from ..errors import QueryError
-from ..inverse.newton import Newton
-from ..inverse.pixel import on_plane
-from ..inverse.pose import TOLERANCE, Joints, pose_branches
-from ..inverse.self_motions import free_directions
+from ..inverse.newton import Newton, Positions
+from ..inverse.pose import TOLERANCE, Joints, Poses, pose_branches
+from ..inverse.solver import free_directions
 from ..inverse.starts import twins
-from ..inverse.tasks import Places, Poses, Positions
-from .base import drawn, in_base
 from .parts import Parts
 
 _BESIDE = 0.5  # rad: of joints no further from `near` the other branches are looked for there
@@ -37,6 +37,8 @@ _STEPS = 40  # of a search whose residual stays
 #: A pose or a position counts as reached within this share of the arm's length.
 REACHED = 1e-6
 _STARTS = 64  # joints from which what was missed is tried again
+_LENS = 30  # iterations of a lens turned round
+_FAMILIES = 4  # ways of more than six joints to a pose that are told
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,22 +57,24 @@ class Space:
         Raises QueryError if the model knows no chain in space: of a planar arm, or one found from
         rows alone.
         """
-        if "space" in model.remembered:  # its parts: what held the model would outlive it
-            return Space(model, *model.remembered["space"])
-        about = model.about
-        body = in_base(model.body) if model.body is not None else None
-        if body is None and about.source == "simulation":
-            body = drawn(model)
-        if body is None:
-            raise QueryError(
-                "the model knows no arm in space in its base frame: expected one that was learned "
-                "from a log together with the robot that it is of"
-            )
-        structure: Any = body.structure
-        joints = Joints(about.lower, about.upper, about.revolute)
-        parts = body, joints, max(structure.chain.reach, 1e-9)
-        model.remembered["space"] = parts
-        return Space(model, *parts)
+        if "space" not in model.remembered:
+            about = model.about
+            body = _in_base(model.body) if model.body is not None else None
+            if body is None and about.source == "simulation":
+                body = _drawn(model)
+            if body is None:
+                raise QueryError(
+                    "the model knows no arm in space in its base frame: expected one that was "
+                    "learned from a log together with the robot that it is of"
+                )
+            structure: Any = body.structure
+            joints = Joints(about.lower, about.upper, about.revolute)
+            length = max(structure.chain.reach, 1e-9)
+            model.remembered["space"] = Space(model, body, joints, length)
+        found: Space = model.remembered["space"]
+        return found
+
+    # What the chain says.
 
     def evaluate(self, q: Array) -> tuple[Array, Array, Array]:
         """Position (n, 3) [m], orientation (n, 3, 3) and Jacobian (n, 6, dof) of the tip."""
@@ -82,20 +86,41 @@ class Space:
     def forward(self, q: ArrayLike) -> tuple[Array, Array]:
         """Position (n, 3) [m] and quaternion (n, 4) of the tip; NaN where the model has none."""
         rows, _ = checked_rows(q, self.model.about.joint_names, "joint values")
-        structure: Any = self.body.structure
-        position, rotation = structure.pose(rows, self.body.beta)
+        position, rotation, _ = self.evaluate(rows)
         known = self.model.trust.covers(self._scale.to_unit(rows))[:, None]
         return np.where(known, position, np.nan), np.where(known, quaternion_of(rotation), np.nan)
 
     def bound(self, q: ArrayLike, *, size: bool = True) -> Array:
         """95 % bound (n,) in the base frame [m], which stands where the belief has it.
 
-        Its turn about and its shift along the first joint's axis are a convention, see `in_base`.
-        A camera cannot tell the arm's size either: without `size` that is left out too.
+        Its turn about and its shift along the first joint's axis are a convention.  A camera cannot
+        tell the arm's size either: without `size` that is left out too.
         """
         own = self.model.body
-        body = self.body if size or own is None else in_base(own, size=False) or self.body
+        body = self.body if size or own is None else _in_base(own, size=False) or self.body
         return body.bound(np.atleast_2d(np.asarray(q, dtype=float)), noise=False)
+
+    def free(self, q: Array, rows: int) -> Array:
+        """Directions (k, dof) that leave the answer at q (dof,); `rows` is 3, or 6 for a pose."""
+        jacobian = self.evaluate(q[None])[2][0, :rows].copy()
+        jacobian[:3] /= self.length
+        return free_directions(jacobian)
+
+    # What its sensor sees.
+
+    @property
+    def camera(self) -> bool:
+        """Whether the sensor is a camera, so that its readings are pixels."""
+        return self.model.body is not None and is_camera(self.model.body.structure.view)
+
+    @property
+    def sensor(self) -> tuple[Array, Array, float]:
+        """Rotation, shift and scale of the sensor: it sees ``scale rotation point + shift``."""
+        own: Any = self.model.body
+        if own is None or own.structure.kind != "spatial" or not own.structure.informed:
+            return np.eye(3), np.zeros(3), 1.0  # a simulated sensor is in the base frame
+        placed = own.structure.sensor(own.beta)
+        return placed.rotation, placed.shift, placed.scale
 
     def to_sensor(self, position: Array, rotation: Array) -> tuple[Array, Array]:
         """Positions (n, 3) [unit] and orientations (n, 3, 3) in the sensor's frame."""
@@ -118,29 +143,35 @@ class Space:
             raise QueryError("a pixel on a plane needs a model that was learned from pixels u, v")
         turn, shift, _ = self.sensor
         own: Any = self.model.body
-        lens = own.beta[own.structure.groups["lens"]]
-        points = on_plane(rows, turn, shift, lens, np.array([0.0, 0.0, 1.0]), height)
-        if not np.isfinite(points).all():
-            row = int(np.argmin(np.isfinite(points).all(axis=1)))
+        ideal = _undistorted(rows, own.beta[own.structure.groups["lens"]])
+        rays, eye = np.column_stack([ideal, np.ones(len(ideal))]) @ turn, -turn.T @ shift
+        with np.errstate(divide="ignore", invalid="ignore"):
+            depth = (height - eye[2]) / rays[:, 2]
+        missed = ~((depth > 0) & np.isfinite(depth))
+        if missed.any():
             raise QueryError(
-                f"pixel {rows[row].round(1).tolist()} shows no point of the plane z = {height:g} m "
-                "in front of the camera: its line of sight runs along the plane or away from it"
+                f"pixel {rows[missed][0].round(1).tolist()} shows no point of the plane "
+                f"z = {height:g} m in front of the camera: its line of sight runs along the plane "
+                "or away from it"
             )
-        return points
+        return np.asarray(eye + depth[:, None] * rays)
 
-    @property
-    def camera(self) -> bool:
-        """Whether the sensor is a camera, so that its readings are pixels."""
-        return self.model.body is not None and is_camera(self.model.body.structure.view)
-
-    @property
-    def sensor(self) -> tuple[Array, Array, float]:
-        """Rotation, shift and scale of the sensor: it sees ``scale rotation point + shift``."""
+    def sees(self, position: ArrayLike) -> NDArray[np.bool_]:
+        """Whether a camera's picture shows points (n, 3) of the base frame, (n,)."""
         own: Any = self.model.body
-        if own is None or own.structure.kind != "spatial" or not own.structure.informed:
-            return np.eye(3), np.zeros(3), 1.0  # a simulated sensor is in the base frame
-        placed = own.structure.sensor(own.beta)
-        return placed.rotation, placed.shift, placed.scale
+        points = np.atleast_2d(np.asarray(position, dtype=float))
+        if not self.camera:
+            return np.ones(len(points), dtype=bool)
+        sensor = own.structure.sensor(own.beta)
+        ahead = (points @ sensor.rotation.T + sensor.shift)[:, 2] > 0
+        view = look(sensor, points.T, np.repeat(np.eye(3)[:, :, None], len(points), axis=2))
+        size = self.model.about.picture or tuple(2 * sensor.lens[1:3])
+        inside = ((view.values >= 0) & (view.values <= size)).all(axis=1)
+        # where the lens folds over, the picture shrinks as the point moves outwards
+        out = view.point * np.array([[1.0], [1.0], [0.0]])
+        return np.asarray(ahead & inside & ((view.seen(out) * out[:2]).sum(axis=0) >= 0))
+
+    # Joints for places and poses.
 
     def beside(self, p: Array, r: Array | None, near: Array) -> tuple[Array, Array]:
         """Joints (n, dof) beside `near` for places (n, 3), or poses with `r`, and what is left."""
@@ -183,41 +214,31 @@ class Space:
             newton.take_better(u, left, wish, row, *found)
         moved = np.abs(scale.difference(u, wish) * scale.span).max(axis=1)
         beside = (left <= TOLERANCE * self.length) & (moved <= _BESIDE) & (not spare)
-        answers = [scale.from_unit(row[None]) for row in u]
         alone = np.flatnonzero(~beside | every)
         branches = pose_branches(
             self.evaluate, p[alone], r[alone], self.joints, self.length, starts=near[alone]
         )
-        lost = []
+        others = {}
         for i, rows in zip(alone.tolist(), branches, strict=True):
             v = scale.to_unit(rows)
             order = np.argsort(np.linalg.norm(scale.difference(v, wish[i]), axis=1), kind="stable")
-            if len(v) and spare:
-                v = v[order[:4]]
-                goal, middle = (np.tile(part[i], (len(v), 1)) for part in (target, wish))
-                slid, apart = newton.settle(v, goal, middle)
-                v = np.where((apart <= REACHED * self.length)[:, None], slid, v)
-                order = np.argsort(np.linalg.norm(scale.difference(v, wish[i]), axis=1))
-            if len(v):
-                answers[i] = scale.from_unit(v[order if every else order[:1]])
-            else:
-                lost.append(i)
-        if lost:
-            u, left = u[lost], left[lost]
-            self._again(newton, u, left, target[lost], wish[lost])
-            for i, row in zip(lost, scale.from_unit(u), strict=True):
-                answers[i] = row[None]
-        return answers
+            others[i] = v = v[order[: _FAMILIES if spare else None]]
+            owner = np.full(len(v), i)
+            newton.take_better(u, left, wish, owner, *newton.settle(v, target[owner], wish[owner]))
+        self._again(newton, u, left, target, wish)
+        nearest = [row[None] for row in scale.from_unit(u)]
+        if not every:
+            return nearest
+        return [scale.from_unit(others[i]) if len(others[i]) else q for i, q in enumerate(nearest)]
 
     def _again(self, newton: Newton, u: Array, left: Array, target: Array, wish: Array) -> None:
         """Answers that missed their target, tried from all over the ranges; in place."""
         owner = np.repeat(np.flatnonzero(left > REACHED * self.length), _STARTS)
-        if not len(owner):
-            return
-        start = np.random.default_rng(0).random((_STARTS, u.shape[1]))
-        tried = np.tile(start, (len(owner) // _STARTS, 1))
-        found = newton.settle(tried, target[owner], wish[owner])
-        newton.take_better(u, left, wish, owner, *found)
+        if len(owner):
+            start = np.random.default_rng(0).random((_STARTS, u.shape[1]))
+            tried = np.tile(start, (len(owner) // _STARTS, 1))
+            found = newton.settle(tried, target[owner], wish[owner])
+            newton.take_better(u, left, wish, owner, *found)
 
     def _unit(self, q: Array) -> Array:
         return self._placing.clip(self._scale.to_unit(q))
@@ -228,30 +249,70 @@ class Space:
 
     @cached_property
     def _placing(self) -> Newton:
-        task = Positions(Places(self.evaluate, self._scale))
+        task = Positions.of_chain(self.evaluate, self._scale)
         return Newton(task, self._scale, self.length)
 
     @cached_property
     def _posing(self) -> Newton:
         return Newton(Poses(self.evaluate, self._scale, self.length), self._scale, self.length)
 
-    def free(self, q: Array, rows: int) -> Array:
-        """Directions (k, dof) that leave the answer at q (dof,); `rows` is 3, or 6 for a pose."""
-        jacobian = self.evaluate(q[None])[2][0, :rows].copy()
-        jacobian[:3] /= self.length
-        return free_directions(jacobian)
 
-    def sees(self, position: ArrayLike) -> NDArray[np.bool_]:
-        """Whether a camera's picture shows points (n, 3) of the base frame, (n,)."""
-        own: Any = self.model.body
-        points = np.atleast_2d(np.asarray(position, dtype=float))
-        if not self.camera:
-            return np.ones(len(points), dtype=bool)
-        sensor = own.structure.sensor(own.beta)
-        ahead = (points @ sensor.rotation.T + sensor.shift)[:, 2] > 0
-        view = look(sensor, points.T, np.repeat(np.eye(3)[:, :, None], len(points), axis=2))
-        size = self.model.about.picture or tuple(2 * sensor.lens[1:3])
-        inside = ((view.values >= 0) & (view.values <= size)).all(axis=1)
-        # where the lens folds over, the picture shrinks as the point moves outwards
-        out = view.point * np.array([[1.0], [1.0], [0.0]])
-        return np.asarray(ahead & inside & ((view.seen(out) * out[:2]).sum(axis=0) >= 0))
+def _undistorted(pixels: Array, lens: Array) -> Array:
+    """Directions (n, 2) as x/z, y/z of pixels (n, 2) seen through a lens (f, u0, v0, k1)."""
+    f, u0, v0, k1 = lens
+    bent = (pixels - (u0, v0)) / f
+    radius = np.linalg.norm(bent, axis=1)
+    # r (1 + k1 r^2) = radius by Newton's rule from r = radius
+    r = radius
+    for _ in range(_LENS):
+        slope = 1 + 3 * k1 * r * r
+        r = r - (r * (1 + k1 * r * r) - radius) / np.where(np.abs(slope) > 1e-6, slope, 1e-6)
+    bad = (1 + 3 * k1 * r * r <= 0) | (np.abs(r * (1 + k1 * r * r) - radius) > 1e-9)
+    if bad.any():  # the lens folds over
+        row = int(np.flatnonzero(bad)[0])
+        raise QueryError(
+            f"pixel {pixels[row].round(1).tolist()} of row {row} lies beyond what a lens of "
+            f"k1 {k1:.3g} can show: expected one nearer to ({u0:.0f}, {v0:.0f})"
+        )
+    return np.asarray(bent * (r / np.where(radius > 0, radius, 1.0))[:, None])
+
+
+def _in_base(body: Body, *, size: bool = True) -> Body | None:
+    """The body with its sensor left out: outputs are the tip in the base frame [m].
+
+    Where the sensor's frame was fitted, the base frame is turned about and shifted along the first
+    joint's axis to where the belief has it, by convention, and the spread is what is left.
+    """
+    structure: Any = body.structure
+    if structure.kind != "spatial" or not structure.informed:
+        return None
+
+    def alone(belief: Body | Second) -> dict[str, Any]:
+        free = structure.view != "base"
+        root = without_gauge(structure, belief, size) if free else belief.root
+        kept = ~np.isin(belief.active, sensor_of(structure))
+        return {
+            "beta": without_sensor(structure, belief.beta)[1],
+            "active": belief.active[kept],
+            "root": root[kept],
+            "noise": np.zeros(3),
+        }
+
+    base, none, second = without_sensor(structure, body.beta)[0], np.zeros(3), body.second
+    if second is not None:
+        second = replace(second, **alone(second))
+    return replace(body, structure=base, **alone(body), tau=none, residual=none, second=second)
+
+
+def _drawn(model: Parts) -> Body | None:
+    """The drawn arm of a simulation whose arm and sensor were not changed."""
+    about = model.about
+    if not about.urdf or (about.simulation or {}).get("changes"):
+        return None
+    arm = arm_from_urdf(about.urdf, about.joint_names, about.tip, lock=about.locked)
+    if not isinstance(arm, SpatialArm):
+        return None
+    structure, none = structure_of(arm, "base"), np.zeros(3)
+    active, root = structure.groups["tool"], np.zeros((3, 3))
+    return Body(structure, structure.neutral(), active, root, none, 1.0, none, none,
+                np.inf, 1.0, simulated=True)  # fmt: skip

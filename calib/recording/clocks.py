@@ -89,10 +89,10 @@ class _Waves:
         Were the joints late, held-out blocks would miss by the tip's motion, less what the fit
         would have made of that: the same linear map takes both.
         """
-        judge, one = Judge(q, self._soft), np.ones((len(q), 1))
+        judge, none = Judge(q, self._soft), np.empty(0)
         speed = (judge.predict(ahead, seen) - judge.predict(behind, seen)) / (2.0 * _STEP)
-        slope, apart = (judge.miss(each)[:, :, None] for each in (speed, speed * since))
-        return one, one, judge.miss(seen), slope, apart, np.empty(0), np.empty(0)
+        velocity, apart = (judge.miss(each) for each in (speed, speed * since))
+        return judge.miss(seen), velocity, apart[:, :, None], none, none
 
     def take(self, change: Array) -> None:
         """Nothing to take: each look is a fit of its own."""
@@ -121,12 +121,10 @@ class _Chain:
         """What `estimate_delay` takes, with the clocks' rate last."""
         structure, beta, speed = self._structure, self._beta, (ahead - behind) / (2.0 * _STEP)
         predicted, columns = structure.linearise(q, beta, self._active)
-        slope = structure.slope(q, beta)
-        apart = np.einsum("nmd,nd->nm", slope, speed) * since
-        columns = np.concatenate([columns, apart[:, :, None]], axis=2)
+        velocity = np.einsum("nmd,nd->nm", structure.slope(q, beta), speed)
+        columns = np.concatenate([columns, (velocity * since)[:, :, None]], axis=2)
         pull = (self._prior.mean - beta)[self._active]
-        precision = self._prior.sd[self._active] ** -2.0
-        return q, speed, seen - predicted, slope, columns, precision, pull
+        return seen - predicted, velocity, columns, self._prior.sd[self._active] ** -2.0, pull
 
     def take(self, change: Array) -> None:
         """Move the chain's parameters."""
@@ -212,10 +210,9 @@ class _Pair:
             there, ahead, behind = (self.joints(when + h) for h in (0.0, _STEP, -_STEP))
             since = (when - when.mean())[:, None]
             with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-                look = model.look(there, ahead, behind, seen, since)
-                miss, precision = look[2], np.append(look[5], prior)
-                pull = np.append(look[6], -clocks.rate)
-                found = estimate_delay(*look[:5], precision=precision, pull=pull)
+                miss, velocity, columns, known, pull = model.look(there, ahead, behind, seen, since)
+                precision, pull = np.append(known, prior), np.append(pull, -clocks.rate)
+                found = estimate_delay(miss, velocity, columns, precision, pull)
             if found is None or not np.isfinite(found[0].value):
                 break
             late, change = found

@@ -13,7 +13,7 @@ import numpy as np
 from ..common.arrays import Array, Index
 from ..common.wording import listed
 from ..errors import LogError
-from ..samples.columns import Source, open_source, read_columns, read_texts
+from ..samples.tables import Source, open_source, read_columns
 
 _TIMES = ("time", "timestamp", "stamp", "t", "seconds", "time_s")
 _PICTURES = ("picture", "image", "file", "filename", "photo")
@@ -80,7 +80,7 @@ def read_joints(
             )
     pictures = None
     if picture:  # one may stand with its folder, of this system or another
-        cells = read_texts(source, [picture])[picture].to_list()
+        cells = source.read([picture])[picture].to_list()
         named = [str(cell or "").strip().replace("\\", "/") for cell in cells]
         pictures = tuple(named[k].rpartition("/")[2] for k in keep)
     return JointTable(

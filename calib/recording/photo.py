@@ -14,7 +14,7 @@ from ..common.arrays import Array
 from ..common.atomic import atomic_write
 from ..common.choices import PICTURES
 from ..errors import LogError
-from ..model.measured import Photo
+from ..model.about import Photo
 from .pictures import Picture, Video, opencv, read_picture
 from .reference import PlaneReference
 from .setting import Setup
@@ -36,7 +36,7 @@ def take_photo(
 
     path : a picture or a video, whose first frame is taken, by the camera that made the log
     x : (n, 2), positions that should be in it, in "px" or "m"
-    about : what the log tells of its source (`read_about`): for metres where its camera was
+    about : what the log tells of its source (`Source.about`): for metres where its camera was
     Raises LogError if it cannot be read, is of another camera, or shows none of the positions.
     """
     about = about or {}

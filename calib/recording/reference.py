@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 from ..arm.rotations import cross_matrix, exponential, similarity
 from ..common.arrays import Array
 from ..errors import LogError
-from ..samples.columns import open_source, read_columns
+from ..samples.tables import open_source, read_columns
 from .board import LEAST_CORNERS, Board
 from .lens import Lens
 from .pictures import opencv

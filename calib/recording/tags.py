@@ -2,7 +2,7 @@
 
 What is printed is known to its last cell: OpenCV's `findTransformECC` (Evangelidis and Psarakis,
 2008) moves it over the picture. In benchmarks/camera.py tags are found to .010 px, .012 where
-blurred; OpenCV's contours alone leave .093 and .113. Its board's corners have .06 px, laid over .011.
+blurred; OpenCV's contours leave .093 and .113. Its board's corners have .06 px, laid over .011.
 """
 
 from __future__ import annotations

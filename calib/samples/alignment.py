@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from ..arm.rotations import similarity
-from ..common.arrays import Array
+from ..common.arrays import Array, Mask
 from ..common.robust import solve_least_squares
 from .settings import DIAGNOSED_ROWS, FAR_BETTER, PATH
 
@@ -37,9 +37,9 @@ def rows_behind(predict: Predict, q: Array, x: Array, unit: str = "m", most: int
     return best if found[best] < (0.5 if is_path(q) else FAR_BETTER) * found[0] else 0
 
 
-def is_path(q: Array) -> bool:
-    """Whether rows (n, dof) are those of a motion, so that one tells of its neighbours."""
-    step = np.median(np.abs(np.diff(q, axis=0)), axis=0)
+def is_path(q: Array, joined: Mask | slice = slice(None)) -> bool:
+    """Whether rows (n, dof) are those of a motion, by the steps that are `joined` (n - 1,)."""
+    step = np.median(np.abs(np.diff(q, axis=0)[joined]), axis=0)
     return bool(np.max(step / np.maximum(np.ptp(q, axis=0), 1e-12)) <= PATH)
 
 

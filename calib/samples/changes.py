@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterable
+from collections.abc import Callable, Collection, Iterable
 from dataclasses import dataclass
 from typing import Literal
 
@@ -12,21 +12,24 @@ from ..errors import OptionError
 
 _RELATIVE = ("length", "gear", "scale")  # +20% means times 1.2
 _ANGLES = ("offset", "noise", "backlash", "lock")  # of a joint that is typed in degrees
-_FORMS = {
-    ("joint", "length"): "+20% or 0.3 [m]",
-    ("joint", "offset"): "0.05 [rad or m]",
-    ("joint", "gear"): "1.02",
-    ("joint", "noise"): "0.01 [rad or m]",
-    ("joint", "backlash"): "0.01 [rad or m]",
-    ("joint", "lock"): "1.0 [rad or m]",
-    ("tip", "offset"): "0.01,0.02 [m]",
-    ("sensor", "mirror"): "x or y",
-    ("sensor", "scale"): "1.05",
-    ("sensor", "rotate"): "0.14 [rad]",
-    ("sensor", "shift"): "0.03,-0.02 [m]",
-    ("sensor", "outliers"): "0.05, a share of the rows",
-}
 _PAIRS = (("tip", "offset"), ("sensor", "shift"))  # of two numbers
+
+_Rule = tuple[str, Callable[[float], bool]]
+_FORMS: dict[tuple[str, str], _Rule] = {
+    ("joint", "length"): ("+20% or 0.3 [m], above zero", lambda value: value > 0),
+    ("joint", "offset"): ("0.05 [rad or m]", math.isfinite),
+    ("joint", "gear"): ("1.02, not 0 (lock holds a joint)", bool),
+    ("joint", "noise"): ("0.01 [rad or m], not negative", lambda value: value >= 0),
+    ("joint", "backlash"): ("0.01 [rad or m], not negative", lambda value: value >= 0),
+    ("joint", "lock"): ("1.0 [rad or m]", math.isfinite),
+    ("tip", "offset"): ("0.01,0.02 [m]", math.isfinite),
+    ("sensor", "mirror"): ("x or y", lambda _: False),
+    ("sensor", "scale"): ("1.05, above zero", lambda value: value > 0),
+    ("sensor", "rotate"): ("0.14 [rad]", math.isfinite),
+    ("sensor", "shift"): ("0.03,-0.02 [m]", math.isfinite),
+    ("sensor", "outliers"): ("5%, a share of the rows below 1", lambda value: 0 <= value < 1),
+}
+"""What can change, a value of each, and which values are possible."""
 
 JOINT_CHANGES = tuple(what for part, what in _FORMS if part == "joint")
 SENSOR_CHANGES = tuple(what for part, what in _FORMS if part == "sensor")
@@ -72,23 +75,22 @@ def parse_change(text: str, *, degrees: Collection[str] = ()) -> Change:
     >>> change.joint, change.what, change.value, change.relative
     ('left.elbow', 'length', 1.2, True)
     """
-    name, equals, value = text.strip().rpartition("=")
-    target, dot, what = name.strip().rpartition(".")
+    name, _, value = text.strip().rpartition("=")
+    target, _, what = name.strip().rpartition(".")
     value = value.strip()
-    if not (equals and dot and target and value):
-        raise OptionError(
-            f"change {text!r} is not WHO.WHAT=VALUE such as elbow.length=+20%; choices: {_CHOICES}"
-        )
     part: Literal["joint", "tip", "sensor"] = "joint"
     if target == "sensor" and what in SENSOR_CHANGES:
         part = "sensor"
     elif target == "tip" and what == "offset" and "," in value:
         part = "tip"
-    elif what not in JOINT_CHANGES:
-        choices = ", ".join(SENSOR_CHANGES if target == "sensor" else JOINT_CHANGES)
-        more = " (or tip.offset=DX,DY)" if target == "tip" else ""
-        raise OptionError(f"change {text!r}: {target!r} has no {what!r}; choices: {choices}{more}")
-    values = _values(text, part, what, value)
+    if not target or not value or (part, what) not in _FORMS:
+        raise OptionError(
+            f"change {text!r} is not WHO.WHAT=VALUE such as elbow.length=+20%; choices: {_CHOICES}"
+        )
+    values = _values(part, what, value)
+    form, possible = _FORMS[part, what]
+    if values is None or not (what == "mirror" or all(map(possible, values))):
+        raise OptionError(f"change {text!r}: expected a value such as {form}")
     joint = target if part == "joint" else ""
     if joint and joint in degrees and what in _ANGLES:
         values = (math.radians(values[0]),)
@@ -106,47 +108,29 @@ def parse_changes(
     parsed: dict[tuple[str, str, str], Change] = {}
     for item in changes:
         change = item if isinstance(item, Change) else parse_change(item, degrees=degrees)
-        key = (change.part, change.joint, change.what)
-        if key in parsed:
+        before = parsed.setdefault((change.part, change.joint, change.what), change)
+        if before is not change:
             raise OptionError(
-                f"change {change.text!r} comes after {parsed[key].text!r}: give one of the two"
+                f"change {change.text!r} comes after {before.text!r}: give one of the two"
             )
-        parsed[key] = change
     return tuple(parsed.values())
 
 
-def _values(text: str, part: str, what: str, value: str) -> tuple[float, ...]:
-    """The numbers of a change; OptionError if they are impossible."""
-    if what == "mirror" and value in ("x", "y"):
-        return (-1.0, 1.0) if value == "x" else (1.0, -1.0)
+def _values(part: str, what: str, value: str) -> tuple[float, ...] | None:
+    """The numbers of a change as typed; None if they are none of its kind."""
+    if what == "mirror":
+        return {"x": (-1.0, 1.0), "y": (1.0, -1.0)}.get(value)
     percent, signed = value.endswith("%"), value[0] in "+-"
-    if percent and what == "length" and not signed:
-        raise OptionError(
-            f"change {text!r}: expected +{value} to lengthen by it, -{value} to shorten, "
-            "or a length such as 0.3 [m]"
-        )
     try:
         values = tuple(float(number) for number in value.removesuffix("%").split(","))
     except ValueError:
-        values = ()
-    count = 2 if (part, what) in _PAIRS else 1
-    typed = what != "mirror" and (not percent or what in (*_RELATIVE, "outliers"))
-    if len(values) != count or not typed or not all(abs(v) < LARGEST for v in values):
-        raise OptionError(f"change {text!r}: expected a value such as {_FORMS[part, what]}")
+        return None
+    if len(values) != 1 + ((part, what) in _PAIRS) or not all(abs(v) < LARGEST for v in values):
+        return None
     if percent:
+        if what not in (*_RELATIVE, "outliers") or (what == "length" and not signed):
+            return None
         # +20% is 1.2 and -20% is 0.8, but 105% without a sign 1.05, and a share of rows itself
         share = values[0] / 100.0
         values = (1.0 + share if signed and what != "outliers" else share,)
-    first = values[0]
-    refusals = {
-        f"the {what} must stay above zero": what in ("length", "scale") and first <= 0.0,
-        "a gear of 0 moves nothing; use lock to hold a joint": what == "gear" and first == 0.0,
-        f"the {what} cannot be negative": what in ("noise", "backlash") and first < 0.0,
-        "expected a share of the rows from 0 to below 1": (
-            what == "outliers" and not 0.0 <= first < 1.0
-        ),
-    }
-    for words, wrong in refusals.items():
-        if wrong:
-            raise OptionError(f"change {text!r}: {words}")
     return values

@@ -1,8 +1,8 @@
 """Delays: a sensor's clock that is late or early against the joints', estimated from the rows.
 
 Where positions are late by d, a row shows the tip where its joints were d before: what predicts it
-misses by -J qdot d.  That regression, less what the predictor's own parameters and the joints' play
-could make of it, is the estimate; its interval is a sandwich over blocks of neighbouring rows.
+misses by -J qdot d.  That regression, less what the predictor's own parameters could make of it, is
+the estimate; its interval is a sandwich over blocks of neighbouring rows.
 """
 
 from __future__ import annotations
@@ -11,10 +11,11 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..common.arrays import Array, Index, Mask
 from ..errors import LogError
-from .joint_values import directions
+from .alignment import is_path
 from .samples import Samples
 from .settings import (
     CLEAR_DELAY,
@@ -23,7 +24,6 @@ from .settings import (
     DELAY_SHARE,
     DOUBTED_DELAY,
     LONGEST_PAUSE,
-    PATH,
 )
 
 
@@ -44,18 +44,14 @@ class Delay:
     def note(self) -> str:
         """What the user should be told, empty for nothing."""
         factor, unit = (1e3, "ms") if self.unit == "s" else (1.0, "rows")
-        side = "late" if self.value > 0 else "early"
-        words = f"{factor * abs(self.value):.3g} +- {factor * 1.96 * self.sd:.2g} {unit} {side}"
+        side, sd = "late" if self.value > 0 else "early", 1.96 * factor * self.sd
+        words = f"{factor * abs(self.value):.3g} +- {sd:.2g} {unit} {side} against the joints"
         if self.clear:
-            return (
-                f"the positions are {words} against the joints: corrected; poses at rest "
-                "(`still`) do not depend on clocks"
-            )
+            return f"the positions are {words}: corrected; poses at rest do not depend on clocks"
         if abs(self.value) > DOUBTED_DELAY * self.sd and self.share > 0.02:
             return (
-                f"the positions may be {words} against the joints, which the rows do not "
-                "settle: not corrected; measure at rest (`still`), or along a path that "
-                "is run in both directions"
+                f"the positions may be {words}, which the rows do not settle: not corrected; "
+                "measure at rest, or along a path that is run in both directions"
             )
         return ""
 
@@ -71,18 +67,14 @@ class Trajectory:
     @staticmethod
     def of(samples: Samples) -> Trajectory | None:
         """The motion of a log's rows; None where they are poses, or known to be in time."""
-        if samples.in_time:
+        if samples.in_time or len(samples) < 20:
             return None
         rows = np.arange(len(samples)) if samples.rows is None else samples.rows
-        time, unit = rows.astype(float), "rows"
-        if samples.time is not None and np.isfinite(samples.time).all():
-            time, unit = samples.time, "s"
+        time, unit = (rows.astype(float), "rows") if samples.time is None else (samples.time, "s")
         motion = Trajectory(time, samples.q, unit)
-        step = np.diff(samples.q, axis=0)[motion.joined]
-        if len(samples) < 20 or len(step) < len(samples) // 2:
+        if motion.joined.sum() < len(samples) // 2:
             return None
-        span = np.maximum(np.ptp(samples.q, axis=0), 1e-12)
-        return motion if float(np.max(np.median(np.abs(step), axis=0) / span)) <= PATH else None
+        return motion if is_path(samples.q, motion.joined) else None
 
     @cached_property
     def joined(self) -> Mask:
@@ -142,38 +134,41 @@ def with_offset(samples: Samples, offset: float) -> Samples:
 
 
 def estimate_delay(
-    q: Array,
-    speed: Array,
     residual: Array,
-    slope: Array,
-    columns: Array,
-    precision: Array,
-    pull: Array,
+    velocity: Array,
+    columns: Array | None = None,
+    precision: ArrayLike = (),
+    pull: ArrayLike = (),
+    *,
+    play: Array | None = None,
     unit: str = "s",
 ) -> tuple[Delay, Array] | None:
     """Estimate by how much positions are late from what a predictor leaves of them.
 
-    The one estimator of clocks, of logs and of videos (:mod:`calib.recording.clocks`).
+    The one estimator of clocks: of logs, videos and bags (:mod:`calib.recording.clocks`).  A
+    predictor that is fitted to other rows gives both, what it misses and what it would miss of its
+    own velocity, without columns.
 
-    q, speed : (n, dof), joints and their velocities, NaN where they are not known [../unit]
-    residual, slope : (n, m), (n, m, dof), measured less predicted, and the prediction's derivative
-    columns : (n, m, k), derivative by parameters that are fitted beside the delay
+    residual, velocity : (n, m), measured less predicted positions, and the velocity of the
+        predicted ones, NaN where unknown [unit, unit/time]
+    columns : (n, m, k), derivative by parameters that are fitted beside, such as a clock's rate
     precision, pull : (k,), their prior precision, and how far they are below their prior mean
+    play : (n, m, j), what else could explain the residual: the better explanation counts
     Returns the delay and how the parameters change with it (k,), None where nothing moves.
     """
-    rows = np.flatnonzero(np.isfinite(speed).all(axis=1) & np.isfinite(residual).all(axis=1))
+    rows = np.flatnonzero(np.isfinite(velocity).all(axis=1) & np.isfinite(residual).all(axis=1))
     if len(rows) < 20:
         return None
     n, m = len(rows), residual.shape[1]
-    r, J, X = residual[rows], slope[rows], columns[rows].reshape(n * m, -1)
-    late = -np.einsum("nmk,nk->nm", J, speed[rows]).reshape(-1, 1)
+    r, late = residual[rows], -velocity[rows].reshape(-1, 1)
+    X = np.empty((n * m, 0)) if columns is None else columns[rows].reshape(n * m, -1)
     if not np.abs(late).max() > 0:
         return None
     size = np.linalg.norm(r, axis=1)
     noise = float(np.median(size)) / np.sqrt(m) + 1e-9 * float(np.abs(late).max())
     weight = (DELAY_NU + m) / (DELAY_NU + (size / noise) ** 2) / noise**2
-    W, flat = np.repeat(weight, m)[:, None], r.reshape(-1, 1)
-    normal = X.T @ (W * X) + np.diag(precision)
+    W, flat, prior = np.repeat(weight, m)[:, None], r.reshape(-1, 1), np.asarray(precision, float)
+    normal = X.T @ (W * X) + np.diag(prior)
 
     def beside(A: Array) -> tuple[Array, Array]:
         """What the parameters take of columns, and what they cannot."""
@@ -185,7 +180,7 @@ def estimate_delay(
         G, b = A.T @ (W * own), own.T @ (W * left)
         return float(np.sum(b * (np.linalg.pinv(G, hermitian=True) @ b)))
 
-    base = np.linalg.solve(normal, X.T @ (W * flat) + (precision * pull)[:, None])
+    base = np.linalg.solve(normal, X.T @ (W * flat) + (prior * np.asarray(pull, float))[:, None])
     left = flat - X @ base
     taken, own = beside(late)
     information = float(np.sum(late * W * own))
@@ -195,8 +190,9 @@ def estimate_delay(
     rest = left - own * value
     blocks = np.array_split((own * W * rest).reshape(n, m).sum(axis=1), DELAY_BLOCKS)
     sd = float(np.sqrt(sum(block.sum() ** 2 for block in blocks))) / information
-    # joints with play err by the direction of their motion: the better explanation counts
-    play = (J * directions(q)[rows][:, None]).reshape(n * m, -1)
-    by_delay, by_play = explained(late, own), explained(play, beside(play)[1])
-    share = by_delay / float(np.sum(W * left**2)) if by_delay > by_play else 0.0
+    share = explained(late, own) / float(np.sum(W * left**2))
+    if play is not None:
+        other = play[rows].reshape(n * m, -1)
+        by_play = explained(other, beside(other)[1]) / float(np.sum(W * left**2))
+        share = share if share > by_play else 0.0
     return Delay(value, sd, unit, share), (base - taken * value)[:, 0]

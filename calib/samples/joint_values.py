@@ -9,7 +9,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..common.arrays import Array, Mask
+from ..common.arrays import Array, Index, Mask
 from ..common.scale import TURN
 from ..common.wording import unit_of_joint
 from ..errors import CalibError, LogError, OptionError
@@ -26,20 +26,54 @@ SLACK = 0.05
 _MOST_TURNS = 4.0  # further from zero a joint value is in degrees, or not reset for long
 
 
-def in_degrees(values: Array, low: float, high: float) -> bool:
-    """Whether values (n,) leave a range [rad] but lie within it once taken as degrees."""
-    return beyond(values, low, high) > SLACK and beyond(np.deg2rad(values), low, high) <= SLACK
-
-
 def beyond(values: Array, low: float, high: float) -> float:
     """Return by how much values (n,) leave a range, as a share of its width."""
     return max(low - float(values.min()), float(values.max()) - high, 0.0) / (high - low)
+
+
+def fits_in_degrees(values: Array, low: float, high: float) -> bool:
+    """Whether angles (n,) [rad] of more than a turn leave a range, and not if they are degrees.
+
+    Small angles of another column look like degrees too.
+    """
+    outside = beyond(values, low, high) > SLACK and float(np.abs(values).max()) > TURN
+    return outside and beyond(np.deg2rad(values), low, high) <= SLACK
 
 
 def many_turns(values: Array) -> bool:
     """Whether angles (n,) [rad] go further round than a joint does: degrees, most likely."""
     low, high = float(values.min()), float(values.max())
     return high - low > 2.02 * TURN or max(abs(low), abs(high)) > _MOST_TURNS * TURN
+
+
+def outside(
+    label: str,
+    name: str,
+    values: Array,
+    rows: Index,
+    limits: tuple[float, float],
+    *,
+    revolute: bool = True,
+    degrees: bool = False,
+    hint: str = "",
+    error: type[CalibError] = LogError,
+) -> CalibError:
+    """Return the error for the value (n,) that is furthest outside of a range, with the remedy."""
+    low, high = limits
+    row = int(np.argmax(np.maximum(low - values, values - high)))
+    factor, unit = unit_of_joint(revolute, degrees)
+    turned = revolute and not degrees and (many_turns(values) or fits_in_degrees(values, low, high))
+    if turned:
+        hint = f"if the values are in degrees, give `degrees=True`; {hint}".removesuffix("; ")
+    elif revolute and degrees and many_turns(values):
+        hint = f"values in rad are given without `degrees`; {hint}".removesuffix("; ")
+    return error(
+        f"{label}, row {rows[row]}: {name} is {values[row] * factor:g} {unit}, outside of the "
+        f"range {low * factor:.4g}..{high * factor:.4g} {unit}",
+        hint=hint or None,
+        parameter="degrees" if turned else "ranges",
+        value=degrees if turned else float(values[row]),
+    )
 
 
 def check_joint_values(
@@ -61,34 +95,11 @@ def check_joint_values(
     lower, upper : (dof,) [rad or m], the joints' learned range
     degrees : whether the values were given in degrees, and converted
     """
-    there = np.isfinite(q).all(axis=1)
-    rows = np.flatnonzero(there) + 1
-    q = q[there]
-    if not len(q):
-        return
-    for k, name in enumerate(names):
-        if not revolute[k]:
-            continue
-        low, high = float(lower[k]), float(upper[k])
-        excess = np.maximum(low - q[:, k], q[:, k] - high)
-        row = int(np.argmax(excess))
-        fits = in_degrees(q[:, k], low, high)
-        if not (many_turns(q[:, k]) or (fits and float(np.abs(q[:, k]).max()) > TURN)):
-            continue
-        factor, unit = unit_of_joint(True, degrees)
-        if degrees:
-            hint = "values in rad are given without `degrees`"
-        elif fits:
-            hint = "as degrees it fits: give `degrees=True`"
-        else:
-            hint = "if the values are in degrees, give `degrees=True`"
-        raise error(
-            f"{label}, row {rows[row]}: {name} is {q[row, k] * factor:g} {unit}, outside of the "
-            f"range {low * factor:.4g}..{high * factor:.4g} {unit}",
-            hint=hint,
-            parameter="degrees",
-            value=degrees,
-        )
+    rows = np.flatnonzero(np.isfinite(q).all(axis=1))
+    for k in np.flatnonzero(revolute).tolist() if len(rows) else ():
+        values, limits = q[rows, k], (float(lower[k]), float(upper[k]))
+        if many_turns(values) or fits_in_degrees(values, *limits):
+            raise outside(label, names[k], values, rows + 1, limits, degrees=degrees, error=error)
 
 
 _STILL = 1e-9  # of a joint's largest move: less is no motion

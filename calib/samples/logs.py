@@ -11,20 +11,22 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..arm.arm import SpatialArm
-from ..arm.plane import fit_plane
+from ..arm.plane import Plane, fit_plane
 from ..arm.ranges import Range
+from ..common.arrays import Array, Index, Mask
+from ..common.checks import LARGEST, whole
 from ..common.scale import TURN
-from ..common.wording import vector
+from ..common.wording import listed, vector
 from ..errors import LogError, OptionError
 from .camera import camera_of
-from .columns import Source, open_source, read_columns
 from .delays import with_offset
 from .diagnosis import diagnose, refuse_mistakes
-from .log_ranges import UNKNOWN_RANGE, LoggedJoint
-from .measured_rows import HELD_ROWS, check_values, measured_rows
+from .log_joints import LoggedJoint, logged_joints
 from .roles import (
     PIXELS,
     QUATERNION,
+    ROUNDING,
+    Roles,
     check_names,
     covariances,
     find_roles,
@@ -33,15 +35,13 @@ from .roles import (
     sees_pixels,
 )
 from .samples import Samples
-from .settings import LARGEST_ARM, OUT_OF_PLANE
-from .tables import read_about, stated_unit, write_table
+from .settings import HELD_ROWS, LARGEST_ARM, MOST_WRONG, OUT_OF_PLANE, UNSURE
+from .tables import ROW, Source, numbers_of, open_source, write_table
 from .touches import read_touches
+from .wrong_rows import rows_in_words
 
 if TYPE_CHECKING:
     from ..arm.arm import Arm
-
-_THICK = 0.02
-"""Out-of-plane share of the positions' spread from which on an unknown arm moves in space."""
 
 
 def read_log(
@@ -97,87 +97,61 @@ def read_log(
     can turn all the way round, or without an arm one that went further than a turn, has
     a range of one turn: about 0, or where the log says otherwise about the log's values.
     """
-    if isinstance(most, bool) or not isinstance(most, (int, np.integer)) or most < 2:
-        raise OptionError(f"most is {most!r}, expected a whole number of rows, 2 or more")
+    most = whole("most", most, 2, 2**31)
     source = open_source(path)
-    there = {k: name for k, name in (usual or {}).items() if name in source}
-    columns = {**there, **(columns or {})}
-    about = read_about(source)
+    columns = {k: v for k, v in (usual or {}).items() if v in source} | dict(columns or {})
     if sees_pixels(source.header, columns, arm.joint_names if arm else joints or ()):
         columns |= PIXELS
         unit = unit or "px"
-    if unit is not None and isinstance(about.get("unit"), str) and about["unit"] != unit:
+    if unit is not None and source.unit not in (None, unit):
         raise LogError(
-            f"{source.label} states that its positions are in {about['unit']}, not in {unit}",
+            f"{source.label} states that its positions are in {source.unit}, not in {unit}",
             hint="leave out `unit`, or correct the line above the header",
             parameter="unit",
             value=unit,
         )
-    unit = unit or stated_unit(about)
-    if "point" in {*source.header, *columns}:
-        names = arm.joint_names if arm is not None else tuple(joints or ())
-        kinds = arm.revolute if arm is not None else (True,) * len(names)
-        return read_touches(source, names, arm, columns, revolute=kinds, degrees=degrees, unit=unit)
+    unit = unit or source.unit or "m"
+    if "point" in source or "point" in columns:
+        return read_touches(source, arm, joints, columns, degrees=degrees, unit=unit)
     roles = find_roles(source, arm, joints, columns)
-    names, axes = roles.joints, roles.axes
-    wanted = arm.outputs if arm is not None and outputs is None else outputs
-    if len(axes) < (wanted or 2) and not (outputs is None and unit == "px"):  # a camera sees two
+    outputs = arm.outputs if arm is not None and outputs is None else outputs
+    if len(roles.axes) < (outputs or 2) and unit != "px":  # a camera sees two
         raise LogError(
             f"{source.label} has x and y alone, expected x, y and z of an arm in space",
             hint="for a planar part of the arm name its joints, or give `planar=True`",
             parameter="planar",
         )
-    known = _joints(source.label, arm, names, prismatic, degrees, ranges or {})
-    values, rows, dropped, left_out, notes = measured_rows(source, roles, known, most, seed)
-    check_values(source.label, values, names, axes)
-    revolute = tuple(joint.revolute for joint in known)
-    in_degrees = degrees and any(revolute)
+    known = logged_joints(source.label, arm, roles.joints, prismatic, degrees, ranges or {})
+    drawn, total = source.drawn(most, seed)
+    timed = ["time"] if "time" in source.header and "time" not in roles.columns else []
+    table = drawn.read([*roles.columns, *timed])
+    values = numbers_of(source.label, table, roles.columns)
+    time = numbers_of(source.label, table, timed, lenient=True)
+    notes = []
+    if total > most:
+        notes.append(
+            f"{total:,} rows: {most:,} of them, drawn evenly, are held; other counts are of these"
+        )
+    rows, dropped, left_out, told = _sound(
+        source.label, values, table[ROW].to_numpy(), roles, known
+    )
+    values, time, numbers = values[rows], time[rows], table[ROW].to_numpy()[rows].astype(np.intp)
+    notes += told
+    q, x, turns, spread = roles.split(values)
+    _check_motion(source.label, q, x, roles)
+    turning = [k for k, joint in enumerate(known) if joint.revolute]
     # values of a few degrees at most are doubted
-    if in_degrees and np.abs(values[:, np.flatnonzero(revolute)]).max() <= math.radians(TURN):
+    if degrees and turning and np.abs(q[:, turning]).max() <= math.radians(TURN):
         notes.append("no joint goes beyond 6.3 degrees; if the log is in rad, leave out `degrees`")
-    settled = [joint.settle(values[:, k], rows) for k, joint in enumerate(known)]
+    settled = [joint.settle(q[:, k], numbers) for k, joint in enumerate(known)]
     q = np.stack([column for column, *_ in settled], axis=1)
     lower, upper = np.array([limits for _, limits, _ in settled]).T
     notes += [note for *_, more in settled for note in more]
-    x = np.ascontiguousarray(values[:, len(names) : len(names) + len(axes)])
-    first = len(names) + len(axes)
-    last = first + len(roles.turns)
-    orientation = None
-    if roles.turns == QUATERNION:
-        orientation = values[:, first:last] / np.linalg.norm(values[:, first:last], axis=1)[:, None]
-        orientation = np.where(orientation[:, 3:] < 0, -orientation, orientation)
-    elif roles.turns:
-        orientation = from_angles(
-            np.deg2rad(values[:, first:last]) if degrees else values[:, first:last]
-        )
-    covariance = (
-        covariances(values[:, last:], source.label, rows.tolist()) if roles.spread else None
-    )
-    plane = rms = None
-    spread = np.linalg.svd(x - x.mean(axis=0), compute_uv=False)
-    flat = len(spread) < 3 or bool(spread[2] <= _THICK * spread[0])
-    if len(axes) == 3 and wanted != 3 and (wanted is not None or flat):
-        plane, rms = fit_plane(x)
-        share = rms / max(float(np.sqrt(x.var(axis=0).sum())), 1e-300)
-        if arm is not None and share > OUT_OF_PLANE:
-            away = np.abs(plane.distances(x))
-            raise LogError(
-                f"{source.label}: x, y, z leave their plane by {rms:.4g} {unit} rms, "
-                f"{100 * share:.2g} % of the extent (at most {100 * OUT_OF_PLANE:g} %); row "
-                f"{rows[np.argmax(away)]} by {away.max():.4g} {unit}",
-                hint="other joints moved the tip: name all that moved in `joints`, or leave out "
-                "the rows in which they did",
-                parameter="joints",
-                value=share,
-            )
-        x = plane.project(x)
-        notes.append(
-            f"plane fitted to x, y, z: x along {vector(plane.x)}, y along {vector(plane.y)}, "
-            f"origin {vector(plane.origin)}, out-of-plane rms {rms:.4g} {unit}"
-        )
+    x, plane, rms, told = _in_plane(source.label, x, numbers, unit, arm, outputs)
+    notes += told
     camera = None
-    if arm is not None and arm.outputs == 3 and len(axes) == 2:
-        camera = camera_of(about if lens is None else {"lens": lens}, x)
+    if arm is not None and arm.outputs == 3 and len(roles.axes) == 2:
+        camera = camera_of(source.about if lens is None else {"lens": lens}, x)
         notes += [camera.note] if camera.note else []
     elif lens is not None:
         raise OptionError("`lens` is for pixels of an arm in space: expected columns u and v")
@@ -186,41 +160,38 @@ def read_log(
             f"the positions extend over {size:.4g} m, as those of an arm of that size; if they are "
             "in mm, give `unit='mm'`"
         )
-    time = None
-    if "time" in source.header and "time" not in names:
-        time = read_columns(source, ["time"], lenient=True)[rows - 1, 0]
-        time = time if np.isfinite(time).all() else None
+    oriented = bool(roles.turns) and plane is None
     samples = Samples(
         q=q,
         x=x,
-        joint_names=names,
+        joint_names=roles.joints,
         lower=lower,
         upper=upper,
-        revolute=revolute,
+        revolute=tuple(joint.revolute for joint in known),
         unit=unit,
         dropped=dropped,
         arm=replace(arm, lower=lower, upper=upper) if arm else None,
         notes=tuple(notes),
         plane=plane,
         out_of_plane_rms=rms,
-        orientation=None if plane is not None else orientation,
-        covariance=covariance if plane is None else None,
+        orientation=_quaternions(turns, roles, degrees) if oriented else None,
+        covariance=covariances(spread, source.label) if oriented and roles.spread else None,
         columns=columns,
-        degrees=in_degrees,
+        degrees=degrees and bool(turning),
         camera=camera,
-        source=about,
-        rows=rows,
-        time=time,
+        source=source.about,
+        rows=numbers,
+        time=time[:, 0] if timed and np.isfinite(time).all() else None,
         left_out=left_out,
     )
     samples = samples if time_offset is None else with_offset(samples, time_offset)
     if arm is None:
         return samples
     # what the kinematics show to be a mistake is refused, what may be intended is told
+    pose = arm.pose if isinstance(arm, SpatialArm) else None
     findings = diagnose(
         arm.forward, samples.q, samples.x, samples.joint_names, samples.revolute,
-        unit=samples.unit, turns=samples.orientation, left_handed=samples.plane is not None,
-        pose=arm.pose if isinstance(arm, SpatialArm) else None,
+        unit=samples.unit, turns=samples.orientation, left_handed=plane is not None, pose=pose,
     )  # fmt: skip
     told = refuse_mistakes(findings, source.label)
     return replace(samples, notes=(*samples.notes, *told))
@@ -245,26 +216,123 @@ def write_log(samples: Samples, path: str | os.PathLike[str]) -> None:
     write_table(path, log_columns(samples.joint_names, samples.q, samples.x, *about))
 
 
-def _joints(
-    label: str,
-    arm: Arm | None,
-    names: Sequence[str],
-    prismatic: Sequence[str],
-    degrees: bool,
-    ranges: Mapping[str, Range],
-) -> list[LoggedJoint]:
-    """What is known of the joints, of the arm where there is one."""
-    for name in prismatic if arm is None else ():
-        if name not in names:
-            raise OptionError(
-                f"{name!r} is named as sliding but is not a joint; joints: {', '.join(names)}",
-                parameter="prismatic",
+def _sound(
+    label: str, values: Array, numbers: Index, roles: Roles, joints: Sequence[LoggedJoint]
+) -> tuple[Index, int, int, list[str]]:
+    """Find rows in which nothing is missing, seen by the sensor, in chosen ranges.
+
+    Angles of the joints in `values` become rad, in a range that was chosen.
+    Returns these rows, how many missed a value, how many saw nothing, and notes.
+    Raises LogError if no row is left.
+    """
+    kept: Mask = np.ones(len(values), dtype=bool)
+    notes: list[str] = []
+
+    def leave_out(wrong: Mask, words: str) -> int:
+        wrong = wrong & kept
+        if not (kept & ~wrong).any():
+            raise LogError(f"{label}: no row is left: {wrong.sum()} of {len(kept)} rows {words}")
+        if wrong.any():
+            shown = rows_in_words(numbers[wrong])
+            notes.append(f"{wrong.sum():,} of {len(kept):,} rows {words}; left out: {shown}")
+        np.logical_and(kept, ~wrong, out=kept)
+        return int(wrong.sum())
+
+    if not len(values):
+        raise LogError(f"{label} has a header and no rows")
+    finite = np.abs(values) < LARGEST
+    lacking = listed(np.array(roles.columns)[~np.asarray(finite.all(axis=0))])
+    dropped = leave_out(~np.asarray(finite.all(axis=1)), f"miss a finite value of {lacking}")
+    values[~kept] = 0.0
+    for k, joint in enumerate(joints):
+        if joint.revolute and joint.degrees:
+            values[:, k] = np.deg2rad(values[:, k])
+        values[:, k], inside = joint.cut(values[:, k])
+        leave_out(~inside, f"have {joint.name} outside of the chosen range")
+    q, x, turns, spread = roles.split(values)
+    zero: Mask = kept & np.asarray((x == 0.0).all(axis=1))
+    left_out = 0
+    # a single row, or one place of the joints, may be the origin of the sensor
+    if zero.sum() > 1 and np.ptp(q[zero], axis=0).any() and not zero[kept].all():
+        left_out += leave_out(zero, "hold zeros for a position, as where a sensor saw nothing")
+    if roles.turns == QUATERNION:
+        length = np.linalg.norm(turns, axis=1)
+        unturned = kept & (np.abs(length - 1) > ROUNDING)
+        row, words = int(np.argmax(unturned)), "hold no orientation"
+        words = f"{words}: qx, qy, qz, qw of length {length[row]:.4g}, expected 1"
+        if unturned.sum() > MOST_WRONG * kept.sum():
+            raise LogError(
+                f"{label}: {unturned.sum():,} rows, the first row {numbers[row]}, {words}"
+            )
+        left_out += leave_out(unturned, words)
+    if roles.spread:
+        variance = spread[:, [0, 6, 11]].sum(axis=1)  # of x, y and z
+        unsure = variance > UNSURE**2 * np.median(np.abs(variance[kept]))
+        left_out += leave_out(unsure, f"have a covariance over {UNSURE:g} times as wide as usual")
+    return np.flatnonzero(kept), dropped, left_out, notes
+
+
+def _check_motion(label: str, q: Array, x: Array, roles: Roles) -> None:
+    """Refuse columns that do not move, or are copies of each other."""
+    if len(q) < 2:
+        raise LogError(f"{label} has one usable row; learning needs two or more")
+    for k, name in enumerate(roles.joints):
+        if not np.ptp(q[:, k]):
+            raise LogError(
+                f"{label}: joint {name!r} is {q[0, k]:g} in every row; a joint that does not move "
+                "cannot be learned",
+                hint="leave it out of `joints`",
+                parameter="joints",
                 value=name,
             )
-    joints = []
-    for k, name in enumerate(names):
-        turns = arm.revolute[k] if arm is not None else name not in prismatic
-        limits = (float(arm.lower[k]), float(arm.upper[k])) if arm is not None else UNKNOWN_RANGE
-        joint = LoggedJoint(label, name, turns, limits, degrees)
-        joints.append(joint.with_range(ranges[name]) if name in ranges else joint)
-    return joints
+        for other in range(k):
+            if np.array_equal(q[:, k], q[:, other]):
+                raise LogError(
+                    f"{label}: joints {roles.joints[other]!r} and {name!r} have the same values in "
+                    "every row; one of the columns is a copy"
+                )
+    still = [name for name, extent in zip(roles.axes, np.ptp(x, axis=0), strict=True) if not extent]
+    if still and len(roles.axes) == 2:
+        raise LogError(
+            f"{label}: {still[0]} is {x[0].min():g} in every row; nothing moved along it"
+        )
+
+
+def _in_plane(
+    label: str, x: Array, numbers: Index, unit: str, arm: Arm | None, outputs: int | None
+) -> tuple[Array, Plane | None, float | None, list[str]]:
+    """Positions (n, 3) of a planar arm, or without any that lie in a plane, in it (n, 2).
+
+    Raises LogError if those of a planar arm leave the plane.
+    """
+    x = np.ascontiguousarray(x)
+    if x.shape[1] == 2 or outputs == 3:
+        return x, None, None, []
+    plane, rms = fit_plane(x)
+    share = rms / max(float(np.sqrt(x.var(axis=0).sum())), 1e-300)
+    if share > OUT_OF_PLANE and outputs is None:
+        return x, None, None, []
+    if share > OUT_OF_PLANE and arm is not None:
+        away = np.abs(plane.distances(x))
+        raise LogError(
+            f"{label}: x, y, z leave their plane by {rms:.4g} {unit} rms, {100 * share:.2g} % of "
+            f"the extent (at most {100 * OUT_OF_PLANE:g} %); row {numbers[np.argmax(away)]} by "
+            f"{away.max():.4g} {unit}",
+            hint="other joints moved the tip: name all that moved in `joints`, or leave out the "
+            "rows in which they did",
+            parameter="joints",
+            value=share,
+        )
+    told = (
+        f"plane fitted to x, y, z: x along {vector(plane.x)}, y along {vector(plane.y)}, origin "
+        f"{vector(plane.origin)}, out-of-plane rms {rms:.4g} {unit}"
+    )
+    return plane.project(x), plane, rms, [told]
+
+
+def _quaternions(turns: Array, roles: Roles, degrees: bool) -> Array:
+    """Unit quaternions (n, 4), w not below 0, of a log's columns."""
+    if roles.turns != QUATERNION:
+        return from_angles(np.deg2rad(turns) if degrees else turns)
+    turns = turns / np.linalg.norm(turns, axis=1)[:, None]
+    return np.where(turns[:, 3:] < 0, -turns, turns)

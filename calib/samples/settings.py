@@ -2,11 +2,32 @@
 
 from __future__ import annotations
 
+import math
+
+HELD_ROWS = 200_000
+"""Rows of a log that are held in memory; of a longer one so many are drawn."""
+
+ROUNDED = 1e-4
+"""Share of a range that is not worth a word: limits are rounded."""
+
+SMALL_GAP, LARGE_GAP = 0.1, 0.5
+"""Gaps between angles [rad] below which they fill the circle, and from which on a joint cannot go
+there."""
+
+LOCKED, STILL = {True: math.radians(5.0), False: 2e-2}, {True: math.radians(0.5), False: 1e-3}
+"""Motion [rad where a joint turns, else m] of a locked joint that takes part, and that is told."""
+
+LOCKED_SHARE = 0.02
+"""Share of rows in which a locked joint may be away: wrong readings."""
+
 DIAGNOSED_ROWS = 400
 """Rows that a diagnosis looks at: 720 orders of six joints take a second."""
 
 FEWEST_ROWS = 8
 """Rows below which a similarity in space explains nearly anything."""
+
+TOOL_ROWS = 39
+"""Rows from which on a tool of unknown size may be part of a reading: thrice its features."""
 
 FAR_BETTER = 0.2
 """Another reading of a log is told where its misfit is below this share of the log's own.
@@ -45,14 +66,9 @@ GROSS, SPREAD, GROSS_SHARE = 10.0, 4.0, 1e-4
 """A residual is gross beyond so many medians, so many times what seven rows in ten stay below, and
 this share of the extent: no row of 80 clean logs of 20 to 600 rows is."""
 
-AROUND = 15
-"""Neighbours that a suspect row is compared with."""
-
-NEAR = 2.5
-"""Times as far as usual that neighbours may be; in a corner of the range they are twice as far."""
-
-APART = 10.0
-"""Times their own scatter by which a row has to differ from its neighbours."""
+AROUND, NEAR, APART = 15, 2.5, 10.0
+"""Neighbours that a suspect row is compared with, how many times as far as usual they may be (in a
+corner of the range they are twice as far), and by how many times their scatter it has to differ."""
 
 MOST_WRONG = 0.25
 """Share of the rows that can be wrong; beyond it the fit is."""
@@ -70,13 +86,10 @@ functions: those of five joints that turn."""
 LONGEST_PAUSE = 5.0
 """Median steps of time between two rows beyond which they are not one motion."""
 
-CLEAR_DELAY, DELAY_SHARE = 5.0, 0.1
-"""A delay is corrected beyond so many standard deviations, if it explains this share of the squared
-residuals: real series of poses at rest stay below .02, a clock that is 1 ms late at 1 rad/s of a
-UR5 measured to .1 mm explains .9."""
-
-DOUBTED_DELAY = 3.0
-"""Standard deviations from which on a delay that is not clear is told."""
+CLEAR_DELAY, DOUBTED_DELAY, DELAY_SHARE = 5.0, 3.0, 0.1
+"""A delay is corrected beyond so many standard deviations, told from fewer on, if it explains this
+share of the squared residuals: real series of poses at rest stay below .02, a clock that is 1 ms
+late at 1 rad/s of a UR5 measured to .1 mm explains .9."""
 
 DELAY_BLOCKS, DELAY_NU = 20, 4.0
 """Blocks of neighbouring rows that vary on their own, and degrees of freedom of the noise."""

@@ -49,7 +49,7 @@ class Simulation:
     def __post_init__(self) -> None:
         noise = self.noise
         number = isinstance(noise, (int, float, np.number)) and not isinstance(noise, bool)
-        if not number or not 0.0 <= float(noise) < LARGEST:
+        if not number or not 0.0 <= noise < LARGEST:
             raise OptionError(f"noise is {noise!r}, expected zero or more, below {LARGEST:g} [m]")
         object.__setattr__(self, "noise", float(noise))
         object.__setattr__(self, "changes", parse_changes(self.changes))
@@ -103,7 +103,7 @@ class Simulation:
     @property
     def hidden(self) -> bool:
         """Whether something that no encoder reads moves the tip: backlash, joint noise."""
-        return any(c.part == "joint" and c.what in ("backlash", "noise") for c in self.changes)
+        return bool(self._of("joint", "backlash") or self._of("joint", "noise"))
 
     def true(self, q: ArrayLike, rng: Generator) -> Array:
         """Return where the tip truly is while the arm goes through `q`, row by row.
@@ -111,22 +111,6 @@ class Simulation:
         As `measure`, without the sensor's noise and outliers: what a bound has to cover.
         """
         return self._see(self._moved(np.atleast_2d(np.asarray(q, float)), rng.spawn(1)[0]))
-
-    def _moved(self, rows: Array, joint_noise: Generator) -> Array:
-        """Where the joints stand one after the other, with backlash and noise."""
-        theta = self._joints(rows)
-        locked = {change.joint for change in self._of("joint", "lock")}
-        for change in self._of("joint", "backlash"):
-            if change.joint not in locked:
-                column = self._column(change)
-                theta[:, column] = _play(theta[:, column], change.value)
-        tremble = self._of("joint", "noise")
-        wobble = joint_noise.standard_normal(theta.shape) if tremble else theta
-        for change in tremble:
-            if change.joint not in locked:
-                column = self._column(change)
-                theta[:, column] += change.value * wobble[:, column]
-        return theta
 
     def to_json(self) -> dict[str, Any]:
         """Return the noise and the changes as plain data; the arm is stored elsewhere."""
@@ -137,6 +121,18 @@ class Simulation:
         """Rebuild what `to_json` returned, with the arm as it was described."""
         return cls(arm, noise=data["noise"], changes=parse_changes(data["changes"]))
 
+    def _moved(self, rows: Array, joint_noise: Generator) -> Array:
+        """Where the joints stand one after the other, with backlash and noise."""
+        theta = self._joints(rows)
+        noise = joint_noise.standard_normal(theta.shape) if self._of("joint", "noise") else theta
+        for change in self._of("joint", "backlash"):
+            column = self._column(change)
+            theta[:, column] = _play(theta[:, column], change.value)
+        for change in self._of("joint", "noise"):
+            column = self._column(change)
+            theta[:, column] += change.value * noise[:, column]
+        return self._held(theta)
+
     def _joints(self, q: Array) -> Array:
         """Where the joints stand when their encoders read `q`, without noise and backlash."""
         theta = np.array(q, dtype=np.float64)
@@ -144,6 +140,10 @@ class Simulation:
             theta[..., self._column(change)] *= change.value
         for change in self._of("joint", "offset"):
             theta[..., self._column(change)] += change.value
+        return self._held(theta)
+
+    def _held(self, theta: Array) -> Array:
+        """With joints that are locked where they are, against all else."""
         for change in self._of("joint", "lock"):
             theta[..., self._column(change)] = change.value
         return theta
@@ -175,22 +175,19 @@ class Simulation:
         return list(self.arm.joint_names).index(change.joint)
 
     def _check(self, change: Change) -> None:
-        in_plane = change.part in ("sensor", "tip") and change.what not in _IN_SPACE
-        if in_plane and self.arm.outputs == 3:
-            raise OptionError(
-                f"change {change.text!r} is for planar arms; of an arm in space the joints, "
-                f"{' and '.join(f'sensor.{what}' for what in _IN_SPACE)} can change"
-            )
-        if change.part != "joint":
-            return
         names = tuple(self.arm.joint_names)
+        if change.part != "joint":
+            if self.arm.outputs == 3 and change.what not in _IN_SPACE:
+                raise OptionError(
+                    f"change {change.text!r} is for planar arms; of an arm in space the joints, "
+                    f"{' and '.join(f'sensor.{what}' for what in _IN_SPACE)} can change"
+                )
+            return
         if change.joint not in names:
-            raise OptionError(
-                f"change {change.text!r}: no joint {change.joint!r}; choices: "
-                f"{', '.join(names)}, sensor, tip"
-            )
-        revolute = self.arm.revolute[names.index(change.joint)]
-        if revolute and change.what in ("offset", "lock") and abs(change.value) > 2.0 * math.pi:
+            choices = f"choices: {', '.join(names)}, sensor, tip"
+            raise OptionError(f"change {change.text!r}: no joint {change.joint!r}; {choices}")
+        turns = self.arm.revolute[names.index(change.joint)]
+        if turns and change.what in ("offset", "lock") and abs(change.value) > 2.0 * math.pi:
             raise OptionError(
                 f"change {change.text!r}: more than one turn; joint values are in rad",
                 hint="for degrees give `degrees=True`",

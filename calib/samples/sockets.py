@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -62,20 +62,15 @@ class Touches:
         """The touches of some rows; all sockets keep their numbers."""
         return replace(self, number=self.number[rows])
 
-    def means(self, x: Array) -> Array:
+    def means(self, x: Array, middle: Callable[..., Array] = np.mean) -> Array:
         """Mean of positions `x` (n, m) in each socket (p, m); NaN where no row touched it."""
-        out = np.full((len(self.sockets), x.shape[1]), np.nan)
-        for k in np.unique(self.number[self.number >= 0]):
-            out[k] = x[self.number == k].mean(axis=0)
-        return out
+        own = [x[self.number == k] for k in range(len(self.sockets))]
+        return np.array([middle(v, axis=0) if len(v) else np.full(x.shape[1], np.nan) for v in own])
 
     def about_medians(self, x: Array) -> Array:
         """Distances (n,) of positions `x` (n, m) from the median of their socket's."""
-        out = np.zeros(len(x))
-        for k in np.unique(self.number[self.number >= 0]):
-            own = self.number == k
-            out[own] = np.linalg.norm(x[own] - np.median(x[own], axis=0), axis=1)
-        return out
+        off = np.linalg.norm(x - self.means(x, np.median)[self.number], axis=1)
+        return np.where(self.number >= 0, off, 0.0)
 
     def renumbered(self) -> tuple[NDArray[np.intp], tuple[Known, ...], NDArray[np.intp]]:
         """Numbers of the sockets that some row touched, what is known of these, and which."""
@@ -114,17 +109,11 @@ class Touches:
     def _of(self, names: Sequence[str], what: str, text: str) -> list[tuple[int, ...]]:
         """Numbers of some points in each setup that has them."""
         number = {socket: k for k, socket in enumerate(self.sockets)}
-        setups = dict.fromkeys(setup for setup, _ in self.sockets)
-        found = [
-            tuple(number[setup, name] for name in names)
-            for setup in setups
-            if all((setup, name) in number for name in names)
-        ]
+        tried = ([(setup, name) for name in names] for setup in sorted({s for s, _ in number}))
+        found = [tuple(number[one] for one in some) for some in tried if {*some} <= {*number}]
         if not found:
-            points = dict.fromkeys(point for _, point in self.sockets)
-            raise OptionError(
-                f"{what} {text!r}: no setup has all of these points; points: {listed(points)}"
-            )
+            points = listed(sorted({point for _, point in number}))
+            raise OptionError(f"{what} {text!r}: no setup has all these points; points: {points}")
         return found
 
 

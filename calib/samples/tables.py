@@ -1,13 +1,16 @@
-"""Tables: many queries in, many answers out."""
+"""Tables: CSV and Parquet files, which Polars reads lazily, streaming; answers in one."""
 
 from __future__ import annotations
 
 import io
 import json
 import os
+import re
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from difflib import get_close_matches
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,11 +19,247 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..common.arrays import Array
 from ..common.atomic import atomic_write
-from ..common.wording import listed, printable
-from .columns import COMMENT, KEY, PARQUET, Source, open_source, read_columns, read_texts
+from ..common.wording import clipped, listed, printable, quoted
+from ..errors import LogError
 
 if TYPE_CHECKING:
     import polars as pl
+
+PARQUET = (".parquet", ".pq")
+RECORDINGS = (".bag", ".db3", ".mcap")
+
+COMMENT = "# calib "
+"""Begins the line above the header of a CSV file that says what holds for all rows, as JSON."""
+
+KEY = "calib"
+"""Names the entry of a Parquet file's metadata that says the same."""
+
+ROW = "\0row"
+"""Column with the number of each row, counted below the header from 1."""
+
+_MISSING = ("", "na", "n/a", "nan", "null", "none", "-", "?")
+
+
+@dataclass(frozen=True, eq=False)
+class Source:
+    """A table that is ready to be read, as often as wanted; a file's rows are not in memory."""
+
+    label: str  # what errors call it
+    header: tuple[str, ...]
+    rows: pl.LazyFrame  # with their numbers as `ROW`
+    about: Mapping[str, Any]  # what the file says of all its rows; see `write_table`
+    text: bool = False  # whether it is a CSV file, whose blank lines at the end are no rows
+
+    def __contains__(self, name: str) -> bool:
+        """Whether there is a column, or an element of a column's lists, of this name."""
+        return self._find(name)[0] in self.header
+
+    @property
+    def unit(self) -> str | None:
+        """The unit that the table states for its positions."""
+        unit = self.about.get("unit")
+        return unit if isinstance(unit, str) and unit else None
+
+    def drawn(self, most: int, seed: int) -> tuple[Source, int]:
+        """The table with at most so many rows, drawn at random, and how many it has."""
+        import polars as pl
+
+        with _told(self.label):
+            total = int(self.rows.select(pl.len()).collect(engine="streaming").item())
+        if total <= most:
+            return self, total
+        some = 1 + np.sort(np.random.default_rng(seed).choice(total, most, replace=False))
+        # a join would hold the whole file: of 5 million rows of nine columns 1.0 GB, this .4
+        drawn = pl.col(ROW).is_in(pl.Series(some.astype(np.uint32)).implode())
+        return replace(self, rows=self.rows.filter(drawn)), total
+
+    def read(self, names: Sequence[str]) -> pl.DataFrame:
+        """Read some columns as they are, text from CSV, and `ROW`.
+
+        Of a Parquet file's lists a name is one element, as in `state[0]`.
+        Raises LogError if a column is missing or there twice.
+        """
+        import polars as pl
+
+        columns = [self._column(name).alias(name) for name in names]
+        blank = pl.all_horizontal(pl.exclude(ROW).is_null()) if self.text else pl.lit(value=False)
+        with _told(self.label):
+            rows = self.rows.select(ROW, *columns, blank.alias("\0blank"))
+            found = rows.collect(engine="streaming").sort(ROW)
+        there = (~found["\0blank"]).arg_true()
+        return found.drop("\0blank").head(there[-1] + 1 if len(there) else 0)
+
+    def _find(self, name: str) -> tuple[str, int | None]:
+        """The column of a name, and which element of its lists; a column goes first."""
+        match = re.fullmatch(r"(.+)\[(0|[1-9][0-9]{0,8})\]", name, re.DOTALL)
+        element = match and name not in self.header and match[1] in self.header
+        return (match[1], int(match[2])) if match and element else (name, None)
+
+    def _column(self, name: str) -> pl.Expr:
+        import polars as pl
+
+        column, element = self._find(name)
+        if column not in self.header:
+            near = get_close_matches(name, self.header, n=1)
+            meant = f"did you mean {quoted(near[0])}? " if near else ""
+            raise LogError(
+                f"{self.label} has no column {quoted(name)}: {meant}columns: "
+                f"{listed(map(repr, self.header))}",
+                hint=f"map another name with `columns={{{clipped(name)!r}: 'OTHER'}}`",
+                parameter="columns",
+                value=name,
+            )
+        if f"{column}_duplicated_0" in self.header:  # as Polars names it
+            raise LogError(f"{self.label} has several columns {quoted(column)}: rename all but one")
+        if element is None:
+            return pl.col(column)
+        kind = self.rows.collect_schema()[column]
+        if isinstance(kind, pl.Array):
+            return pl.col(column).arr.get(element, null_on_oob=True)
+        if isinstance(kind, pl.List):
+            return pl.col(column).list.get(element, null_on_oob=True)
+        words = f"{self.label}, column {name!r} holds {kind}"
+        raise LogError(f"{words}, expected lists, as in Parquet files")
+
+
+def open_source(path: str | os.PathLike[str] | Source) -> Source:
+    """Find the header of a CSV or Parquet file.
+
+    `-` reads CSV from standard input.  A table that is open stays as it is, so that a pipe, which
+    can be read only once, serves several readers.
+    Raises LogError if there is no such file, or no header in it.
+    """
+    import polars as pl
+
+    if isinstance(path, Source):
+        return path
+    name = os.fspath(path)
+    label, file = "standard input" if name == "-" else printable(name), Path(name)
+    make = f"make a log of it: calib log {label} -o log.csv"
+    try:
+        content = _content(file)
+        with file.open("rb") if isinstance(content, Path) else io.BytesIO(content) as opened:
+            head = opened.read(1 << 16)
+    except IsADirectoryError:
+        bag = any(each.suffix.lower() in RECORDINGS for each in file.iterdir())
+        words = f"{label} is a folder, expected a CSV or Parquet file"
+        raise LogError(words, hint=make if bag else None) from None
+    except FileNotFoundError:
+        raise LogError(f"there is no file {label!r}") from None
+    except (OSError, ValueError) as error:
+        raise LogError(f"cannot read {label!r}: {error}") from None
+    if not head.startswith(b"PAR1"):
+        if file.suffix.lower() in RECORDINGS:
+            words = f"{label} is a recording of messages, expected a CSV or Parquet file"
+            raise LogError(words, hint=make)
+        if file.suffix.lower() in PARQUET:
+            raise LogError(f"{label} is not a Parquet file; rename it to .csv if it is CSV")
+        return _open_csv(label, content, head.decode("utf-8-sig", errors="replace"))
+    with _told(label):
+        rows = pl.scan_parquet(content, glob=False).with_row_index(ROW, 1)
+        header = tuple(rows.collect_schema())[1:]
+        whole = content if isinstance(content, Path) else io.BytesIO(content)
+        about = pl.read_parquet_metadata(whole).get(KEY, "")
+    return Source(label, header, rows, _said(about))
+
+
+def _content(file: Path) -> Path | bytes:
+    """A file's path, or what a stream holds, which can be read only once."""
+    if str(file) == "-":
+        stream = getattr(sys.stdin, "buffer", sys.stdin)
+        read = stream.read() if stream else b""
+        return read.encode() if isinstance(read, str) else bytes(read)
+    if file.is_block_device() or file.is_char_device():
+        raise OSError("it is a device, expected a CSV or Parquet file")
+    return file.read_bytes() if file.is_fifo() else file
+
+
+def _open_csv(label: str, content: Path | bytes, head: str) -> Source:
+    """Find the header of a CSV file, and what stands between the fields."""
+    import polars as pl
+
+    lines = [line for line in head.splitlines() if line.strip()]
+    about = lines.pop(0).removeprefix(COMMENT) if lines and lines[0].startswith(COMMENT) else ""
+    if not lines:
+        raise LogError(f"{label} is empty: expected a header with the names of the columns")
+    with _told(label):
+        rows = pl.scan_csv(
+            content,
+            separator=max(",;\t", key=lines[0].count),
+            comment_prefix=COMMENT,
+            infer_schema=False,
+            glob=False,
+            with_column_names=lambda names: [name.strip().replace('""', '"') for name in names],
+        )
+        header = tuple(rows.collect_schema())
+    return Source(label, header, rows.with_row_index(ROW, 1), _said(about), text=True)
+
+
+def _said(text: str) -> dict[str, Any]:
+    try:
+        about = json.loads(text or "{}")
+    except ValueError:
+        return {}
+    return about if isinstance(about, dict) else {}
+
+
+@contextmanager
+def _told(label: str) -> Iterator[None]:
+    """Tell in one line that Polars cannot read a file."""
+    import polars as pl
+
+    try:
+        yield
+    except (pl.exceptions.PolarsError, pl.exceptions.PanicException, OSError) as error:
+        reason = (str(error).strip().splitlines() or ["unreadable"])[0][:100]
+        if "utf-8" in reason:
+            reason = "it is not UTF-8 text: save it as UTF-8 CSV"
+        elif "more fields" in reason:
+            reason = (
+                "a row has more fields than the header: write decimals with a point, and quote "
+                "text that holds a comma"
+            )
+    else:
+        return
+    raise LogError(f"{label} cannot be read: {reason}")
+
+
+def numbers_of(
+    label: str, table: pl.DataFrame, names: Sequence[str], *, lenient: bool = False
+) -> Array:
+    """Columns of a table as numbers (n, names); NaN is a missing value, or `lenient` any text.
+
+    Raises LogError if a value is no number, by the row's number.
+    """
+    import polars as pl
+
+    values = np.empty((table.height, len(names)))
+    for k, name in enumerate(names):
+        column = table[name]
+        if text := column.dtype == pl.String:
+            column = column.str.strip_chars()
+        elif not (column.dtype.is_numeric() or column.dtype == pl.Null):
+            hint = f"; name one element, such as {name}[0]" if column.dtype == pl.List else ""
+            raise LogError(f"{label}, column {name!r} holds {column.dtype}, expected numbers{hint}")
+        number = column.cast(pl.Float64, strict=False)
+        values[:, k] = number.fill_null(float("nan")).to_numpy()
+        if lenient or not text:
+            continue
+        missing = column.is_null() | column.str.to_lowercase().is_in(_MISSING)
+        if (wrong := number.is_null() & ~missing).any():
+            row = int(wrong.arg_max() or 0)
+            remedy = "write decimals with a point"
+            remedy = remedy if "," in column[row] else "empty the cell if it is missing"
+            raise LogError(
+                f"{label}, row {table[ROW][row]}, column {name!r}: {clipped(column[row])!r} is "
+                f"not a number; {remedy}"
+            )
+    return values
+
+
+def read_columns(source: Source, names: Sequence[str], *, lenient: bool = False) -> Array:
+    """Read some columns as numbers (n, names), all rows; see `Source.read` and `numbers_of`."""
+    return numbers_of(source.label, source.read(names), names, lenient=lenient)
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,40 +270,23 @@ class Batch:
     values: Array
     names: tuple[str, ...]
     invalid: tuple[int, ...]  # numbers of the rows that are NaN; 1 is the first below the header
-    header: tuple[str, ...]
-    others: Mapping[str, pl.Series]  # the other columns of the `header`, as they are in the file
-    # other columns that cannot go along: their name is empty or there twice
-    dropped: tuple[str, ...] = ()
+    table: pl.DataFrame  # all columns in their order, those asked for by their `names`
 
     def answered(self, added: Mapping[str, ArrayLike]) -> dict[str, Any]:
         """Return the table's columns in their places, answers in place or behind them."""
+        old = [name for name in added if name in self.table.columns and name not in self.names]
         mine = dict(zip(self.names, self.values.T, strict=True))
-        columns: dict[str, Any] = {}
-        for name in self.header:
-            if name in mine:
-                columns[name] = added.get(name, mine[name])
-            elif name in self.others and name not in added:
-                columns[name] = self.others[name]
-        columns |= {name: values for name, values in mine.items() if name not in columns}
-        return columns | {name: values for name, values in added.items() if name not in columns}
+        return {**self.table.drop(old).to_dict(), **mine, **added}
 
     def take(self, rows: NDArray[np.intp]) -> Batch:
         """The table with some of its rows, which may be there more than once."""
-        others = {name: column[rows] for name, column in self.others.items()}
-        return replace(self, values=self.values[rows], others=others)
+        return replace(self, values=self.values[rows], table=self.table[rows])
 
     def notes(self, added: Sequence[str]) -> list[str]:
-        """Say how many columns go along, and which do not."""
-        kept = [name for name in self.others if name not in added]
-        told = {
-            "copied to the output unchanged": kept,
-            "left out, without a name of its own": [repr(name) for name in self.dropped],
-        }
-        return [
-            f"{len(names)} other column{'s' * (len(names) > 1)} {what}: {listed(names)}"
-            for what, names in told.items()
-            if names
-        ]
+        """Say how many columns go along."""
+        kept = [name for name in self.table.columns if name not in (*self.names, *added)]
+        words = f"other column{'s' * (len(kept) > 1)} copied to the output unchanged"
+        return [f"{len(kept)} {words}: {listed(kept)}"] if kept else []
 
 
 def read_batch(
@@ -78,24 +300,21 @@ def read_batch(
     more : groups of names of which those count that the table has as a whole
     columns : columns that have other names, by what they hold; the batch has the latter
     """
+    import polars as pl
+
     source, called = open_source(path), dict(columns or {})
     for group in more:
         if all(called.get(name, name) in source.header for name in group):
             names = (*names, *group)
     held = {called.get(name, name): name for name in names}
-    values = read_columns(source, list(held), lenient=True)
+    rest = [name for name in source.header if name in held or name not in names]
+    table = source.read(list(dict.fromkeys([*rest, *held])))
+    values = numbers_of(source.label, table, list(held), lenient=True)
     invalid = ~np.isfinite(values).all(axis=1)
     values[invalid] = np.nan
-    rest = [name for name in dict.fromkeys(source.header) if name not in held]
-    others = [name for name in rest if name and source.header.count(name) == 1]
-    return Batch(
-        values,
-        tuple(names),
-        tuple((np.flatnonzero(invalid) + 1).tolist()),
-        tuple(held.get(name, name) for name in source.header),
-        read_texts(source, others).to_dict(),
-        tuple(name for name in rest if name not in others),
-    )
+    numbers = tuple(table[ROW].to_numpy()[invalid].tolist())
+    table = table.drop(ROW).rename(held).with_columns(pl.col(pl.String).fill_null(""))
+    return Batch(values, tuple(names), numbers, table)
 
 
 def write_table(
@@ -109,7 +328,7 @@ def write_table(
     path : Parquet if it ends in .parquet or .pq, else CSV; `-` writes CSV to standard output
     columns : mapping of str to (n,) array, the columns in their order. NaN is written as `nan`.
     about : what holds for all rows, such as `unit`: a line of comment above the header of a CSV
-        file, metadata of a Parquet file. `read_about` reads it back.
+        file, metadata of a Parquet file. `Source.about` has it when read back.
     """
     import polars as pl
 
@@ -131,19 +350,3 @@ def write_table(
         sys.stdout.write(text)
     else:
         atomic_write(path, text.encode())
-
-
-def read_about(table: str | os.PathLike[str] | Source) -> dict[str, Any]:
-    """Return what `write_table` wrote about all rows of a table; empty if nothing."""
-    source = open_source(table)
-    try:
-        about = json.loads(source.about)
-    except ValueError:
-        return {}
-    return about if isinstance(about, dict) else {}
-
-
-def stated_unit(about: Mapping[str, Any]) -> str:
-    """Return the unit that a table states for its positions, else "m"; see `read_about`."""
-    unit = about.get("unit")
-    return unit if isinstance(unit, str) and unit else "m"

@@ -1,18 +1,16 @@
 """Wrong rows of a log: single ones that contradict their neighbours, and corners that contradict.
 
-One policy for whoever learns from a log or compares it: `measured_rows` when it is read, `screen`
-before anything is fitted, `contradictions` with what a fit or a model predicts.
+One policy for whoever learns from a log or compares it: `screen` before anything is fitted,
+`contradictions` with what a fit or a model predicts.
 """
 
 from __future__ import annotations
 
 from functools import reduce
-from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..common.arrays import Array, Mask
+from ..common.arrays import Array, Index, Mask
 from ..common.robust import robust_solve
 from ..common.scale import Scale
 from ..common.wording import for_people
@@ -31,9 +29,6 @@ from .settings import (
     SPREAD,
     TERMS,
 )
-
-_Rows = NDArray[np.intp]
-_CHUNK = 50_000  # rows whose functions are held at once
 
 
 def screen(samples: Samples) -> tuple[Mask, list[str]]:
@@ -60,20 +55,17 @@ def contradictions(samples: Samples, residual: Array) -> tuple[Mask, list[str]]:
     Returns notes : how many were left out, and which come first
     """
     kept = np.ones(len(samples), dtype=bool)
-    size = np.nan_to_num(np.linalg.norm(residual, axis=1))
-    limit = _limit(size, samples.x)
-    suspects = np.flatnonzero(size > limit)
+    suspects, limit = _gross(samples, residual)
     suspects, near = _neighbours(samples, suspects)
     if not len(suspects):
         return kept, []
     others = residual[near]
-    # a row is no neighbour of its own, wherever ties have put it
-    others[near == suspects[:, None]] = np.nan
+    others[near == suspects[:, None]] = np.nan  # a row is no neighbour of its own
     middle = np.nanmedian(others, axis=1)
     scatter = np.nanmedian(np.linalg.norm(others - middle[:, None], axis=2), axis=1)
     away = np.linalg.norm(residual[suspects] - middle, axis=1)
     wrong = suspects[away > np.maximum(limit, APART * scatter)]
-    if not 0 < len(wrong) <= MOST_WRONG * len(size):
+    if not 0 < len(wrong) <= MOST_WRONG * len(kept):
         return kept, []
     kept[wrong] = False
     return kept, [
@@ -88,14 +80,12 @@ def contradicting_corner(samples: Samples, residual: Array) -> str:
     residual : (n, m), measured less predicted positions; the prediction is one that few rows do
         not move, such as a fit with Student noise
     """
-    size = np.nan_to_num(np.linalg.norm(residual, axis=1))
-    limit = _limit(size, samples.x)
-    suspects = np.flatnonzero(size > limit)
-    if not LEAST_CORNER <= len(suspects) <= MOST_WRONG * len(size):
+    suspects, _ = _gross(samples, residual)
+    if not LEAST_CORNER <= len(suspects) <= MOST_WRONG * len(samples):
         return ""
     shift = np.median(residual[suspects], axis=0)
-    alike = np.linalg.norm(residual[suspects] - shift, axis=1) < 0.5 * np.linalg.norm(shift)
-    together = suspects[alike]
+    size = float(np.linalg.norm(shift))
+    together = suspects[np.linalg.norm(residual[suspects] - shift, axis=1) < 0.5 * size]
     if len(together) < max(LEAST_CORNER, 0.5 * len(suspects)):
         return ""
     low, high = np.quantile(samples.q[together], (0.02, 0.98), axis=0)
@@ -103,40 +93,38 @@ def contradicting_corner(samples: Samples, residual: Array) -> str:
     if inside.mean() > 0.5 or np.isin(np.flatnonzero(inside), together).mean() < 0.5:
         return ""  # they are all over the range
     factor, unit = for_people(samples.unit)
-    where = ", ".join(
-        f"{name} {a:.3g}..{b:.3g} {'rad' if turns else 'm'}"
-        for name, turns, a, b in zip(samples.joint_names, samples.revolute, low, high, strict=True)
-    )
     return (
-        f"a corner contradicts the rest: {len(together):,} of {len(size):,} rows ({where}) are off "
-        f"by {factor * np.linalg.norm(shift):.3g} {unit}, all the same way; was the sensor or the "
+        f"a corner contradicts the rest: {len(together):,} of {len(samples):,} rows that stand "
+        f"together are off by {factor * size:.3g} {unit}, all the same way; was the sensor or the "
         f"arm disturbed there? measure these again or leave them out: "
         f"{row_numbers(samples, together)}"
     )
 
 
-def row_numbers(samples: Samples, rows: _Rows) -> str:
+def row_numbers(samples: Samples, rows: Index) -> str:
     """Name the first of some rows by their numbers in the log's file, counted below its header."""
     return rows_in_words(rows + 1 if samples.rows is None else samples.rows[rows])
 
 
-def rows_in_words(numbers: _Rows) -> str:
+def rows_in_words(numbers: Index) -> str:
     """Name the first of some numbers of rows."""
     shown = f"{', '.join(map(str, numbers[:5]))}{', ...' if len(numbers) > 5 else ''}"
     return f"row{'s' * (len(numbers) > 1)} {shown}"
 
 
-def _limit(size: Array, x: Array) -> float:
-    """Distance beyond which a residual is gross, by the standard of all rows (n,)."""
-    low, high = np.quantile(x, (0.05, 0.95), axis=0)
-    return max(
+def _gross(samples: Samples, residual: Array) -> tuple[Index, float]:
+    """Rows whose residual (n, m) is gross by the standard of all rows, and the limit."""
+    size = np.nan_to_num(np.linalg.norm(residual, axis=1))
+    low, high = np.quantile(samples.x, (0.05, 0.95), axis=0)
+    limit = max(
         GROSS * float(np.median(size)),
         SPREAD * float(np.quantile(size, 0.7)),
         GROSS_SHARE * float(np.linalg.norm(high - low)),
     )
+    return np.flatnonzero(size > limit), limit
 
 
-def _neighbours(samples: Samples, rows: _Rows) -> tuple[_Rows, _Rows]:
+def _neighbours(samples: Samples, rows: Index) -> tuple[Index, Index]:
     """Those of some rows whose neighbours are as close as usual, and these neighbours."""
     from scipy.spatial import cKDTree
 
@@ -158,8 +146,8 @@ def _rigid_residual(samples: Samples) -> Array | None:
 
     A chain's positions are linear in the products of 1, cos and sin of its joints.
     """
-    q, n = samples.q, len(samples)
-    terms = 3 ** sum(samples.revolute) * 2 ** (samples.dof - sum(samples.revolute))
+    n, kinds = len(samples), samples.revolute
+    terms = int(np.prod([3 if turns else 2 for turns in kinds]))
     rows = np.arange(n)
     if n > FITTED_ROWS:
         rows = np.sort(np.random.default_rng(0).choice(n, FITTED_ROWS, replace=False))
@@ -169,11 +157,11 @@ def _rigid_residual(samples: Samples) -> Array | None:
     def features(q: Array) -> Array:
         parts = [
             np.stack([v**0, np.cos(v), np.sin(v)] if turns else [v**0, v], axis=1)
-            for v, turns in zip(q.T, samples.revolute, strict=True)
+            for v, turns in zip(q.T, kinds, strict=True)
         ]
         return reduce(lambda a, b: (a[:, :, None] * b[:, None]).reshape(len(q), -1), parts)
 
-    coefficients = robust_solve(features(q[rows]), samples.x[rows])
-    edges = [*range(0, n, _CHUNK), n]
-    fitted = [features(q[a:b]) @ coefficients for a, b in pairwise(edges)]
-    return np.asarray(samples.x - np.concatenate(fitted))
+    coefficients = robust_solve(features(samples.q[rows]), samples.x[rows])
+    pieces = np.array_split(samples.q, 1 + n // 50_000)  # whose functions are held at once
+    fitted = np.concatenate([features(q) @ coefficients for q in pieces])
+    return np.asarray(samples.x - fitted)

@@ -13,11 +13,6 @@ from ..common.wording import ROUNDED_AWAY, length_in_words
 _WIDE = 20.0  # a ratio of errors beyond which the scale is logarithmic
 
 
-def rounding(unit: str, extent: float) -> float:
-    """Errors below this are rounding [unit]; `extent` is that of the workspace."""
-    return ROUNDED_AWAY if unit == "m" else ROUNDED_AWAY * extent
-
-
 @dataclass(frozen=True)
 class ErrorScale:
     """A scale of errors from low to high [unit], linear or, where `log`, by equal ratios."""
@@ -31,7 +26,7 @@ class ErrorScale:
     @staticmethod
     def of(errors: Array, unit: str, extent: float) -> ErrorScale:
         """Return the scale that shows some errors (n,); `extent` is that of the workspace."""
-        known, least = errors[np.isfinite(errors)], rounding(unit, extent)
+        known, least = errors[np.isfinite(errors)], ROUNDED_AWAY * (1.0 if unit == "m" else extent)
         if not len(known) or known.max() < least:
             return ErrorScale(0.0, least, log=False, unit=unit, empty=True)
         low, high = np.maximum(np.quantile(known, [0.01, 0.99]), least / 10).tolist()

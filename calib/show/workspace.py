@@ -10,9 +10,6 @@ from numpy.typing import NDArray
 from ..common.arrays import Array
 from ..maps.map import Map
 from ..model.model import Model
-from ..samples.babbling import babble
-from ..samples.samples import Samples
-from ..training.evaluate import simulation_of
 
 _INSIDE, _OVER = 30_000, 0.2  # joint values that are drawn, beyond both ends of the range too
 _CELLS = 120  # cells of the grid along the workspace's longer side
@@ -62,17 +59,3 @@ def outline(model: Model) -> Array:
     lines: Any = contour_generator(x, y, away).lines(_GAP)
     pieces = [np.stack([line[:-1], line[1:]], axis=1) for line in lines]
     return reached[tree.query(np.concatenate([np.empty((0, 2, 2)), *pieces]))[1]]
-
-
-def training_rows(model: Model, log: Samples | None) -> tuple[Array, Array, str]:
-    """Joints (n, dof) and positions (n, m) that a model learned from, and what they are."""
-    about, simulation = model.about, simulation_of(model)
-    if log is not None:
-        return np.asarray(log.q), np.asarray(log.x), "rows of the log"
-    if simulation is not None:
-        noise, changes = simulation.noise, simulation.changes
-        drawn = babble(simulation.arm, about.samples, seed=about.seed, noise=noise, changes=changes)
-        return np.asarray(drawn.q), np.asarray(drawn.x), "babbled positions"
-    if model.rows is not None:
-        return model.rows.q, model.rows.x, "rows kept of the log"
-    return np.empty((0, len(about.joint_names))), np.empty((0, len(model.axes))), ""

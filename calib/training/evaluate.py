@@ -18,6 +18,7 @@ from ..errors import LogError, OptionError
 from ..model.alignment import Alignment
 from ..model.answers import unit_joints
 from ..model.model import Model
+from ..model.parts import Parts
 from ..model.space import Space
 from ..samples.samples import Samples
 from ..samples.simulation import Simulation
@@ -43,7 +44,31 @@ class Residuals:
     inverse: dict[str, Array]
     distance: dict[str, Array]
     joint_names: tuple[str, ...]
-    left_out: int  # rows that lie outside of what was learned
+    left_out: int = 0  # rows that lie outside of what was learned
+    turned: Array | None = None  # (n,) [rad], errors of the orientation, which the body predicts
+
+    @staticmethod
+    def of(
+        model: Parts,
+        q: Array,
+        x: Array,
+        forward: dict[str, Array],
+        answers: dict[str, Array],
+        truth: Callable[[Array], Array] | None = None,
+        **told: Any,
+    ) -> Residuals:
+        """Residuals of predictions less positions and of answers (n, dof) in the unit box.
+
+        `truth` is the true kinematics; without it (a log) the learned map tells how far the
+        answered joints lead from the recorded ones.
+        """
+        scale, value = model.motor.scale, model.predictor.value
+        u = scale.to_unit(q)
+        inverse = {r: scale.difference(a, u) * scale.span for r, a in answers.items()}
+        there = x if truth is not None else value(u)
+        lead = value if truth is None else lambda a: truth(scale.from_unit(a))
+        distance = {r: np.linalg.norm(lead(a) - there, axis=1) for r, a in answers.items()}
+        return Residuals(q, x, forward, inverse, distance, model.about.joint_names, **told)
 
     @property
     def errors(self) -> dict[str, Array]:
@@ -52,46 +77,32 @@ class Residuals:
 
 
 def evaluate_residuals(
-    model: Model, q: Array, x: Array, truth: Callable[[Array], Array] | None
+    model: Parts, q: Array, x: Array, truth: Callable[[Array], Array] | None, **told: Any
 ) -> Residuals:
     """Residuals of all readouts in both directions, of the answer nearest to the true joints.
 
-    `truth` is the true kinematics; without it (a log) the learned map tells how far the answered
-    joints lead from the recorded ones.
+    truth : the true kinematics, see :meth:`Residuals.of`
     """
     scale, readouts = model.motor.scale, model.readouts
     known = model.trust.covers(scale.to_unit(q))
-    q, x = q[known], x[known]
-    if not len(q):
+    if not known.any():
         raise LogError("no row of the log lies within what the model has learned: measure others")
-    own = scale.to_unit(q)
+    left_out, q, x = int(np.count_nonzero(~known)), q[known], x[known]
     # the answers' bounds, of which `Model.solve` takes most of the time, are not asked for
-    forward, found = side_by_side(
-        lambda: {r: model.forward(q, r) - x for r in readouts},
-        lambda: unit_joints(model, x, model.solver.clip(own), readouts),
+    forward, answers = side_by_side(
+        lambda: {r: model.answered(q, r) - x for r in readouts},
+        lambda: unit_joints(model, x, model.solver.clip(scale.to_unit(q)), readouts),
     )
-    inverse: dict[str, Array] = {}
-    distance: dict[str, Array] = {}
-    for readout, u in found.items():
-        answered = scale.from_unit(u)
-        inverse[readout] = scale.difference(u, own) * scale.span
-        there = model.forward(answered) - model.forward(q) if truth is None else truth(answered) - x
-        distance[readout] = np.linalg.norm(there, axis=1)
-    left_out = int(np.count_nonzero(~known))
-    return Residuals(q, x, forward, inverse, distance, model.about.joint_names, left_out)
+    return Residuals.of(model, q, x, forward, answers, truth, left_out=left_out, **told)
 
 
-def summarise(residuals: Residuals, turned: Array | None = None) -> dict[str, Any]:
-    """Mean, largest and 99th percentile of the absolute errors, per readout and direction.
-
-    `turned` (k,) are errors of the orientation [rad], which the body predicts.
-    """
+def summarise(residuals: Residuals) -> dict[str, Any]:
+    """Mean, largest and 99th percentile of the absolute errors, per readout and direction."""
     table: dict[str, Any] = {}
     for readout, gap in residuals.forward.items():
-        axes = "xyz"[: gap.shape[1]]
-        forward = dict(zip(axes, gap.T, strict=True)) | {"distance": np.linalg.norm(gap, axis=1)}
-        if turned is not None and readout in ("local", "body"):
-            forward["orientation"] = turned
+        forward = dict(zip("xyz", gap.T, strict=False)) | {"distance": np.linalg.norm(gap, axis=1)}
+        if residuals.turned is not None and readout in ("local", "body"):
+            forward["orientation"] = residuals.turned
         inverse = dict(zip(residuals.joint_names, residuals.inverse[readout].T, strict=True))
         inverse["distance"] = residuals.distance[readout]
         sides = {"forward": forward, "inverse": inverse}
@@ -144,6 +155,8 @@ class Evaluation:
         Of touches: "scatter" of the tips about their sockets' means, and the share of it that the
         expected error covers, by "points", and stated and
         predicted "distances" [m]. Empty for other samples.
+    residuals : Residuals or None
+        The errors row by row; None for those of the training.
     """
 
     errors: dict[str, Any]
@@ -153,6 +166,7 @@ class Evaluation:
     within: dict[str, float] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
     touch: dict[str, Any] = field(default_factory=dict)
+    residuals: Residuals | None = None
 
     def __repr__(self) -> str:
         """Say in a line how well each readout predicts."""
@@ -196,17 +210,17 @@ def evaluate(model: Model, samples: Samples | None = None, *, frame: str = "kept
             samples, notes = sound_log(model, samples)
             samples, told = _in_frame(model, samples, free=frame == "free")
             notes += told
-        residuals = evaluate_residuals(model, samples.q, samples.x, None)
         turned = _turned(model, samples)
+        residuals = evaluate_residuals(model, samples.q, samples.x, None, turned=turned)
     elif simulation is not None:
         residuals, source = fresh_residuals(model, simulation), "fresh exact samples"
-        given, turned = len(residuals.q) + residuals.left_out, None
+        given = len(residuals.q) + residuals.left_out
     else:
         source, within = "rows held out in contiguous blocks", dict(about.within)
         return Evaluation(dict(about.errors), about.tested, about.left_out, source, within)
     tested, within = len(residuals.q), answered_within(model, residuals)
-    errors = summarise(residuals, turned)
-    return Evaluation(errors, tested, given - tested, source, within, tuple(notes), touched)
+    errors, left_out, said = summarise(residuals), given - tested, tuple(notes)
+    return Evaluation(errors, tested, left_out, source, within, said, touched, residuals)
 
 
 def _in_frame(model: Model, samples: Samples, *, free: bool) -> tuple[Samples, list[str]]:
@@ -215,23 +229,22 @@ def _in_frame(model: Model, samples: Samples, *, free: bool) -> tuple[Samples, l
     known = np.isfinite(tip).all(axis=1)
     if known.sum() < _PLACED:
         return samples, []
-    turn, _, _ = similarity(samples.x[known], tip[known])
-    shift = np.median(tip[known] - samples.x[known] @ turn.T, axis=0)
-    frame = Alignment(turn, shift)
-    moved = frame.apply(samples.x)
-    before, after = (
-        float(np.median(np.linalg.norm(x[known] - tip[known], axis=1))) for x in (samples.x, moved)
-    )
+    x, tip = samples.x[known], tip[known]
+    turn, _, _ = similarity(x, tip)
+    frame = Alignment(turn, np.median(tip - x @ turn.T, axis=0))
+    moved = frame.apply(x)
+    before, after = (float(np.median(np.linalg.norm(each - tip, axis=1))) for each in (x, moved))
     if not free and after > _FAR_NEARER * before:
         return samples, []
-    away = float(np.linalg.norm(samples.x[known].mean(axis=0) - moved[known].mean(axis=0)))
+    away = float(np.linalg.norm(x.mean(axis=0) - moved.mean(axis=0)))
     factor, unit = for_people(samples.unit)
     found = (
         f"{factor * away:.3g} {unit} and {np.degrees(abs(frame.angle)):.2g} deg: rows are "
         f"{factor * before:.3g} {unit} off (median), {factor * after:.3g} once it is found anew"
     )
     if free:
-        return replace(samples, x=moved), [f"the sensor's frame was found anew, moved by {found}"]
+        samples = replace(samples, x=frame.apply(samples.x))
+        return samples, [f"the sensor's frame was found anew, moved by {found}"]
     return samples, [
         f"the sensor's frame seems to have moved, by {found}; an arm that changed may look like "
         "that in few places: `check` tells which it is, `frame='free'` gives the errors after "

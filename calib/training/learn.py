@@ -24,6 +24,7 @@ from ..maps.links import wiring_of
 from ..maps.som import SOM
 from ..samples.samples import Samples
 from .options import TrainingOptions
+from .smooth import unit_box
 
 Progress = Callable[[float, str, float], None]
 """Called with the share of the work done, the stage, and the current error (or NaN)."""
@@ -57,26 +58,26 @@ def associate(
         puts nodes there
     """
     seen, shapes, network = Scale.of_data(x), options.shapes, options.map or LATTICE
-    v = seen.to_unit(x)
-
-    def som(which: int, stream: str) -> SOM:
-        given = network, options.rule, options.epochs, options.sigma
-        return SOM(shapes[which], *given, options.stream(stream))
+    v, in_order = seen.to_unit(x), kind_of(network) == "som"
+    motor_som, sensory_som = (
+        SOM(shape, network, options.rule, options.epochs, options.sigma, options.stream(name))
+        for shape, name in zip(shapes, ("motor", "sensory"), strict=True)
+    )
 
     def tell(done: float, error: float) -> None:
         if progress is not None:
             progress(done, "maps", error)
 
-    if options.rule == "online" and kind_of(network) == "som":
+    if options.rule == "online" and in_order:
         # The links that eq. 5 has made on the way lag behind the maps (30x30 nodes, five passes of
         # 20,000 samples: `activity` 9.2 mm); kept are those at which it comes to rest (2.9 mm).
-        pair = som(0, "motor").developed((u, v), (scale, seen), shapes, tell).association
+        pair = motor_som.developed((u, v), (scale, seen), shapes, tell)
         motor, sensory = pair.motor, pair.sensory
     else:
         # steps of a few samples hold the interpreter's lock: two threads would fight for it
-        motor, sensory = (side_by_side if kind_of(network) == "som" else in_turn)(
-            lambda: som(0, "motor").fit(scale.from_unit(u), scale=scale, residual=residual),
-            lambda: som(1, "sensory").fit(x, scale=seen, residual=residual, progress=tell),
+        motor, sensory = (side_by_side if in_order else in_turn)(
+            lambda: motor_som.fit(scale.from_unit(u), scale=scale, residual=residual),
+            lambda: sensory_som.fit(x, scale=seen, residual=residual, progress=tell),
         )
     for name, found in (("motor", motor), ("sensory", sensory)):
         if not found.spacing > _COLLAPSED:
@@ -86,8 +87,7 @@ def associate(
 
 def resolved(samples: Samples, options: TrainingOptions) -> tuple[TrainingOptions, list[str]]:
     """The options with the lattices and the map of these samples, and what the user is told."""
-    motor, sensory, notes = _lattice_sizes(samples, options)
-    options = replace(options, motor_size=motor, sensory_size=sensory)
+    options, notes = _with_sizes(samples, options)
     if options.map:
         return options, notes
     plain = options.rule == "batch" and options.epochs is None and options.sigma is None
@@ -104,59 +104,52 @@ def resolved(samples: Samples, options: TrainingOptions) -> tuple[TrainingOption
 
 def _gas_over_lattice(samples: Samples, options: TrainingOptions) -> float:
     """Error of a gas on held-out blocks of a log over that of a lattice, readout ``linear``."""
-    folds = np.array_split(np.arange(len(samples)), _BLOCKS)
-    scale = Scale.of_range(samples.lower, samples.upper, samples.revolute)
-    u, error = scale.to_unit(samples.q), dict.fromkeys(("gas", LATTICE), 0.0)
+    folds, scale = np.array_split(np.arange(len(samples)), _BLOCKS), unit_box(samples)
+    u, x, error = scale.to_unit(samples.q), samples.x, dict.fromkeys(("gas", LATTICE), 0.0)
     # each row is held out once: of an uneven log a third of the blocks alone, most of them from
     # where it dwells, had the gas at 0.86, all of them at 0.95 of the lattice's error
     for first in range(_PARTS):
         held = np.concatenate(folds[first::_PARTS])
         seen = np.setdiff1d(np.arange(len(samples)), held, assume_unique=True)
         for name in error:
-            pair = associate(scale, u[seen], samples.x[seen], replace(options, map=name))
-            missed = pair.linear.value(u[held]) - samples.x[held]
-            error[name] += float(np.linalg.norm(missed, axis=1).sum())
+            pair = associate(scale, u[seen], x[seen], replace(options, map=name))
+            error[name] += float(np.linalg.norm(pair.linear.value(u[held]) - x[held], axis=1).sum())
     return error["gas"] / max(error[LATTICE], 1e-300)
 
 
-def _lattice_sizes(
-    samples: Samples, options: TrainingOptions
-) -> tuple[tuple[int, ...], tuple[int, ...], list[str]]:
-    """Nodes along each axis of the motor and the sensory lattice, and what the user is told.
+def _with_sizes(samples: Samples, options: TrainingOptions) -> tuple[TrainingOptions, list[str]]:
+    """The options with both lattices, and what the user is told.
 
     Without a body, which imagines samples where a log has no rows, few rows fill few nodes.
     Raises OptionError if a size is no lattice.
     """
-    notes: list[str] = []
+    notes, dof, width = list[str](), samples.dof, samples.x.shape[1]
+    sizes = {name: getattr(options, name) for name in ("size", "motor_size", "sensory_size")}
     given, motor, sensory = (
-        None if value is None else shape_of(value, name)
-        for name, value in vars(options).items()
-        if name in ("size", "motor_size", "sensory_size")
+        None if size is None else shape_of(size, name) for name, size in sizes.items()
     )
-    if given is None and motor is None and sensory is None and samples.simulation is None:
+    if set(sizes.values()) == {None} and samples.simulation is None:
         rows, least = len(samples), _LEAST_SIDE[options.body != "none"]
         side = min(_SIDE, max(least, round(math.sqrt(rows / _ROWS_PER_NODE))))
-        notes.append(f"lattices of {side}x{side} nodes for {rows:,} rows, `size` chooses others")
+        notes = [f"lattices of {side}x{side} nodes for {rows:,} rows, `size` chooses others"]
         given = (side, side)
     given = given or (_SIDE, _SIDE)
-    if motor is None:  # as many nodes in a lattice of the joints' dimension
-        cubic = len(given) == 2 and samples.dof in (1, 3)
-        motor = _of_dimension(samples.dof, given) if cubic else given
-    if sensory is None:  # as many nodes in a lattice of the space
-        plane = given if len(given) == 2 else (_SIDE, _SIDE)
-        sensory = _of_dimension(3, plane) if samples.x.shape[1] == 3 else plane
+    plane = given if len(given) == 2 else (_SIDE, _SIDE)
+    # as many nodes in a lattice of the joints' dimension, and in one of the space
+    motor = motor or (_of_dimension(dof, given) if len(given) == 2 and dof in (1, 3) else given)
+    sensory = sensory or (_of_dimension(3, plane) if width == 3 else plane)
     for name, shape, most, each in (
-        ("motor", motor, samples.dof, "joint"),
-        ("sensory", sensory, samples.x.shape[1], "coordinate"),
+        ("motor", motor, dof, "joint"),
+        ("sensory", sensory, width, "coordinate"),
     ):
         if len(shape) > most:
-            given_size = "x".join(map(str, shape))
             raise OptionError(
-                f"{name} size {given_size}: expected at most {most} numbers, one per {each}",
+                f"{name} size {'x'.join(map(str, shape))}: expected at most {most} numbers, one "
+                f"per {each}",
                 hint=f"give `{name}_size`",
                 parameter=f"{name}_size",
             )
-    return motor, sensory, notes
+    return replace(options, motor_size=motor, sensory_size=sensory), notes
 
 
 def _of_dimension(dim: int, nodes: tuple[int, ...]) -> tuple[int, ...]:

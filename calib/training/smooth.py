@@ -7,7 +7,6 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..arm.arm import SpatialArm
 from ..arm.rotations import logarithm, matrix_of
@@ -19,15 +18,14 @@ from ..body.spatial import structure_of, unknown_structure
 from ..body.spatial_start import refuse_pixels
 from ..body.telling import warnings_of
 from ..body.views import is_camera
-from ..common.arrays import Array
+from ..common.arrays import Array, Index
 from ..common.choices import VIEWS
 from ..common.scale import METRES, Scale
 from ..errors import OptionError
-from ..maps.model_selection import SmoothCandidate, misfit, of_body
+from ..maps.model_selection import misfit
+from ..maps.predictor import BodyInBox
 from ..samples.samples import Samples
 from .options import TrainingOptions
-
-_Rows = slice | NDArray[np.intp]
 
 NO_ARM = 0.02
 """Share of the extent: a body that is further off explains nothing."""
@@ -41,15 +39,19 @@ _IMAGINED = 5  # samples for each motor node
 class SmoothPart:
     """What stands under the local models."""
 
-    candidate: SmoothCandidate  # the body, and what it leaves over
+    smooth: BodyInBox  # the body, of the joints' unit box
     fit: BodyFit
-    rows: NDArray[np.intp]  # (k,), rows of the samples that it rests on
-    notes: tuple[str, ...] = ()  # what the user should be told besides the notes of the fit
+    rows: Index  # (k,), rows of the samples that it rests on
 
     @property
     def error(self) -> float:
         """Mean distance of held-out rows from the body [unit]."""
         return float(np.linalg.norm(self.fit.held_out, axis=1).mean())
+
+
+def unit_box(samples: Samples) -> Scale:
+    """The unit box of the joints' ranges."""
+    return Scale.of_range(samples.lower, samples.upper, samples.revolute)
 
 
 def find_smooth_part(samples: Samples, *, view: str = "auto", seed: int) -> SmoothPart:
@@ -66,8 +68,7 @@ def find_smooth_part(samples: Samples, *, view: str = "auto", seed: int) -> Smoo
     travel = samples.upper - samples.lower
     told = warnings_of(q, samples.joint_names, samples.revolute, travel)
     found = replace(found, notes=(*told, *found.notes))
-    scale = Scale.of_range(samples.lower, samples.upper, samples.revolute)
-    part = SmoothPart(of_body(found, scale, scale.to_unit(q), x), found, rows)
+    part = SmoothPart(BodyInBox(found.body, unit_box(samples)), found, rows)
     extent = float(np.linalg.norm(np.ptp(x, axis=0)))
     if part.error <= NO_ARM * extent or samples.simulation is not None:
         return part
@@ -79,34 +80,14 @@ def find_smooth_part(samples: Samples, *, view: str = "auto", seed: int) -> Smoo
         f"moved, base to tip, and that each row's joints and position are of one moment{space};"
         " maps and links alone learn what is no arm: `body='none'`"
     )
-    return replace(part, notes=(doubt,))
+    return replace(part, fit=replace(found, notes=(*found.notes, doubt)))
 
 
-def _fit_in_plane(samples: Samples, rows: NDArray[np.intp], view: str, seed: int) -> BodyFit:
-    """Fit the body of a planar arm to some rows of samples, a log's with its URDF as prior."""
-    simulated = samples.simulation is not None
-    arm, known = samples.arm, (samples.lower, samples.upper, samples.revolute)
-    nominal = None
-    if arm is not None and not simulated:
-        # a joint out of the plane has no prior: the rows have to tell
-        with suppress(OptionError):
-            nominal = nominal_of(arm.forward, *known)
-    if view == "base" and nominal is None:
-        raise OptionError(
-            "view 'base' needs a measured log and the planar robot that it is of: give both, or "
-            "another view"
-        )
-    q, x = samples.q[rows], samples.x[rows]
-    structure = planar_structure(
-        x, samples.joint_names, samples.revolute, nominal, view, samples.unit, simulated
-    )
-    return fit(structure, q, x, seed=seed)
-
-
-def wrong_around(part: SmoothPart, scale: Scale, samples: Samples, u: Array) -> Array | None:
-    """How wrong (k,) the body is around points `u` (k, dof), None within noise."""
+def wrong_around(part: SmoothPart, samples: Samples, u: Array) -> Array | None:
+    """How wrong (k,) the body is around points `u` (k, dof) of the unit box, None within noise."""
     q, extent = samples.q[part.rows], float(np.linalg.norm(np.ptp(samples.x[part.rows], axis=0)))
-    return misfit(scale, scale.to_unit(q), part.candidate.held_out, extent, u)
+    scale = part.smooth.scale
+    return misfit(scale, scale.to_unit(q), part.fit.held_out, extent, u)
 
 
 def taught(samples: Samples, part: SmoothPart | None, options: TrainingOptions) -> bool:
@@ -120,26 +101,25 @@ def taught(samples: Samples, part: SmoothPart | None, options: TrainingOptions) 
 
 def to_learn(
     samples: Samples,
-    scale: Scale,
     part: SmoothPart | None,
     options: TrainingOptions,
-    rows: _Rows = slice(None),
+    rows: slice | Index = slice(None),
 ) -> tuple[Array, Array, Array | None]:
     """What the maps learn from: some rows of the samples, and what the body of `part` imagines.
 
     Returns u, x : (k, dof), (k, m), joints in the unit box and positions
     Returns wrong : (k,), how wrong the body is there, None within noise
     """
-    u, x = scale.to_unit(samples.q[rows]), samples.x[rows]
+    u, x = unit_box(samples).to_unit(samples.q[rows]), samples.x[rows]
     if part is None:
         return u, x, None
     if taught(samples, part, options):
         every = -(-len(u) // _LEARNED_ROWS)
         rng = np.random.default_rng(options.stream("imagined"))
         drawn = rng.random((_IMAGINED * math.prod(options.shapes[0]), u.shape[1]))
-        seen = part.candidate.smooth.value(drawn)
-        u, x = np.concatenate([u[::every], drawn]), np.concatenate([x[::every], seen])
-    return u, x, wrong_around(part, scale, samples, u)
+        u = np.concatenate([u[::every], drawn])
+        x = np.concatenate([x[::every], part.smooth.value(drawn)])
+    return u, x, wrong_around(part, samples, u)
 
 
 def _in_space(samples: Samples, view: str) -> bool:
@@ -147,10 +127,9 @@ def _in_space(samples: Samples, view: str) -> bool:
     pixels = samples.camera is not None and isinstance(samples.arm, SpatialArm)
     positions = not pixels and samples.x.shape[1] == 3
     kinds = _VIEWS if positions else [v for v in VIEWS if v == "auto" or is_camera(v) == pixels]
-    if view not in kinds and not (is_camera(view) and pixels):
-        seen = "positions in space" if positions else "positions or pixels in a plane"
+    if view not in kinds:
         raise OptionError(
-            f"view {view!r} is not one of {'pixels of an arm in space' if pixels else seen}",
+            f"view {view!r} is not one of these samples",
             hint=f"give one of {', '.join(kinds)}",
             parameter="view",
             value=view,
@@ -158,42 +137,52 @@ def _in_space(samples: Samples, view: str) -> bool:
     return pixels or positions
 
 
-def _fit_in_space(samples: Samples, rows: NDArray[np.intp], view: str, seed: int) -> BodyFit:
-    """Fit the body of an arm in space to some rows; only a log's URDF is a prior."""
-    q, x = samples.q[rows], samples.x[rows]
-    extent = float(np.sqrt(((x - x.mean(axis=0)) ** 2).sum(axis=1).mean()))  # of the noise's floor
-    arm, camera = samples.arm, samples.camera
-    if camera is not None and isinstance(arm, SpatialArm) and x.shape[1] == 2:
-        kind = "pinhole" if view == "auto" else view
-        template = structure_of(
-            arm, kind, unit="px", extent=extent, lens=camera.lens, lens_sd=camera.lens_sd
+def _fit_in_plane(samples: Samples, rows: Index, view: str, seed: int) -> BodyFit:
+    """Fit the body of a planar arm to some rows of samples, a log's with its URDF as prior."""
+    simulated, nominal = samples.simulation is not None, None
+    if samples.arm is not None and not simulated:
+        # a joint out of the plane has no prior: the rows have to tell
+        with suppress(OptionError):
+            known = samples.lower, samples.upper, samples.revolute
+            nominal = nominal_of(samples.arm.forward, *known)
+    if view == "base" and nominal is None:
+        raise OptionError(
+            "view 'base' needs a measured log and the planar robot that it is of: give both, or "
+            "another view"
         )
+    x, names, turns = samples.x[rows], samples.joint_names, samples.revolute
+    structure = planar_structure(x, names, turns, nominal, view, samples.unit, simulated)
+    return fit(structure, samples.q[rows], x, seed=seed)
+
+
+def _fit_in_space(samples: Samples, rows: Index, view: str, seed: int) -> BodyFit:
+    """Fit the body of an arm in space to some rows; only a log's URDF is a prior."""
+    q, x, arm, camera = samples.q[rows], samples.x[rows], samples.arm, samples.camera
+    extent = float(np.sqrt(((x - x.mean(axis=0)) ** 2).sum(axis=1).mean()))  # of the noise's floor
+    orientation, simulated = samples.orientation, samples.simulation is not None
+    if camera is not None and isinstance(arm, SpatialArm) and x.shape[1] == 2:
+        lens, sd = camera.lens, camera.lens_sd
+        template = structure_of(arm, "pinhole", unit="px", extent=extent, lens=lens, lens_sd=sd)
         found = fit(template, q, x, seed=seed)
         refuse_pixels(found.body, q, x)
-        doubts = doubtful_depth(found.body, q)
-        return replace(found, notes=(*found.notes, *doubts))
+        return replace(found, notes=(*found.notes, *doubtful_depth(found.body, q)))
     metre, unused = METRES.get(samples.unit, 1.0), ""
-    simulated = samples.simulation is not None
     if isinstance(arm, SpatialArm) and not simulated:
         kind = {"auto": "rigid" if samples.unit in METRES else "similarity"}.get(view, view)
         template = structure_of(arm, kind, unit=samples.unit, metre=metre, extent=extent)
         posed = {"rigid": "pose", "base": "base pose"}.get(kind)
-        if samples.orientation is not None and posed:
-            turns = samples.orientation[rows]
-            poses = np.hstack([x, logarithm(matrix_of(turns))])
+        if orientation is not None and posed:
+            poses = np.hstack([x, logarithm(matrix_of(orientation[rows]))])
             found = fit(template.with_view(posed), q, poses, seed=seed)
             if found.body.structure.view == "base target":
                 last = f"its turn cannot be told from the offset of {samples.joint_names[-1]}"
                 turned = f"the orientations are of a target that is turned against the tip: {last}"
                 found = replace(found, notes=(*found.notes, turned))
             return found.of_positions()
-        if samples.orientation is not None:
-            unused = f"orientations are not used with the view {kind!r}"
+        unused = f"orientations are not used with the view {kind!r}"
     else:
-        if samples.orientation is not None:
-            unused = "orientations are used together with the robot's URDF: give `robot`"
-        template = unknown_structure(
-            samples.joint_names, samples.revolute, extent, samples.unit, metre
-        )
+        names, turns = samples.joint_names, samples.revolute
+        template = unknown_structure(names, turns, extent, samples.unit, metre)
+        unused = "orientations are used together with the robot's URDF: give `robot`"
     found = fit(template, q, x, simulated=simulated, seed=seed)
-    return replace(found, notes=(*found.notes, unused)) if unused else found
+    return found if orientation is None else replace(found, notes=(*found.notes, unused))

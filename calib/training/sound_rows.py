@@ -9,29 +9,26 @@ from typing import Any
 
 import numpy as np
 
-from ..common.arrays import Array
+from ..body.belief import Body
 from ..common.rows import thinned
-from ..common.scale import Scale
 from ..errors import LogError
 from ..model.model import Model
 from ..samples.alignment import aligned, rows_behind
 from ..samples.delays import Delay, Trajectory, estimate_delay
+from ..samples.joint_values import directions
 from ..samples.samples import Samples
 from ..samples.settings import FAR_BETTER, FEWEST_ROWS
 from ..samples.wrong_rows import contradicting_corner, contradictions
 from .smooth import NO_ARM, SmoothPart
 
 _Fit = Callable[[Samples], SmoothPart]
-_ROUNDS = 3  # fits after which a delay is as sure as it gets
 _STEPS = 8  # of a delay and the parameters beside it, from one fit
 _ORDERED_ROWS = 150  # rows that orders of joints are compared by
 _MANY_TIMES = 30.0  # the stated noise of a log: such errors are no calibration's
 _ROWS = 4_000  # neighbouring rows that a delay rests on
 
 
-def fit_sound_rows(
-    samples: Samples, scale: Scale, fit: _Fit
-) -> tuple[Samples, SmoothPart, list[str]]:
+def fit_sound_rows(samples: Samples, fit: _Fit) -> tuple[Samples, SmoothPart, list[str]]:
     """Fit samples; of a log without its delay and without the rows that contradict the others.
 
     fit : finds the smooth part of samples; called again where something was mended
@@ -50,24 +47,20 @@ def fit_sound_rows(
     samples, again, told = _without_delay(samples, part.fit.body, fit)
     part = again or part
     notes += told + _other_order(samples, part, fit)
-
-    def residual() -> Array:
-        return samples.x - part.candidate.smooth.value(scale.to_unit(samples.q))
-
-    kept, told = contradictions(samples, residual())
+    kept, told = contradictions(samples, samples.x - part.fit.body.predict(samples.q))
     if not kept.all():
         samples = samples.take(kept)
         part = fit(samples)
-    corner = contradicting_corner(samples, residual())
+    corner = contradicting_corner(samples, samples.x - part.fit.body.predict(samples.q))
     return samples, part, [*notes, *told, *([corner] if corner else ())]
 
 
 def _other_order(samples: Samples, part: SmoothPart, fit: _Fit) -> list[str]:
     """Say that joints without a robot fit far better in another order from base to tip."""
-    dof, stated, error = samples.dof, samples.source.get("noise"), part.error
-    extent = float(np.linalg.norm(np.ptp(samples.x, axis=0)))
-    noisy = isinstance(stated, float) and error > _MANY_TIMES * stated
-    if samples.arm is not None or not 2 <= dof <= 3 or not (noisy or error > NO_ARM * extent):
+    dof, stated = samples.dof, samples.source.get("noise")
+    most = NO_ARM * float(np.linalg.norm(np.ptp(samples.x, axis=0)))
+    far = min(most, _MANY_TIMES * stated if isinstance(stated, float) else most)
+    if samples.arm is not None or not 2 <= dof <= 3 or part.error <= far:
         return []
     some, tried = samples.take(thinned(len(samples), _ORDERED_ROWS)), {}
     for order in itertools.permutations(range(dof)):
@@ -76,7 +69,7 @@ def _other_order(samples: Samples, part: SmoothPart, fit: _Fit) -> list[str]:
         told |= {"joint_names": names, "revolute": tuple(some.revolute[j] for j in order)}
         tried[names] = fit(replace(some, q=some.q[:, k], **told)).error
     best = min(tried, key=lambda names: tried[names])
-    if not tried[best] < min(FAR_BETTER * tried[samples.joint_names], NO_ARM * extent):
+    if tried[best] >= min(FAR_BETTER * tried[samples.joint_names], most):
         return []
     return [
         f"the rows fit far better with the joints in the order {', '.join(best)}: name them so in "
@@ -95,66 +88,64 @@ def sound_log(model: Model, samples: Samples) -> tuple[Samples, list[str]]:
             "the log holds touches of sockets, whose places nobody measured: `calib.evaluate` "
             "tells how they scatter; train anew with them, and with those of before"
         )
-    about = model.about
-    limits: dict[str, Any] = {
-        name: getattr(about, name) for name in ("joint_names", "lower", "upper", "revolute")
-    }
-    samples = replace(samples, q=about.joints_of(samples), **limits)
+    names = ("joint_names", "lower", "upper", "revolute")
+    limits: dict[str, Any] = {name: getattr(model.about, name) for name in names}
+    samples = replace(samples, q=model.about.joints_of(samples), **limits)
     notes: list[str] = []
     if model.body is not None:
         samples, _, notes = _without_delay(samples, model.body)
     predicted = model.forward(samples.q)
+    residual = samples.x - predicted
     known = np.asarray(np.isfinite(predicted).all(axis=1))
-    residual = np.where(known[:, None], samples.x - predicted, np.nan)
-    if known.sum() >= FEWEST_ROWS:
-        # a sensor that was moved is no reason to leave rows out
-        moved = residual.copy()
-        moved[known] = samples.x[known] - aligned(
-            predicted[known], samples.x[known], affine=samples.unit == "px"
-        )
-        far, near = (np.nanmedian(np.linalg.norm(r, axis=1)) for r in (residual, moved))
-        residual = moved if near < 0.5 * far else residual
-        kept, told = contradictions(samples, residual)
-        left_out = samples.left_out + int(np.count_nonzero(~kept))
-        samples, notes = replace(samples.take(kept), left_out=left_out), notes + told
-    return samples, notes
+    if known.sum() < FEWEST_ROWS:
+        return samples, notes
+    # a sensor that was moved is no reason to leave rows out
+    there, affine = samples.x[known], samples.unit == "px"
+    moved = there - aligned(predicted[known], there, affine=affine)
+    far, near = (np.median(np.linalg.norm(r, axis=1)) for r in (residual[known], moved))
+    if near < 0.5 * far:
+        residual[known] = moved
+    kept, told = contradictions(samples, residual)
+    left_out = samples.left_out + int(np.count_nonzero(~kept))
+    return replace(samples.take(kept), left_out=left_out), notes + told
 
 
 def _without_delay(
-    samples: Samples, body: Any, fit: _Fit | None = None
+    samples: Samples, body: Body, fit: _Fit | None = None
 ) -> tuple[Samples, SmoothPart | None, list[str]]:
     """The log with its joints at the times of its positions, where a delay is clear.
 
     fit : fits the body anew to moved samples; without it the body is that of another log
     Returns the samples, the smooth part of moved ones, and notes.
     """
-    motion, moved, part = Trajectory.of(samples), samples, None
+    motion = Trajectory.of(samples)
     delay = None if motion is None else _delay(samples, motion, body, 0.0, fresh=fit is not None)
     if motion is None or delay is None or not delay.clear:
         return samples, None, [delay.note()] if delay is not None and delay.note() else []
-    for _ in range(_ROUNDS):  # where joints jump, a step of rows is found by several
+
+    def moved(delay: Delay) -> Samples:
         q = motion.before(delay.value)
         known = np.asarray(np.isfinite(q).all(axis=1))
-        moved = replace(samples.take(known), q=q[known])
-        if fit is not None:
-            part = fit(moved)
-            body = part.fit.body
-        found = _delay(samples, motion, body, delay.value, fresh=False)
-        if found is None or abs(found.value - delay.value) < found.sd:
-            break
-        delay = replace(found, share=delay.share)
-    return moved, part, [delay.note()]
+        return replace(samples.take(known), q=q[known])
+
+    if fit is not None:  # with curves that have not followed the delay
+        body = fit(moved(delay)).fit.body
+        again = _delay(samples, motion, body, delay.value, fresh=False)
+        delay = delay if again is None else replace(again, share=delay.share)
+    samples = moved(delay)
+    return samples, None if fit is None else fit(samples), [delay.note()]
 
 
 def _delay(
-    samples: Samples, motion: Trajectory, body: Any, start: float, *, fresh: bool
+    samples: Samples, motion: Trajectory, body: Body, start: float, *, fresh: bool
 ) -> Delay | None:
     """Estimate a delay from `start` on, together with the chain and its frame.
 
     fresh : whether the body was fitted to these rows as they are: then its curves may have followed
         the delay along a path, and are left out
     """
-    structure, total, share = body.structure, start, 0.0
+    structure: Any = body.structure
+    total, share = start, 0.0
     if structure.outputs != samples.x.shape[1]:
         return None
     members = dict(structure.members())
@@ -173,16 +164,19 @@ def _delay(
             return None
         q, x = q[known], samples.x[some][known]
         seen, slope = structure.predict_and_slope(q, beta)
-        columns = structure.linearise(q, beta, active)[1]
         speed = Trajectory(motion.time[some][known], q, motion.unit).velocity
-        residual, pull = structure.residual(x, seen), (prior.mean - beta)[active]
-        precision = prior.sd[active] ** -2.0
-        found = estimate_delay(q, speed, residual, slope, columns, precision, pull, motion.unit)
+        found = estimate_delay(
+            structure.residual(x, seen), np.einsum("nmk,nk->nm", slope, speed),
+            structure.linearise(q, beta, active)[1],
+            prior.sd[active] ** -2.0, (prior.mean - beta)[active],
+            play=slope * directions(q)[:, None],  # joints with play err by their direction
+            unit=motion.unit,
+        )  # fmt: skip
         if found is None:
             return None
         step, change = found
         share = share or step.share
-        full: Array = np.zeros(len(beta))
+        full = np.zeros(len(beta))
         full[active] = change
         beta, total = structure.retract(beta, full), total + step.value
         if abs(step.value) < 0.05 * step.sd:

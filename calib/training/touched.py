@@ -10,12 +10,11 @@ from ..arm.arm import SpatialArm
 from ..body.spatial import structure_of
 from ..body.touch import TouchFit, fit_touches
 from ..common.arrays import Mask
-from ..common.scale import Scale
 from ..errors import LogError
-from ..maps.model_selection import of_body
+from ..maps.predictor import BodyInBox
 from ..samples.samples import Samples
 from ..samples.wrong_rows import row_numbers
-from .smooth import SmoothPart
+from .smooth import SmoothPart, unit_box
 
 _MOST = 0.25  # share of rows that may be wrong
 _FEW = 12  # touches that tell an arm in space at least
@@ -23,7 +22,7 @@ _ALIKE = 0.05  # joints that moved less in each socket [rad or m] tell nothing o
 _NO_ARM = 0.02  # share of the reach: tips that scatter further are explained by no arm
 
 
-def fit_sockets(samples: Samples, scale: Scale, seed: int) -> tuple[Samples, SmoothPart, list[str]]:
+def fit_sockets(samples: Samples, seed: int) -> tuple[Samples, SmoothPart, list[str]]:
     """Fit arm and sockets; rows that are not in theirs are left out.
 
     Returns the samples with their sockets' places as positions: in the arm's base frame, or in the
@@ -99,6 +98,6 @@ def fit_sockets(samples: Samples, scale: Scale, seed: int) -> tuple[Samples, Smo
         )
     x = np.where(touched[:, None], found.points[touch.number], samples.x)
     samples = replace(samples, x=x).take(kept)
-    u = scale.to_unit(samples.q)
-    part = SmoothPart(of_body(found.fit, scale, u, samples.x), found.fit, np.arange(len(u)))
+    smooth = BodyInBox(found.fit.body, unit_box(samples))
+    part = SmoothPart(smooth, found.fit, np.arange(len(samples)))
     return samples, part, notes

@@ -10,32 +10,27 @@ from typing import Any
 
 import numpy as np
 
-from ..common.arrays import Array
 from ..common.parallel import one_blas_thread, side_by_side
-from ..common.scale import Scale
-from ..errors import LogError, OptionError
+from ..errors import LogError
 from ..maps.local_models import NO_MODELS
 from ..maps.model_selection import select
-from ..maps.node_bounds import learn_bounds, near_border
 from ..maps.predictor import Predictor
-from ..model.about import About
-from ..model.baseline import Paths, learn_baseline
-from ..model.measured import Rows
+from ..model.about import About, Rows
 from ..model.model import Model
+from ..model.trust import Paths, learn_baseline
 from ..samples.joint_values import directions
 from ..samples.samples import Samples
 from ..samples.wrong_rows import screen
-from .approach import BOUND_SAMPLES, approached, play_of, play_words
-from .evaluate import Residuals, answered_within, fresh_residuals, summarise
-from .held_out import held_out_residuals, node_bounds, turned_of
-from .learn import UNFOLD, Progress, associate, resolved
+from .bounds import approached, node_bounds, play_of, play_words, simulated_bounds
+from .evaluate import answered_within, fresh_residuals, summarise
+from .held_out import held_out_residuals
+from .learn import Progress, associate, resolved
 from .options import TrainingOptions
-from .smooth import find_smooth_part, taught, to_learn
+from .smooth import find_smooth_part, taught, to_learn, unit_box
 from .sound_rows import fit_sound_rows
 from .touched import fit_sockets
 
 _LEAST_ROWS = 10  # fewest rows that anything can be learned and checked from
-_ROUNDING = 4e-15  # share of the extent: what an answer in double precision is sure of at best
 _TESTED = 20_000  # rows of a log that errors are measured on; more would tell no more
 
 
@@ -98,30 +93,31 @@ def _learned(samples: Samples, options: TrainingOptions, progress: Progress) -> 
         progress(share, stage, float("nan"))
 
     begin(0.0, "body")
-    given = len(samples) + samples.left_out
+    given, simulation = len(samples) + samples.left_out, samples.simulation
     notes: list[str] = []
-    if samples.simulation is None and samples.touch is None:
+    if simulation is None and samples.touch is None:
         kept, notes = screen(samples)
         samples = samples if kept.all() else samples.take(kept)
     options, told = resolved(samples, options)
     notes += told
-    scale = Scale.of_range(samples.lower, samples.upper, samples.revolute)
     part, play = None, None
     if samples.touch is not None:
-        samples, part, told = fit_sockets(samples, scale, options.seed)
+        samples, part, told = fit_sockets(samples, options.seed)
+        notes += told
     elif options.body != "none":
         fit = partial(find_smooth_part, view=options.view, seed=options.seed)
-        samples, part, told = fit_sound_rows(samples, scale, fit)
+        samples, part, told = fit_sound_rows(samples, fit)
         notes += told
-        play = play_of(samples, scale, part)
-        told = []
+        play = play_of(samples, part)
         if play is not None:  # where the joints stood, rather than what they read
             samples = replace(samples, q=samples.q - play * directions(samples.q))
-            part, told = fit(samples), [play_words(samples, play)]
-    notes += [*told, *(part.fit.notes if part else ()), *(part.notes if part else ())]
+            part = fit(samples)
+            notes.append(play_words(samples, play))
+    notes += part.fit.notes if part is not None else ()
 
     begin(0.1, "maps")
-    seen_u, seen_x, wrong = to_learn(samples, scale, part, options)
+    scale = unit_box(samples)
+    seen_u, seen_x, wrong = to_learn(samples, part, options)
     association = associate(
         scale, seen_u, seen_x, options, wrong,
         lambda done, stage, error: progress(0.1 + 0.6 * done, stage, error),
@@ -129,10 +125,10 @@ def _learned(samples: Samples, options: TrainingOptions, progress: Progress) -> 
 
     begin(0.7, "local models")
     motor, u = association.motor, scale.to_unit(samples.q)
-    selected = None
-    predictor = Predictor(motor, association.linear, NO_MODELS)
+    selected, predictor = None, Predictor(motor, association.linear, NO_MODELS)
     if part is not None:
-        selected = select(motor, u[part.rows], part.candidate)
+        its = part.rows
+        selected = select(motor, u[its], samples.x[its], part.smooth, part.fit.held_out)
         predictor = selected.predictor
 
     begin(0.8, "evaluation")
@@ -140,31 +136,35 @@ def _learned(samples: Samples, options: TrainingOptions, progress: Progress) -> 
     visited[motor.nearest(u)[1][:, 0]] = True
     about = _about(samples, options, taught(samples, part, options))
     model = Model(about, association, predictor, empty, empty, visited, predictor.body)
-    if samples.simulation is not None:
-        bounds, u_known, x_known, tested = _by_simulation(model, samples, options)
+    if simulation is not None:
+        seed = options.stream("bounds")
+        (bounds, known_u, known_x), tested = side_by_side(
+            lambda: simulated_bounds(model, simulation, play, seed),
+            lambda: fresh_residuals(model, simulation),
+        )
+        model = replace(model, bounds=bounds, model_bounds=bounds)
     else:  # by blocks of the log's rows that were held out
         tested = held_out_residuals(model, samples, part, selected, options)
-        u_known, x_known = scale.to_unit(tested.q), tested.x
-        errors = tested.errors[model.default_readout]
-        bounds = node_bounds(model, u_known, np.arange(len(u_known)), errors)
-    model = replace(model, bounds=bounds[0], model_bounds=bounds[1])
+        known_u, known_x = scale.to_unit(tested.q), tested.x
+        reading, position = node_bounds(model, known_u, tested.errors[model.default_readout])
+        model = replace(model, bounds=reading, model_bounds=position)
     some = slice(None, None, max(1, len(samples) // _TESTED))
     miss = np.linalg.norm(predictor.value(u[some]) - samples.x[some], axis=1)
-    baseline = learn_baseline(association, u_known, x_known, miss)
-    if part is None and samples.simulation is None:
-        baseline = replace(baseline, paths=Paths.of(motor, baseline.motor, u_known))
+    baseline = learn_baseline(association, known_u, known_x, miss)
+    if part is None and simulation is None:
+        baseline = replace(baseline, paths=Paths.of(motor, baseline.motor, known_u))
     if play is not None:
-        model = approached(model, samples.simulation, play, options.stream("bounds"))
+        model = approached(model, play)
     begin(1.0, "done")
     about = replace(
         about,
-        errors=summarise(tested, turned_of(part)),
+        errors=summarise(tested),
         within=answered_within(model, tested),
         tested=len(tested.q),
         left_out=tested.left_out + given - len(samples),
         notes=tuple(notes),
     )
-    rows = Rows.of(samples.q, samples.x) if samples.simulation is None else None
+    rows = Rows.of(samples.q, samples.x) if simulation is None else None
     seconds = {stage: end - start for (stage, start), (_, end) in pairwise(marks)}
     seconds["total"] = sum(seconds.values())
     return replace(model, about=about, baseline=baseline, rows=rows, seconds=seconds)
@@ -172,66 +172,25 @@ def _learned(samples: Samples, options: TrainingOptions, progress: Progress) -> 
 
 def _about(samples: Samples, options: TrainingOptions, taught: bool) -> About:
     """What is known before anything is learned; errors and notes are added later."""
-    arm, simulation = samples.arm, samples.simulation
+    arm, simulation, source = samples.arm, samples.simulation, samples.source
     plane = samples.plane or getattr(arm, "plane", None)
-    axes, source = ("origin", "x", "y"), samples.source
-    of_board = source.get("source") == "board"
+    same = ("joint_names", "revolute", "lower", "upper", "unit", "columns", "degrees")
+    told: dict[str, Any] = {name: getattr(samples, name) for name in same}
+    if arm is not None:
+        told |= {"robot": arm.name, "tip": arm.tip, "locked": dict(arm.locked), "urdf": arm.urdf}
+    if source.get("source") == "board":  # later pictures are read with its board and lens
+        told["options"] = {**options.to_json(), "board": dict(source)}
     return About(
-        robot=arm.name if arm is not None else "",
-        tip=arm.tip if arm is not None else "",
-        joint_names=samples.joint_names,
-        revolute=samples.revolute,
-        lower=samples.lower,
-        upper=samples.upper,
-        locked=dict(arm.locked) if arm is not None else {},
-        plane=None if plane is None else {k: getattr(plane, k).tolist() for k in axes},
-        unit=samples.unit,
+        **{"robot": "", "tip": "", "locked": {}, "urdf": "", "options": options.to_json()} | told,
+        plane=None
+        if plane is None
+        else {k: getattr(plane, k).tolist() for k in ("origin", "x", "y")},
         bound_of="true position" if simulation is not None else "sensor reading",
         source="simulation" if simulation is not None else "log",
         taught=taught,
         samples=len(samples),
         seed=int(options.seed),
-        # later pictures are read with the board and the lens that the log was made with
-        options={**options.to_json(), **({"board": dict(source)} if of_board else {})},
         simulation=simulation.to_json() if simulation is not None else None,
-        urdf=arm.urdf if arm is not None else "",
-        columns=samples.columns,
-        degrees=samples.degrees,
         picture=samples.camera.size if samples.camera is not None else None,
         frame=str(source.get("frame", "")),
     )
-
-
-def _by_simulation(
-    model: Model, samples: Samples, options: TrainingOptions
-) -> tuple[tuple[Array, Array], Array, Array, Residuals]:
-    """Bounds by exact samples that are neither learned nor tested, these, and the test's errors.
-
-    Inverse answers often stand on a limit, where a map is least certain: some samples do too.
-    """
-    scale, readout, simulation = model.motor.scale, model.default_readout, samples.simulation
-    assert simulation is not None  # noqa: S101
-    rng = np.random.default_rng(options.stream("bounds"))
-
-    def measured(q: Array) -> tuple[Array, Array, Array]:
-        u, x = scale.to_unit(q), simulation.true(q, rng)
-        inside = model.trust.covers(u)
-        miss = np.linalg.norm(model.forward(q[inside], readout) - x[inside], axis=1)
-        return u[inside], x[inside], miss
-
-    def bounded() -> tuple[Array, Array, Array]:
-        q = simulation.draw(BOUND_SAMPLES, rng)
-        u, x, miss = measured(q)
-        limits = q[: np.count_nonzero(near_border(model.motor, u)) // 20].copy()
-        joint = rng.integers(q.shape[1], size=len(limits))
-        there = np.where(rng.random(len(limits)) < 0.5, samples.upper[joint], samples.lower[joint])
-        limits[np.arange(len(limits)), joint] = there
-        more, _, more_miss = measured(limits)
-        known, miss = np.concatenate([u, more]), np.concatenate([miss, more_miss])
-        if not len(known):
-            raise OptionError("no test sample is near the motor map's nodes", hint=UNFOLD)
-        bounds = learn_bounds(model.motor, known, miss)
-        return np.maximum(bounds, _ROUNDING * model.solver.extent), u, x
-
-    (bounds, u, x), tested = side_by_side(bounded, lambda: fresh_residuals(model, simulation))
-    return (bounds, bounds), u, x, tested

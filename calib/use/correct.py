@@ -5,59 +5,99 @@ Use it on what a controller that trusts its URDF is about to command.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..arm.rotations import logarithm
 from ..body.covariance import radius_95, spread_of
+from ..body.planar import PlanarStructure
 from ..body.settings import SHARED
+from ..body.spatial import SpatialStructure
 from ..common.arrays import Array
+from ..common.frozen import frozen
 from ..common.rows import checked_rows, each_joint
 from ..common.scale import TURN
 from ..errors import QueryError
-from ..kernel.compiled import Compiled
 from ..model.answers import anchor, joints_and_reach
 from ..model.model import Model
-from ..model.nominal import moves_in_space, visited_joints
+from ..model.nominal import (
+    moves_in_space,
+    nominal_arm,
+    nominal_in_plane,
+    nominal_in_space,
+    visited_joints,
+)
+from ..model.space import REACHED, Space
 from ..samples.joint_values import check_joint_values
-from ..samples.log_ranges import wrap
-from .geometry import frames
-from .wanted import Wanted, wanted
+from ..samples.log_joints import wrap
+from .geometry import fit_geometry, frame_is_free, frames, is_simulated
 
 _USUAL = 3.0  # a correction this many times the 95 % quantile of the model's own is not trusted
 _LEAST = 0.01  # [rad or m]; a limit below would refuse what is harmless
 _NODES = 200
+_POSED = 6  # joints from which on a tool's orientation can be kept
 _TRIED, _SAME = 5, 1e-6  # rows by which the compiled kernel is compared, and how close [rad or m]
 _FITTED = ("view.", "tool", "lens")  # parameters of the sensor and of what is put on the tip
 _TURNED = 1e-4  # a turn of the frame that is worth a word [rad]
 
-_FREE = "the sensor's frame is fitted to the log, so the first joint's offset is taken as zero; if "
-_NOTES = {
-    "free": _FREE + "the log is in the robot's root frame, give `view='base'`",
-    "nothing moved": (
-        "`cause='joints'` applies to what an adaptation found; this frame was fitted to the "
-        "model's own log, so the first joint's offset stays zero"
-    ),
-    "before": (
-        "the sensor's frame is taken as it was before the adaptation, where the first joint's "
-        "offset was taken as zero"
-    ),
-    "in space": (
-        "of an arm in space `cause='joints'` is said to the adaptation itself: adapt with it, then "
-        "the first joint's offset is corrected without it"
-    ),
-    "turned": (
-        "an adaptation found that the sensor's frame turned, which is not corrected; an offset of "
-        "the first joint looks the same: if the sensor stayed, give `cause='joints'`"
-    ),
-    "positions": (
-        "positions alone are corrected; the tool's orientation follows from the smallest change of "
-        "the joints"
-    ),
-}
+_FREE = (
+    "the sensor's frame is fitted to the log, so the first joint's offset is taken as zero; if the "
+    "log is in the robot's root frame, give `view='base'`"
+)
+_STAYS = (
+    "`cause='joints'` applies to what an adaptation found in a plane, else it is said to the "
+    "adaptation itself: here the first joint's offset stays zero"
+)
+_BEFORE = (
+    "the sensor's frame is taken as it was before the adaptation, where the first joint's offset "
+    "was taken as zero"
+)
+_MOVED = (
+    "an adaptation found that the sensor's frame turned, which is not corrected; an offset of the "
+    "first joint looks the same: if the sensor stayed, give `cause='joints'`"
+)
+_POSITIONS = (
+    "positions alone are corrected; the tool's orientation follows from the smallest change of the "
+    "joints"
+)
+
+
+@dataclass(frozen=True, eq=False)
+class _Wanted:
+    """Where the nominal arm would be, in the sensor's frame."""
+
+    predict: Callable[[Array], Array]  # of joint values (n, dof), positions (n, m)
+    moved: list[Any] = field(default_factory=list)  # what moves these into the sensor's frame
+    free: bool = False  # whether the sensor's frame was fitted
+    drawn: Array | None = None  # (d,), of a body in space its nominal arm's behind a fitted frame
+    # where more than what the sensor reads has to be met: the tool's pose, or before a camera,
+    # whose pixel does not say how far away the tip is, its place
+    space: Space | None = None
+    based: Array | None = None  # (d,), then the nominal arm's parameters in the base frame
+
+    def target(self, q: Array) -> Array:
+        """Positions (n, m) for joint values (n, dof)."""
+        target = self.predict(q)
+        for frame in self.moved:
+            target = frame.apply(target)
+        return target
+
+    @property
+    def posed(self) -> bool:
+        """Whether the tool's orientation is kept."""
+        return self.space is not None and len(self.space.model.about.lower) >= _POSED
+
+    def pose(self, q: Array) -> tuple[Array, Array]:
+        """Place (n, 3) and orientation (n, 3, 3) of the nominal tool in the base frame."""
+        assert self.space is not None and self.based is not None  # noqa: S101, PT018
+        structure: Any = self.space.body.structure
+        place, turn = structure.pose(q, self.based)
+        return place, turn
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,9 +110,8 @@ class Corrected:
     reachable: NDArray[np.bool_]  # (n,), whether the real arm gets there
     limit: Array  # (dof,) [rad or m], largest change of each joint that is trusted
     notes: tuple[str, ...]  # what was assumed
-    single: bool  # whether one vector was given rather than rows
     _model: Model = field(repr=False)
-    _wanted: Wanted = field(repr=False)
+    _wanted: _Wanted = field(repr=False)
 
     @cached_property
     def q(self) -> Array:
@@ -111,7 +150,12 @@ class Corrected:
 
         Of a row that is not reached that of the nearest.  None where positions alone are corrected.
         """
-        return self._wanted.angle(self.given, self.nearest)
+        wanted = self._wanted
+        if wanted.space is None or not wanted.posed:
+            return None
+        nominal, real = wanted.pose(self.given)[1], wanted.space.evaluate(self.nearest)[1]
+        turned = logarithm(real @ np.swapaxes(nominal, 1, 2))
+        return np.asarray(np.linalg.norm(turned, axis=1))
 
     @cached_property
     def placement_error(self) -> Array | None:
@@ -170,73 +214,63 @@ def correct(
         "joints" says that the sensor stayed, so that the offset is compensated.
     """
     if model.kernel is not None and limit is None and view == "auto" and cause == "sensor":
-        quick = _quick(model, model.kernel, q)
+        quick = _quick(model, q)
         if quick is not None:
             return quick
     about = model.about
-    rows, single = checked_rows(q, about.joint_names, "joint values")
+    rows, _ = checked_rows(q, about.joint_names, "joint values")
     check_joint_values(
         rows, about.joint_names, about.lower, about.upper, about.revolute, error=QueryError
     )
-    nominal = wanted(model, view, cause)
+    nearest, reachable = _solved(model, wanted := _wanted(model, view, cause), rows)
     if limit is None:
         limits = usual_limit(model, view, cause)
     else:
         limits = each_joint("limit", limit, about.joint_names, zero=False)
-    nearest, reachable = _solved(model, nominal, rows)
-    notes = _notes(model, nominal, cause)
-    return Corrected(rows, nearest, reachable, limits, notes, single, model, nominal)
+    return Corrected(rows, nearest, reachable, limits, _notes(model, wanted, cause), model, wanted)
 
 
-def _notes(model: Model, nominal: Wanted, cause: str) -> tuple[str, ...]:
-    notes = free_frame(model, cause) if nominal.free else ()
-    positions = moves_in_space(model) and not nominal.posed
-    turned = any(abs(frame.angle) > _TURNED for frame in frames(model, cause))
-    told = {"positions": positions, "turned": turned}
-    return (*notes, *(_NOTES[name] for name, there in told.items() if there))
-
-
-def _quick(model: Model, kernel: Compiled, q: ArrayLike) -> Corrected | None:
+def _quick(model: Model, q: ArrayLike) -> Corrected | None:
     """The correction of one row by the compiled kernel; None where the batch has to answer."""
+    kernel: Any = model.kernel
     kept = model.remembered.get("correcting")
     if kept is None:
-        kept = model.remembered["correcting"] = _same_for_all(model, kernel)
+        kept = {}
+        if kernel.has("correct"):  # it may correct towards another place, such as after adaptations
+            wanted, tried = _wanted(model, "auto", "sensor"), visited_joints(model, _TRIED)
+            known = zip(tried, *_solved(model, wanted, tried), strict=True)
+            answers = [(kernel.ask("correct", row), near) for row, near, ok in known if ok]
+            gaps = [np.abs(found[0] - near).max() for found, near in answers if found[1] == 1]
+            if gaps and max(gaps) < _SAME:
+                same = (np.ones(1, dtype=bool), usual_limit(model), _notes(model, wanted, "sensor"))
+                kept = dict(zip(("reachable", "limit", "notes"), same, strict=True))
+                kept |= {"_model": model, "_wanted": wanted}
+        model.remembered["correcting"] = kept
     found = kernel.ask("correct", q) if kept else None
     if found is None or found[1] != 1:
         return None
     nearest = found[0]
-    if not model.sure and not kernel.ask("forward", nearest[0])[1]:  # type: ignore[index]
+    if not model.trust.everywhere and not kernel.ask("forward", nearest[0])[1]:
         return None
     answer = Corrected.__new__(Corrected)  # whose own way of setting fields takes as long as C
     answer.__dict__.update(kept, given=np.array([q], dtype=float), nearest=nearest)
     return answer
 
 
-def _same_for_all(model: Model, kernel: Compiled) -> dict[str, Any]:
-    """What is the same of all corrections; nothing if the kernel corrects towards other places."""
-    if not kernel.has("correct"):
-        return {}
-    nominal, q = wanted(model, "auto", "sensor"), visited_joints(model, _TRIED)
-    nearest, reachable = _solved(model, nominal, q)
-    found = [kernel.ask("correct", row) or (nearest, 0) for row in q]
-    both = [k for k, (_, said) in enumerate(found) if said == 1 and reachable[k]]
-    if not both or max(np.abs(found[k][0][0] - nearest[k]).max() for k in both) >= _SAME:
-        return {}
-    return {
-        "reachable": np.ones(1, dtype=bool),
-        "limit": usual_limit(model),
-        "notes": _notes(model, nominal, "sensor"),
-        "single": True,
-        "_model": model,
-        "_wanted": nominal,
-    }
+def _notes(model: Model, wanted: _Wanted, cause: str) -> tuple[str, ...]:
+    turned = any(abs(frame.angle) > _TURNED for frame in frames(model, cause))
+    return (
+        *(frame_notes(model, cause) if wanted.free else ()),
+        *([_POSITIONS] if moves_in_space(model) and not wanted.posed else []),
+        *([_MOVED] if turned else []),
+    )
 
 
-def free_frame(model: Model, cause: str) -> tuple[str, ...]:
+def frame_notes(model: Model, cause: str) -> tuple[str, ...]:
     """Return what is assumed where the sensor's frame is fitted to the model's own log."""
-    if cause == "sensor" or not model.history:
-        return (_NOTES["free"], *([_NOTES["nothing moved"]] if cause != "sensor" else []))
-    return (_NOTES["in space" if moves_in_space(model) else "before"],)
+    if cause == "sensor":
+        return (_FREE,)
+    return (_BEFORE,) if model.history and not moves_in_space(model) else (_FREE, _STAYS)
 
 
 def usual_limit(model: Model, view: str = "auto", cause: str = "sensor") -> Array:
@@ -245,20 +279,17 @@ def usual_limit(model: Model, view: str = "auto", cause: str = "sensor") -> Arra
     Three times the 95 % quantile of what correcting the motor map's own nodes changes; one
     limit for all joints that turn, another for those that slide.  It is found once.
     """
-    nominal = wanted(model, view, cause)
-    if nominal.limits:
-        return np.array(nominal.limits)
-    q = visited_joints(model, _NODES)
-    nearest, reachable = _solved(model, nominal, q)
-    change = np.abs(nearest - q)[reachable]
-    turns = np.array(model.about.revolute)
-    limits = np.full(len(turns), _LEAST)
-    for kind in (turns, ~turns):
-        if kind.any() and len(change):
-            usual = float(np.quantile(change[:, kind].max(axis=1), 0.95))
-            limits[kind] = max(_LEAST, _USUAL * usual)
-    nominal.limits[:] = limits.tolist()
-    return limits
+    key = f"limit {view} {cause}"
+    if key not in model.remembered:
+        q, turns = visited_joints(model, _NODES), np.array(model.about.revolute)
+        nearest, reachable = _solved(model, _wanted(model, view, cause), q)
+        change, limits = np.abs(nearest - q)[reachable], np.full(len(turns), _LEAST)
+        for kind in (turns, ~turns):
+            if kind.any() and len(change):
+                usual = float(np.quantile(change[:, kind].max(axis=1), 0.95))
+                limits[kind] = max(_LEAST, _USUAL * usual)
+        model.remembered[key] = limits.tolist()
+    return np.array(model.remembered[key])
 
 
 def _in_range(model: Model, q: Array) -> Array:
@@ -269,16 +300,18 @@ def _in_range(model: Model, q: Array) -> Array:
     return near
 
 
-def _solved(model: Model, nominal: Wanted, q: Array) -> tuple[Array, NDArray[np.bool_]]:
+def _solved(model: Model, wanted: _Wanted, q: Array) -> tuple[Array, NDArray[np.bool_]]:
     """Joints (n, dof), on the turn that `q` is on, and whether they reach, (n,).
 
     Of six joints or more a row is reached where its orientation is, too: beside a singularity the
     tool is not tilted without a word.
     """
     about, near = model.about, _in_range(model, q)
-    target, there = nominal.target(near), np.ones(len(near), dtype=bool)
-    if nominal.space is not None:
-        near, there = nominal.near(near)
+    target, there = wanted.target(near), np.ones(len(near), dtype=bool)
+    if wanted.space is not None:
+        place, turn = wanted.pose(near)
+        near, left = wanted.space.beside(place, turn if wanted.posed else None, near)
+        there = left <= REACHED * wanted.space.length
     near = np.clip(near, about.lower, about.upper)
     if model.default_readout == "local":
         found, reachable = joints_and_reach(model, target, anchor(model, near, len(near)))
@@ -287,3 +320,39 @@ def _solved(model: Model, nominal: Wanted, q: Array) -> tuple[Array, NDArray[np.
         found, reachable = answer.q, answer.reachable
     turns = TURN * np.round((q - found) / TURN)
     return found + np.where(about.revolute, turns, 0.0), reachable & there
+
+
+def _wanted(model: Model, view: str, cause: str) -> _Wanted:
+    """Where the nominal arm would be, fitted once for a model: a controller corrects row by row."""
+    key = f"wanted {view} {cause}"
+    if key not in model.remembered:
+        model.remembered[key] = _found(model, view, cause)
+    found: _Wanted = model.remembered[key]
+    return found
+
+
+def _found(model: Model, view: str, cause: str) -> _Wanted:
+    free, moved, body = frame_is_free(model, view), frames(model, cause), model.body
+    own: Any = None if body is None else body.structure
+    if isinstance(own, PlanarStructure):
+        if free:
+            # the body knows the sensor's frame as it is after all adaptations; if the sensor
+            # stayed, what they found of its frame is the arm's
+            back = [frame.inverse() for frame in reversed(frames(model))]
+            moved = back if cause == "joints" else []
+        structure, beta = nominal_in_plane(model, based=not free)
+        return _Wanted(partial(structure.predict, beta=frozen(beta)), moved, free)
+    in_space = moves_in_space(model)
+    if not in_space or is_simulated(model):
+        seen = fit_geometry(model, view=view, cause=cause).frame if free and not in_space else None
+        return _Wanted(nominal_arm(model).forward, [*([seen] if seen else []), *moved], free)
+    informed = body is not None and isinstance(own, SpatialStructure) and own.informed
+    if body is not None and informed and (free or own.view == "base"):
+        beta, space = frozen(nominal_in_space(own, body.beta)), None
+        if own.dof >= _POSED or own.camera:
+            space = Space.of(model)
+        based: Any = space and frozen(nominal_in_space(space.body.structure, space.body.beta))  # type: ignore[arg-type]
+        return _Wanted(partial(own.predict, beta=beta), [], free, beta, space, based)
+    fit = fit_geometry(model, view=view, cause=cause)
+    beta = frozen(nominal_in_space(fit.structure, fit.beta))
+    return _Wanted(partial(fit.structure.predict, beta=beta), moved, free)

@@ -1,10 +1,14 @@
-"""Planning: safe poses to measure, well spread, in an order that moves the joints little."""
+"""Planning: safe poses to measure, that tell most, in an order that moves the joints little.
+
+Where a belief of the body is known, each pose shrinks the volume of the posterior most, given all
+before it (D-optimal design, Fedorov 1972; for robots Borm and Menq 1991). Else the poses are as far
+apart as can (Gonzalez 1985): in corners first, where a fitted function is least certain.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,17 +16,17 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..arm.arm import Arm, SpatialArm
 from ..body.most_telling import greedy, most_telling
+from ..body.spatial import structure_of
 from ..common.arrays import Array, Index
 from ..common.checks import whole
 from ..common.choices import EYES
 from ..common.frozen import ReadOnly
-from ..common.rows import thinned
+from ..common.scale import Scale
 from ..errors import OptionError
+from ..maps.map import search_tree
 from ..samples.tables import write_table
-from .aimed import Choose, at_point, in_sight
-from .collisions import apart, in_picture
-from .pose_space import PoseSpace, space_of
-from .spread import candidate_poses, farthest, length, shortest_tour, tells
+from .aimed import at_point, in_sight
+from .pose_space import PoseSpace, safe, space_of
 
 if TYPE_CHECKING:
     import os
@@ -31,11 +35,10 @@ if TYPE_CHECKING:
     from ..recording.board import Board
     from ..samples.samples import Samples
 
-_MOST_POSES = 1000
-"""More are babbled, not planned."""
-
-_CHOICE, _CORNERS = 2500, 256  # poses that a posterior chooses from, the corners among them
+_MOST_POSES = 1000  # more are babbled, not planned
 _ORDERS = 100  # random ones, to compare with
+_NOISE = 1e-4  # [m] of a sensor that is not known yet
+_WIDEST = 10.0  # [m or rad] of a prior: a wider one leaves no digits for what 200 poses tell
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,7 +66,7 @@ class Plan(ReadOnly):
     unit : str
         Unit of the positions.
     why : tuple of str
-        How the poses were chosen and ordered, in words.
+        How the poses were chosen, in words.
     notes : tuple of str
         What the user should be told.
     """
@@ -90,16 +93,11 @@ class Plan(ReadOnly):
         The positions are called `expected_x`, `expected_y` and in space `expected_z`, so that
         a plan is not taken for a log by mistake.
         """
-        axes = zip("xyz", self.x.T, strict=False)
-        table: dict[str, NDArray[Any]] = {f"expected_{axis}": values for axis, values in axes}
-        if self.expected_error is not None:
-            table["expected_error"] = self.expected_error
-        for name in self.joint_names:
-            if name in table:
-                raise OptionError(
-                    f"a joint named {name!r} cannot be told from the plan's own column"
-                )
-        return {**dict(zip(self.joint_names, self.q.T, strict=True)), **table}
+        table = dict(zip(self.joint_names, self.q.T, strict=True))
+        table |= {f"expected_{axis}": x for axis, x in zip("xyz", self.x.T, strict=False)}
+        return table | (
+            {} if self.expected_error is None else {"expected_error": self.expected_error}
+        )
 
     def write(self, path: str | os.PathLike[str]) -> None:
         """Write the table as CSV, or Parquet by its name, whole or not at all."""
@@ -164,94 +162,59 @@ def plan(
     ((30, 2), True)
     """
     n, seed = whole("n", n, 1, _MOST_POSES), whole("seed", seed, 0, 2**63 - 1)
-    space = space_of(source, margin, ranges)
-    rng = np.random.default_rng(seed)
-    taken = _taken(space, measured)
-    first = space.start(start)
-    # not `to_unit`: the upper end of a whole turn is not its lower end to a cable
-    begin = (first - space.scale.lower) / space.scale.span
-    if touch is not None or handeye is not None:
-        if measured is not None or (touch is not None and handeye is not None):
-            raise OptionError("expected one of `touch`, `handeye` and `measured`")
-        if touch is not None:
-            at = ", ".join(f"{value:g}" for value in np.ravel(touch))
-            how = f"the tip at ({at}) m in the base frame, chosen to tell most of the arm"
-            q, tell = at_point(source, space, touch, rng)
-        else:
-            if eye not in EYES:
-                raise OptionError(f"eye {eye!r}: expected one of {', '.join(EYES)}")
-            how = "the board in the picture from many sides, chosen to tell most of the camera"
-            where = None if start is None else first
-            q, tell = in_sight(source, space, handeye or False, eye, where, rng)
-        points = (q - space.scale.lower) / space.scale.span
-        choose = partial(_most_telling, space, tell)
-        points, safe = apart(source, space, points)
-        notes, beside = [safe], ""
-        if len(points) < n:
-            raise OptionError(f"n {n}: {len(points)} poses were found, expected fewer to choose")
+    space, rng = space_of(source, margin, ranges), np.random.default_rng(seed)
+    begin, taken = space.start(start), _taken(space, measured)
+    if sum(given is not None for given in (touch, handeye, measured)) > 1:
+        raise OptionError("expected one of `touch`, `handeye` and `measured`")
+    if touch is not None:
+        at = ", ".join(f"{value:g}" for value in np.ravel(touch))
+        how = f"the tip at ({at}) m in the base frame, chosen to tell most of the arm"
+        q, told = at_point(source, space, touch, rng)
+    elif handeye is not None:
+        if eye not in EYES:
+            raise OptionError(f"eye {eye!r}: expected one of {', '.join(EYES)}")
+        how = "the board in the picture from many sides, chosen to tell most of the camera"
+        where = None if start is None else begin
+        q, told = in_sight(source, space, handeye, eye, where, rng)
     else:
-        choose, how, beside = _choice(source, space)
-        points, safe = apart(source, space, candidate_poses(space, rng))
-        points, outside = in_picture(source, space, points)
-        notes = [safe, *outside]
-        if measured is None and not isinstance(source, Arm) and choose.func is farthest:
-            notes.append(
-                "the model keeps no samples: give the log too, so that the new poses lie between "
-                "the measured ones"
-            )
-    if measured is not None:
-        how += f" {beside} the {len(measured)} measured ones"
-    nodes = np.vstack([begin, points[choose(points, n, taken)]])
-    away = np.abs(nodes[:, None] - nodes[None]).max(axis=-1)
+        q = space.candidates(rng)
+    q, notes = safe(source, q)
+    if len(q) < n:
+        raise OptionError(f"n {n}: {len(q)} poses were found, expected fewer to choose")
+    body = None if isinstance(source, Arm) else source.body
+    if touch is not None or handeye is not None:
+        chosen = greedy(told(q), n)
+    elif isinstance(source, SpatialArm):  # never measured: the prior says what is not known
+        chosen, how = greedy(tells(source, q, taken), n), "chosen to determine the arm best"
+    elif body is not None and not body.simulated:  # exact samples leave nothing to learn
+        chosen = most_telling(body, q, n, taken)
+        how = "chosen to reduce the model's uncertainty most"
+    else:
+        chosen, how = farthest(space.scale, q, n, taken), "as far from each other as possible"
+    how += "" if measured is None else f", beside the {len(measured)} measured ones"
+    nodes = np.vstack([begin, q[chosen]])
+    # by the span alone: the upper end of a whole turn is not its lower end to a cable
+    away = (np.abs(nodes[:, None] - nodes[None]) / space.scale.span).max(axis=-1)
     order = shortest_tour(away)
-    u = nodes[order[1:]]
-    # rounding must not lead beyond a limit
-    q = np.clip(space.scale.from_unit(u), space.lower, space.upper)
-    way = np.vstack([space.scale.from_unit(begin), q])
-    rng = np.random.default_rng(0)
+    way, rng = nodes[order], np.random.default_rng(0)
     others = [length(away, np.append(0, 1 + rng.permutation(n))) for _ in range(_ORDERS)]
-    low, high = space.corners
-    border = (np.isclose(u, low) | np.isclose(u, high)).any(axis=1)
-    moves, ends = np.abs(np.diff(way, axis=0)), np.count_nonzero(border)
     return Plan(
         space.joint_names,
-        q,
-        source.forward(q),
-        None if isinstance(source, Arm) else source.expected_error(q),
-        start=way[0],
-        travel=moves.sum(axis=0),
-        length=float((moves / space.scale.span).max(axis=1).sum()),
+        way[1:],
+        source.forward(way[1:]),
+        None if isinstance(source, Arm) else source.expected_error(way[1:]),
+        start=begin,
+        travel=np.abs(np.diff(way, axis=0)).sum(axis=0),
+        length=length(away, order),
         random_length=float(np.mean(others)),
         unit="m" if isinstance(source, Arm) else source.about.unit,
-        why=(f"{n} poses, {how}; {ends} of them at an end of a joint's range",),
+        why=(f"{n} poses, {how}",),
         notes=tuple(notes),
     )
 
 
-def _choice(source: Arm | Model, space: PoseSpace) -> tuple[partial[Index], str, str]:
-    """How poses are chosen, and what is said of it: by information where a belief is known."""
-    if isinstance(source, SpatialArm):  # never measured: the prior says what is not known
-        choose = partial(_most_telling, space, lambda q, n, t: greedy(tells(source, q, t), n))
-        return choose, "chosen to determine the arm best", "beside"
-    body = None if isinstance(source, Arm) else source.body
-    if body is not None and not body.simulated:  # exact samples leave nothing to learn
-        how = "chosen to reduce the model's uncertainty most"
-        return partial(_most_telling, space, partial(most_telling, body)), how, "beside"
-    return partial(farthest, space.scale), "as far from each other as possible", "and from"
-
-
-def _most_telling(space: PoseSpace, tell: Choose, points: Array, n: int, taken: Array) -> Index:
-    """Points (k, dof) in units of the joints' ranges that inform a belief most."""
-    few = every = np.arange(len(points))
-    if len(points) > _CHOICE:  # corners come first
-        few = np.unique(np.append(every[:_CORNERS], thinned(len(points), _CHOICE)))
-    few = few if len(few) >= n else every
-    joints = space.scale.from_unit(points[few])
-    return few[tell(joints, n, space.scale.from_unit(taken))]
-
-
 def _taken(space: PoseSpace, measured: Samples | None) -> Array:
-    """Joints (k, dof) of measured rows in units of the joints' ranges."""
+    """Joints (k, dof) of measured rows."""
     if measured is None:
         return np.zeros((0, len(space.joint_names)))
     if sorted(measured.joint_names) != sorted(space.joint_names):
@@ -259,5 +222,74 @@ def _taken(space: PoseSpace, measured: Samples | None) -> Array:
             f"the measured rows have the joints {', '.join(measured.joint_names)}, expected "
             f"{', '.join(space.joint_names)}"
         )
-    columns = [measured.joint_names.index(name) for name in space.joint_names]
-    return space.scale.to_unit(measured.q[:, columns])
+    return measured.q[:, [measured.joint_names.index(name) for name in space.joint_names]]
+
+
+def farthest(scale: Scale, q: Array, n: int, taken: Array) -> Index:
+    """Choose poses one by one, each as far as possible from all that were chosen before.
+
+    q, taken : (m, dof), (k, dof), what to choose from, and what there is already
+    Returns (n,), rows of `q`, in the order of choice; the first is the first row without any taken.
+    """
+    u, away = scale.to_unit(q), np.full(len(q), np.inf)
+    if len(taken):
+        away = np.asarray(search_tree(scale.to_unit(taken), scale).query(u)[0], dtype=float)
+    chosen = np.empty(n, dtype=np.intp)
+    for k in range(n):
+        chosen[k] = row = int(away.argmax())
+        away = np.minimum(away, np.linalg.norm(scale.difference(u, u[row]), axis=1))
+        away[row] = -1.0  # where points repeat, none is chosen twice
+    return chosen
+
+
+def tells(arm: SpatialArm, q: Array, taken: Array) -> Array:
+    """Directions (m, p, k) in which poses tell of the body, in units of noise and of the prior.
+
+    q, taken : (m, dof), (t, dof) [rad or m], poses to choose from, and those that were measured
+    """
+    structure = structure_of(arm, "rigid")
+    free = ("view.rotation", "view.shift", "tool", "placement", "offset", "elastic", "curve")
+    prior, every = structure.prior(free), np.vstack([q, taken])
+    told = structure.linearise(every, structure.neutral(), prior.active)[1]
+    told = told * (np.minimum(prior.sd[prior.active], _WIDEST) / _NOISE)
+    told, known = told[: len(q)], told[len(q) :].reshape(-1, told.shape[2])
+    if not len(known):
+        return np.asarray(told)
+    # the posterior (I + T' T)^-1 of the measured rows T is R^-T R^-1, so that told R^-T tells it
+    root = np.linalg.cholesky(np.eye(told.shape[2]) + known.T @ known)
+    flat = np.linalg.solve(root, told.reshape(-1, told.shape[2]).T)
+    return np.asarray(flat.T.reshape(told.shape))
+
+
+def shortest_tour(away: Array) -> Index:
+    """Order points so that the way from the first one through all others is short.
+
+    Nearest neighbours first, then 2-opt (Croes 1958: a stretch is turned round) until it gains
+    nothing. The way is open: it does not return.
+
+    away : (n, n), symmetric distances; the way starts at row 0
+    Returns (n,), a permutation that begins with 0.
+    """
+    n = len(away)
+    order, left = np.zeros(n, dtype=np.intp), np.arange(n) > 0
+    for k in range(1, n):
+        order[k] = np.where(left, away[order[k - 1]], np.inf).argmin()
+        left[order[k]] = False
+    gained = True
+    while gained:
+        gained = False
+        for i in range(1, n - 1):
+            a, b, ends = order[i - 1], order[i], order[i + 1 :]
+            # of the ways a-b .. e-f and a-e .. b-f: d(a,b) + d(e,f) - d(a,e) - d(b,f)
+            gain = away[a, b] - away[a, ends]
+            gain[:-1] += away[ends[:-1], ends[1:]] - away[b, ends[1:]]  # the last has no successor
+            j = int(gain.argmax())
+            if gain[j] > 1e-12:
+                order[i : i + j + 2] = order[i : i + j + 2][::-1]
+                gained = True
+    return order
+
+
+def length(away: Array, order: Index) -> float:
+    """Length of the way through the points in this order."""
+    return float(away[order[:-1], order[1:]].sum())

@@ -1,47 +1,43 @@
-"""The space of poses: what the joints of an arm or a model may do while it is measured."""
+"""The space of poses: which joint values an arm that is measured may take."""
 
 from __future__ import annotations
 
 import math
+import xml.etree.ElementTree as ET
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from itertools import combinations
+from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from ..arm.arm import Arm
 from ..arm.ranges import Range, checked_range, travel
 from ..arm.urdf import parse_urdf
+from ..body.views import is_camera
 from ..common.arrays import Array
 from ..common.rows import each_joint, number_rows
 from ..common.scale import Scale
 from ..common.wording import quoted, suggestion
 from ..errors import OptionError
 from ..model.model import Model
+from ..model.nominal import moves_in_space
+from ..model.space import Space
 
-_LARGEST_MARGIN = math.radians(1.0)
-"""Default distance [rad or m] that a pose keeps from a joint's mechanical limit, ..."""
-_SHARE = 0.02
-"""... or this share of the joint's range, if that is less."""
+_MARGIN, _SHARE = math.radians(1.0), 0.02  # [rad or m] from limits; at most this share of a range
+_INSIDE, _FACES, _CORNERS = 1200, 1000, 256  # candidates: within, with a joint at an end, at most
+_TRIED, _ALWAYS = 100, 0.9  # postures in which links meet that are built so, and their share
 
 
 @dataclass(frozen=True, eq=False)
 class PoseSpace:
-    """A box of joint values."""
+    """A box of joint values: convex, so a straight move between two of its poses stays within."""
 
-    joint_names: tuple[str, ...]  # joints from base to tip
-    # (dof,) [rad or m], the box. It is convex: a straight move between two of its poses never
-    # leaves it.
-    lower: Array
+    joint_names: tuple[str, ...]  # base to tip
+    lower: Array  # (dof,) [rad or m]
     upper: Array
     scale: Scale  # the whole range of each joint, without margins, as the unit box
-
-    @cached_property
-    def corners(self) -> tuple[Array, Array]:
-        """The box in units of the joints' ranges, its lower and its upper end."""
-        span = self.scale.span
-        return (self.lower - self.scale.lower) / span, (self.upper - self.scale.lower) / span
 
     def start(self, q: ArrayLike | None) -> Array:
         """Joint values (dof,) to set out from, by default zero or what comes nearest to it.
@@ -58,6 +54,17 @@ class PoseSpace:
                 f"{low[k]:.6g} to {high[k]:.6g}"
             )
         return values
+
+    def candidates(self, rng: np.random.Generator) -> Array:
+        """Joint values (n, dof) to choose from: corners, on faces, and inside."""
+        dof = len(self.joint_names)
+        faces, rows = rng.random((_FACES, dof)), np.arange(_FACES)
+        faces[rows, rng.integers(dof, size=_FACES)] = rng.integers(2, size=_FACES)
+        corners = np.stack(np.meshgrid(*[[0.0, 1.0]] * min(dof, 8), indexing="ij"), axis=-1)
+        corners = corners.reshape(-1, min(dof, 8))[:_CORNERS]
+        rest = rng.integers(2, size=(len(corners), dof - corners.shape[1]))
+        points = np.concatenate([np.hstack([corners, rest]), faces, rng.random((_INSIDE, dof))])
+        return np.asarray(self.lower + (self.upper - self.lower) * points)
 
 
 def space_of(
@@ -76,13 +83,12 @@ def space_of(
     """
     about = source if isinstance(source, Arm) else source.about
     names, low, high = about.joint_names, about.lower, about.upper
+    scale = Scale.of_range(low, high, about.revolute)
+    limits = dict.fromkeys(names, (-math.inf, math.inf))
     if isinstance(source, Arm):
-        scale, limits = Scale.of_range(low, high, about.revolute), source.limits
-    else:
-        scale, limits = source.motor.scale, ((-math.inf, math.inf),) * len(names)
-        if source.about.urdf:
-            known = {j.name: travel(j) for j in parse_urdf(source.about.urdf, "").joints}
-            limits = tuple(known[name] for name in names)
+        limits = dict(zip(names, source.limits, strict=True))
+    elif source.about.urdf:
+        limits = {j.name: travel(j) for j in parse_urdf(source.about.urdf, "").joints}
     lower, upper = low.copy(), high.copy()
     for name, chosen in (ranges or {}).items():
         if name not in names:
@@ -95,14 +101,85 @@ def space_of(
         k = names.index(name)
         own = float(low[k]), float(high[k])
         lower[k], upper[k] = checked_range(name, chosen, own, about.units_of_joints[k])
-    kept = np.minimum(_LARGEST_MARGIN, _SHARE * scale.span)
+    kept = np.minimum(_MARGIN, _SHARE * scale.span)
     if margin is not None:
         kept = each_joint("margin", margin, names)
-    for k, (least, most) in enumerate(limits):
+    for k, name in enumerate(names):
+        least, most = limits[name]
         lower[k], upper[k] = max(lower[k], least + kept[k]), min(upper[k], most - kept[k])
         if not lower[k] < upper[k]:
             raise OptionError(
-                f"margin {kept[k]:g}: no room is left in {names[k]}'s range {low[k]:.6g} to "
+                f"margin {kept[k]:g}: no room is left in {name}'s range {low[k]:.6g} to "
                 f"{high[k]:.6g}; expected a smaller one"
             )
     return PoseSpace(names, lower, upper, scale)
+
+
+def safe(source: Arm | Model, q: Array) -> tuple[Array, list[str]]:
+    """The postures (n, dof) in which an arm does not hit itself and a camera sees its tip.
+
+    Returns also what was left out and what was not looked at, in words.
+    """
+    about, hits = source if isinstance(source, Arm) else source.about, None
+    wide = source.outputs == 3 if isinstance(source, Arm) else moves_in_space(source)
+    if wide and about.urdf:
+        hits = hits_itself(about.urdf, about.joint_names, about.locked, q)
+    notes = ["obstacles and self-collision are not checked: move slowly the first time"]
+    if hits is not None:
+        q = q[~hits]
+        notes = [
+            f"{hits.mean():.1%} of the candidates were left out because the arm hits itself there "
+            "(by the URDF's collision bodies without meshes); obstacles and the moves between "
+            "poses are not checked: move slowly the first time"
+        ]
+    body = None if isinstance(source, Arm) else source.body
+    if body is not None and not isinstance(source, Arm) and is_camera(body.structure.view):
+        chain = Space.of(source)
+        seen = chain.sees(chain.evaluate(q)[0])
+        q = q[seen]
+        notes.append(
+            f"{1 - seen.mean():.0%} of the candidates were left out because the tip is outside of "
+            "the camera's picture there; that a link hides it is not checked"
+        )
+    return q, notes
+
+
+def hits_itself(
+    urdf: str, joint_names: Sequence[str], locked: Mapping[str, float], q: Array
+) -> NDArray[np.bool_] | None:
+    """Whether each posture (n, dof) brings two links of the robot together, (n,).
+
+    Links that are joined, and those that meet in nearly all postures, are built so and not
+    compared. Meshes are left out: their files are not part of a URDF.
+
+    Returns (n,), None where no two links have collision bodies that could be compared.
+    """
+    import pinocchio as pin
+
+    root = ET.fromstring(urdf)  # noqa: S314 - a URDF was checked when it was read
+    for link in root.iter("link"):
+        for body in link.findall("collision"):
+            if body.find("geometry/mesh") is not None:
+                link.remove(body)
+    text = ET.tostring(root, encoding="unicode")
+    try:
+        model: Any = pin.buildModelFromXML(text)
+        bodies: Any = pin.buildGeomFromUrdfString(model, text, pin.GeometryType.COLLISION)
+    except Exception:  # Pinocchio raises what its parser happened to throw
+        return None
+    carriers, above = [body.parentJoint for body in bodies.geometryObjects], model.parents
+    for (i, a), (k, b) in combinations(enumerate(carriers), 2):
+        if a != b and above[a] != b and above[b] != a:
+            bodies.addCollisionPair(pin.CollisionPair(i, k))
+    data, results = model.createData(), pin.GeometryData(bodies)
+    met = np.zeros((len(q), len(bodies.collisionPairs)), dtype=bool)
+    for row, values in zip(met, q, strict=True):
+        # a joint without limits has cosine and sine as its configuration: `integrate` fills both
+        velocity = np.zeros(model.nv)
+        for name, value in {**locked, **dict(zip(joint_names, values, strict=True))}.items():
+            velocity[model.joints[model.getJointId(name)].idx_v] = value
+        at = pin.integrate(model, pin.neutral(model), velocity)
+        pin.computeCollisions(model, data, bodies, results, at, False)
+        row[:] = [found.isCollision() for found in results.collisionResults]
+    compared = met[:_TRIED].mean(axis=0) < _ALWAYS
+    return np.asarray(met[:, compared].any(axis=1)) if compared.any() else None

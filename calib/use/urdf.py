@@ -1,6 +1,6 @@
 """Corrected URDF: a copy of the text whose joint origins describe the arm as it really is.
 
-Only attributes that change are rewritten; comments, other elements and the layout stay.
+Only the origins that change are rewritten; comments, other elements and the layout stay.
 """
 
 from __future__ import annotations
@@ -9,6 +9,8 @@ import re
 import warnings
 from io import BytesIO
 from typing import TYPE_CHECKING
+from xml.parsers import expat
+from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
@@ -26,15 +28,9 @@ MOST_UNEXPLAINED = 0.01
 """Share of the arm's reach that a geometry may leave unexplained."""
 
 _TINY = 1e-12  # [m or rad]; a smaller change is rounding
-
 _SAME = 1e-9  # of an origin's numbers: what rounding of roll, pitch and yaw leaves
 
-# tags of well-formed XML; what a comment, an instruction or a quoted attribute holds is none
-_TAGS = re.compile(
-    r"<!--.*?-->|<!\[CDATA\[.*?\]\]>|<\?.*?\?>"
-    r"|<(?P<end>/?)(?P<name>[^\s/>]+)(?P<more>(?:[^\"'>]|\"[^\"]*\"|'[^']*')*)>",
-    re.DOTALL,
-)
+_TAG = re.compile(rb"<(?:[^\"'>]|\"[^\"]*\"|'[^']*')*>")
 
 
 def corrected_urdf(geometry: Geometry) -> str:
@@ -68,8 +64,7 @@ def corrected_urdf(geometry: Geometry) -> str:
             parameter="tip",
             value=arm.tip,
         )
-    rotation, changes = np.eye(3), dict[str, dict[str, Array]]()
-    wanted: dict[str, Array] = {}
+    rotation, origins = np.eye(3), dict[str, Array]()
     for joint in joints:
         shift, turn, value = geometry.moved(joint.name)
         origin, lock = _origin(joint), _motion(joint, arm.locked.get(joint.name, 0.0))
@@ -78,14 +73,12 @@ def corrected_urdf(geometry: Geometry) -> str:
         new[:3, 3] += rotation.T @ (shift + tip_shift * (joint is last))
         new = new @ _motion(joint, value)
         if joint is last and tip_turn.any():
-            own = np.eye(4)
-            own[:3, :3] = exponential(tip_turn)
             # the tip's own turn comes behind the joint's locked motion, which stays in the URDF
-            new = new @ lock @ own @ np.linalg.inv(lock)
-        changes[joint.name], wanted[joint.name] = _changed(joint, new), new
+            new = new @ lock @ _placed(np.zeros(3), exponential(tip_turn)) @ np.linalg.inv(lock)
+        origins[joint.name] = new
         rotation = rotation @ origin[:3, :3] @ lock[:3, :3]
-    text = edited(arm.urdf, {name: change for name, change in changes.items() if change})
-    _read_back(text, wanted)
+    text = _edited(arm.urdf, {joint.name: _changed(joint, origins[joint.name]) for joint in joints})
+    _read_back(text, origins)
     return text
 
 
@@ -100,52 +93,36 @@ def _read_back(text: str, origins: dict[str, Array]) -> None:
     for name, origin in origins.items():
         found = np.eye(4) if read[name].origin is None else read[name].origin
         if np.abs(found - origin).max() > _SAME * max(1.0, np.abs(origin).max()):
-            raise RobotError(
-                f"joint {name!r}: yourdfpy reads another origin than was written, nothing is kept",
-                hint="check the URDF for two joints or origins of this name",
-            )
+            raise RobotError(f"joint {name!r}: yourdfpy reads another origin than was written")
 
 
-def edited(text: str, origins: dict[str, dict[str, Array]]) -> str:
-    """Return a URDF's text with other origins of joints, all else as it was.
+def _edited(text: str, origins: dict[str, dict[str, Array]]) -> str:
+    """Return a URDF's text with other "xyz" [m] and "rpy" [rad] of joints, all else as it was."""
+    data, path = text.encode(), list[str]()
+    found: dict[str, tuple[int, dict[str, str] | None]] = {}  # of each joint, its origin's place
+    reader = expat.ParserCreate("utf-8")
 
-    origins : by joint the new "xyz" [m] and "rpy" [rad], either of them or both
-    """
-    names = (joint.name for joint in parse_urdf(text).joints)
-    places: dict[str, tuple[int, int]] = {}  # of each joint's origin, or where one may be put
-    path: list[str] = []
-    name = ""
-    for tag in filter(lambda found: found["name"], _TAGS.finditer(text)):
-        if tag["end"]:
-            path.pop()
-            continue
-        path.append(tag["name"])
+    def start(tag: str, given: dict[str, str]) -> None:
+        path.append(tag)
         if path == ["robot", "joint"]:
-            name = next(names)
-            places[name] = tag.end(), tag.end()
-        elif path == ["robot", "joint", "origin"] and places[name][0] == places[name][1]:
-            places[name] = tag.span()
-        if tag["more"].endswith("/"):
-            path.pop()
-    for name, (start, end) in reversed(places.items()):
-        if origins.get(name):
-            text = text[:start] + _rewritten(text[start:end], origins[name]) + text[end:]
-    return text
+            found[given["name"]] = reader.CurrentByteIndex, None
+        elif path == ["robot", "joint", "origin"]:
+            found[list(found)[-1]] = reader.CurrentByteIndex, given
 
-
-def _rewritten(tag: str, values: dict[str, Array]) -> str:
-    """Start tag of an origin with other values; a new element where there was none."""
-    written = {key: " ".join(repr(v + 0.0) for v in new.tolist()) for key, new in values.items()}
-    if not tag:
-        inside = " ".join(f'{key}="{value}"' for key, value in written.items())
-        return f"<origin {inside}/>"
-    for key, value in written.items():
-        pattern = re.compile(rf"(\s{key}\s*=\s*)(?P<quote>[\"'])[^\"']*(?P=quote)")
-        if pattern.search(tag):
-            tag = pattern.sub(rf"\g<1>\g<quote>{value}\g<quote>", tag, count=1)
-        else:
-            tag = re.sub(r"^<(\S+?)(?=[\s/>])", rf'<\1 {key}="{value}"', tag, count=1)
-    return tag
+    reader.StartElementHandler = start
+    reader.EndElementHandler = lambda _: path.pop()
+    reader.Parse(data, True)
+    for name, (place, given) in reversed(found.items()):
+        if not (values := origins.get(name)):
+            continue
+        tag = _TAG.match(data, place)
+        assert tag is not None  # noqa: S101 - expat found one here
+        new = {key: " ".join(repr(v + 0.0) for v in each.tolist()) for key, each in values.items()}
+        inside = " ".join(f"{key}={quoteattr(v)}" for key, v in {**(given or {}), **new}.items())
+        end = "/>" if given is None or tag[0].endswith(b"/>") else ">"
+        begin = tag.end() if given is None else place
+        data = data[:begin] + f"<origin {inside}{end}".encode() + data[tag.end() :]
+    return data.decode()
 
 
 def _changed(joint: Joint, moved: Array) -> dict[str, Array]:
@@ -162,25 +139,25 @@ def _changed(joint: Joint, moved: Array) -> dict[str, Array]:
     return change
 
 
+def _placed(shift: Array, turn: Array) -> Array:
+    frame = np.eye(4)
+    frame[:3, :3], frame[:3, 3] = turn, shift
+    return frame
+
+
 def _origin(joint: Joint) -> Array:
     from scipy.spatial.transform import Rotation
 
-    origin = np.eye(4)
     # lower-case letters are fixed axes in SciPy, as URDF means roll, pitch and yaw
-    origin[:3, :3] = Rotation.from_euler("xyz", joint.rpy).as_matrix()
-    origin[:3, 3] = joint.xyz
-    return origin
+    return _placed(np.array(joint.xyz), Rotation.from_euler("xyz", joint.rpy).as_matrix())
 
 
 def _motion(joint: Joint, value: float) -> Array:
     """Transform (4, 4) of a joint at a value [rad or m]."""
-    motion, axis = np.eye(4), np.asarray(joint.axis, dtype=float)
-    moved = value * axis / max(float(np.linalg.norm(axis)), 1e-300)
+    moved = value * np.asarray(joint.axis) / max(float(np.linalg.norm(joint.axis)), 1e-300)
     if joint.kind == "prismatic":
-        motion[:3, 3] = moved
-    elif value:
-        motion[:3, :3] = exponential(moved)
-    return motion
+        return _placed(moved, np.eye(3))
+    return _placed(np.zeros(3), exponential(moved))
 
 
 def check_output(path: str, nominal: str) -> None:

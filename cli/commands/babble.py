@@ -41,4 +41,4 @@ def babble(
         },
     }
     line = f"{len(log)} rows of {', '.join([*log.joint_names, *log.axes])} [rad, m]"
-    return Outcome(document, [f"{output}: {line}"], to_stderr=output == "-")
+    return Outcome(document, [f"{output}: {line}"])

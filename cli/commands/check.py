@@ -94,7 +94,7 @@ def check(
 
 def _series(path: str, log: Samples) -> list[int]:
     """The series that each row is of, where the log's file has a column `episode`."""
-    from calib.samples.columns import open_source, read_columns
+    from calib.samples.tables import open_source, read_columns
 
     if path == "-" or log.rows is None:
         return []

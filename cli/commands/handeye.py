@@ -59,14 +59,12 @@ def handeye(
     if output is not None:
         calib.train(found.poses).save(output)
     if transform is not None:
-        from calib.arm.urdf import parse_urdf
         from calib.common.atomic import atomic_write
-        from calib.use.camera_files import hand_eye_transforms
+        from calib.use.formats import hand_eye_transforms
 
-        root = parse_urdf(arm.urdf, arm.name).root
-        text = hand_eye_transforms(arm.tip, root, eye, found.hand, found.base)
+        text = hand_eye_transforms(arm.urdf, arm.tip, eye, found.hand, found.base)
         atomic_write(transform, text.encode())
-        note(f"T_{arm.tip}_{carried} and T_{root}_{standing} are in {transform}")
+        note(f"where {carried} and {standing} are is in {transform}")
     reprojection = found.reprojection
     lines = [
         _place(f"{carried} in the frame of {arm.tip}", found.hand),

@@ -69,4 +69,4 @@ def log(
     document = {"log": output, "joints": names, "samples": len(made), **made.about()}
     document["units"] = {"joints": units, "positions": made.unit, "time": "s"}
     line = f"{len(made)} rows of {', '.join(made.columns())} {kinds}"
-    return Outcome(document, [f"{output}: {line}"], to_stderr=output == "-")
+    return Outcome(document, [f"{output}: {line}"])

@@ -7,18 +7,17 @@ from typing import TYPE_CHECKING, Annotated, Any
 from typer import Argument, Option
 
 from calib.common.choices import Eye
-from calib.common.wording import unit_of_joint
 
 from .. import options as opt
 from ..measurements import Reading, log_for, refuse
 from ..options import flag, option
 from ..output import Outcome, fields, say
 from ..parsing import TABLES, BadOption, check_file, not_negative, reals
-from ..samples import Selection
+from ..samples import Logged, Selection, measured_samples
 from ..units import JointFormat, in_si
 
 if TYPE_CHECKING:
-    from calib import Model, Samples
+    from calib import Model
     from calib.arm.arm import Arm
 
 
@@ -48,8 +47,8 @@ def plan(
     middle of the picture at --from, or where the model of `calib handeye -o` knows it. Obstacles
     are not checked: move slowly the first time.
     """
-    is_model = robot.endswith(".calib")
-    of_board = {"board": board, "eye": eye}
+    is_model, degrees = robot.endswith(".calib"), selection.degrees
+    of_board, of_robot = {"board": board, "eye": eye}, ("joints", "tip", "lock")
     if not handeye:
         refuse(of_board, "applies to a camera and a board: expected --handeye too")
     elif is_model:
@@ -63,36 +62,39 @@ def plan(
     from calib.samples.tables import write_table
 
     known: Arm | Model
+    measured = ranges = None
     if is_model:
-        refuse(
-            {name: getattr(selection, name) for name in ("joints", "tip", "lock")},
-            "is for ROBOT: a model has its joints and its tip already",
-        )
+        why = "is for ROBOT: a model has its joints and its tip already"
+        refuse({name: getattr(selection, name) for name in of_robot}, why)
         known = calib.load(robot)
+        facts: Any = known.about
+        if data is not None:
+            reading = Reading(columns=columns, degrees=degrees or None)
+            measured = log_for(known, data, reading)
+        # an arm was loaded with its ranges, which it may need where it states no limits
+        turning = dict(zip(facts.joint_names, facts.revolute, strict=True))
+        ranges = in_si("--range", selection.ranges, turning, degrees)
     else:
-        known = selection.load(robot)
-    say(getattr(known, "notes", ()))  # an arm's
-    degrees = selection.degrees
-    facts: Any = getattr(known, "about", known)  # what tells the joints and their ranges
-    joints_typed = JointFormat(facts, degrees)
-    names, typed, kinds = joints_typed.names, joints_typed.typed, facts.units_of_joints
-    turning = dict(zip(names, facts.revolute, strict=True))
+        known = facts = selection.load(robot)
+        say(known.notes)
+        if data is not None:
+            measured = measured_samples(robot, selection, data, Logged(columns=columns))
+    joints = JointFormat(facts, degrees)
     found = calib.plan(
         known,
         poses,
         seed=seed,
-        margin=None if margin is None else [margin / factor for factor in typed],
-        # an arm was loaded with them, which it may need where it states no limits
-        ranges=in_si("--range", selection.ranges, turning, degrees) if is_model else None,
-        start=joints_typed.one_each("--from", start),
-        measured=None if data is None else _measured(known, data, columns, degrees),
+        margin=None if margin is None else [margin / factor for factor in joints.typed],
+        ranges=ranges,
+        start=joints.one_each("--from", start),
+        measured=measured,
         touch=touch,
         handeye=board or (True if handeye else None),
         eye=eye or "hand",
     )
     say(found.notes)
-    table = found.columns()
-    table |= {name: found.q[:, k] * typed[k] for k, name in enumerate(names)}
+    names, kinds, table = joints.names, facts.units_of_joints, found.columns()
+    table |= dict(zip(names, (found.q * joints.typed).T, strict=True))
     write_table(output, table)
     document = {
         "output": output,
@@ -104,26 +106,7 @@ def plan(
         **fields(found, "start length random_length unit why"),
         "units": {"joints": dict(zip(names, kinds, strict=True)), "positions": found.unit},
     }
-    shown = [unit_of_joint(kind == "rad", degrees)[1] for kind in ("rad", "m") if kind in kinds]
-    units = ", ".join(dict.fromkeys([*shown, found.unit]))
-    line = f"{output}: {len(found)} rows of {', '.join(table)} [{units}]"
-    ways = [joints_typed.change(k, way) for k, way in enumerate(found.travel.tolist())]
-    travel = f"joints travel {', '.join(ways)}"
-    if found.random_length > 0:
-        share = 100 * found.length / found.random_length
-        travel += f": {share:.0f} % of the way of a random order"
-    return Outcome(document, [line, *found.why, travel], to_stderr=output == "-")
-
-
-def _measured(
-    known: Arm | Model, data: str, columns: dict[str, str] | None, degrees: bool
-) -> Samples:
-    import calib
-
-    if isinstance(known, calib.Model):  # which remembers columns, unit and degrees of its log
-        return log_for(known, data, Reading(columns=columns, degrees=degrees or None))
-    names = list(known.joint_names)
-    sliding = [n for n, turns in zip(names, known.revolute, strict=True) if not turns]
-    log = calib.read_log(data, joints=names, columns=columns, degrees=degrees, prismatic=sliding)
-    say(log.notes)
-    return log
+    units = "deg" if degrees else "rad"
+    line = f"{output}: {len(found)} rows of {', '.join(table)} [{units}, {found.unit}]"
+    ways = ", ".join(joints.change(k, way) for k, way in enumerate(found.travel.tolist()))
+    return Outcome(document, [line, *found.why, f"joints travel {ways}"])

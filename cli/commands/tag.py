@@ -44,4 +44,4 @@ def tag(
         print(page, end="")
     else:
         atomic_write(output, page.encode())
-    return Outcome({"output": output, "what": what}, [line], to_stderr=output == "-")
+    return Outcome({"output": output, "what": what}, [line])

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Annotated
 
 from typer import Argument, Option
 
-from calib.common.wording import for_people
 from calib.model.facts import size_in_words
 
 from .. import options as opt
@@ -18,19 +17,13 @@ from ..options import Text, option
 from ..output import Outcome, progress_bar, say
 from ..parsing import BadOption, check_file
 from ..photo import photo_of_log, with_photo
-from ..samples import (
-    Babbling,
-    Logged,
-    Selection,
-    Sockets,
-    babbled_samples,
-    check_sources,
-    measured_samples,
-)
+from ..samples import Babbling, Logged, Selection, Sockets, check_sources
+from ..samples import babbled_samples as babbled
+from ..samples import measured_samples as measured
 from ..summary import accuracy, advice, error_table, found_by_body, summary
 
 if TYPE_CHECKING:
-    from calib import Model, Samples
+    from calib import Samples
 
 
 def train(
@@ -67,9 +60,9 @@ def train(
         raise BadOption("--photo and --no-photo are given: expected one of them")
     check_file(output, ())
     if data is None:
-        log = babbled_samples(robot, selection, babbling, seed)
+        log = babbled(robot, selection, babbling, seed)
     else:
-        log = sockets.of(measured_samples(robot, selection, data, logged, seed, lens))
+        log = sockets.of(measured(robot, selection, data, logged, seed, lens))
     path = output or _default_name(str(robot or data))
     check_file(path, ())
     if output is None and not force:
@@ -78,7 +71,7 @@ def train(
     how = calib.TrainingOptions(*sizes, map, rule, epochs, sigma, body=body, view=view, seed=seed)
     with progress_bar(log.unit) as progress:
         model = calib.train(log, how, progress=progress)
-    say([*model.about.notes, *_unexplained(model, log)])
+    say(model.about.notes)
     if no_rows:
         model = replace(model, rows=None)
     if photo is not None:
@@ -88,32 +81,18 @@ def train(
     model.save(path)
     about = model.about
     simulated = about.source == "simulation"
+    stated = log.source.get("noise") if log.source.get("unit") == about.unit else None
     what = "fresh exact samples" if simulated else "rows held out in blocks of the log"
+    learned = f"{about.samples} {'samples' if simulated else 'rows'}"
+    size = f"{model.seconds['total']:.2f} s, {Path(path).stat().st_size / 1e6:.2f} MB"
     lines = [
         accuracy(model, about.errors, about.within, f"{about.tested} {what}", about.left_out),
         *found_by_body(model),
-        *advice(model, about.errors),
-        f"{path}: {about.options['map']}, {size_in_words(model)}, {about.samples} "
-        f"{'samples' if simulated else 'rows'}, "
-        f"{model.seconds['total']:.2f} s, {Path(path).stat().st_size / 1e6:.2f} MB",
+        *advice(model, about.errors, stated),
+        f"{path}: {about.options['map']}, {size_in_words(model)}, {learned}, {size}",
     ]
     table = error_table(model, about.errors, f"errors on {what}")
     return Outcome(summary(model, path, about.errors, model.seconds), lines, [table])
-
-
-def _unexplained(model: Model, log: Samples) -> list[str]:
-    """Tell of rows that are predicted far worse than their log says that they were measured."""
-    # only a log of pictures states how well its rows were measured
-    stated, unit = log.source.get("noise"), model.about.unit
-    left = next(iter(model.about.errors.values()))["forward"]["distance"]["mean"]
-    if not isinstance(stated, float) or log.source.get("unit") != unit or left < 10.0 * stated:
-        return []
-    factor, name = for_people(unit)
-    return [
-        f"rows are predicted to {factor * left:.2g} {name} and were measured to "
-        f"{factor * stated:.2g} {name}: too few rows, or something moved that no joint tells, such "
-        "as a camera that refocuses, a loose tag or play"
-    ]
 
 
 def _check_same_origin(path: str, log: Samples) -> None:
@@ -126,12 +105,12 @@ def _check_same_origin(path: str, log: Samples) -> None:
         return
     with suppress(calib.CalibError):  # what cannot be read is no model of this robot either
         old = calib.load(path)
-        urdf, source = log.arm.urdf if log.arm else "", old.about.source
-        # the URDF's text and the joints tell robots apart, the first kept row tells logs apart
-        same = (old.about.urdf, old.about.joint_names) == (urdf, log.joint_names)
-        if source == "log" and old.rows is not None and len(old.rows):
+        urdf, about = log.arm.urdf if log.arm else "", old.about
+        same = (about.urdf, about.joint_names) == (urdf, log.joint_names)
+        same &= (log.simulation is None) == (about.source == "log")
+        if old.rows is not None and len(old.rows):  # the first tells logs apart
             same &= np.array_equal([*old.rows.q[0], *old.rows.x[0]], [*log.q[0], *log.x[0]])
-        if same and (log.simulation is not None) == (source == "simulation"):
+        if same:
             return
     raise calib.OptionError(
         f"{path} is a model of another robot or log, or none that this program reads",

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from calib_cli.translation import as_typed
+from calib_cli.output import as_typed
 from chains import ENDLESS, SLIDE, chain_urdf, turning
 from hypothesis import given
 from hypothesis import strategies as st

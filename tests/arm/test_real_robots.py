@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pinocchio
 import pytest
-from calib_cli.translation import as_typed
+from calib_cli.output import as_typed
 from reference import pinocchio_forward, random_joints
 
 from calib.arm.loading import load_arm

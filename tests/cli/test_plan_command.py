@@ -27,7 +27,7 @@ def test_command_writes_what_python_plans(run, tmp_path, arm, name):
 def test_command_completes_a_log(run, log, tmp_path, arm):
     done = run("plan", "two_link", "-n", "6", "--data", log, "-o", "-")
     assert done.code == 0
-    assert "from the 400 measured ones" in done.err
+    assert "beside the 400 measured ones" in done.err
     rows = [[float(v) for v in line.split(",")[:2]] for line in done.out.splitlines()[1:]]
     expected = calib.plan(arm, 6, measured=calib.read_log(log, arm)).q
     np.testing.assert_array_equal(rows, expected)

@@ -162,7 +162,7 @@ def test_a_waypoint_far_away_is_left_out_and_told(tmp_path, run):
     model.save(tmp_path / "m.calib")
     done = run("query", "path", tmp_path / "m.calib", "--input", waypoints, "--json")
     assert done.code == 3
-    assert "were left out, far beyond" in done.err
+    assert "left out, far beyond" in done.err
     document = done.document
     held = np.array(document["left_out"]) - 1
     assert 0 < len(held) < document["rows"]

@@ -6,9 +6,8 @@ from models import six
 from calib.arm.loading import load_arm
 from calib.arm.rotations import exponential, logarithm
 from calib.common.scale import Scale
-from calib.inverse.newton import Newton
+from calib.inverse.newton import Newton, Positions
 from calib.inverse.pose import Joints, pose_branches
-from calib.inverse.tasks import Places, Positions
 from calib.model.space import Space
 
 
@@ -66,7 +65,7 @@ def test_a_position_is_reached_near_given_joints_and_no_nearer_one_exists():
     rng = np.random.default_rng(3)
     target = arm.forward(near + rng.normal(0, 0.1, near.shape))
     scale = Scale.of_range(arm.lower, arm.upper, arm.revolute)
-    newton = Newton(Positions(Places(evaluate_of(arm), scale)), scale, arm.chain.reach)
+    newton = Newton(Positions.of_chain(evaluate_of(arm), scale), scale, arm.chain.reach)
     wish = scale.to_unit(near)
     u, left = newton.settle(wish, target, wish)
     assert left.max() < 1e-8

@@ -3,8 +3,8 @@
 import numpy as np
 
 import calib
-from calib.maps.dsom import present_dsom
 from calib.maps.lattice import Lattice
+from calib.maps.others import present_dsom
 
 
 def uniform(n, seed=0):

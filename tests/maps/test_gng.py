@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import calib
-from calib.maps.gng import Gas, Pace, insert, present_gng
+from calib.maps.gng import Gas, insert, present_gng
 
 
 def uniform(n, seed=0):
@@ -25,24 +25,24 @@ def edges(g):
 
 def test_one_sample_does_what_the_source_says():
     g = gas([[0.0], [1.0], [3.0]], [[0, 1], [0, 2]], age=[4, 7])
-    present_gng(g, np.array([[0.2]]), Pace(winner=0.1, neighbour=0.01, decay=0.9))
+    present_gng(g, np.array([[0.2]]), decay=0.9)
     # node 0 wins, node 1 is second: the winner moves by epsilon_b, both neighbours by
     # epsilon_n, the edge to the second is renewed, the other edge of the winner ages
-    np.testing.assert_allclose(g.weights[:, 0], [0.02, 1 - 0.008, 3 - 0.028], atol=1e-12)
+    np.testing.assert_allclose(g.weights[:, 0], [0.02, 1 - 0.0048, 3 - 0.0168], atol=1e-12)
     assert edges(g) == {(0, 1): 0.0, (0, 2): 8.0}
     np.testing.assert_allclose(g.error, [0.9 * 0.04, 0.0, 0.0])
 
 
 def test_an_edge_beyond_the_oldest_age_is_removed_and_a_node_without_edges_too():
     g = gas([[0.0], [1.0], [5.0]], [[0, 1], [0, 2]], age=[0, 50])
-    present_gng(g, np.array([[0.1]]), Pace(oldest=50))
+    present_gng(g, np.array([[0.1]]))
     assert edges(g) == {(0, 1): 0.0}
     assert len(g.weights) == len(g.error) == 2
 
 
 def test_a_node_is_inserted_between_the_worst_and_its_worst_neighbour():
     g = gas([[0.0], [1.0], [3.0], [9.0]], [[0, 1], [1, 2], [2, 3]], error=[1, 8, 4, 2])
-    new = insert(g, Pace(shared=0.5))
+    new = insert(g)
     assert g.weights[new] == pytest.approx(2.0)
     assert set(edges(g)) == {(0, 1), (2, 3), (1, new), (2, new)}
     np.testing.assert_allclose(g.error, [1, 4, 2, 2, 4])
@@ -70,7 +70,7 @@ def test_a_gas_leaves_a_hole_empty_that_a_lattice_crosses():
 def test_a_node_without_an_edge_hands_its_turn_to_the_worst_edge():
     weights = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [5.0, 5.0]])
     g = Gas(weights, np.array([1.0, 2.0, 4.0, 9.0]), np.array([[0, 1], [0, 2]]), np.zeros(2))
-    new = insert(g, Pace())
+    new = insert(g)
     assert g.error[3] == 0.0
     np.testing.assert_allclose(g.weights[new], [0.0, 0.5])
     assert set(edges(g)) == {(0, 1), (0, new), (2, new)}

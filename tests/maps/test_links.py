@@ -1,4 +1,4 @@
-"""Links: activity (eq. 6), Oja's rule (eq. 5 and 11) and its fixed point."""
+"""Links: activity (eq. 6), Oja's rule (eq. 5) and its fixed point."""
 
 import numpy as np
 import pytest
@@ -6,7 +6,7 @@ from scipy.sparse import csr_array
 
 from calib.common.scale import TURN, Scale
 from calib.maps.lattice import Lattice
-from calib.maps.links import BANDWIDTH, NEAREST, Wiring, squares
+from calib.maps.links import BANDWIDTH, NEAREST, Wiring
 from calib.maps.map import Map
 
 UNIT_BOX = Scale(np.zeros(2), np.ones(2), np.zeros(2, dtype=bool))
@@ -29,9 +29,9 @@ def activity(network, u, bandwidth=BANDWIDTH, *, local=False):
     return Wiring(local=local, bandwidth=bandwidth).activity(network, u)
 
 
-def link(a_motor, a_sensory, beta=1.0, *, mutual=False):
-    together = (a_motor.T @ a_sensory).tocsr()
-    return Wiring(mutual=mutual).link(together, squares(a_motor), squares(a_sensory), beta)
+def link(a_motor, a_sensory, *, mutual=False):
+    squares = (np.asarray(a.multiply(a).sum(axis=0)).ravel() for a in (a_motor, a_sensory))
+    return Wiring(mutual=mutual).link((a_motor.T @ a_sensory).tocsr(), *squares)
 
 
 def equation_6(network, u, bandwidth):
@@ -40,8 +40,8 @@ def equation_6(network, u, bandwidth):
     return a / a.max(axis=1, keepdims=True)
 
 
-def stationary(a_motor, a_sensory, beta=1.0):
-    return a_motor.T @ a_sensory / (beta * (a_sensory**2).sum(axis=0))
+def stationary(a_motor, a_sensory):
+    return a_motor.T @ a_sensory / (a_sensory**2).sum(axis=0)
 
 
 @pytest.fixture(scope="module")

@@ -7,9 +7,9 @@ from hypothesis import strategies as st
 
 from calib.change.follow import matching_sigma
 from calib.common.scale import Scale
+from calib.maps.batch import coarse_to_fine, decay
 from calib.maps.lattice import Lattice
 from calib.maps.map import Map
-from calib.maps.schedule import coarse_to_fine, decay
 
 
 @given(st.floats(0.1, 100), st.floats(0.01, 1), st.integers(2, 200))

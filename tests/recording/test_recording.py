@@ -19,7 +19,7 @@ from calib.recording.lens import Lens, load_lens
 from calib.recording.pictures import list_pictures, read_picture
 from calib.recording.reference import MarkLayout
 from calib.recording.setting import Setup
-from calib.samples.tables import read_about
+from calib.samples.tables import open_source
 
 shot, copy = shots.shot, shots.copy
 
@@ -84,7 +84,7 @@ def test_the_log_says_its_unit_to_train(shot, tmp_path):
         log = calib.read_log(tmp_path / name, joints=["a", "b", "c"])
         assert log.unit == "px"
         assert (log.x == made.x).all()
-        about = read_about(tmp_path / name)
+        about = open_source(tmp_path / name).about
         assert about["noise"] == made.noise
         assert about["tag"] == 7
         with pytest.raises(calib.LogError, match="states that its positions are in px"):

@@ -123,7 +123,7 @@ def test_positions_that_leave_the_plane_are_refused(tmp_path):
 
 
 def test_a_locked_joint_that_moved_is_refused_and_a_wrong_reading_is_not(tmp_path):
-    from calib.samples.locked import locked_from_log
+    from calib.samples.log_joints import locked_from_log
 
     pan = np.full(200, 0.25)
     pan[7] = 0.6
@@ -172,7 +172,7 @@ def test_a_value_beyond_the_limits_is_not_taken_for_degrees_within_one_turn(tmp_
     with pytest.raises(calib.LogError, match="check that the column is of this joint") as caught:
         calib.read_log(write(tmp_path, q[:, ::-1], x), ARM)
     assert caught.value.parameter == "ranges"
-    with pytest.raises(calib.LogError, match="opposite sign"):
+    with pytest.raises(calib.LogError, match="its sign"):
         calib.read_log(write(tmp_path, q * [1.0, -1.0], x), ARM)
     with pytest.raises(calib.LogError, match="degrees=True"):
         calib.read_log(write(tmp_path, np.degrees(q), x), ARM)

@@ -95,7 +95,7 @@ def test_an_element_of_a_list_is_a_column(tmp_path, kind):
     assert (log.q == state[there][:, [0, 2]]).all()
     assert (log.x == tip[there][:, [1, 0]]).all()
     assert log.dropped == 3
-    assert "row 1, column 'state[0]'" in log.notes[0]
+    assert "a finite value of state[0], state[2]; left out: rows 1, 21, 34" in log.notes[0]
 
 
 def test_a_column_named_like_an_element_goes_first(tmp_path):
@@ -112,8 +112,8 @@ def test_a_column_named_like_an_element_goes_first(tmp_path):
 @pytest.mark.parametrize(
     ("state", "place", "message"),
     [
-        ([[1.0, 2.0]] * 3, "state[2]", r"column 'state\[2\]' has no finite value"),
-        ([None, None, None], "state[0]", r"column 'state\[0\]' has no finite value"),
+        ([[1.0, 2.0]] * 3, "state[2]", r"miss a finite value of state\[2\]"),
+        ([None, None, None], "state[0]", "holds Null, expected lists"),
         ([1.0, 2.0, 3.0], "state[0]", "holds Float64, expected lists"),
         (["1", "2", "3"], "state[0]", "holds String, expected lists"),
         ([[[1.0]], [[2.0]], [[3.0]]], "state[0]", r"holds List\(Float64\), expected num"),
@@ -157,5 +157,7 @@ def test_rows_without_a_finite_value_are_left_out_and_counted(file):
     log = read_log(path, joints=["a", "b"])
     assert log.q.tolist() == [[1, 2], [7, 8]]
     assert log.dropped == 6  # a line in which nothing stands too
-    assert log.notes[0].startswith("6 of 8 rows dropped")
-    assert "row 2, column 'b'" in log.notes[0]
+    assert log.notes[0].startswith(
+        "6 of 8 rows miss a finite value of a, b, x, y; left out: rows 2, 3"
+    )
+    assert log.rows.tolist() == [1, 8]

@@ -35,7 +35,7 @@ def test_degrees(arm, file):
     assert log.notes == ()
     np.testing.assert_allclose([log.lower, log.upper], [arm.lower, arm.upper], atol=1e-12)
     refused(file(text), "give `degrees=True`", arm=arm, joints=None)
-    refused(file(text), "14.3 turns; if the log is in degrees.*3.14", joints=["shoulder"])
+    refused(file(text), "90 rad.*degrees=True.*3.14", joints=["shoulder"])
 
 
 def test_sliding_joints_are_never_in_degrees(file):
@@ -70,11 +70,12 @@ def test_a_chosen_range_goes_before_the_limits(arm, file):
     np.testing.assert_allclose(log.q[:, 1], [1, 3, 7 - TURN])
     assert log.q[:, 0].tolist() == [0.2, 0.3, 0.4]
     assert (log.lower[1], log.upper[1]) == (0.6, 3.1)
-    assert any("1 rows dropped: elbow outside" in note for note in log.notes)
-    assert any("1 values wrapped" in note for note in log.notes)
+    assert any("1 of 4 rows have elbow outside" in note for note in log.notes)
     for bad in ((1.0, 0.6), (0.0, 9.0), (0.0, math.nan)):
         refused(file(rows), "range elbow", OptionError, arm=arm, joints=None, ranges={"elbow": bad})
-    refused(file(rows), "no value of 'elbow'", arm=arm, joints=None, ranges={"elbow": (4, 5)})
+    refused(
+        file(rows), "4 of 4 rows have elbow outside", arm=arm, joints=None, ranges={"elbow": (4, 5)}
+    )
 
 
 def test_whole_turns_are_taken_off_where_that_meets_the_limits(arm, file):

@@ -6,8 +6,8 @@ import pytest
 
 import calib
 from calib.errors import OptionError
-from calib.samples.columns import open_source, read_columns
 from calib.samples.logs import read_log
+from calib.samples.tables import open_source, read_columns
 
 N = 3000
 JOINTS = ["shoulder", "elbow"]

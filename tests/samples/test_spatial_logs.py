@@ -6,7 +6,7 @@ import pytest
 import calib
 from calib.arm.loading import load_arm
 from calib.arm.rotations import exponential, matrix_of
-from calib.errors import LogError, OptionError
+from calib.errors import LogError
 from calib.samples.logs import read_log, write_log
 
 NAMES = ("shoulder_pan", "shoulder_lift", "elbow")
@@ -59,7 +59,7 @@ def test_other_names_of_an_orientation_are_given(tmp_path):
     assert read_log(path, arm).orientation is None
     named = {"qx": "a", "qy": "b", "qz": "c", "qw": "d"}
     assert read_log(path, arm, columns=named).orientation.shape == (40, 4)
-    with pytest.raises(OptionError, match="qw is missing"):
+    with pytest.raises(LogError, match="no column 'qw'"):
         read_log(path, arm, columns={"qx": "a", "qy": "b", "qz": "c"})
 
 

@@ -81,28 +81,3 @@ def test_names_beyond_the_alphabet_of_a_terminal(tmp_path):
     )
     assert done.returncode == 0, done.stderr
     assert "\\u8098" in done.stdout.decode("ascii")
-
-
-def test_a_table_that_is_too_wide_for_its_terminal_becomes_records(model):
-    import pty
-
-    reader, writer = pty.openpty()
-    done = subprocess.Popen(
-        [*CALIB, "query", "inverse", str(model), "0.1", "0.4"],
-        stdout=writer,
-        stderr=subprocess.DEVNULL,
-        env={**os.environ, "COLUMNS": "20", "TERM": "xterm"},
-    )
-    os.close(writer)
-    text = b""
-    while True:
-        try:
-            part = os.read(reader, 4096)
-        except OSError:
-            break
-        if not part:
-            break
-        text += part
-    assert done.wait(30) == 0
-    assert b"expected error [mm]  " in text
-    assert b"shoulder [rad]  " in text

@@ -80,7 +80,7 @@ def test_the_tip_is_on_its_ball(page: str, seen: Sight):
 
 def test_partners_of_the_linked_node_are_dots(page: str, seen: Sight):
     data = data_of(page)
-    partners = unpacked(data["links"]["partners"], "<u2").reshape(-1, data["links"]["each"])
+    partners = unpacked(data["links"]["partners"], "<u4").reshape(-1, data["links"]["each"])
     nodes = objects(data)["Motor map/nodes"]["points"]
     strongest = nodes[partners[data["node"]][:3]]
     pixels = project(data["camera"], strongest, *SIZE, PANEL)

@@ -25,7 +25,7 @@ from calib.body.sensor import SensorPose
 
 LAYERS = [
     *("Arm", "Sensory map", "Motor map", "Hebbian links", "Workspace border"),
-    *("Training samples", "Target path", "Reached path"),
+    *("Target path", "Reached path"),
 ]
 
 
@@ -69,14 +69,12 @@ def test_a_camera_that_counts_pixels_is_brought_to_the_robot():
 def test_the_links_of_a_page_are_the_strongest_first():
     model = trained("two_link", n=3000, size=20)
     told = data_of(page_of(model))["links"]
-    partners = unpacked(told["partners"], "<u2").reshape(model.sensory.size, told["each"])
-    strength = unpacked(told["strength"], "u1").reshape(partners.shape)
+    partners = unpacked(told["partners"], "<u4").reshape(model.sensory.size, told["each"])
     links = model.links.toarray()
     for node in (5, 100, 399):
         known = partners[node][partners[node] < model.motor.size]
         best = np.sort(links[:, node])[::-1][: len(known)]
         np.testing.assert_allclose(links[known, node], best)
-        assert (np.diff(strength[node].astype(int)) <= 0).all()
 
 
 def test_everything_is_in_the_window_x_right_and_y_up():
@@ -128,15 +126,6 @@ def test_a_page_is_the_same_every_time_needs_no_network_and_takes_names_for_text
     assert "default-src 'none'" in page
     assert not re.search(r"""(src|href)=["']?http""", page.split("<script>")[0])
     assert len(page.encode()) < 3_000_000
-
-
-def test_a_robot_without_shapes_of_its_own_is_a_skeleton():
-    model = small()
-    mesh = '<geometry><mesh filename="m.stl"/></geometry>'
-    text = re.sub(r"<geometry>.*?</geometry>", mesh, model.about.urdf)
-    bare = data_of(page_of(replace(model, about=replace(model.about, urdf=text))))
-    assert any("/bone" in path for path in objects(bare))
-    assert not any("/bone" in path for path in objects(data_of(page_of(model))))
 
 
 @pytest.fixture(scope="module")
@@ -225,7 +214,7 @@ def test_command_writes_a_page_with_a_log(run, model: Path, log: Path, tmp_path:
     page = tmp_path / "page.html"
     assert run("preview", model, "--data", log, "--html", page).code == 0
     told = {e["name"]: e["text"] for e in data_of(page.read_text(encoding="utf-8"))["layers"]}
-    assert told["Training samples"] == "rows of the log"
+    assert told["Training samples"].endswith("rows of the log")
 
 
 def test_command_serves_and_ends_with_ctrl_c(model: Path):

@@ -9,14 +9,12 @@ import pytest
 from models import in_pixels, in_space, log, measured, trained
 
 import calib
-from calib.body.curves import curve_value
 from calib.common.scale import Scale
 from calib.maps.lattice import Lattice
 from calib.maps.map import Map
-from calib.show.report.maps import hits, u_matrix
+from calib.show.report.figures import u_matrix
 
-FLAT = ["forward", "inverse", "lattices", "nodes", "training"]
-SPACE = ["forward", "inverse", "curves", *FLAT[2:]]
+FLAT = ["forward", "inverse", "lattices", "nodes"]
 
 
 class Reader:
@@ -54,7 +52,7 @@ def test_one_small_file_without_addresses_in_the_page_own_ink():
     page = report(noisy())
     read = Reader(page)
     assert read.headings[0] == "two_link"
-    assert [name for name in read.names if name in SPACE] == FLAT
+    assert [name for name in read.names if name in FLAT] == FLAT
     assert len(page.encode()) < 3_000_000
     assert all(a.startswith(("#", "data:image/png")) for a in read.addresses)
     assert len(set(read.names)) == len(read.names)
@@ -67,7 +65,6 @@ def test_one_small_file_without_addresses_in_the_page_own_ink():
     ):
         assert text in page
     assert not re.search("#010203|#020304", page)
-    assert "a single reading of its sensor is off by 1.25 mm" in page
     errors = calib.evaluate(noisy()).errors["local"]["forward"]["distance"]
     assert f"{1e3 * errors['mean']:.3g} ({1e3 * errors['max']:.3g})" in read.cells
     assert report(noisy()) == page
@@ -104,17 +101,18 @@ def test_figures_on_paper():
 
 
 def test_figures_of_an_arm_in_space():
-    model = in_space()
-    drawn = calib.figures(model)
-    assert list(drawn) == SPACE
-    for k, ax in enumerate(drawn["curves"].axes[:3]):
-        (line,) = ax.lines
-        q = np.radians(line.get_xdata())
-        own = 1e3 * curve_value(q, model.body.beta[model.body.structure.groups[f"curve.{k}"]])
-        assert line.get_ydata() == pytest.approx(own, abs=1e-9)
-        band = ax.collections[0].get_paths()[0].vertices
-        assert np.ptp(band[:, 1]) > np.ptp(own)
+    assert list(calib.figures(in_space())) == FLAT
     assert list(calib.figures(in_pixels(), names=["nodes", "photo"])) == ["nodes"]
+
+
+@pytest.mark.usefixtures("unrendered")
+def test_a_row_that_contradicts_the_others_is_left_out_of_the_headline():
+    """One zero row of a thousand made the headline 2.9 mm."""
+    given = log(300, 1e-4)
+    x = given.x.copy()
+    x[17] = 0.0
+    page = report(measured(), replace(given, x=x))
+    assert "299 measured rows of the log; 1 are left out" in page
 
 
 def test_results_tell_themselves_in_a_line_and_models_in_a_small_table():
@@ -131,14 +129,11 @@ def test_results_tell_themselves_in_a_line_and_models_in_a_small_table():
     assert len(table) < 3000
 
 
-def test_u_matrix_and_hits_of_a_map_made_by_hand():
+def test_u_matrix_of_a_map_made_by_hand():
     units = np.array([[0.0, 0.0], [0.0, 1.0], [0.5, 0.0], [0.5, 1.0]])
     box = Scale(np.zeros(2), np.ones(2), np.zeros(2, dtype=bool))
     part = Map(units, Lattice((2, 2)), box, np.empty((0, 4)))
     np.testing.assert_allclose(u_matrix(part), 0.75)
-    u = np.array([[0.1, 0.1], [0.0, 0.0], [0.4, 0.9]])
-    assert hits(part, u).tolist() == [2, 0, 0, 1]
-    assert np.isnan(hits(part, np.empty((0, 2)))).all()
 
 
 def test_command(run, models: Path, model: Path, log: Path, tmp_path: Path):

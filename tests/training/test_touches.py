@@ -56,9 +56,7 @@ def test_a_model_is_learned_evaluated_and_asked(log, tmp_path, run):
     assert len(told["distances"]) == 2
     text = run("evaluate", model, "--data", path).out
     assert "scatter" in text
-    page = tmp_path / "report.html"
-    assert run("report", model, "--data", path, "-o", page).code == 0
-    assert "Scatter by socket" in page.read_text(encoding="utf-8")
+    assert run("report", model, "--data", path, "-o", tmp_path / "report.html").code == 0
     assert run("query", "forward", model, *world.q[0]).code == 0
     assert run("check", model, "--data", path).code == 0
     assert run("adapt", model, "--data", path, "-o", tmp_path / "new.calib").code == 3

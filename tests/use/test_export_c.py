@@ -15,7 +15,7 @@ import calib
 from calib.arm.rotations import logarithm
 from calib.errors import OptionError
 from calib.model.nominal import nominal_in_plane, nominal_in_space
-from calib.use.export_c import c_header
+from calib.use.formats import c_header
 
 COMPILER = shutil.which("cc") or shutil.which("gcc")
 needs_compiler = pytest.mark.skipif(COMPILER is None, reason="no C compiler on this machine")
@@ -91,7 +91,7 @@ def partly_silent(trained):
 
 @cache
 def header(model, single):
-    return c_header(model, single=single).text
+    return c_header(model, single=single)[0]
 
 
 def answers(model, q, folder, language="c99", single=False):
@@ -192,7 +192,7 @@ def test_six_joints_are_corrected_to_the_nominal_pose(tmp_path):
 
 
 def test_names_start_with_the_prefix_and_the_checksum_is_told(tmp_path):
-    header = c_header(model("polar"), prefix="left_").text
+    header = c_header(model("polar"), prefix="left_")[0]
     assert "calib_" not in header.replace("`calib export`", "")
     assert "SHA-256" in header
     assert "slide" in header
@@ -241,7 +241,7 @@ def test_the_code_of_the_page_compiles_and_runs(kind, language, tmp_path):
     page = (Path(__file__).parents[2] / "docs" / "apply.md").read_text()
     blocks = re.findall(r"```c\n(.*?)```", page, re.DOTALL)
     assert len(blocks) == 2
-    (tmp_path / "arm.h").write_text(c_header(model(kind), single=True).text)
+    (tmp_path / "arm.h").write_text(c_header(model(kind), single=True)[0])
     (tmp_path / "page.c").write_text("\n".join([*blocks, CALLS]))
     flags = [*LANGUAGES[language], "-Wall", "-Wextra", "-Werror", "-pedantic"]
     made = [COMPILER, *flags, "-o", tmp_path / "page", tmp_path / "page.c", "-lm"]

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 import calib
 from calib.body.most_telling import greedy
 from calib.common.scale import TURN, Scale
-from calib.use.spread import farthest, length, shortest_tour, tells
+from calib.use.plan import farthest, length, shortest_tour, tells
 
 DEGREE = math.radians(1.0)
 

@@ -8,9 +8,8 @@ from models import in_pixels, trained
 
 import calib
 from calib.body.most_telling import greedy
-from calib.use.collisions import hits_itself
-from calib.use.pose_space import space_of
-from calib.use.spread import candidate_poses, farthest, tells
+from calib.use.plan import farthest, tells
+from calib.use.pose_space import hits_itself, space_of
 
 DEGREE = math.radians(1.0)
 
@@ -90,9 +89,9 @@ def test_the_most_telling_poses_are_those_of_the_posterior():
 def test_a_plan_in_space_tells_more_than_a_spread_one():
     arm = calib.load_arm("spatial_three")
     plan = calib.plan(arm, 12)
-    points = candidate_poses(space_of(arm), np.random.default_rng(0))
-    none = np.zeros((0, 3))
-    spread = space_of(arm).scale.from_unit(points[farthest(space_of(arm).scale, points, 12, none)])
+    space, none = space_of(arm), np.zeros((0, 3))
+    points = np.random.default_rng(0).uniform(space.lower, space.upper, (7000, 3))
+    spread = points[farthest(space.scale, points, 12, none)]
     volumes = []
     for q in (plan.q, spread):
         rows = tells(arm, q, none).reshape(36, -1)

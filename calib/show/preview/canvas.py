@@ -7,14 +7,23 @@ five times the room, more than the 3 MB that a page may have.
 from __future__ import annotations
 
 import base64
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ...arm.loading import held_values
+from ...arm.posture import Kinematics
+from ...arm.tree import Urdf
+from ...arm.urdf import parse_urdf
 from ...common.arrays import Array
+from ...errors import CalibError
+from ...model.about import About
+
+LAYER = "Arm"
+_BONE, _JOINT = "#e0853c", "#59636e"
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,11 +54,11 @@ class Canvas:
         """Draw something at a path.
 
         kind : "lines" between pairs (m, 2) of points, "points", an "image" between its corners
-            (4, 3), its lower left first; or a "box", "sphere" or "cylinder", sized as in a URDF,
-            the last along y; or a "marker", a ball that nothing hides
+            (4, 3), its lower left first; a "sphere", a "cylinder" along y, or a "marker", a ball
+            that nothing hides
         colour : ``#rrggbb``, or one for each point, (n, 3)
         points : (n, 3)
-        size : [m], width of points, radius of a marker; sides of a box, radius and length
+        size : [m], width of points, radius of a ball; radius and length
         """
         drawn = {"path": path, "kind": kind, "opacity": 1.0, "size": size, **more}
         named = isinstance(colour, str)
@@ -72,3 +81,55 @@ def packed(values: ArrayLike, kind: type[np.generic]) -> str:
     """Return an array as the page reads it: base64 of its bytes, the lowest first."""
     array = np.ascontiguousarray(values, np.dtype(kind).newbyteorder("<"))
     return base64.b64encode(array.tobytes()).decode("ascii")
+
+
+@dataclass(frozen=True, eq=False)
+class DrawnArm:
+    """The links from a robot's root to its tip as a skeleton, moved by the active joints."""
+
+    urdf: Urdf
+    kinematics: Kinematics
+    about: About
+    way: tuple[str, ...]  # links from the root to the tip
+
+    @staticmethod
+    def of(about: About) -> DrawnArm | None:
+        """Return the arm of a model's robot, None where no URDF came with it."""
+        if not about.urdf or not about.tip:
+            return None
+        try:
+            urdf = parse_urdf(about.urdf, about.robot)
+            way = (urdf.root, *(joint.child for joint in urdf.path(about.tip)))
+            return DrawnArm(urdf, Kinematics(urdf), about, way)
+        except CalibError:
+            return None
+
+    def poses(self, q: ArrayLike) -> dict[str, Array]:
+        """Transforms (n, 4, 4) of the links in the root's frame, for joints (n, dof)."""
+        about, found = self.about, []
+        for row in np.atleast_2d(np.asarray(q, dtype=float)).tolist():
+            values = {**about.locked, **dict(zip(about.joint_names, row, strict=True))}
+            found.append(self.kinematics.transforms(held_values(self.urdf, values)))
+        return {link: np.stack([each[link] for each in found]) for link in self.way}
+
+    def tips(self, q: ArrayLike) -> Array:
+        """Position (n, 3) of the tip in the root's frame [m]."""
+        return np.asarray(self.poses(q)[self.way[-1]][:, :3, 3])
+
+    def draw(self, canvas: Canvas, poses: Mapping[str, Array], size: float) -> None:
+        """Draw a ball for each link and a bone to the next, moving through poses (n, 4, 4)."""
+        from scipy.spatial.transform import Rotation
+
+        for link, following in zip(self.way, [*self.way[1:], self.way[-1]], strict=True):
+            canvas.add(f"{LAYER}/{link}/joint", "sphere", _JOINT, size=[0.03 * size])
+            # in the frame of the link that carries it, so that it moves along
+            end = (np.linalg.inv(poses[link][0]) @ poses[following][0])[:3, 3]
+            length = float(np.linalg.norm(end))
+            if length > 1e-3 * size:
+                bone = np.eye(4)
+                bone[:3, :3] = Rotation.align_vectors([end], [[0.0, 1.0, 0.0]])[0].as_matrix()
+                bone[:3, 3] = end / 2
+                path = f"{LAYER}/{link}/bone"
+                canvas.add(path, "cylinder", _BONE, size=[0.018 * size, length])
+                canvas.place(path, bone)
+            canvas.place(f"{LAYER}/{link}", poses[link])

@@ -19,7 +19,7 @@ from .placement import Placement
 
 LINK, _FRAME = "#2f9e44", "#8b97a3"
 _LINKS, _FEWEST, _MOST = 120_000, 6, 24  # in all, and of one node
-_OFF = 0.05  # of the panel's side, from its edge to the words
+_OFF = 0.06  # of the panel's side, from its edge to the words
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,11 +77,10 @@ def draw_maps(
 
 
 def packed_links(model: Model) -> dict[str, Any]:
-    """Strongest motor partners of each sensory node, and their strengths, for the page.
+    """Strongest motor partners of each sensory node, for the page.
 
-    Returns "each", how many of each node, "short", whether nodes are numbers of 16 bits,
-    "partners", the strongest first, the largest number where there are fewer, and "strength",
-    255 for the strongest.
+    Returns "each", how many of each node, and "partners", the strongest first, the largest number
+    where there are fewer.
     """
     links = model.links.T.tocsr()
     width = min(_MOST, max(_FEWEST, _LINKS // links.shape[0]))
@@ -91,17 +90,8 @@ def packed_links(model: Model) -> dict[str, Any]:
     rank = np.arange(len(rows)) - links.indptr[rows]
     keep = rank < width
     partners = np.full((links.shape[0], width), -1, dtype=np.int64)
-    strength = np.zeros((links.shape[0], width))
     partners[rows[keep], rank[keep]] = links.indices[order][keep]
-    strength[rows[keep], rank[keep]] = links.data[order][keep]
-    share = strength / np.maximum(strength[:, :1], 1e-300)
-    kind = np.uint16 if model.motor.size < 1 << 16 else np.uint32
-    return {
-        "each": width,
-        "short": kind is np.uint16,
-        "partners": packed(partners.astype(kind), kind),
-        "strength": packed(np.round(255 * share), np.uint8),
-    }
+    return {"each": width, "partners": packed(partners.astype(np.uint32), np.uint32)}
 
 
 def telling_node(model: Model, among: NDArray[np.intp]) -> int:
@@ -111,24 +101,18 @@ def telling_node(model: Model, among: NDArray[np.intp]) -> int:
     return int(among[np.argmax([float(np.ptp(u, axis=0).sum()) if len(u) else 0.0 for u in parts])])
 
 
-def labels(model: Model, placement: Placement, panel: Panel) -> Iterator[dict[str, Any]]:
-    """Yield the names of both maps and the ends of the joints' ranges."""
-
-    def word(layer: str, text: str, at: Array, align: str = "middle") -> dict[str, Any]:
-        return {"layer": layer, "text": text, "at": at, "align": align}
-
+def labels(model: Model, placement: Placement, panel: Panel) -> Iterator[tuple[str, str, Array]]:
+    """Yield layer, text and place (3,) of the names of both maps and of the joints' ranges."""
     about, up = model.about, placement.frame[1]
     points = placement.lift(model.sensory.weights)
     size = extent(model) * float(np.linalg.norm(placement.axes[1]))
-    highest = points[np.argmax(points @ up)] + _OFF * size * up
-    yield word("Sensory map", "sensory map", highest)
-    yield word("Motor map", "motor map", panel.lift(np.array([[0.5, 1.0 + 1.5 * _OFF, 0.0]]))[0])
-    for axis, align in enumerate(("middle", "right", "left")[: len(panel.edges)]):
+    yield "Sensory map", "sensory map", points[np.argmax(points @ up)] + _OFF * size * up
+    yield "Motor map", "motor map", panel.lift(np.array([[0.5, 1.0 + 1.5 * _OFF, 0.0]]))[0]
+    for axis in range(len(panel.edges)):
         factor, unit = for_people(about.units_of_joints[axis])
-        unit = "°" if unit == "deg" else f" {unit}"
-        low, high = (f"{factor * v[axis]:.4g}{unit}" for v in (about.lower, about.upper))
+        low, high = (f"{factor * v[axis]:.4g} {unit}" for v in (about.lower, about.upper))
         for share, text in ((0.0, low), (0.5, about.joint_names[axis]), (1.0, high)):
             # the third along the other side, where no other joint's words are
-            at = np.array([-_OFF, -_OFF, 0.0] if axis < 2 else [1.0 + _OFF, 0.0, 0.0])
+            at = np.array([-2 * _OFF, -_OFF, 0.0] if axis < 2 else [1.0 + _OFF, 0.0, 0.0])
             at[axis] = share
-            yield word("Motor map", text, panel.lift(at[None])[0], align)
+            yield "Motor map", text, panel.lift(at[None])[0]

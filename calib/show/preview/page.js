@@ -23,9 +23,10 @@
     points: [THREE.Points, THREE.PointsMaterial],
     image: [THREE.Mesh, THREE.MeshBasicMaterial],
     marker: [THREE.Mesh, THREE.MeshBasicMaterial],
+    sphere: [THREE.Mesh, THREE.MeshPhongMaterial],
+    cylinder: [THREE.Mesh, THREE.MeshPhongMaterial],
   };
   const SOLIDS = {
-    box: (size) => new THREE.BoxGeometry(...size),
     sphere: (size) => new THREE.SphereGeometry(size[0], 24, 16),
     cylinder: (size) => new THREE.CylinderGeometry(size[0], size[0], size[1], 28),
     marker: (radius) => new THREE.SphereGeometry(radius, 24, 16),
@@ -37,7 +38,6 @@
     const set = (name, array, width, normalized) =>
       geometry.setAttribute(name, new THREE.BufferAttribute(array, width, normalized));
     set("position", drawn.places ? new Float32Array(drawn.places) : floats(drawn.points), 3);
-    if (drawn.shades) set("color", new Float32Array(drawn.shades), 3);
     if (drawn.tints) set("color", bytes(drawn.tints), 3, true);
     if (drawn.image) set("uv", new Float32Array([0, 0, 1, 0, 1, 1, 0, 1]), 2);
     if (drawn.index) {
@@ -48,11 +48,10 @@
   }
 
   function draw(drawn) {
-    const [Kind, Material] = KINDS[drawn.kind] || [THREE.Mesh, THREE.MeshPhongMaterial];
+    const [Kind, Material] = KINDS[drawn.kind];
     const { opacity, kind } = drawn;
-    const look = { color: drawn.colour || "#ffffff", vertexColors: Boolean(drawn.tints || drawn.shades) };
+    const look = { color: drawn.colour || "#ffffff", vertexColors: Boolean(drawn.tints) };
     if (kind === "points") look.size = drawn.size * dotted;
-    // both sides: nobody guarantees how a URDF's triangles are wound
     else Object.assign(look, { side: THREE.DoubleSide, opacity, transparent: opacity < 1 });
     // what is seen through must not hide what is drawn after it
     if (opacity < 1) look.depthWrite = false;
@@ -136,16 +135,10 @@
   };
   document.title = `${data.title}: what calib has learned`;
   element("calib-title").textContent = data.title;
-  element("calib-legend").textContent = data.legend.title;
-  element("calib-bound").textContent = data.legend.text;
-  const colours = data.legend.stops;
-  element("calib-scale").style.background =
-    colours.length > 1 ? `linear-gradient(to right, ${colours.join(",")})` : colours[0];
-  for (const [share, words] of data.legend.ticks) {
-    const tick = make("span", words, element("calib-ticks"));
-    tick.style.left = `${100 * share}%`;
-    tick.style.transform = `translateX(${-100 * share}%)`;
-  }
+  element("calib-bound").textContent = data.bound;
+  const gradient = (angle, colours) => `linear-gradient(${angle}, ${[...colours, colours.at(-1)].join(",")})`;
+  element("calib-scale").style.background = gradient("to right", data.stops);
+  for (const [, words] of data.ticks) make("span", words, element("calib-ticks"));
   const layer = (name) => viewer.scene_tree.find([name]);
   const boxes = new Map();
   for (const { name, colour, text } of data.layers) {
@@ -158,9 +151,7 @@
     });
     boxes.set(name, box);
     const swatch = make("i", "", label);
-    swatch.style.background = colour === "scale"
-      ? `linear-gradient(135deg, ${colours.join(",")}${colours.length > 1 ? "" : "," + colours[0]})`
-      : colour || "linear-gradient(135deg, #e0853c, #33729f)";
+    swatch.style.background = colour === "scale" ? gradient("135deg", data.stops) : colour || "#e0853c";
     make("span", name, label);
     make("small", text, label);
   }
@@ -179,12 +170,8 @@
   }
 
   // ------------------------------------------------------------------ words in the picture
-  const labels = data.labels.map(({ layer: name, text, at, align }) => {
-    const node = make("span", text, element("calib-labels"));
-    if (align === "left") node.style.transform = "translate(0, -50%)";
-    if (align === "right") node.style.transform = "translate(-100%, -50%)";
-    return { name, node, at: space(at) };
-  });
+  const labels = data.labels.map(({ layer: name, text, at }) =>
+    ({ name, node: make("span", text, element("calib-labels")), at: space(at) }));
   const screen = (point) => {
     const p = point.clone().project(viewer.camera);
     return [(p.x + 1) * 0.5 * window.innerWidth, (1 - p.y) * 0.5 * window.innerHeight, p.z];
@@ -206,59 +193,49 @@
 
   // ------------------------------------------------------------------ links of a node
   const nodes = (name) => viewer.scene_tree.find([name, "nodes", "<object>"]).object;
-  const packed = bytes(data.links.partners).buffer;
-  const partners = data.links.short ? new Uint16Array(packed) : new Uint32Array(packed);
-  const strength = bytes(data.links.strength);
+  const partners = new Uint32Array(bytes(data.links.partners).buffer);
   const each = data.links.each;
 
   function link(node) {
     const from = nodes("Sensory map").geometry.attributes.position;
     const to = nodes("Motor map").geometry.attributes.position;
-    const [r, g, b] = [1, 3, 5].map((k) => parseInt(data.link.slice(k, k + 2), 16) / 255);
-    const [lines, tints, dots] = [[], [], []];
     const point = (array, i) => [array.getX(i), array.getY(i), array.getZ(i)];
     const start = point(from, node);
-    dots.push(...start);
+    const [lines, dots] = [[], [...start]];
     for (let k = 0; k < each; k += 1) {
       const partner = partners[node * each + k];
       if (partner >= to.count) continue; // none
       const end = point(to, partner);
-      const fade = 0.25 + (0.75 * strength[node * each + k]) / 255;
       lines.push(...start, ...end);
-      tints.push(r, g, b, r * fade, g * fade, b * fade);
       dots.push(...end);
     }
-    draw({ path: "Hebbian links/lines", kind: "lines", opacity: 1, places: lines, shades: tints });
-    const { link: colour, dot: size } = data;
-    draw({ path: "Hebbian links/nodes", kind: "points", opacity: 1, places: dots, colour, size });
+    const look = { colour: data.link, size: 0.022 * data.size, opacity: 1 };
+    draw({ path: "Hebbian links/lines", kind: "lines", places: lines, ...look });
+    draw({ path: "Hebbian links/nodes", kind: "points", places: dots, ...look });
     data.node = node;
     viewer.set_dirty();
   }
 
   link(data.node);
 
-  function nearest(x, y, reach) {
-    const object = nodes("Sensory map");
-    const at = object.geometry.attributes.position;
-    const point = new THREE.Vector3();
-    let [best, found] = [reach * reach, -1];
-    for (let i = 0; i < at.count; i += 1) {
-      point.fromBufferAttribute(at, i).applyMatrix4(object.matrixWorld);
-      const [px, py] = screen(point);
-      const away = (px - x) ** 2 + (py - y) ** 2;
-      if (away < best) [best, found] = [away, i];
-    }
-    return found;
+  // where the pointer is, as a ray into the scene
+  function rayOf(event) {
+    const place = new THREE.Vector2((event.clientX / window.innerWidth) * 2 - 1,
+      1 - (event.clientY / window.innerHeight) * 2);
+    const ray = new THREE.Raycaster();
+    ray.params.Points.threshold = 0.03 * data.size;
+    ray.setFromCamera(place, viewer.camera);
+    return ray;
   }
 
   let pressed = null;
   const canvas = renderer.domElement;
   canvas.addEventListener("pointerdown", (event) => { pressed = [event.clientX, event.clientY]; });
   canvas.addEventListener("pointerup", (event) => {
-    const [x, y] = [event.clientX, event.clientY];
-    if (!pressed || Math.hypot(x - pressed[0], y - pressed[1]) > 4) return;
-    const node = nearest(x, y, 16);
-    if (node >= 0) link(node);
+    if (!pressed || Math.hypot(event.clientX - pressed[0], event.clientY - pressed[1]) > 4) return;
+    const hits = rayOf(event).intersectObject(nodes("Sensory map"));
+    hits.sort((a, b) => a.distanceToRay - b.distanceToRay);
+    if (hits.length) link(hits[0].index);
   });
 
   // ------------------------------------------------------------------ a target to drag
@@ -282,27 +259,27 @@
 
   function show(answer) {
     const group = new THREE.Group();
-    const ball = new THREE.Mesh(new THREE.SphereGeometry(0.018 * data.size, 20, 14),
-      new THREE.MeshBasicMaterial({ color: answer.reachable ? data.target : "#c92a2a" }));
-    ball.position.fromArray(answer.target);
-    group.add(ball);
+    const ball = (radius, color, place) => {
+      const mesh = new THREE.Mesh(new THREE.SphereGeometry(radius * data.size, 20, 14),
+        new THREE.MeshBasicMaterial({ color }));
+      mesh.position.fromArray(place);
+      group.add(mesh);
+      return mesh.position;
+    };
+    ball(0.018, answer.reachable ? data.target : "#c92a2a", answer.target);
     answer.branches.forEach((branch, k) => {
       const colour = GHOSTS[k % GHOSTS.length];
       if (Object.keys(branch.links).length) group.add(ghost(branch, colour));
-      const dot = new THREE.Mesh(new THREE.SphereGeometry(0.014 * data.size, 20, 14),
-        new THREE.MeshBasicMaterial({ color: colour }));
-      dot.position.fromArray(data.panel.corner);
+      const dot = ball(0.014, colour, data.panel.corner);
       data.panel.edges.forEach((edge, axis) => {
-        dot.position.addScaledVector(new THREE.Vector3(...edge), branch.joints[axis]);
+        dot.addScaledVector(new THREE.Vector3(...edge), branch.joints[axis]);
       });
-      group.add(dot);
     });
     viewer.set_object(["Inverse answers"], group);
     for (const name of ["Arm", "Target path", "Reached path"]) {
       viewer.set_property([name], "visible", false);
     }
-    const ways = answer.branches.map((branch) => branch.words);
-    element("calib-answer").textContent = [answer.words, ...ways].join("\n");
+    element("calib-answer").textContent = answer.words;
     viewer.set_dirty();
   }
 
@@ -318,22 +295,16 @@
       element("calib-answer").textContent = "the preview has ended: start it again";
     }
     inverse.busy = false;
-    if (inverse.next) {
-      const next = inverse.next;
-      inverse.next = null;
-      ask(next);
-    }
+    const next = inverse.next;
+    inverse.next = null;
+    if (next) ask(next);
   }
 
   // where the pointer's ray meets the drawn plane
   function meet(event) {
-    const place = new THREE.Vector2((event.clientX / window.innerWidth) * 2 - 1,
-      1 - (event.clientY / window.innerHeight) * 2);
-    const ray = new THREE.Raycaster();
-    ray.setFromCamera(place, viewer.camera);
     const [normal, point] = [space(data.plane.normal), space(data.plane.point)];
     const plane = new THREE.Plane().setFromNormalAndCoplanarPoint(normal, point);
-    return ray.ray.intersectPlane(plane, new THREE.Vector3());
+    return rayOf(event).ray.intersectPlane(plane, new THREE.Vector3());
   }
   if (data.live) {
     element("calib-answer").textContent = "Shift and drag: a target for the inverse map.";

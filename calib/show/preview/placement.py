@@ -15,13 +15,14 @@ from ...body.views import is_camera
 from ...common.arrays import Array
 from ...common.rows import thinned
 from ...model.model import Model
-from ..workspace import extent
-from .arm import DrawnArm
+from .canvas import DrawnArm
 
 _TRUSTED = 0.15  # a sensor that differs less [share of the extent] is drawn where it says
-_SIZES = (0.05, 20.0)  # extents [m] that are drawn as they are: meshcat is made for such scenes
-_DRAWN = 0.6  # extent of all others
-_AZIMUTH = np.radians(-60.0)  # from where a scene in space is seen
+_AZIMUTH = math.radians(-60.0)  # from where a scene in space is seen
+_FIELD_OF_VIEW = 35.0  # degrees, from bottom to top
+_TILT = math.radians(24.0)  # off the plane's normal, so that depth can be seen
+_MARGIN = 1.05
+_UPRIGHT = 0.75  # cosine of normal and vertical; planes above it are seen from above
 _PICTURE = "the picture is drawn as far from the camera as the tip is on average"
 _KNOWN = "the sensor's frame is not the robot's: positions are drawn in the robot's"
 _FITTED = (
@@ -36,8 +37,7 @@ class Placement:
 
     origin: Array  # (3,), where the sensor's (0, 0) is
     axes: Array  # (2, 3) or (3, 3), where its x and y, and in space its z, lead, for one unit
-    scale: float  # size of the scene over that of the world: not 1 for very small or large arms
-    up: float  # sign of y that leads up a picture: -1 where it counts downwards, as pixels do
+    up: float = 1.0  # sign of y that leads up a picture: -1 where it counts downwards, as pixels do
     note: str = ""  # what the user should be told, or ""
 
     def lift(self, x: ArrayLike) -> Array:
@@ -64,17 +64,13 @@ def place_model(model: Model, arm: DrawnArm | None) -> Placement:
     axes, origin = np.eye(3)[: len(model.axes)], np.zeros(3)
     if plane and len(axes) == 2:
         axes, origin = np.array([plane["x"], plane["y"]]), np.array(plane["origin"], dtype=float)
-    if arm is None:
-        size = _scale_of(extent(model))
-        flips = np.array([[1.0], [up], [1.0]])[: len(axes)]  # as the camera sees it
-        return Placement(size * origin, size * axes * flips, size, up)
+    if arm is None:  # as the camera sees it
+        return Placement(origin, axes * np.array([[1.0], [up], [1.0]])[: len(axes)], up)
     nodes = model.motor.scale.from_unit(np.clip(model.motor.units[model.visited], 0.0, 1.0))
     nodes = nodes[thinned(len(nodes), 300)]
     seen = model.forward(nodes)
     known = np.isfinite(seen).all(axis=1)
     tips, seen = arm.tips(nodes[known]), seen[known]
-    reach = float(np.ptp(tips, axis=0).max())
-    told, size, note = origin + seen @ axes, _scale_of(reach), ""
     sensor, body = SensorPose.of(model.body), model.body
     if sensor is not None and body is not None:  # the body knows where the sensor stands
         structure: Any = body.structure
@@ -83,27 +79,16 @@ def place_model(model: Model, arm: DrawnArm | None) -> Placement:
             depth = float(np.mean((tips - sensor.position) @ sensor.rotation[:, 2]))
             axes = depth / f * sensor.rotation[:, :2].T
             corner = sensor.position + depth * sensor.rotation[:, 2] - u * axes[0] - v * axes[1]
-            return Placement(corner, axes, 1.0, -1.0, _PICTURE)
-        axes = size * sensor.rotation.T / structure.sensor(body.beta).scale
-        note = "" if structure.view == "base" else _KNOWN
-        return Placement(size * sensor.position, axes, size, up, note)
+            return Placement(corner, axes, -1.0, _PICTURE)
+        axes = sensor.rotation.T / structure.sensor(body.beta).scale
+        return Placement(sensor.position, axes, up, "" if structure.view == "base" else _KNOWN)
+    told = origin + seen @ axes
     far = np.sqrt(np.mean(np.sum((told - tips) ** 2, axis=1)))
-    if about.unit != "m" or far > _TRUSTED * reach:
+    if about.unit != "m" or far > _TRUSTED * float(np.ptp(tips, axis=0).max()):
         # points of a plane need no mirror: a half turn about a line in it is one
         turn, shift, factor = similarity(told, tips)
-        origin, axes, note = factor * turn @ origin + shift, factor * axes @ turn.T, _FITTED
-    return Placement(size * origin, size * axes, size, up, note)
-
-
-def _scale_of(size: float) -> float:
-    """Scale at which an extent [m] is drawn: its own, unless it is very small or very large."""
-    return 1.0 if _SIZES[0] <= size <= _SIZES[1] else _DRAWN / size
-
-
-_FIELD_OF_VIEW = 35.0  # degrees, from bottom to top
-_TILT = math.radians(24.0)  # off the plane's normal, so that depth can be seen
-_MARGIN = 1.05
-_UPRIGHT = 0.75  # cosine of normal and vertical; planes above it are seen from above
+        return Placement(factor * turn @ origin + shift, factor * axes @ turn.T, up, _FITTED)
+    return Placement(origin, axes, up)
 
 
 def camera_onto(points: Array, frame: Array) -> dict[str, Any]:

@@ -21,9 +21,8 @@ from ...model.model import Model
 from ...samples.samples import Samples
 from ...training.evaluate import simulation_of
 from ..error_scale import STOPS, ErrorScale, colours
-from ..workspace import extent, node_errors, outline, training_rows
-from .arm import LAYER, DrawnArm
-from .canvas import Canvas
+from ..workspace import extent, node_errors, outline
+from .canvas import LAYER, Canvas, DrawnArm
 from .maps import LINK, Panel, draw_maps, labels, packed_links, telling_node
 from .placement import Placement, camera_onto, place_model
 
@@ -63,18 +62,14 @@ class Scene:
         low, high = np.zeros(dof), np.ones(dof)
         if model.rows is not None and len(model.axes) == 3:  # measured postures fill but a part
             low, high = np.quantile(scale.to_unit(model.rows.q), (0.05, 0.95), axis=0)
-        for swing in _SWINGS:
-            q = scale.from_unit(low + (high - low) * (0.5 + swing * wave))
-            target = model.forward(q)
-            known = np.isfinite(target).all(axis=1)
+        loops = (scale.from_unit(low + (high - low) * (0.5 + s * wave)) for s in _SWINGS)
+        for q in loops:
+            known = np.isfinite(model.forward(q)).all(axis=1)
             if known.all():
                 break
-        q, target = q[known], target[known]
-        if not len(q):  # a log with a hole in its middle: stay at a node
-            node = int(np.argmax(model.visited))
-            q = model.motor.weights[[node, node]]
-            near = model.predictor.value(scale.to_unit(q))
-            target = model.sensory.weights[model.sensory.winners(near)]
+        # a log with a hole in its middle: stay at a node
+        q = q[known] if known.any() else model.motor.weights[[int(np.argmax(model.visited))] * 2]
+        target = model.forward(q)
         answer = model.solve(target, q)
         reached = answer.position if simulation is None else simulation.exact(answer.q)
         return answer.q, target, reached
@@ -98,34 +93,32 @@ class Scene:
     def data(self) -> dict[str, Any]:
         """Plain data for the page: what is drawn, legend, labels, links, camera and notes."""
         model, about, arm, placement = self.model, self.model.about, self.arm, self.placement
-        canvas, flat = Canvas(), len(model.axes) == 2
+        canvas, flat, frame = Canvas(), len(model.axes) == 2, self.placement.frame
         notes = ["no URDF came with this model: the arm itself is not drawn"] if arm is None else []
+        notes += [placement.note] * bool(placement.note)
         size = extent(model) * float(np.linalg.norm(placement.axes[0]))
-        poses = {} if arm is None else arm.poses(self.motion[0])
         border = placement.lift(outline(model).reshape(-1, 2)) if flat else np.empty((0, 3))
-        photo = model.photo if flat else None
         # what the picture has to show: the reach, the arm, the photo, the panel and its words
-        around = [border if len(border) else placement.lift(model.sensory.weights)]
-        if arm is not None:
-            around.append(placement.scale * np.array([poses[link][0, :3, 3] for link in arm.way]))
+        around = [placement.lift(model.sensory.weights), border]
+        poses = {} if arm is None else arm.poses(self.motion[0])
+        around += [pose[:1, :3, 3] for pose in poses.values()]
+        photo = model.photo if flat else None
         if photo is not None:
             left, right, low, high = photo.box
             corners = placement.lift([[left, low], [right, low], [right, high], [left, high]])
             around.append(corners)
-        dof = len(about.joint_names)
-        panel = Panel.beside(placement.frame, np.concatenate(around), 0.75 * size, dof)
+        panel = Panel.beside(frame, np.concatenate(around), 0.75 * size, len(about.joint_names))
         words = list(labels(model, placement, panel))
-        wide = {"left": 0.12 * size * placement.frame[0]}  # what begins at the panel's edge
-        ends = [w["at"] + wide.get(w["align"], 0.0) for w in words]
-        around += [panel.outline()[0], np.array(ends)]
-        camera = camera_onto(np.concatenate(around), placement.frame)
+        wide = 0.12 * size * frame[0]  # half of a long word
+        around += [panel.outline()[0], *(at + side * wide for *_, at in words for side in (-1, 1))]
+        camera = camera_onto(np.vstack(around), frame)
         # at equal depth the graphics card would draw now the one, now the other: lines that lie on
         # the maps are drawn a little in front of them
         front = 0.006 * size * np.array(camera["direction"])
         errors = list(node_errors(model))
-        if not flat:  # postures spread evenly over the learned range, but those that it refuses
-            rng, dof = np.random.default_rng(0), len(about.joint_names)
-            cloud = rng.uniform(about.lower, about.upper, (_POSTURES, dof))
+        if not flat:  # postures spread evenly over the learned range
+            shape = _POSTURES, len(about.lower)
+            cloud = np.random.default_rng(0).uniform(about.lower, about.upper, shape)
             errors.append(model.model_error(cloud))
         scale = ErrorScale.of(np.concatenate(errors), about.unit, extent(model))
 
@@ -137,48 +130,39 @@ class Scene:
             more: dict[str, Any] = {"image": jpeg, "opacity": 0.999}
             canvas.add("Photo/picture", "image", "#ffffff", behind, faces, **more)
         if arm is not None:
-            canvas.layer(LAYER, "", "as its URDF describes it")
-            # thickness of the arm in its own metres
-            arm.draw(canvas, poses, size / placement.scale)
-            if placement.scale != 1.0:
-                canvas.place(LAYER, np.diag([*[placement.scale] * 3, 1.0]))
+            canvas.layer(LAYER, "", "its joints and links, as its URDF describes them")
+            arm.draw(canvas, poses, size)
         draw_maps(canvas, model, placement, panel, scale, size)
         canvas.layer("Hebbian links", LINK, "of one node; click the sensory map for another")
-        if not flat:
-            name = "Error cloud"
-            canvas.layer(name, "scale", "bound on the true position, over all postures")
-            x = model.forward(cloud)
-            known = np.isfinite(x).all(axis=1)
-            tints, dots = colours(scale.share(errors[-1][known])), placement.lift(x[known])
-            canvas.add(f"{name}/points", "points", tints, dots, size=0.007 * size)
-        else:
+        if flat:
             canvas.layer("Workspace border", _BORDER, "of all that the learned range reaches")
             pairs = np.arange(len(border)).reshape(-1, 2)
             canvas.add("Workspace border/line", "lines", _BORDER, border + front, pairs)
-        _, x, what = training_rows(model, self.samples)
-        if len(x):
-            shown = x[thinned(len(x), _MOST_SAMPLES)]
-            few = f"{len(shown):,} of {len(x):,} {what}" if len(shown) < len(x) else what
-            name = canvas.layer("Training samples", _SAMPLE, few, shown=False)
-            dots = placement.lift(shown)
-            canvas.add(f"{name}/positions", "points", _SAMPLE, dots, size=0.006 * size)
+        else:
+            canvas.layer("Error cloud", "scale", "bound on the true position, over all postures")
+            x = model.forward(cloud)
+            known = np.isfinite(x).all(axis=1)
+            tints, dots = colours(scale.share(errors[-1][known])), placement.lift(x[known])
+            canvas.add("Error cloud/points", "points", tints, dots, size=0.007 * size)
+        measured = self.samples if self.samples is not None else model.rows
+        if measured is not None:
+            some = thinned(len(measured.x), _MOST_SAMPLES)
+            told = f"{len(some):,} of {len(measured.x):,} rows of the log"
+            canvas.layer("Training samples", _SAMPLE, told, shown=False)
+            dots = placement.lift(measured.x[some])
+            canvas.add("Training samples/positions", "points", _SAMPLE, dots, size=0.006 * size)
         self._draw_motion(canvas, front, size)
         canvas.place("Axes", np.diag([*[0.3 * size] * 3, 1.0]))
-        notes += [placement.note] * bool(placement.note)
         bound = "true position" if about.source == "simulation" else about.bound_of
-        ticks = scale.ticks()
         # a target is dragged in the drawn plane; in space in one through the middle of the map
         middle = placement.origin if flat else placement.lift(model.sensory.weights).mean(axis=0)
         return {
             **vars(canvas),
             "title": about.robot or "learned from a log",
-            "legend": {
-                "title": "Expected error",
-                "text": f"95 % bound on the distance to the {bound}",
-                "ticks": ticks,
-                "stops": STOPS[:1] if scale.empty else STOPS,
-            },
-            "labels": [{**word, "at": word["at"].tolist()} for word in words],
+            "bound": f"95 % bound on the distance to the {bound}",
+            "ticks": scale.ticks(),
+            "stops": STOPS[:1] if scale.empty else STOPS,
+            "labels": [{"layer": n, "text": text, "at": at.tolist()} for n, text, at in words],
             "camera": camera,
             # its links are drawn first
             "node": telling_node(model, np.unique(model.sensory.winners(self.motion[1]))),
@@ -186,9 +170,8 @@ class Scene:
             "link": LINK,
             "target": _TARGET,
             "panel": {"corner": panel.corner.tolist(), "edges": panel.edges.tolist()},
-            "plane": {"point": middle.tolist(), "normal": placement.frame[2].tolist()},
+            "plane": {"point": middle.tolist(), "normal": frame[2].tolist()},
             "size": size,
-            "dot": 0.022 * size,  # width of the partners of a linked node
             "notes": notes,
         }
 

@@ -73,11 +73,21 @@ def preview(
     if path is not None:
         atomic_write(path, page)
         return Preview(Path(path).absolute().as_uri(), scene)
-    server = _Server(page, port, Answers(scene) if live else None)
+    try:
+        server = _Server((_ADDRESS, port), _Handler)
+    except (OSError, OverflowError) as error:
+        raise OptionError(
+            f"port {port} cannot be used ({getattr(error, 'strerror', None) or error})",
+            hint="choose another, or none for any that is free",
+            parameter="port",
+            value=port,
+        ) from error
+    server.page, server.scene = page, scene if live else None
     threading.Thread(target=server.serve_forever, args=(0.2,), daemon=True).start()
+    shown = Preview(f"http://{_ADDRESS}:{server.server_address[1]}{server.place}", scene, server)
     if browse:
-        webbrowser.open(server.url)
-    return Preview(server.url, scene, server)
+        webbrowser.open(shown.url)
+    return shown
 
 
 class Preview:
@@ -109,27 +119,17 @@ class Preview:
 
 
 class _Server(ThreadingHTTPServer):
-    """Serves one page on the loopback interface until it is closed.
-
-    Its address holds a secret, so that other pages in the same browser cannot ask.
-    """
+    """Serves one page on the loopback interface until it is closed."""
 
     daemon_threads = True
     allow_reuse_address = False
+    page: bytes
+    scene: Scene | None  # whose map answers questions
 
-    def __init__(self, page: bytes, port: int, answers: Answers | None) -> None:
-        try:
-            super().__init__((_ADDRESS, port), _Handler)
-        except (OSError, OverflowError) as error:
-            raise OptionError(
-                f"port {port} cannot be used ({getattr(error, 'strerror', None) or error})",
-                hint="choose another, or none for any that is free",
-                parameter="port",
-                value=port,
-            ) from error
-        self.page, self.answers = page, answers
+    def __init__(self, *how: Any) -> None:
+        super().__init__(*how)
+        # a secret, so that other pages in the same browser cannot ask
         self.place = f"/{secrets.token_urlsafe(12)}/"
-        self.url = f"http://{_ADDRESS}:{self.server_address[1]}{self.place}"
 
     def handle_error(self, request: Any, client_address: Any) -> None:
         """Stay quiet: browsers drop connections as they like."""
@@ -148,13 +148,13 @@ class _Handler(BaseHTTPRequestHandler):
 
     def do_POST(self) -> None:
         """Answer a question of the page."""
-        answers, length = self.server.answers, self.headers.get("Content-Length", "")
+        scene, length = self.server.scene, self.headers.get("Content-Length", "")
         small = length.isascii() and length.isdigit() and int(length[:9]) <= _LONGEST
-        if self.path != f"{self.server.place}ask" or answers is None or not small:
+        if self.path != f"{self.server.place}ask" or scene is None or not small:
             self._send(404, "text/plain", b"not here")
             return
         try:
-            reply = answers.to(json.loads(self.rfile.read(int(length))))
+            reply = _answer(scene, json.loads(self.rfile.read(int(length))))
             text = json.dumps(reply, allow_nan=False)
         except TimeoutError:
             raise
@@ -178,43 +178,36 @@ class _Handler(BaseHTTPRequestHandler):
         self.wfile.write(data)
 
 
-class Answers:
-    """Answers inverse queries of a page with a model's map."""
+def _answer(scene: Scene, question: dict[str, Any]) -> dict[str, Any]:
+    """Answer with every branch that reaches a point of the scene.
 
-    def __init__(self, scene: Scene) -> None:
-        self._scene = scene
-
-    def to(self, question: dict[str, Any]) -> dict[str, Any]:
-        """Answer with every branch that reaches a point of the scene.
-
-        question : "at", a point of the scene; what is off the drawn plane is left out
-        Returns "reachable", "words", "target" (the point in the plane) and "branches", each
-        with "words", "joints" in the motor map's unit box, and transforms of "links".
-        """
-        model, placement, arm = self._scene.model, self._scene.placement, self._scene.arm
-        point = checked_rows(question["at"], ("x", "y", "z"), "at")[0][0]
-        # the plane's axes span two of three dimensions: least squares drops the third
-        x = (point - placement.origin) @ np.linalg.pinv(placement.axes)
-        found, about = model.solve_all(x[None])[0], model.about
-        branches = []
-        for q, error in zip(found.q[:_MOST], found.expected_error, strict=False):
-            told = []
-            for name, value, unit in zip(about.joint_names, q, about.units_of_joints, strict=True):
-                factor, shown = for_people(unit)
-                told.append(f"{name} {factor * value:.2f} {shown}")
-            poses = {} if arm is None else arm.poses(q)
-            bound = length_in_words(float(error), about.unit)
-            branches.append(
-                {
-                    "words": f"{', '.join(told)}\nexpected error {bound}",
-                    "joints": model.motor.scale.to_unit(q[None])[0].tolist(),
-                    "links": {name: t[0].T.ravel().tolist() for name, t in poses.items()},
-                }
-            )
-        reachable = bool(found.reachable.any())
-        words = f"{len(branches)} ways to reach it" if len(branches) > 1 else "one way to reach it"
-        if not reachable:
-            off = length_in_words(float(found.distance[0]), about.unit)
-            words = f"out of reach, the nearest point is {off} away"
-        target = placement.lift(x[None])[0].tolist()
-        return {"reachable": reachable, "words": words, "target": target, "branches": branches}
+    question : "at", a point of the scene; what is off the drawn plane is left out
+    Returns "reachable", "words", "target" (the point in the plane) and "branches", each
+    with "joints" in the motor map's unit box, and transforms of "links".
+    """
+    model, placement, arm = scene.model, scene.placement, scene.arm
+    point = checked_rows(question["at"], ("x", "y", "z"), "at")[0][0]
+    # the plane's axes span two of three dimensions: least squares drops the third
+    x = (point - placement.origin) @ np.linalg.pinv(placement.axes)
+    found, about = model.solve_all(x[None])[0], model.about
+    lines, branches = [f"{len(found.q)} ways to reach it"], []
+    if not found.reachable.any():
+        off = length_in_words(float(found.distance[0]), about.unit)
+        lines = [f"out of reach, the nearest point is {off} away"]
+    for q, error in zip(found.q[:_MOST], found.expected_error, strict=False):
+        joints = zip(about.joint_names, q, map(for_people, about.units_of_joints), strict=True)
+        lines.append(", ".join(f"{n} {f * v:.2f} {unit}" for n, v, (f, unit) in joints))
+        lines.append(f"expected error {length_in_words(float(error), about.unit)}")
+        poses = {} if arm is None else arm.poses(q)
+        branches.append(
+            {
+                "joints": model.motor.scale.to_unit(q[None])[0].tolist(),
+                "links": {name: t[0].T.ravel().tolist() for name, t in poses.items()},
+            }
+        )
+    return {
+        "reachable": bool(found.reachable.any()),
+        "words": "\n".join(lines),
+        "target": placement.lift(x[None])[0].tolist(),
+        "branches": branches,
+    }

@@ -11,15 +11,12 @@ import numpy as np
 
 from ...common.arrays import Array
 from ...common.wording import for_people, printable
-from ...model.about import About
 from ..error_scale import STOPS, UNKNOWN, ErrorScale
 
 WIDE = 7.4  # inches, the page's column
-INK, FAINT = "#010203", "#020304"
-"""Stand for the page's own colours until a figure is written; figure.mplstyle has them too."""
 
-_PAPER = {INK: "#1d2730", FAINT: "#cfd6dc"}
-HUE = "#1c7ed6"
+# the page's own colours, until a figure is written, as figure.mplstyle has them, and on paper
+_INK = {"#010203": ("currentColor", "#1d2730"), "#020304": ("var(--rule)", "#cfd6dc")}
 
 
 def settings(*, paper: bool = False) -> Any:
@@ -29,7 +26,7 @@ def settings(*, paper: bool = False) -> Any:
     file = Path(__file__).with_name("figure.mplstyle")
     chosen: Any = dict(mpl.rc_params_from_file(file, use_default_template=False))
     if paper:
-        chosen |= {k: _PAPER[v] for k, v in chosen.items() if isinstance(v, str) and v in _PAPER}
+        chosen |= {k: _INK[v][1] for k, v in chosen.items() if isinstance(v, str) and v in _INK}
     return mpl.rc_context(chosen)
 
 
@@ -44,26 +41,20 @@ def plain_text(name: str) -> str:
     return printable(name).replace("$", r"\$")
 
 
-def figure_unit(unit: str) -> tuple[float, str]:
-    """Return `for_people` for a figure, in which a name is no formula."""
-    factor, name = for_people(unit)
-    return factor, plain_text(name)
+def label(name: str, unit: str) -> tuple[float, str]:
+    """Factor from a unit to the one that figures show, and the label of an axis."""
+    factor, shown = for_people(unit)
+    return factor, f"{plain_text(name)} [{plain_text(shown)}]"
 
 
-def joint_axis(about: About, k: int) -> tuple[float, str]:
-    """Factor from a joint's SI unit to the one that figures show, and the axis' label."""
-    factor, unit = for_people(about.units_of_joints[k])
-    return factor, f"{plain_text(about.joint_names[k])} [{unit}]"
-
-
-def panels(rows: int, columns: int, height: float, **options: Any) -> tuple[Any, Any]:
+def panels(rows: int, columns: int, height: float) -> tuple[Any, Any]:
     """Return a figure of this height [inch], apart from any window system, and its axes."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(WIDE, height), layout="constrained")
     FigureCanvasAgg(figure)
-    return figure, figure.subplots(rows, columns, squeeze=False, **options)
+    return figure, figure.subplots(rows, columns, squeeze=False)
 
 
 def colour_map(unknown: str = "none") -> Any:
@@ -73,18 +64,18 @@ def colour_map(unknown: str = "none") -> Any:
     return LinearSegmentedColormap.from_list("calib", list(STOPS)).with_extremes(bad=unknown)
 
 
-def colour_bar(figure: Any, image: Any, axes: Any, label: str) -> Any:
+def colour_bar(figure: Any, image: Any, axes: Any, text: str) -> Any:
     """Add a bar that tells what the colours mean."""
     bar = figure.colorbar(image, ax=list(np.ravel(axes)), shrink=0.9, pad=0.01, aspect=24)
-    bar.set_label(label)
+    bar.set_label(text)
     bar.outline.set_visible(False)
     return bar
 
 
-def error_bar(figure: Any, image: Any, axes: Any, scale: ErrorScale, label: str) -> None:
+def error_bar(figure: Any, image: Any, axes: Any, scale: ErrorScale, text: str) -> None:
     """Add a bar with the ticks of a scale of errors."""
     places, words = zip(*scale.ticks(5), strict=True)
-    bar = colour_bar(figure, image, axes, f"{label}: {words[0]}" if scale.empty else label)
+    bar = colour_bar(figure, image, axes, f"{text}: {words[0]}" if scale.empty else text)
     bar.set_ticks([] if scale.empty else list(places), labels=[] if scale.empty else list(words))
 
 
@@ -106,15 +97,6 @@ def draw_lattice(
     return lines
 
 
-def label_steps(axis: Any) -> None:
-    """Label 1, 2 and 5 of a logarithmic axis: less than a decade has no power of ten to tell."""
-    from matplotlib.ticker import LogLocator, NullFormatter
-
-    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-    axis.set_major_formatter("{x:g}")
-    axis.set_minor_formatter(NullFormatter())  # laying minor labels out takes half of the drawing
-
-
 def to_svg(figure: Any, name: str, words: str) -> str:
     """Return a figure as SVG for a page; `words` say what it shows."""
     buffer = io.StringIO()
@@ -124,8 +106,8 @@ def to_svg(figure: Any, name: str, words: str) -> str:
     figure.savefig(buffer, format="svg", dpi=150)
     svg = buffer.getvalue()
     svg = svg[svg.index("<svg") :]
-    # the page's own colours, light or dark, which matplotlib cannot name
-    svg = svg.replace(INK, "currentColor").replace(FAINT, "var(--rule)")
+    for ink, (own, _) in _INK.items():  # which matplotlib cannot name
+        svg = svg.replace(ink, own)
     # two equal images, such as colour bars, get one name, which nothing refers to
     svg = re.sub(r'\bid="image[0-9a-f]+"', "", svg)
     # several figures share one page: their names must not meet

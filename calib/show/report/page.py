@@ -18,58 +18,38 @@ from ...errors import OptionError
 from ...model.facts import facts, shown_errors
 from ...model.model import Model
 from ...samples.samples import Samples
-from . import curves, maps
+from ...training.evaluate import Evaluation, Residuals, evaluate, evaluate_residuals
 from .drawing import settings, to_svg
-from .evidence import Evidence, gather
-
-_MEAN = {2: 1.2533, 3: 1.5958}  # mean distance over the standard deviation along an axis
+from .figures import heat_maps, lattices, over_photo, u_matrices
 
 # name: what the figure shows, how to read it, and what draws it, or None where there is nothing
-SECTIONS: dict[str, tuple[str, str, Callable[[Evidence], Any]]] = {
+SECTIONS: dict[str, tuple[str, str, Callable[[Model, Residuals | None], Any]]] = {
     "photo": (
         "The map over a photo",
         "The sensory map as the camera sees the arm, and where the tip was seen and is predicted.",
-        maps.over_photo,
-    ),
-    "sockets": (
-        "Scatter by socket",
-        "Each dot is a touch: its distance from the mean of all tips in that socket, which should "
-        "be the play of the socket alone.",
-        curves.by_socket,
+        over_photo,
     ),
     "forward": (
         "Forward error: where is the tip?",
         "Mean distance between predicted and true position of the test samples in each cell, "
         "over the positions; in a plane also over the joints that they belong to.",
-        lambda e: maps.heat_maps(e, "forward"),
+        lambda model, residuals: heat_maps(model, residuals, "forward"),
     ),
     "inverse": (
         "Inverse error: how to get there?",
         "Distance from each target to where the answered joints lead.",
-        lambda e: maps.heat_maps(e, "inverse"),
-    ),
-    "curves": (
-        "Joint curves",
-        "What a joint turns beyond its reading, with the 95 % interval, over the measured part of "
-        "its range. Gears and encoders repeat such errors every turn.",
-        curves.joint_curves,
+        lambda model, residuals: heat_maps(model, residuals, "inverse"),
     ),
     "lattices": (
         "What was learned: both lattices",
         "Nodes of the motor map in the joint space and of the sensory map in the workspace, "
         "joined to their lattice neighbours and coloured by the expected error.",
-        maps.lattices,
+        lambda model, _: lattices(model),
     ),
     "nodes": (
-        "U-matrix and hits",
-        "The U-matrix shows how far apart neighbouring nodes are: ridges are folds and borders. "
-        "Hits are the training samples that each node won.",
-        maps.node_maps,
-    ),
-    "training": (
-        "Training",
-        "Error and neighbourhood by epoch; dotted lines are where a finer lattice takes over.",
-        curves.training,
+        "U-matrix",
+        "How far apart neighbouring nodes are: ridges are folds and borders.",
+        lambda model, _: u_matrices(model),
     ),
 }
 
@@ -95,30 +75,32 @@ def report(model: Model, path: str | os.PathLike[str], log: Samples | None = Non
     >>> os.path.getsize(path) > 100_000
     True
     """
-    evidence, about = gather(model, log), model.about
+    found, about = evaluate(model, log), model.about
     robot = escape(about.robot or "An arm, learned from a log")
-    listed = {**facts(model), "links": f"{model.links.nnz:,}"}
     items = (
-        f"<dt>{escape(k)}</dt><dd>{escape(v.replace('`', ''))}</dd>" for k, v in listed.items()
+        f"<dt>{escape(k)}</dt><dd>{escape(v.replace('`', ''))}</dd>"
+        for k, v in facts(model).items()
     )
+    source = f"On {found.rows:,} {found.source}"
+    source += f"; {found.left_out:,} are left out." if found.left_out else "."
     parts = [
         f"<h1>{robot}</h1>",
-        f'<p class="lead">{_verdict(evidence)}</p>',
-        _heading("What was learned from what"),
+        f'<p class="lead">{_verdict(model, found)}</p>',
+        "<h2>What was learned from what</h2>",
         f"<dl>{''.join(items)}</dl>",
-        *(_soft(f"Note: {note}") for note in about.notes),
-        _heading("Errors"),
-        _soft(f"On {evidence.source}."),
-        _errors(evidence),
+        *(_soft(f"Note: {note}") for note in (*about.notes, *found.notes)),
+        "<h2>Errors</h2>",
+        _soft(source),
+        _errors(model, found.errors),
     ]
     if log is not None:
-        parts += [_heading("Does the log still fit?"), _drift(model, log)]
-    with settings():
-        for name, (heading, text, draw) in SECTIONS.items():
-            if (figure := draw(evidence)) is not None:
-                svg = to_svg(figure, name, heading)
-                caption = f"<figcaption>{escape(text)}</figcaption>"
-                parts += [_heading(heading), f'<figure id="{name}">{svg}{caption}</figure>']
+        parts += ["<h2>Does the log still fit?</h2>", _drift(model, log)]
+    for name, figure in _drawn(model, found, SECTIONS, paper=False).items():
+        heading, text, _ = SECTIONS[name]
+        caption = f"<figcaption>{escape(text)}</figcaption>"
+        with settings():
+            svg = to_svg(figure, name, heading)
+        parts.append(f'<h2>{heading}</h2><figure id="{name}">{svg}{caption}</figure>')
     title = f"{robot}: calibration report"
     page = filled(__package__, "page.html", title=title, body="\n".join(parts))
     atomic_write(path, page.encode("utf-8"))
@@ -135,7 +117,7 @@ def figures(
     log : Samples, optional
         A log to judge the model by, as in :func:`report`.
     names : sequence of str
-        Which: "photo", "sockets", "forward", "inverse", "curves", "lattices", "nodes", "training".
+        Which: "photo", "forward", "inverse", "lattices", "nodes".
 
     Returns
     -------
@@ -157,14 +139,16 @@ def figures(
                 parameter="names",
                 value=name,
             )
-    evidence = gather(model, log)
-    with settings(paper=True):
-        drawn = {name: SECTIONS[name][2](evidence) for name in names}
+    return _drawn(model, evaluate(model, log), names, paper=True)
+
+
+def _drawn(model: Model, found: Evaluation, names: Iterable[str], *, paper: bool) -> dict[str, Any]:
+    residuals, rows = found.residuals, model.rows
+    if residuals is None and rows is not None:  # the model learned from them: still they tell where
+        residuals = evaluate_residuals(model, rows.q, rows.x, None)
+    with settings(paper=paper):
+        drawn = {name: SECTIONS[name][2](model, residuals) for name in names}
     return {name: figure for name, figure in drawn.items() if figure is not None}
-
-
-def _heading(title: str) -> str:
-    return f"<h2>{escape(title)}</h2>"
 
 
 def _soft(text: str) -> str:
@@ -172,47 +156,36 @@ def _soft(text: str) -> str:
 
 
 def _table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """Return an HTML table; the first column holds words, the others numbers."""
-
     def line(tag: str, cells: Sequence[str]) -> str:
-        first, *others = map(escape, cells)
-        numbers = "".join(f"<{tag} class=number>{cell}</{tag}>" for cell in others)
-        return f"<tr><{tag}>{first}</{tag}>{numbers}</tr>"
+        return f"<tr>{''.join(f'<{tag}>{escape(cell)}</{tag}>' for cell in cells)}</tr>"
 
-    body, head = "".join(line("td", row) for row in rows), line("th", header)
-    return f'<div class="wide"><table><thead>{head}</thead><tbody>{body}</tbody></table></div>'
+    body = "".join(line("td", row) for row in rows)
+    return f'<div class="wide"><table>{line("th", header)}{body}</table></div>'
 
 
-def _verdict(evidence: Evidence) -> str:
-    model, errors = evidence.model, evidence.errors.get(evidence.model.default_readout)
+def _verdict(model: Model, found: Evaluation) -> str:
+    def words(value: float) -> str:
+        return escape(length_in_words(value, model.about.unit))
+
+    errors = found.errors.get(model.default_readout)
     if not errors:
         return "No errors are known of this model."
-    axes = len(model.axes)
-
-    def words(value: float) -> str:
-        return escape(length_in_words(value, evidence.unit))
-
     mean, most = (errors["forward"]["distance"][key] for key in ("mean", "p99"))
     text = f"The tip is predicted to <strong>{words(mean)}</strong> on average"
-    text += "" if mean == most else f", to {words(most)} in 99 of 100"
+    text += f", to {words(most)} in 99 of 100"
     if covered := model.about.within.get("covered"):
         text += f"; the 95 % bound covered {100 * covered:.0f} % of them when it was made"
-    if evidence.noise:
-        reading = words(evidence.noise * _MEAN[axes])
-        text += f"; a single reading of its sensor is off by {reading} on average"
-    elif model.about.bound_of == "sensor reading" and model.body is not None:
-        noise = float(np.sqrt(np.mean(model.body.noise[:axes] ** 2))) * _MEAN[axes]
+    if model.about.bound_of == "sensor reading":
         own = float(np.nanmedian(model.model_bounds[model.visited]))
         text += (
-            f". That is the distance to noisy readings, each off by about {words(noise)} "
-            f"on average (estimated): the model's own error is below <strong>{words(own)}</strong> "
-            "(95 % bound, median over the range)"
+            f". That is the distance to noisy readings: the model's own error is below "
+            f"<strong>{words(own)}</strong> (95 % bound, median over the range)"
         )
     return f"{text}."
 
 
-def _errors(evidence: Evidence) -> str:
-    readouts = [r for r in READOUTS if r in evidence.errors]
+def _errors(model: Model, errors: Mapping[str, Any]) -> str:
+    readouts = [readout for readout in READOUTS if readout in errors]
     if not readouts:
         return ""
 
@@ -224,7 +197,7 @@ def _errors(evidence: Evidence) -> str:
 
     rows = [
         [f"{direction}, {name} [{unit}]", *(cell(found.get(readout)) for readout in readouts)]
-        for direction, name, unit, found in shown_errors(evidence.model.about, evidence.errors)
+        for direction, name, unit, found in shown_errors(model.about, errors)
     ]
     return _table(["mean (largest)", *readouts], rows)
 

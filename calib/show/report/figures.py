@@ -1,4 +1,4 @@
-"""Figures of the maps: errors over both spaces, lattices, U-matrix and hits, all over a photo."""
+"""Figures of the maps: errors over both spaces, lattices, U-matrix, all over a photo."""
 
 from __future__ import annotations
 
@@ -11,19 +11,10 @@ from ...common.rows import thinned
 from ...common.wording import length_in_words
 from ...maps.map import Map
 from ...model.model import Model
+from ...training.evaluate import Residuals
 from ..error_scale import ErrorScale
 from ..workspace import drawn_edges, extent, node_errors, outline
-from .drawing import (
-    WIDE,
-    colour_bar,
-    colour_map,
-    draw_lattice,
-    error_bar,
-    figure_unit,
-    joint_axis,
-    panels,
-)
-from .evidence import Evidence
+from .drawing import WIDE, colour_bar, colour_map, draw_lattice, error_bar, label, panels
 
 _BINS = 36
 _PAPERS = "activity"  # the readout of the paper, beside the default
@@ -33,20 +24,17 @@ _ARROWS, _LONG = 300, 0.06  # how many, and how long the longest are, of the pic
 _CELLS: dict[str, Any] = {"origin": "lower", "aspect": "auto", "interpolation": "nearest"}
 
 
-def heat_maps(evidence: Evidence, direction: str) -> Any:
+def heat_maps(model: Model, residuals: Residuals | None, direction: str) -> Any:
     """Errors of a direction, "forward" or "inverse", over positions; in a plane over joints too."""
-    residuals, model = evidence.residuals, evidence.model
     if residuals is None:
         return None
     found = residuals.errors if direction == "forward" else residuals.distance
-    flat = len(model.axes) == 2
+    flat, factor = len(model.axes) == 2, label("", model.about.unit)[0]
     readouts = [r for r in (model.default_readout, _PAPERS) if r in found][: 2 if flat else 1]
     figure, grid = panels(len(readouts), 2 if flat else 3, 2.9 * len(readouts) if flat else 2.3)
-    factor, _ = figure_unit(evidence.unit)
-    views = ((0, 1),) if flat else ((0, 1), (0, 2), (1, 2))
     for row, readout in zip(grid, readouts, strict=True):
-        scale = ErrorScale.of(found[readout], evidence.unit, extent(model))
-        for ax, view in zip(row, views, strict=False):
+        scale = ErrorScale.of(found[readout], model.about.unit, extent(model))
+        for ax, view in zip(row, ((0, 1), (0, 2), (1, 2))[: 1 if flat else 3], strict=False):
             image = _heat(ax, residuals.x[:, view] * factor, found[readout], scale)
             _name_axes(ax, model, view)
         if flat:
@@ -60,19 +48,21 @@ def heat_maps(evidence: Evidence, direction: str) -> Any:
 
 def _name_joints(ax: Any, model: Model) -> Array:
     """Name the axes of the first two joints; return the factors (2,) for what they show."""
-    factors, names = zip(*(joint_axis(model.about, k) for k in (0, 1)), strict=True)
+    about = model.about
+    named = zip(about.joint_names[:2], about.units_of_joints, strict=False)
+    factors, names = zip(*(label(*each) for each in named), strict=True)
     ax.set(xlabel=names[0], ylabel=names[1])
     return np.array(factors)
 
 
-def _name_axes(ax: Any, model: Model, view: tuple[int, int] = (0, 1)) -> None:
-    """Name the axes of positions, of which two coordinates are seen; a picture's y runs down."""
-    _, unit = figure_unit(model.about.unit)
-    across, up = ("xyz"[k] for k in view)
-    ax.set(xlabel=f"{across} [{unit}]", ylabel=f"{up} [{unit}]", aspect="equal")
+def _name_axes(ax: Any, model: Model, view: tuple[int, int] = (0, 1)) -> float:
+    """Name the axes of two coordinates; return the factor for what they show."""
+    (factor, across), (_, up) = (label("xyz"[k], model.about.unit) for k in view)
+    ax.set(xlabel=across, ylabel=up, aspect="equal")
     ax.locator_params(nbins=4 if len(model.axes) == 3 else 6)
-    if model.about.unit == "px":
+    if model.about.unit == "px":  # a picture's y runs down
         ax.invert_yaxis()
+    return factor
 
 
 def _heat(ax: Any, points: Array, errors: Array, scale: ErrorScale) -> Any:
@@ -86,32 +76,38 @@ def _heat(ax: Any, points: Array, errors: Array, scale: ErrorScale) -> Any:
     return ax.imshow(shown, extent=ends.ravel(), cmap=colour_map(), vmin=0.0, vmax=1.0, **_CELLS)
 
 
-def lattices(evidence: Evidence) -> Any:
+def lattices(model: Model) -> Any:
     """Both lattices in their spaces, coloured by the expected error."""
-    model = evidence.model
     figure, [axes] = panels(1, 2, 3.5)
     errors = node_errors(model)
-    scale = ErrorScale.of(np.concatenate(errors), evidence.unit, extent(model))
-    factors: list[Any] = [_name_joints(axes[0], model), figure_unit(evidence.unit)[0]]
+    scale = ErrorScale.of(np.concatenate(errors), model.about.unit, extent(model))
+    factors: list[Any] = [_name_joints(axes[0], model), _name_axes(axes[1], model)]
     parts = {"motor": model.motor, "sensory": model.sensory}
     for ax, by, values, (what, part) in zip(axes, factors, errors, parts.items(), strict=True):
         points = part.weights[:, :2] * by
         lines = draw_lattice(ax, points, drawn_edges(part), values, scale, linewidths=0.7)
         ax.autoscale()
         ax.set_title(f"{what} map, {'x'.join(map(str, part.lattice.shape))} nodes")
-    _name_axes(axes[1], model)
     error_bar(figure, lines, axes, scale, "expected error")
     return figure
 
 
-def node_maps(evidence: Evidence) -> Any:
-    """U-matrix and hits of both maps, as the users of such maps expect them."""
-    model = evidence.model
-    figure, grid = panels(2, 2, 5.6)
-    parts = {"motor": (model.motor, evidence.u), "sensory": (model.sensory, evidence.v)}
-    for axes, (name, (part, rows)) in zip(grid.T, parts.items(), strict=True):
-        _nodes(figure, axes[0], part, u_matrix(part), f"{name} map: U-matrix", "distance [ranges]")
-        _nodes(figure, axes[1], part, hits(part, rows), f"{name} map: hits", "samples")
+def u_matrices(model: Model) -> Any:
+    """U-matrix of both maps, over their lattices; of three axes the mean over the third."""
+    figure, [axes] = panels(1, 2, 2.9)
+    for ax, name, part in zip(
+        axes, ("motor", "sensory"), (model.motor, model.sensory), strict=True
+    ):
+        values, shape = u_matrix(part), part.lattice.shape
+        if len(shape) == 1:  # a graph: its nodes have no place but where they stand
+            image = ax.scatter(*part.units[:, :2].T, c=values, s=4, cmap="cividis", rasterized=True)
+            ax.set(xlabel="first coordinate [range]", ylabel="second")
+        else:
+            shown = values.reshape(*shape[:2], -1).mean(axis=-1).T
+            image = ax.imshow(shown, vmax=np.quantile(shown, 0.995), cmap="cividis", **_CELLS)
+            ax.set(xlabel="first lattice axis [nodes]", ylabel="second [nodes]")
+        ax.set_title(f"{name} map")
+        colour_bar(figure, image, ax, "distance [ranges]")
     return figure
 
 
@@ -124,41 +120,11 @@ def u_matrix(part: Map) -> Array:
     return np.bincount(ends, np.tile(gap, 2), part.size) / np.maximum(count, 1)
 
 
-def hits(part: Map, u: Array) -> Array:
-    """How many samples (n, d) of the unit box each node won, (nodes,)."""
-    if not len(u):
-        return np.full(part.size, np.nan)
-    return np.bincount(part.nearest(u)[1][:, 0], minlength=part.size).astype(float)
-
-
-def _nodes(figure: Any, ax: Any, part: Map, values: Array, title: str, unit: str) -> None:
-    """Draw a value for each node; of a lattice of three axes the mean or the sum over the third."""
-    ax.set_title(title)
-    shape = part.lattice.shape
-    if np.isnan(values).all():
-        ax.text(0.5, 0.5, "not measured", ha="center", transform=ax.transAxes)
-        ax.set(xticks=[], yticks=[])
-        return
-    if len(shape) == 1:  # a graph: its nodes have no place but where they stand
-        image = ax.scatter(*part.units[:, :2].T, c=values, s=4, cmap="cividis", rasterized=True)
-        ax.set(xlabel="first coordinate [range]", ylabel="second")
-    else:
-        # hits of nodes behind each other add up, distances do not
-        how = "sum" if unit == "samples" else "mean"
-        shown = getattr(values.reshape(*shape[:2], -1), how)(axis=-1).T
-        most = float(np.quantile(values, 0.995)) if len(shape) == 2 else None
-        image = ax.imshow(shown, vmax=most, cmap="cividis", **_CELLS)
-        ax.set(xlabel="first lattice axis [nodes]", ylabel="second [nodes]")
-        if len(shape) == 3:
-            ax.set_title(f"{title} ({how} over the third axis)")
-    colour_bar(figure, image, ax, unit)
-
-
-def over_photo(evidence: Evidence) -> Any:
+def over_photo(model: Model, residuals: Residuals | None) -> Any:
     """Draw the sensory map over the model's photo; None where it has none."""
     from matplotlib.collections import LineCollection
 
-    model, photo = evidence.model, evidence.model.photo
+    photo, unit = model.photo, model.about.unit
     if photo is None or len(model.axes) != 2:
         return None
     pixels = photo.pixels()
@@ -169,7 +135,7 @@ def over_photo(evidence: Evidence) -> Any:
     ax.imshow(pixels, extent=photo.box, interpolation="antialiased", aspect="equal")
     ax.imshow([[1.0]], extent=photo.box, cmap="gray", vmin=0, vmax=1, alpha=0.18, aspect="equal")
     errors, nodes, edges = node_errors(model)[1], model.sensory.weights, drawn_edges(model.sensory)
-    scale = ErrorScale.of(errors, evidence.unit, extent(model))
+    scale = ErrorScale.of(errors, unit, extent(model))
     long = np.linalg.norm(np.diff(nodes[edges], axis=1)[:, 0], axis=1)
     # an edge that is far longer than others leads across what the arm does not reach
     edges = edges[np.isfinite(errors[edges]).all(axis=1) & (long < _FAR * np.median(long))]
@@ -178,16 +144,16 @@ def over_photo(evidence: Evidence) -> Any:
     around = LineCollection(list(outline(model)), colors=_BORDER, linewidths=2.2)
     around.set_label("what the learned range reaches")
     ax.add_collection(around, autolim=False)
-    if evidence.residuals is not None and len(evidence.residuals.q):
-        some = thinned(len(evidence.residuals.q), _ARROWS)
-        seen = evidence.residuals.x[some]
-        miss = evidence.residuals.forward[model.default_readout][some]
+    if residuals is not None:
+        some = thinned(len(residuals.q), _ARROWS)
+        seen, miss = residuals.x[some], residuals.forward[model.default_readout][some]
         away = np.linalg.norm(miss, axis=1)
         length = max(float(np.quantile(away, 0.95)), 1e-9)
         times = int(float(f"{max(_LONG * (right - left) / length, 1.0):.0e}"))
-        words = length_in_words(float(away.mean()), evidence.unit)
-        words = f"from a seen tip to the predicted one: {words} on average"
-        words += f", drawn {times:,} times as long" if times > 1 else ""
+        words = (
+            f"from a seen tip to the predicted one: {length_in_words(float(away.mean()), unit)} "
+        )
+        words += f"on average, drawn {times:,} times as long"
         style: dict[str, Any] = {"angles": "xy", "scale_units": "xy", "scale": 1.0, "zorder": 4}
         ax.quiver(*seen.T, *(times * miss).T, color=_ARROW, width=0.0028, **style)
         ax.plot(*seen.T, "o", ms=3.0, mfc="#ffffff", mec="#1d2730", label=words, zorder=5)

@@ -1,9 +1,12 @@
-"""The command `calib sweep`: train with every combination of options, on all cores."""
+"""The commands that train many models: `calib sweep` and `calib reproduce`."""
 
 from __future__ import annotations
 
 import glob
-from typing import Annotated, Any
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args
 
 from typer import Argument, Option
 
@@ -17,7 +20,18 @@ from ..output import Outcome, TextTable, fields, note, number, progress_bar, say
 from ..parsing import TABLES, BadOption, check_file, several
 from ..samples import Logged, Selection, check_sources, measured_samples
 
+if TYPE_CHECKING:
+    from calib.paper.setting import Setting
+    from calib.paper.tables import Result
+
+Subject = Literal["table1", "table2", "figures", "adaptation", "all"]
 _SHOWN = ("forward_mean", "forward_max", "inverse_mean", "inverse_max")
+_LONG = ("schedules", "adaptation_curves")  # for the CSV files only
+_TERMS = (
+    "SOM: self-organizing map of even density; VDSOM: of varying density, behind a colon the gain "
+    "of each sample (eq. 8); sigma: radius of the neighbourhood [nodes]; +-: standard deviation "
+    "over the seeds"
+)
 
 
 def _grid(usage: str, text: str, read: parsing.Reader[Any]) -> Any:
@@ -76,12 +90,11 @@ def sweep(
     cells = []
     for k, row in enumerate(found.rows):
         factor, unit = for_people(row.unit or "m")
-        errors = [columns[f"{readout}_{kind}"][k] * factor for kind in _SHOWN]
+        errors = [number(columns[f"{readout}_{kind}"][k] * factor) for kind in _SHOWN]
         options = [str(columns[name][k]) for name in ("source", *tried, "seed")]
-        cells.append([*options, *(number(e) for e in errors), unit, number(row.seconds)])
+        cells.append([*options, *errors, unit, number(row.seconds)])
     title = f"{readout} readout: mean and largest error of the tip"
     told = f"{f'{output}: ' if output else ''}{len(found.rows)} trainings, {failed} failed"
-    lines: list[str | TextTable] = [TextTable(header, cells, title, left=2 + len(tried)), told]
     document = {
         "output": output,
         "trainings": len(found.rows),
@@ -89,4 +102,68 @@ def sweep(
         "units": {"errors": "unit of the row", "seconds": "s"},
         "rows": [fields(r, "source options seed unit errors seconds error") for r in found.rows],
     }
-    return Outcome(document, lines, to_stderr=output == "-", code=1 if failed else 0)
+    table = TextTable(header, cells, title, left=2 + len(tried))
+    return Outcome(document, [table, told], code=1 if failed else 0)
+
+
+def reproduce(
+    what: Annotated[
+        Subject, Argument(metavar="|".join(get_args(Subject)), help="What to repeat.")
+    ] = "all",
+    *,
+    output: Annotated[str, option("--output -o DIR", "Folder of tables, figures.")] = "reproduced",
+    quick: Annotated[bool, Option("--quick", help="Small lattices and few samples.")] = False,
+    robot: Annotated[Text, option("--robot ROBOT", "Another arm, two revolute joints.")] = None,
+    joints: opt.JointNames = None,
+    seed: opt.Seed = 0,
+) -> Outcome:
+    """Repeat the paper's tables, figures and adaptation, with its numbers beside ours."""
+    from calib.common.atomic import atomic_write
+    from calib.paper.setting import ROBOT, Setting
+
+    folder = Path(output)
+    folder.mkdir(parents=True, exist_ok=True)
+    started = time.perf_counter()
+    document: dict[str, Any] = {}
+    shown: list[TextTable] = []
+    with progress_bar("") as bar:
+
+        def report(share: float, stage: str) -> None:
+            if bar is not None:
+                bar(share, stage, float("nan"))
+
+        arm = robot or ROBOT
+        setting = Setting.of(seed, quick=quick, report=report, robot=arm, named=joints)
+        # the figures bring the adaptation along
+        for name in ("table1", "table2", "figures") if what == "all" else (what,):
+            key, result = _run(name, setting, folder)
+            document[key] = result.data
+            for table in result.tables:
+                atomic_write(folder / f"{table.name}.csv", table.csv().encode())
+                if table.name not in _LONG:
+                    shown.append(_text(table.header, table.rows, table.title))
+    document["units"] = {"joints": "rad", "positions": "m", "seconds": "s"}
+    document["seconds"] = time.perf_counter() - started
+    document["files"] = sorted(str(path) for path in folder.iterdir())
+    line = f"{output}: {len(document['files'])} files, {document['seconds']:.0f} s"
+    return Outcome(document, [line, *shown])
+
+
+def _run(name: str, setting: Setting, folder: Path) -> tuple[str, Result]:
+    from calib.paper import figures, tables
+    from calib.paper.adaptation import adaptation
+
+    if name.startswith("table"):
+        return name, getattr(tables, name)(setting)
+    if name == "figures":
+        figures.lattice_figure(setting, folder / "lattices.png")
+    result, episodes = adaptation(setting)
+    figures.changed_figure(episodes, folder / "changed.png")
+    figures.curves_figure(episodes, folder / "adaptation.png")
+    return "adaptation", result
+
+
+def _text(header: Sequence[str], rows: Sequence[Sequence[Any]], title: str) -> TextTable:
+    cells = [[c if isinstance(c, str) else "" if c is None else number(c) for c in r] for r in rows]
+    words = [isinstance(c, str) for c in rows[0]]
+    return TextTable(header, cells, title, [*words, False].index(False), foot=_TERMS)

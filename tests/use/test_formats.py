@@ -8,10 +8,10 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import calib
+from calib.arm.urdf import parse_urdf
 from calib.errors import LogError, OptionError
 from calib.samples.tables import write_table
-from calib.use.lerobot import homed, read_calibration
-from calib.use.robot_files import CorrectedArm, mjcf_text, ur_kinematics
+from calib.use.formats import homed, mjcf_text, ur_kinematics
 
 MOTORS = {
     name: {"id": k, "drive_mode": 0, "homing_offset": 100 * k, "range_min": 800, "range_max": 3200}
@@ -28,7 +28,7 @@ def degrees(motor, actual):
 def test_a_corrected_calibration_makes_lerobot_tell_the_true_angles(tmp_path):
     (tmp_path / "old.json").write_text(json.dumps(MOTORS))
     offsets = {"shoulder_pan": np.radians(4.0), "elbow_flex": np.radians(-2.5)}
-    text, ticks = homed(read_calibration(tmp_path / "old.json"), offsets)
+    text, ticks = homed(tmp_path / "old.json", offsets)
     new = json.loads(text)
     assert ticks == {"shoulder_pan": -46, "elbow_flex": 28}
     for name, offset in offsets.items():
@@ -41,16 +41,12 @@ def test_a_corrected_calibration_makes_lerobot_tell_the_true_angles(tmp_path):
 def test_calibrations_that_cannot_be_corrected_are_refused(tmp_path):
     (tmp_path / "none.json").write_text("[1]")
     with pytest.raises(LogError, match="homing_offset"):
-        read_calibration(tmp_path / "none.json")
+        homed(tmp_path / "none.json", {})
+    (tmp_path / "old.json").write_text(json.dumps(MOTORS))
     with pytest.raises(OptionError, match="wrist"):
-        homed(MOTORS, {"wrist": 0.1})
+        homed(tmp_path / "old.json", {"wrist": 0.1})
     with pytest.raises(OptionError, match="2047"):
-        homed(MOTORS, {"shoulder_pan": -3.1})
-
-
-def six_axis():
-    arm = calib.load_arm("six_axis")
-    return arm, CorrectedArm(arm.urdf, arm.tip, {})
+        homed(tmp_path / "old.json", {"shoulder_pan": -3.1})
 
 
 def placed(xyz, rotation):
@@ -60,8 +56,8 @@ def placed(xyz, rotation):
 
 
 def test_mujoco_bodies_and_ur_entries_are_where_the_arm_is():
-    arm, corrected = six_axis()
-    body = ElementTree.fromstring(mjcf_text(corrected)).find("worldbody")
+    arm = calib.load_arm("six_axis")
+    body = ElementTree.fromstring(mjcf_text(arm.urdf, arm.tip)).find("worldbody")
     pose = np.eye(4)
     q = np.linspace(-0.4, 0.5, arm.dof)
     values = dict(zip(arm.joint_names, q, strict=True))
@@ -78,11 +74,11 @@ def test_mujoco_bodies_and_ur_entries_are_where_the_arm_is():
         last = body
     assert last.find("site").get("name") == arm.tip
     assert np.allclose(pose[:3, 3], arm.forward(q), atol=1e-9)
-    lines = [line.strip() for line in ur_kinematics(corrected).splitlines()]
+    lines = [line.strip() for line in ur_kinematics(arm.urdf, arm.tip).splitlines()]
     parts = [line for line in lines if line.endswith(":")]
     names = ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
     assert parts == ["kinematics:", *(f"{name}:" for name in names)]
-    first = next(joint for joint in corrected.joints() if joint.movable)
+    first = next(joint for joint in parse_urdf(arm.urdf).path(arm.tip) if joint.movable)
     assert f"z: {float(first.xyz[2])!r}" in lines[2:8]
 
 

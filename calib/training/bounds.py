@@ -1,0 +1,124 @@
+"""Bounds of a model's answers at its nodes: of a simulation, of a log, and with backlash."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from ..body.approach import Approach, learn_play
+from ..body.covariance import RADIUS_95
+from ..common.arrays import Array
+from ..errors import OptionError
+from ..maps.node_bounds import learn_bounds, near_border
+from ..model.model import Model
+from ..samples.joint_values import directions
+from ..samples.samples import Samples
+from ..samples.simulation import Simulation
+from .learn import UNFOLD
+from .smooth import SmoothPart
+
+_ROUNDING = 4e-15  # share of the extent: what an answer in double precision is sure of at best
+_DRAWN = 12_000  # exact samples that the bounds of a simulation are learned from
+_ROWS = 5_000  # rows that play is learned from
+_TREND = 7  # degree of what a joint's value tells of its direction
+
+
+def node_bounds(model: Model, u: Array, errors: Array) -> tuple[Array, Array]:
+    """Bounds (nodes,) of a log's model on what the sensor reads and on the true position.
+
+    With a body they are its posterior's: they grow with the distance from the rows by themselves.
+    Without one they are learned from the rows at `u` (k, dof), held out with `errors` (k,) [unit],
+    and grow beyond the rows as fast as the position can change.
+    """
+    motor = model.motor
+    if model.body is None:
+        learned = learn_bounds(motor, u, errors)
+        return learned, learned  # they hold beside the rows, see `calib.model.trust`
+    q = motor.scale.from_unit(np.clip(motor.units, 0.0, 1.0))
+    reading, position = (model.body.bound(q, noise=noise) for noise in (True, False))
+    if model.predictor.models.degree >= 0:
+        # where held-out rows are further off than the body says, as in a local defect
+        learned = learn_bounds(motor, u, errors)
+        noise = RADIUS_95 * float(np.sqrt(np.mean(model.body.noise[:2] ** 2)))
+        own = np.sqrt(np.maximum(learned**2 - noise**2, 0.0))
+        position = np.where(learned > reading, np.maximum(position, own), position)
+        reading = np.maximum(reading, learned)
+    return reading, position
+
+
+def simulated_bounds(
+    model: Model, simulation: Simulation, play: Array | None, seed: np.random.SeedSequence
+) -> tuple[Array, Array, Array]:
+    """Bounds (nodes,) by exact samples that are neither learned nor tested, and these.
+
+    Inverse answers often stand on a limit, where a map is least certain: some samples do too.
+
+    play : (dof,), half the play of each joint, where the direction of approach is known
+    Returns the bounds, and joints (n, dof) in the unit box and positions (n, m).
+    """
+    scale, about, rng = model.motor.scale, model.about, np.random.default_rng(seed)
+    q = simulation.draw(_DRAWN, rng)
+    limits = q[: np.count_nonzero(near_border(model.motor, scale.to_unit(q))) // 20].copy()
+    joint = rng.integers(q.shape[1], size=len(limits))
+    there = np.where(rng.random(len(limits)) < 0.5, about.upper[joint], about.lower[joint])
+    limits[np.arange(len(limits)), joint] = there
+    q = np.concatenate([q, limits])
+    x, side = simulation.true(q, rng), directions(q)
+    u = scale.to_unit(q if play is None else q - play * side)
+    inside = model.trust.covers(u)
+    if not inside.any():
+        raise OptionError("no test sample is near the motor map's nodes", hint=UNFOLD)
+    errors = np.linalg.norm(model.predictor.value(u) - x, axis=1)
+    bounds = learn_bounds(model.motor, u[inside], errors[inside])
+    bounds = np.maximum(bounds, _ROUNDING * model.solver.extent)
+    drawn = inside & (np.arange(len(q)) < _DRAWN)
+    return bounds, u[drawn], x[drawn]
+
+
+def play_of(samples: Samples, part: SmoothPart) -> Array | None:
+    """Half the play of each joint (dof,) [rad or m], None where the rows' order shows none."""
+    if samples.simulation is not None and not samples.simulation.hidden:
+        return None  # nothing that rows could show
+    rows, scale = part.rows[:: max(1, -(-len(part.rows) // _ROWS))], part.smooth.scale
+    u = scale.to_unit(samples.q[rows])
+    value, slope = part.smooth.value_and_slope(u)
+    residual = samples.x[rows] - value
+    size = np.linalg.norm(residual, axis=1)
+    sound = size <= 10.0 * np.median(size) + 1e-300  # a few wrong detections do not count
+    if np.count_nonzero(sound) < 20:
+        return None
+    side = directions(samples.q)[rows]
+    # a joint near its upper limit mostly came from below: a curve of the joint has taken
+    # that part of the play already
+    surprise = np.empty_like(side)
+    for k, v in enumerate(u.T):
+        powers = np.polynomial.chebyshev.chebvander(2.0 * np.clip(v, 0.0, 1.0) - 1.0, _TREND)
+        surprise[:, k] = side[:, k] - powers @ np.linalg.lstsq(powers, side[:, k], rcond=None)[0]
+    return learn_play(residual[sound], (slope / scale.span)[sound], surprise[sound])
+
+
+def approached(model: Model, play: Array) -> Model:
+    """A model whose bounds are of a known direction of approach, with those of an unknown one."""
+    nodes = np.clip(model.motor.units, 0.0, 1.0)
+    slope = model.predictor.value_and_slope(nodes)[1] / model.motor.scale.span
+    most = np.linalg.norm(slope * play, axis=1).sum(axis=1)  # all joints to their worst side
+    return replace(
+        model,
+        bounds=model.bounds + most,
+        model_bounds=model.model_bounds + most,
+        approach=Approach(play, model.bounds),
+    )
+
+
+def play_words(samples: Samples, play: Array) -> str:
+    """One line about the backlash that the order of the rows shows."""
+    backlash = [
+        f"{name} {np.degrees(2 * h):.3g} deg" if turns else f"{name} {2 * h:.3g} m"
+        for name, h, turns in zip(samples.joint_names, play, samples.revolute, strict=True)
+        if h > 0.0
+    ]
+    return (
+        f"the direction of approach counts, backlash of {', '.join(backlash)}: give it to forward "
+        "for smaller errors, else the expected error covers both sides"
+    )

@@ -1,0 +1,222 @@
+"""The commands `calib query forward`, `calib query path` and `calib correct`."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Annotated, Any
+
+from typer import Argument
+
+from .. import options as opt
+from ..options import option
+from ..output import NO, Outcome, TextTable, fields, fixed, note, say, sized
+from ..parsing import above_zero, any_number, finite_number, reader, reals
+
+if TYPE_CHECKING:
+    from calib.common.arrays import Array
+
+    from ..answers import Query
+
+_step = reader(
+    "a length greater than zero, or inf",
+    lambda text: math.inf if text.strip().lower() == "inf" else finite_number(text),
+    lambda length: length > 0.0,
+)
+
+
+def forward(
+    model: opt.ModelFile,
+    values: Annotated[
+        list[float] | None,
+        Argument(metavar="Q1 Q2", parser=any_number, help="Joint values, base to tip [rad or m]."),
+    ] = None,
+    *,
+    readout: opt.ReadoutKind = None,
+    frame: opt.InFrame = "sensor",
+    asking: opt.Asking,
+) -> Outcome:
+    """Position of the tip for joint values; exit code 3 outside of what was learned."""
+    import numpy as np
+
+    from ..answers import TURN, Query, over_all_rows, say_size
+
+    query = Query(model, asking, frame, values or ())
+    joints, about = query.joints, query.model.about
+    if asking.input_ is not None:
+        from calib.errors import QueryError
+        from calib.samples.joint_values import check_joint_values
+
+        batch = query.read(joints.names)
+        q = batch.values / np.array(joints.typed)
+        ranges = (about.joint_names, about.lower, about.upper, about.revolute)
+        check_joint_values(q, *ranges, degrees=asking.degrees, error=QueryError)
+        valid = np.isfinite(q).all(axis=1)
+        answers = over_all_rows(valid, _told(query, q[valid], readout))
+        unknown = (np.flatnonzero(valid & np.isnan(answers["x"])) + 1).tolist()
+        return query.answer(batch, answers, unknown, "outside of what was learned", len(q))
+    one = joints.one_each("Q1 Q2", values or ()) or []
+    told: dict[str, Any] = {
+        name: column[0].item() for name, column in _told(query, np.array([one]), readout).items()
+    }
+    parts = {"position": query.axes, "quaternion": TURN if "qw" in told else ()}
+    quantities = {name: [told.pop(axis) for axis in axes] for name, axes in parts.items() if axes}
+    document = query.document(one, **quantities, **told) | query.meaning
+    if (outside := query.model.outside(one)) is not None:
+        note(f"no answer: {joints.beyond(query.model, one) or outside}")
+        return Outcome(document, code=NO)
+    lines: list[str | TextTable] = [query.table([document], query.bounds)]
+    if "quaternion" in document:
+        lines.append("quaternion " + " ".join(fixed(v, 6) for v in document["quaternion"]))
+    say_size(told)
+    alone = " ".join(fixed(v * query.positions.factor, 4) for v in document["position"])
+    return Outcome(document, lines, result=[alone])
+
+
+def _told(query: Query, q: Array, readout: str | None) -> dict[str, Array]:
+    """Return what is told of joints (n, dof), by column of a table."""
+    import numpy as np
+
+    from calib.model.answers import forward_bounds
+
+    from ..answers import BOUNDS, TURN, up_to_scale
+
+    model = query.model
+    if query.frame == "base":
+        from calib.model.space import Space
+
+        space = Space.of(model)
+        position, turns = space.forward(q)
+        bound = space.bound(q)
+        bounds = {**up_to_scale(model, q), **dict.fromkeys(BOUNDS, bound)}
+        known = np.isfinite(position[:, 0])
+        told = dict(zip("xyz", position.T, strict=True)) | dict(zip(TURN, turns.T, strict=True))
+        return told | {name: np.where(known, value, np.nan) for name, value in bounds.items()}
+    x = model.forward(q, readout)
+    told = dict(zip(model.axes, x.T, strict=True))
+    if len(model.axes) == 3:
+        from calib.body.belief import knows_orientation
+
+        if knows_orientation(model.body):
+            told |= dict(zip(TURN, model.pose(q)[1].T, strict=True))
+    return told | dict(zip(BOUNDS, forward_bounds(model, q, x, readout), strict=True))
+
+
+def path(
+    model: opt.ModelFile,
+    *,
+    start: Annotated[Any, option("--from Q1,Q2", "Start near these joints.", reals)] = None,
+    step: Annotated[Any, option("--step S", "Longest, or inf (default 1 % extent).", _step)] = None,
+    asking: opt.Asking,
+) -> Outcome:
+    """Joint values along straight lines through waypoints, on one branch where possible.
+
+    Exit code 3 if the joints have to jump between branches or a point is out of reach.
+    """
+    import numpy as np
+
+    from ..answers import Query, say_rows
+
+    query = Query(model, asking)
+    asked, joints, positions = query.model, query.joints, query.positions
+    batch = query.read(asked.axes)
+    valid = np.flatnonzero(np.isfinite(batch.values).all(axis=1))
+    longest = None if step is None else step / positions.typed
+    found = asked.path(batch.values[valid], joints.one_each("--from", start), longest)
+    table: dict[str, Any] = {
+        "waypoint": valid[found.waypoint] + 1,
+        **dict(zip(asked.axes, found.target.T, strict=True)),
+        **dict(zip(joints.names, (found.q * joints.typed).T, strict=True)),
+        **fields(found, "distance expected_error model_error"),
+        "reachable": found.reachable.astype(np.int64),
+        "jump": np.isin(np.arange(len(found.q)), found.jumps).astype(np.int64),
+    }
+    n, out, held = len(found.q), *(np.flatnonzero(x) for x in (~found.reachable, found.held))
+    say_rows(batch.invalid, len(batch.values), "not all numbers, left out of the path")
+    jumps, left_out = (found.jumps + 1).tolist(), (held + 1).tolist()
+    say_rows(jumps, n, "a jump cannot be avoided, the branch ends before")
+    say_rows(left_out, n, "left out, far beyond all that the arm reaches: the joints stay")
+    if len(out):
+        note(
+            f"{len(out)} of {n} rows are out of reach, the furthest by "
+            f"{positions.said(float(found.distance[out].max()))}: they hold attainable points "
+            "close by"
+        )
+    return query.write(
+        table,
+        key="path",
+        code=1 if batch.invalid else NO if jumps or len(out) else 0,
+        rows=n,
+        invalid=batch.invalid,
+        jumps=jumps,
+        left_out=left_out,
+        out_of_reach=(out + 1).tolist(),
+        **query.meaning,
+    )
+
+
+def correct(
+    model: opt.ModelFile,
+    *,
+    limit: Annotated[Any, option("--limit L", "Largest change (3 x usual).", above_zero)] = None,
+    view: opt.LogView = "auto",
+    cause: opt.FrameOrJoints = "sensor",
+    asking: opt.Asking,
+) -> Outcome:
+    """Correct joint values so that the real arm reaches where the nominal arm would be.
+
+    Exit code 3 if the real arm cannot reach one of these places, or if a joint would change by
+    more than the limit; the other rows are written.
+    """
+    import numpy as np
+
+    import calib
+
+    from ..answers import Query, over_all_rows, say_rows
+
+    query = Query(model, asking)
+    loaded, joints = query.model, query.joints
+    batch = query.read(joints.names)
+    n, factors = len(batch.values), np.array(joints.typed)
+    valid: Any = np.isfinite(batch.values).all(axis=1)
+    most: Any = None if limit is None else limit / factors
+    found = calib.correct(loaded, batch.values[valid] / factors, limit=most, view=view, cause=cause)
+    say(found.notes)
+    table = dict(zip(joints.names, (found.q * factors).T, strict=True))
+    for column in table.values():
+        column[found.exceeded] = np.nan
+    table |= dict(zip(loaded.axes, found.target.T, strict=True))
+    told = fields(found, "distance expected_error reachable angle placement_error")
+    table |= {name: column for name, column in told.items() if column is not None}  # in space
+    say(batch.notes(list(table)))
+    rows = np.flatnonzero(valid) + 1
+    beyond, missed = rows[found.exceeded].tolist(), rows[~found.reachable].tolist()
+    say_rows(batch.invalid, n, "not all values are numbers, no answer")
+    say_rows(missed, n, "out of reach for the real arm, no answer")
+    limits = ", ".join(joints.change(k, most) for k, most in enumerate(found.limit))
+    say_rows(
+        beyond,
+        n,
+        f"a joint would change by more than the limit ({limits}), no answer; if the change is "
+        "right, give a larger --limit",
+    )
+    changes, lines = dict[str, Any](), []
+    if len(size := np.abs(found.change[found.reachable])):
+        each = zip(size.mean(axis=0), size.max(axis=0), found.limit, strict=True)
+        for name, kind, values in zip(
+            joints.names, loaded.about.units_of_joints, each, strict=True
+        ):
+            changes[name] = dict(zip(("mean", "max", "limit"), values, strict=True))
+            lines.append(f"{name} {sized(values[0], kind)} (largest {sized(values[1], kind)})")
+    answered = bool((found.reachable & ~found.exceeded).any())
+    return query.write(
+        batch.answered(over_all_rows(valid, table)) if answered or not beyond else None,
+        code=1 if batch.invalid and not beyond else NO if missed or beyond else 0,
+        lines=[f"mean change: {', '.join(lines)}"] if lines else [],
+        rows=n,
+        invalid=batch.invalid,
+        out_of_reach=missed,
+        beyond_limit=beyond,
+        change=changes or None,
+        unit=query.meaning["unit"],
+        units=query.meaning["units"],
+    )
