@@ -251,7 +251,7 @@ def test_a_log_of_board_pictures_is_learned_from_like_any_other(folder, run):
     assert kept.left_out == 1
     assert any("covariance" in n and "row 4" in n for n in kept.notes)
     wide.with_columns(cov_y_y=polars.lit(-1.0)).write_csv(folder / "none.csv")
-    with pytest.raises(LogError, match=r"row 1: cov_x_x .* no covariance"):
+    with pytest.raises(LogError, match=r"cov_x_x .* no covariance"):
         calib.read_log(folder / "none.csv", calib.load_arm("six_axis"))
     done = run("train", "six_axis", "--data", log, "--size", "8", "-o", model, "--json")
     assert done.code == 0, done.err
