@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Annotated, Any
 
-from typer import Argument, Option
+from typer import Argument
 
 from .. import options as opt
-from ..options import option
+from ..options import flag, option
 from ..output import NO, Outcome, note
-from ..parsing import BadOption, any_number, height, reader, reals
+from ..parsing import BadOption, height, reader, reals
 
 if TYPE_CHECKING:
     from ..answers import Query
@@ -26,24 +26,17 @@ _angles = reader("3 numbers: roll, pitch and yaw", reals, lambda angles: len(ang
 
 def inverse(
     model: opt.ModelFile,
-    target: Annotated[
-        list[float] | None,
-        Argument(
-            metavar="X Y [Z]", parser=any_number, help="Position [m, sensor's unit or --unit]."
-        ),
-    ] = None,
+    target: Annotated[list[float] | None, Argument(metavar="X Y [Z]", help="A position.")] = None,
     *,
     near: Annotated[Any, option("--near Q1,Q2", "The branch nearest to these.", reals)] = None,
-    every: Annotated[bool, Option("--all", help="Answer with every branch.")] = False,
+    every: Annotated[bool, flag("--all", "Answer with every branch.")] = False,
     readout: opt.ReadoutKind = None,
     frame: opt.InFrame = "sensor",
     quaternion: Annotated[
-        Any, option("--quaternion QX,QY,QZ,QW", "The orientation wanted, in space.", _quaternion)
+        Any, option("--quaternion QX,QY,QZ,QW", "Orientation.", _quaternion)
     ] = None,
     rpy: Annotated[Any, option("--rpy R,P,Y", "Roll, pitch, yaw as in a URDF.", _angles)] = None,
-    keep: Annotated[
-        bool, Option("--keep-orientation", help="Turn the tool little from --near.")
-    ] = False,
+    keep: Annotated[bool, flag("--keep-orientation", "Turn the tool little from --near.")] = False,
     on: Annotated[Any, option("--on z=H", "The pixel X Y lies on this plane [m].", height)] = None,
     asking: opt.Asking,
 ) -> Outcome:

@@ -10,7 +10,7 @@ from typer import Argument
 from .. import options as opt
 from ..options import option
 from ..output import NO, Outcome, TextTable, fields, fixed, note, say, sized
-from ..parsing import above_zero, any_number, finite_number, reader, reals
+from ..parsing import above_zero, finite_number, reader, reals
 
 if TYPE_CHECKING:
     from calib.common.arrays import Array
@@ -26,10 +26,7 @@ _step = reader(
 
 def forward(
     model: opt.ModelFile,
-    values: Annotated[
-        list[float] | None,
-        Argument(metavar="Q1 Q2", parser=any_number, help="Joint values, base to tip [rad or m]."),
-    ] = None,
+    values: Annotated[list[float] | None, Argument(metavar="Q1 Q2", help="Joint values.")] = None,
     *,
     readout: opt.ReadoutKind = None,
     frame: opt.InFrame = "sensor",
