@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from ..answers import Query
 
 _FAR = 10.0  # extents of the workspace: so far off, positions in mm were typed as m
-_quaternion = reader(
+_turn = reader(
     "4 numbers of length 1, qx,qy,qz,qw",
     reals,
     lambda q: len(q) == 4 and abs(math.hypot(*q) - 1.0) <= 0.01,
