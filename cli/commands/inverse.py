@@ -32,9 +32,7 @@ def inverse(
     every: Annotated[bool, flag("--all", "Answer with every branch.")] = False,
     readout: opt.ReadoutKind = None,
     frame: opt.InFrame = "sensor",
-    quaternion: Annotated[
-        Any, option("--quaternion QX,QY,QZ,QW", "Orientation.", _quaternion)
-    ] = None,
+    quaternion: Annotated[Any, option("--quaternion QX,QY,QZ,QW", "Orientation.", _turn)] = None,
     rpy: Annotated[Any, option("--rpy R,P,Y", "Roll, pitch, yaw as in a URDF.", _angles)] = None,
     keep: Annotated[bool, flag("--keep-orientation", "Turn the tool little from --near.")] = False,
     on: Annotated[Any, option("--on z=H", "The pixel X Y lies on this plane [m].", height)] = None,
@@ -174,19 +172,19 @@ def _batch(query: Query, in_space: bool, how: dict[str, Any]) -> Outcome:
     """Answer a table; columns near_JOINT choose the branch, qx to qw ask for an orientation."""
     import numpy as np
 
-    from ..answers import TURN, over_all_rows
+    from ..answers import TURN, beside
 
     joints, axes = query.joints, query.axes
-    beside = [f"near_{name}" for name in joints.names]
+    nearby = [f"near_{name}" for name in joints.names]
     # fewer than six joints reach almost no pose that is given: its columns go along unread
     turns = TURN if len(joints.names) >= 6 and len(axes) == 3 else ()
-    batch = query.read(axes, (beside, turns))
+    batch = query.read(axes, (nearby, turns))
     valid: Any = np.isfinite(batch.values).all(axis=1)
     given = dict(zip(batch.names, batch.values[valid].T, strict=True))
     posed = bool(turns) and "qw" in given
     turn = np.stack([given[name] for name in TURN], axis=1) if posed else None
-    if beside[0] in given:
-        near = np.stack([given[name] for name in beside], axis=1) / joints.typed
+    if nearby[0] in given:
+        near = np.stack([given[name] for name in nearby], axis=1) / joints.typed
         how = {**how, "near": near}
     found = _solve(query, batch.values[valid, : len(axes)], turn, in_space or posed, how)
     # with every branch a target has several answers
@@ -197,9 +195,10 @@ def _batch(query: Query, in_space: bool, how: dict[str, Any]) -> Outcome:
         found.pop(name, None)
     # rows without numbers stand where they stood, between the answers of the others
     index = np.sort(np.concatenate([rows, np.flatnonzero(~valid)]))
-    answers = over_all_rows(valid[index], {**dict(zip(joints.names, q.T, strict=True)), **found})
-    n = len(valid)
-    if how["every"]:
-        answers, batch = {"row": index + 1, **answers}, batch.take(index)
+    added = dict(zip(joints.names, q.T, strict=True)) | found
+    every = how["every"]
+    columns = beside(batch.take(index) if every else batch, valid[index], added)
+    columns |= {"row": index + 1} if every else {}
     missed = np.unique(rows[~reachable] + 1).tolist()
-    return query.answer(batch, answers, missed, "out of reach", n)
+    failures = {"out_of_reach": (missed, "out of reach")}
+    return query.answer(batch, columns, failures)
