@@ -52,7 +52,6 @@ BABBLED = "How many samples to babble (default 20000)."
 NOISE = "Noise of the simulated sensor along each axis, standard deviation [m] (default 0)."
 Number = Annotated[int | None, Option("--samples", "-n", metavar="N", min=1, help=BABBLED)]
 Noise = Annotated[float | None, Option("--noise", metavar="S", min=0, help=NOISE)]
-Moves = Annotated[choices.MotionWord | None, flag("--motion", "How it babbles (default uniform).")]
 CHANGES = "Such as elbow.length=+20%, sensor.rotate=0.14."
 Changes = Annotated[list[str] | None, option("--change JOINT.WHAT=VALUE", CHANGES)]
 Seed = Annotated[int, Option("--seed", metavar="K", min=0, help="Seed of the random numbers.")]
