@@ -148,17 +148,13 @@ def _second(
 
     None where the member has the chain and the rows speak against curves.
     """
-    fit, groups = passed.fit, passed.fit.structure.groups
+    fit = passed.fit
     bends = "curve" in passed.free or passed.against("curves") < settings.NO_CURVES
-    guarded = [name for name in ("elastic", "lens") if len(groups.get(name, ()))]
-    more = guarded if len(q) >= settings.GUARDED_ROWS else []
-    if not bends and {*chain, *more} <= set(passed.free):
+    if not bends and set(chain) <= set(passed.free):
         return None
-    free = tuple(dict.fromkeys((*passed.free, *chain, *more, *(("curve",) if bends else ()))))
+    free = tuple(dict.fromkeys((*passed.free, *chain, *(("curve",) if bends else ()))))
     prior = fit.structure.prior(free)
     sd = prior.sd.copy()
-    if "lens" in more and fit.structure.kind == "planar":
-        sd[groups["lens"]] = settings.GUARD_LENS, 0.0, 0.0
     sd[fit.active] = fit.sd
     (pseudo, rms), hypers = fit.structure.wide, []
     for h in prior.hypers:

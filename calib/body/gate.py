@@ -65,20 +65,13 @@ def pass_gate(
     floor : (m,), least noise; nothing richer is tried where samples of a simulation reach it
     """
     structure, gaussian = start.structure, not np.isfinite(nu)
-    known: list[tuple[set[str], Fit]] = []
 
-    def fit(free: tuple[str, ...]) -> Fit:
-        within = [made for groups, made in known if groups <= set(free)]
-        best = max(within, key=lambda made: made.evidence, default=None)
-        begin = start.beta if best is None else best.beta
+    def fit(free: tuple[str, ...], begin: Array) -> Fit:
         made = Fit(structure, q, z, begin, structure.prior(free), nu=nu, floor=floor)
         if gaussian:  # exact rows may be far along a curved valley, such as that of a lens
             made.settle(40)
         steps, tolerance = (20, 1e-3) if gaussian else (10, SETTLED)
-        made.maximise(steps=steps, tolerance=tolerance)
-        if set(chain) <= set(free):
-            known.append((set(free), made))
-        return made
+        return made.maximise(steps=steps, tolerance=tolerance)
 
     def enough(made: Fit) -> bool:
         return gaussian and bool((made.noise <= 1.5 * floor).all())
@@ -95,10 +88,11 @@ def pass_gate(
             continue
         seen.append(set(free))
         name = names.get(frozenset(free), own if best is None else f"{best.name} and {own}")
+        begin = best.fit.beta if best and set(chain) <= set(best.free) else start.beta
         try:
-            made = fit(free)
+            made = fit(free, begin)
             if enough(made) and set(free) != set(groups):
-                alone = fit(groups)  # what passed before may have been a makeshift
+                alone = fit(groups, begin)  # what passed before may have been a makeshift
                 if enough(alone):
                     name, free, made = own, groups, alone
             held = leave_blocks_out(made, (BLOCKS,))

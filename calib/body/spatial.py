@@ -161,20 +161,11 @@ class SpatialStructure(Structure):
 
     def coupled(self, own: Array) -> Array:
         """Values (c, n) of the chain's joints that follow the logged ones (dof, n)."""
-        if self._alone:
-            return own
         return np.asarray(self.chain.coupling @ own + self.chain.bias[:, None])
-
-    @cached_property
-    def _alone(self) -> bool:
-        """Whether no joint follows another."""
-        chain = self.chain
-        same = np.array_equal(chain.coupling, np.eye(chain.joints))
-        return same and not chain.bias.any()
 
     def led(self, chained: Array) -> Array:
         """How outputs move with each logged joint (dof, m, n), from the chain's (c, m, n)."""
-        return chained if self._alone else np.tensordot(self.chain.coupling.T, chained, axes=1)
+        return np.tensordot(self.chain.coupling.T, chained, axes=1)
 
     def links(self, beta: Array) -> Links:
         """The chain's links."""

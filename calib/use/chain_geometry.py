@@ -227,13 +227,9 @@ def fit_in_plane(
             shift, scale = seen.mean(axis=0) - turn @ points.mean(axis=0), 1.0
     beta[groups["view.rotation"]] = logarithm(turn)
     beta[groups["view.shift"]], beta[groups["view.scale"]] = shift, np.log(scale)
-    best: Fit | None = None
-    for wider in _WIDER:
-        prior = _planar_prior(structure, arm, beta, wider, free, scaled, move_base)
-        fit = _fitted(structure, q, x, beta, prior, error)
-        if best is None or fit.evidence > best.evidence + _EARNED:
-            best = fit
-    assert best is not None  # noqa: S101
+    priors = [_planar_prior(structure, arm, beta, w, free, scaled, move_base) for w in _WIDER]
+    fits = [_fitted(structure, q, x, beta, prior, error) for prior in priors]
+    best = max(fits, key=lambda fit: fit.evidence - _EARNED * fits.index(fit))
     nominal = best.beta.copy()
     for group in ("offset", "placement", "tool"):
         nominal[groups[group]] = 0.0
