@@ -13,7 +13,7 @@ from ..common.scale import Scale
 from ..maps.association import Association
 from ..maps.predictor import Predictor
 from .newton import CLOSE, Newton, Positions, shortened
-from .starts import Starts, distinct, place_of, twins
+from .starts import Starts, distinct, drawn, place_of, twins
 
 _SAME = 1e-5  # of the joints' range: solutions that are closer are one
 _SHORT = 0.03  # of the joints' range: after a first step so short the start is the joints given
@@ -21,6 +21,8 @@ _BESIDE = 0.005  # of the joints' range: an answer so near is on the same branch
 _ALIKE = 4.0  # node spacings: solutions of redundant joints that are about as close
 _FOLDED, _ACROSS = 0.05, 0.3  # as `twins` has them
 _MANY, _DRAWN = 3, 128  # spare joints of which no lattice holds all families: starts are drawn
+# joints from which what was missed is tried again; what is drawn so far beyond a limit is at it
+_AGAIN, _BEYOND = 32, 0.2
 _WIDE = 8  # sensory nodes whose partners are tried where others have failed
 
 _STEP = 0.03  # of the joints' range: length of a step along a self-motion
@@ -95,8 +97,10 @@ class Solver:
                 self._try(u, distance, x, near, rows[owner], across)
         missed = np.flatnonzero(distance > CLOSE * self.extent)
         if len(missed):  # and from more places
-            for wider in (self.starts.propose(x[missed], _WIDE), self.starts.around(x[missed])):
-                self._try(u, distance, x, near, missed[wider[0]], wider[1])
+            owner, wider = self.starts.propose(x[missed], _WIDE)
+            everywhere = np.tile(drawn(_AGAIN, u.shape[1], _BEYOND), (len(missed), 1))
+            owner = np.append(missed[owner], np.repeat(missed, _AGAIN))
+            self._try(u, distance, x, near, owner, np.concatenate([wider, everywhere]))
             missed = np.flatnonzero(distance > CLOSE * self.extent)
             u[missed], distance[missed] = self.newton.closest(u[missed], x[missed])
         return u, distance
@@ -136,9 +140,8 @@ class Solver:
         target, column = np.nonzero(~np.isnan(start[..., 0]))
         u = start[target, column]
         if u.shape[1] >= x.shape[1] + _MANY:
-            drawn = np.random.default_rng(0).random((_DRAWN, u.shape[1]))
             target = np.append(target, np.repeat(np.arange(len(x)), _DRAWN))
-            u = np.concatenate([u, np.tile(drawn, (len(x), 1))])
+            u = np.concatenate([u, np.tile(drawn(_DRAWN, u.shape[1]), (len(x), 1))])
         u, distance = self.newton.refine(u, x[target])
         if not self.redundant:  # where branches meet they change much between neighbouring nodes
             row, across = twins(self.newton, u, _FOLDED, _ACROSS)

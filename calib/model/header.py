@@ -75,11 +75,6 @@ class Header:
         return Header(model, arm, *nominal_for_kernel(model, arm), limit)
 
     @property
-    def structure(self) -> Any:
-        """The structure of the model's body."""
-        return self.model.body and self.model.body.structure
-
-    @property
     def local(self) -> bool:
         """Whether local models stand on the body."""
         return self.model.predictor.models.degree >= 0
@@ -262,7 +257,7 @@ def compiled_of(model: Parts) -> tuple[Compiled | None, str]:
         header = Header.of(model)
         arm = header.arm
         words: dict[str, Any] = {
-            "placed": arm.outputs == 3 and getattr(header.structure, "informed", False),
+            "placed": arm.outputs == 3 and getattr(arm.structure, "informed", False),
             "corrected": header.nominal is not None,
             "sure": SURE,
             "extent": float(model.solver.extent),

@@ -27,7 +27,7 @@ from ..errors import QueryError
 from ..inverse.newton import Newton, Positions
 from ..inverse.pose import TOLERANCE, Joints, Poses, pose_branches
 from ..inverse.solver import free_directions
-from ..inverse.starts import twins
+from ..inverse.starts import drawn, twins
 from .parts import Parts
 
 _BESIDE = 0.5  # rad: of joints no further from `near` the other branches are looked for there
@@ -235,8 +235,7 @@ class Space:
         """Answers that missed their target, tried from all over the ranges; in place."""
         owner = np.repeat(np.flatnonzero(left > REACHED * self.length), _STARTS)
         if len(owner):
-            start = np.random.default_rng(0).random((_STARTS, u.shape[1]))
-            tried = np.tile(start, (len(owner) // _STARTS, 1))
+            tried = np.tile(drawn(_STARTS, u.shape[1]), (len(owner) // _STARTS, 1))
             found = newton.settle(tried, target[owner], wish[owner])
             newton.take_better(u, left, wish, owner, *found)
 
