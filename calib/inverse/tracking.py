@@ -33,11 +33,9 @@ def follow_targets(solver: Solver, x: Array, start: Array | None) -> Track:
     """Follow the targets `x` (k, m), in order, with as few jumps as possible.
 
     Every solution of the first target sets out, of redundant joints the `_FRONT` nearest to their
-    middle, or the one nearest to `start` (dof,); the one that gets furthest without a jump is
-    taken, of several the one that moves least. Where it ends the solutions of the next target set
-    out, and so on: no other choice of branches jumps less often. Where a target is out of reach,
-    joints stay as close to it as they can, which is no jump; where it is further away than
-    `_BEYOND` they stay where they are.
+    middle, or the one nearest to `start` (dof,); the one that gets furthest is taken, of several
+    the one that moves least. Where it ends the solutions of the next target set out, and so on.
+    Out of reach joints stay as close as they can, which is no jump; beyond `_BEYOND` they wait.
     """
     sensory = solver.association.sensory
     away = sensory.nearest(sensory.scale.to_unit(x))[0][:, 0]

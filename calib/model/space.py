@@ -175,8 +175,7 @@ class Space:
 
     def beside(self, p: Array, r: Array | None, near: Array) -> tuple[Array, Array]:
         """Joints (n, dof) beside `near` for places (n, 3), or poses with `r`, and what is left."""
-        newton = self._placing if r is None else self._posing
-        target = p if r is None else Poses.target(p, r)
+        newton, target = (self._placing, p) if r is None else (self._posing, Poses.target(p, r))
         u, left = newton.refine(self._unit(near), target, 1e-3 * TOLERANCE)
         return self._scale.from_unit(u), left
 
@@ -248,8 +247,11 @@ class Space:
 
     @cached_property
     def _placing(self) -> Newton:
-        task = Positions.of_chain(self.evaluate, self._scale)
-        return Newton(task, self._scale, self.length)
+        def value_and_slope(u: Array) -> tuple[Array, Array]:
+            place, _, slope = self.evaluate(self._scale.from_unit(u))
+            return place, slope[:, :3] * self._scale.span
+
+        return Newton(Positions(value_and_slope), self._scale, self.length)
 
     @cached_property
     def _posing(self) -> Newton:
