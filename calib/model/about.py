@@ -28,9 +28,8 @@ MOST_ROWS = 5_000
 class About(ReadOnly):
     """Plain facts that travel with a model."""
 
-    # name of the robot and of the frame whose position is sensed ("" without a URDF)
-    robot: str
-    tip: str
+    robot: str  # its name ("" without a URDF)
+    tip: str  # the frame whose position is sensed
     joint_names: tuple[str, ...]  # active joints from base to tip
     revolute: tuple[bool, ...]  # whether each joint turns (rad) or slides (m)
     # (dof,) [rad or m], learned range of each joint

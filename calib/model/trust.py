@@ -20,24 +20,14 @@ if TYPE_CHECKING:
 
     from ..body.belief import Body
 
-MOST_SHARE = 0.1
-"""Share of the reach: where the bound on the position exceeds it, there is no answer."""
-
-MOST_BLENDED = 3
-"""Joints up to which bounds are blended between the motor map's nodes."""
-
-STEEP = 2.0
-"""Extents of the workspace that a position may change by over the range of a joint."""
-
+MOST_SHARE = 0.1  # of the reach: where the bound on the position exceeds it, there is no answer
+MOST_BLENDED = 3  # joints up to which bounds are blended between the motor map's nodes
+STEEP = 2.0  # extents of the workspace that a position may change by over the range of a joint
+# of a joint's range by which values beyond it are answered: an encoder at its stop reads a hair
+# beyond the limit
 ROUNDED = 1e-5
-"""Share of a joint's range by which values beyond it are answered: 0.06 mrad of a full turn.
-
-An encoder at its stop reads a hair beyond the limit; a body and its bound hardly change there.
-"""
-
+# without a body the bound of a node holds within so many times the rms distance of its samples
 KNOWN = 2.0
-"""Without a body the bound of a node that samples have visited holds within so many times
-the root mean square distance of its samples."""
 
 _PRIOR = 4.0  # samples that the mean of all nodes counts for at each node
 _PLACES = 5  # least places around a node, for each joint: fewer are on a line by chance
@@ -89,8 +79,7 @@ class Trust:
     bounds: Array  # (nodes,) [unit], 95 % bound on the position around each node
     most: float  # [unit], largest bound with which a position is still an answer
     # (nodes,), how far from each node its bound holds, in the unit box, negative where it holds
-    # nowhere; the bound of a point further away from all of them grows.  Without it a bound holds
-    # wherever its node is among the nearest, as that of a body does.
+    # nowhere; further away from all it grows.  Without it, as with a body, a bound holds anywhere.
     known: Array | None = None
     growth: float = 0.0  # [unit], what the position may change by over the unit box
     paths: Paths | None = None  # beside these bounds grow at once
