@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Protocol
 
 import numpy as np
@@ -225,21 +224,14 @@ class Newton:
 
     def _clip(self, u: Array) -> Array:
         inside = np.minimum(np.maximum(u, 0.0), 1.0)
-        if self._round:
-            for k in np.flatnonzero(self.scale.periodic):
-                inside[k] = u[k] % 1.0
+        for k in np.flatnonzero(self.scale.periodic):
+            inside[k] = u[k] % 1.0
         return inside
 
     def _outward(self, u: Array, push: Array, slack: float = 0.0) -> NDArray[np.bool_]:
         """Which joints stand at a limit and are pushed over it, (dof, n)."""
         stuck = (u <= slack) & (push < 0.0) | (u >= 1.0 - slack) & (push > 0.0)
-        if self._round:
-            stuck &= ~self.scale.periodic[:, None]
-        return np.asarray(stuck)
-
-    @cached_property
-    def _round(self) -> bool:
-        return bool(self.scale.periodic.any())
+        return np.asarray(stuck & ~self.scale.periodic[:, None])
 
     def _left(self, u: Array, x: Array) -> tuple[Array, Array]:
         """Residuals (m, n) and Jacobian (dof, m, n) at the points `u` (dof, n)."""

@@ -265,10 +265,11 @@ class Model(Parts):
         NaN where there is no position.  Raises QueryError if the model is of a planar arm, of
         pixels, or knows no arm in space.
         """
-        from .poses import forward_poses
+        from .space import Space
 
         rows, single = checked_rows(q, self.about.joint_names, "joint values")
-        position, turns = forward_poses(self, rows)
+        position, turns = self.answered(rows), Space.of(self).seen_turns(rows)
+        turns[np.isnan(position[:, 0])] = np.nan
         return (position[0], turns[0]) if single else (position, turns)
 
     def servo(

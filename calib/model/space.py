@@ -127,6 +127,10 @@ class Space:
         turn, shift, scale = self.sensor
         return scale * position @ turn.T + shift, turn @ rotation
 
+    def seen_turns(self, q: Array) -> Array:
+        """Orientations (n, 4) of the tip in the sensor's frame, as quaternions."""
+        return quaternion_of(self.sensor[0] @ self.evaluate(q)[1])
+
     def to_base(self, position: Array, rotation: Array) -> tuple[Array, Array]:
         """Positions (n, 3) [m] and orientations (n, 3, 3) in the base frame."""
         turn, shift, scale = self.sensor
