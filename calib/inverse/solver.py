@@ -68,12 +68,9 @@ class Solver:
         return self.association.motor.scale
 
     def solve(self, x: Array, near: Array) -> tuple[Array, Array]:
-        """The solution of each target that is nearest to given joints.
+        """Joints (n, dof) for targets `x` (n, m) nearest to `near` (n, dof), what is left (n,).
 
-        x, near : (n, m), (n, dof), targets, and joints in the unit box
-        Returns u : (n, dof), joints in the unit box; of a target out of reach those of the nearest
-            attainable point
-        Returns distance : (n,), what is left to the target
+        Joints are in the unit box; out of reach they are those of the nearest attainable point.
         """
         u, distance = self.clip(near), np.full(len(x), np.inf)
         beside = np.arange(len(x))
@@ -113,15 +110,10 @@ class Solver:
         self.newton.take_better(u, left, near, owner, *found)
 
     def solve_all(self, x: Array) -> tuple[Index, Array, Array]:
-        """Every distinct solution of each target.
+        """Every distinct solution of targets (n, m): of which it is, joints (k, dof), distance.
 
-        x : (n, m), targets
-        Returns target : (m,), which target each solution belongs to, ascending; of a target out of
-            reach there is one, the nearest attainable point.  Of redundant joints each connected
-            family of solutions has one.
-        Returns u : (m, dof), joints in the unit box; of a target the one nearest to the middle
-            comes first
-        Returns distance : (m,), what is left to the target
+        Sorted by target, the one nearest to the middle of the unit box first.  Of redundant joints
+        each connected family has one; out of reach there is one, the nearest attainable point.
         """
         target, u, distance = self.solutions(x)
         if self.redundant and len(u):
@@ -170,11 +162,10 @@ class Solver:
 def _representatives(newton: Newton, target: Index, u: Array, x: Array) -> tuple[Index, Array]:
     """One solution of each connected family: the one closest to the middle of the ranges.
 
-    Two solutions belong to one family if small steps along the self-motion, on target and inside of
-    the limits, lead from one to the other. Each group of solutions tries the nearest solutions of
-    other groups, more and more of them, until no more can be joined. `target` (m,) says, ascending,
-    to which row of `x` (n, m) each solution of `u` (m, dof, unit box) belongs; returned are the
-    same of what is left.
+    Two solutions are of one family if small steps along the self-motion, on target and inside of
+    the limits, lead from one to the other. Each group tries the nearest solutions of other groups,
+    more and more of them. `target` (k,) says, ascending, of which row of `x` each of `u` (k, dof)
+    is a solution.
     """
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components

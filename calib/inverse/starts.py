@@ -29,9 +29,8 @@ _PROBE = 1e-4  # of the joints' range: step of the derivative of the least singu
 class Starts:
     """For each sensory node the joints that lead there: one start per branch.
 
-    Every motor node that was ever active with a sensory node is linked to it, so every
-    branch is among them.  They are refined and merged when a sensory node is first asked
-    for, and kept: many targets share them.
+    Every motor node that was ever active with it is linked to it.  Starts are refined and merged
+    when a sensory node is first asked for, and kept: many targets share them.
     """
 
     def __init__(self, association: Association, newton: Newton) -> None:

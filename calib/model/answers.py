@@ -155,7 +155,7 @@ def approached(
     if own is None:
         return q, np.zeros(len(q)), np.zeros(len(q), dtype=bool)
     moved, noise = own.effective(q, side), model.about.bound_of == "sensor reading"
-    bound = model.trust.bound(own.bounds, model.motor.scale.to_unit(moved), noise=noise)
+    bound = model.blended(own.bounds, model.motor.scale.to_unit(moved), noise=noise)
     return moved, bound, own.known(side)
 
 

@@ -24,8 +24,7 @@ from ..maps.local_models import FULL, SILENT, blend_size, exponents, reach_of
 from ..samples.roles import ROUNDING
 from .answers import SURE
 from .nominal import nominal_for_kernel
-from .parts import Parts
-from .trust import ROUNDED
+from .parts import ROUNDED, Parts
 
 _FILES = ("chain", "nodes", "bound", "local", "answers", "inverse")
 _NO_LIMIT = 3e38  # of corrections
@@ -94,7 +93,7 @@ class Header:
     def _words(self, single: bool) -> dict[str, object]:
         model, arm, posterior = self.model, self.arm, self.model.posterior
         dof, models, local = len(self.limit), model.predictor.models, self.local
-        trusted, most = model.trust.everywhere, c_number(model.trust.most, single)
+        trusted, most = model.everywhere, c_number(model.most_bound, single)
         blended = f" || !(calib_blended(calib_position_bound, q) <= {most})"
         bound, model_bound = (
             f"calib_blended(calib_{nodes}, inside)" if posterior is None
@@ -140,7 +139,7 @@ class Header:
 
     def _tables(self, single: bool) -> str:
         model, arm, motor, kept = self.model, self.arm, self.model.motor, self.model.posterior
-        chain, trusted = arm.chain, model.trust.everywhere
+        chain, trusted = arm.chain, model.everywhere
         tables: dict[str, NDArray[Any]] = {
             "lower": motor.scale.lower, "span": motor.scale.span,
             "periodic": motor.scale.periodic.astype(int), "bends": np.array(chain.revolute, int),

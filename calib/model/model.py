@@ -13,7 +13,7 @@ from ..common.arrays import Array
 from ..common.rows import checked_rows
 from . import answers
 from .answers import Answer, Path
-from .parts import Parts
+from .parts import MOST_SHARE, Parts
 
 if TYPE_CHECKING:
     import os
@@ -73,7 +73,7 @@ class Model(Parts):
         if self.kernel is None or (found := self.kernel.ask(name, q)) is None:
             return None
         answer: Array = found[0]
-        return answer if found[1] or self.trust.everywhere else None
+        return answer if found[1] or self.everywhere else None
 
     def forward(
         self, q: ArrayLike, readout: str | None = None, *, approach: ArrayLike | None = None
@@ -202,7 +202,19 @@ class Model(Parts):
     def outside(self, q: ArrayLike) -> str | None:
         """Why the joint values (dof,) are outside of what was learned, None if they are not."""
         rows, _ = checked_rows(q, self.about.joint_names, "joint values")
-        return self.trust.outside(rows, self.about.joint_names)
+        u, about = self.motor.scale.to_unit(rows), self.about
+        if bool(self.covers(u)[0]):
+            return None
+        for k, inside in enumerate(self.in_range(u)[0]):
+            if not inside:
+                return (
+                    f"{about.joint_names[k]} = {rows[0, k]:.6g} is outside of the learned range "
+                    f"{about.lower[k]:.6g} to {about.upper[k]:.6g}"
+                )
+        return (
+            "no row was measured near these joint values: the position may be off by more than "
+            f"{MOST_SHARE:.0%} of the reach"
+        )
 
     def path(self, x: ArrayLike, start: ArrayLike | None = None, step: float | None = None) -> Path:
         """Joint values along straight lines through waypoints, on one branch if there is one.
@@ -253,7 +265,7 @@ class Model(Parts):
             return quick
         rows, single = checked_rows(q, self.about.joint_names, "joint values")
         u, scale = self.motor.scale.to_unit(rows), self.motor.scale
-        inside = self.trust.covers(u)
+        inside = self.covers(u)
         slope = np.full((len(rows), len(self.axes), rows.shape[1]), np.nan)
         if inside.any():
             slope[inside] = self.predictor.value_and_slope(u[inside])[1] / scale.span

@@ -1,8 +1,7 @@
 """The nominal arm in the sensor's frame: where a controller that trusts the URDF wants the tip.
 
-The view (the sensor's frame, scale and lens) is the body's; lengths and offsets are the
-URDF's, gains are 1, elasticity and joint curves are zero.  What a correction compensates is
-therefore in the arm and never in the sensor's frame.
+The sensor's frame, scale and lens are the body's, all else is the URDF's: what a correction
+compensates is in the arm and never in the sensor's frame.
 """
 
 from __future__ import annotations
@@ -17,6 +16,7 @@ from ..body.nominal import nominal_of
 from ..body.planar import PlanarStructure
 from ..body.spatial import SpatialStructure, structure_of
 from ..common.arrays import Array
+from ..common.rows import thinned
 from ..errors import CalibError, OptionError
 from ..kernel.arm import KernelArm
 from .parts import Parts
@@ -62,8 +62,7 @@ def moves_in_space(model: Parts) -> bool:
 def visited_joints(model: Parts, most: int) -> Array:
     """Joints (n, dof) of motor nodes that rows visited, at most so many, within the ranges."""
     nodes = np.flatnonzero(model.visited)
-    if len(nodes) > most:
-        nodes = np.sort(np.random.default_rng(0).choice(nodes, most, replace=False))
+    nodes = nodes[thinned(len(nodes), most)]
     return np.clip(model.motor.weights[nodes], model.about.lower, model.about.upper)
 
 

@@ -23,9 +23,9 @@ from ..maps.map import HISTORY, Map
 from ..maps.predictor import BodyInBox, Predictor
 from ..model.about import MOST_ROWS, About, Photo, Rows
 from ..model.alignment import Alignment
+from ..model.baseline import Baseline
 from ..model.facts import shown_errors
 from ..model.parts import Parts
-from ..model.trust import Baseline
 from .fields import Tensors, read, write
 
 _TINY = 1e-300  # the least number above zero

@@ -84,7 +84,7 @@ def evaluate_residuals(
     truth : the true kinematics, see :meth:`Residuals.of`
     """
     scale, readouts = model.motor.scale, model.readouts
-    known = model.trust.covers(scale.to_unit(q))
+    known = model.covers(scale.to_unit(q))
     if not known.any():
         raise LogError("no row of the log lies within what the model has learned: measure others")
     left_out, q, x = int(np.count_nonzero(~known)), q[known], x[known]
