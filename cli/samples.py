@@ -61,7 +61,6 @@ class Babbling:
 
     samples: opt.Number = None
     noise: opt.Noise = None
-    motion: opt.Moves = None
     change: opt.Changes = None
 
 
@@ -122,12 +121,8 @@ def babbled_samples(
         changes = parse_changes(babbling.change or (), degrees=turning * selection.degrees)
     except OptionError as error:
         raise BadOption(f"--{error}") from None
-    n, noise, method = babbling.samples or _SAMPLES, babbling.noise or 0.0, babbling.motion
-    log = calib.babble(
-        arm, n=n, seed=seed, noise=noise, changes=changes, method=method or "uniform"
-    )
-    say(log.notes)
-    return log
+    n, noise = babbling.samples or _SAMPLES, babbling.noise or 0.0
+    return calib.babble(arm, n, seed=seed, noise=noise, changes=changes)
 
 
 def measured_samples(
@@ -151,9 +146,9 @@ def measured_samples(
         turns = dict(zip(arm.joint_names, arm.revolute, strict=True))
     glass = None
     if lens is not None:
-        from calib.recording.lens import read_lens
+        from calib.recording.lens import load_lens
 
-        glass = read_lens(lens).to_json()
+        glass = load_lens(lens)[0].to_json()
     log = calib.read_log(
         source,
         arm,
