@@ -41,6 +41,8 @@ def facts(model: Parts, *, degrees: bool = True) -> dict[str, str]:
     found["maps"] = f"{options['map']}, {options['rule']} rule, {size_in_words(model)}"
     found["expected error"] = f"95 % bound on the distance to the {about.bound_of}"
     found["model error"] = "95 % bound on the distance to the true position in the sensor's frame"
+    if about.source == "log":
+        found["bounds hold"] = "in the session of the log: see an evaluation with `frame='free'`"
     return found
 
 
