@@ -142,22 +142,22 @@ def train_on(case: Case, ground: Ground, network: str, side: int, seed: int) -> 
     pair = associate(scale, u, samples.x, options, wrong)
     seconds, motor = time.perf_counter() - started, pair.motor
     smooth, rows = part.smooth, part.rows
-    selected = select(motor, u[rows], samples.x[rows], smooth, part.fit.held_out)
+    predictor, left = select(motor, u[rows], samples.x[rows], smooth, part.fit.held_out)
     alone = pair
     if (
         wrong is not None and network == "vdsom:residual"
     ):  # without a body nothing tells where it is wrong
         alone = associate(scale, u, samples.x, options)
     predictors = {
-        "local": selected.predictor,
+        "local": predictor,
         "body": Predictor(motor, smooth, NO_MODELS),
         "linear": Predictor(alone.motor, alone.linear, NO_MODELS),
     }
-    held = u[part.rows][selected.rows]
+    held = u[rows]
     # maps are judged by rows that they have seen: each node averages many
-    own = np.linalg.norm(alone.linear.value(held) - samples.x[part.rows][selected.rows], axis=1)
+    own = np.linalg.norm(alone.linear.value(held) - samples.x[rows], axis=1)
     bounds = {
-        "local": learn_bounds(motor, held, selected.errors),
+        "local": learn_bounds(motor, held, np.linalg.norm(left, axis=1)),
         "linear": learn_bounds(alone.motor, held, own),
     }
     return Trained(pair, alone, predictors, bounds, seconds)

@@ -51,8 +51,8 @@ def settled_model(
     found, seen = _body_of(model, motor.scale.from_unit(u[::every]), x[::every]), (u, x)
     if found is not None:
         smooth = BodyInBox(found.body, motor.scale)
-        selected = select(motor, u[::every], x[::every], smooth, found.held_out)
-        predictor, rows, errors = selected.predictor, selected.rows * every, selected.errors
+        predictor, left = select(motor, u[::every], x[::every], smooth, found.held_out)
+        rows, errors = np.arange(len(u))[::every], np.linalg.norm(left, axis=1)
         if len(u) < _FEW_ROWS:
             drawn = np.random.default_rng(model.about.seed).random((_IMAGINED, u.shape[1]))
             seen = drawn, predictor.value(drawn)

@@ -216,28 +216,23 @@ class Association:
         graph = csr_array((np.ones(len(place[met])), place[met], indptr), shape=(len(key),) * 2)
         label = connected_components(graph)[1].astype(np.intp)
 
-        # strongest link of each cluster, clusters of each sensory node by strength
         order = np.lexsort((-links.data, label))
-        first = order[np.append(True, np.diff(label[order]) > 0)]
+        first = order[np.append(True, np.diff(label[order]) > 0)]  # strongest link of each cluster
         core = first[label]  # the strongest link of the same cluster
         gap = motor.scale.difference(motor.units[i], motor.units[i[core]])
         weight = np.where(np.linalg.norm(gap, axis=1) <= _CORE * motor.spacing, links.data, 0.0)
-        count = len(first)
-        total = np.bincount(label, weight, minlength=count)
-        shift = np.stack([np.bincount(label, weight * g, minlength=count) for g in gap.T], axis=1)
+        total = np.bincount(label, weight)
+        shift = np.stack([np.bincount(label, weight * g) for g in gap.T], axis=1)
         center = motor.units[i[first]] + shift / total[:, None]
+        # clusters of each sensory node, the strongest first
         rank = np.lexsort((-links.data[first], j[first]))
         owner = j[first][rank]
-        place_in_row = np.arange(count) - np.searchsorted(owner, owner)
-        keep = place_in_row < _MOST
-        width = int(place_in_row[keep].max()) + 1
-        centers = np.zeros((ns, width, motor.units.shape[1]))
-        strength = np.zeros((ns, width))
-        centers[owner[keep], place_in_row[keep]] = center[rank][keep]
-        strength[owner[keep], place_in_row[keep]] = total[rank][keep]
-        cores = np.zeros((ns, width), dtype=np.intp)
-        cores[owner[keep], place_in_row[keep]] = i[first][rank][keep]
-        return Clusters(centers, strength, cores)
+        column = np.arange(len(owner)) - np.searchsorted(owner, owner)
+        kept = column < _MOST
+        table = np.full((ns, int(column[kept].max()) + 1), -1)
+        table[owner[kept], column[kept]] = rank[kept]
+        strength = np.where(table >= 0, total[table], 0.0)
+        return Clusters(center[table], strength, i[first][table])
 
 
 def _sums(network: Map, activity: csr_array, u: Array) -> Array:
