@@ -40,8 +40,8 @@ if TYPE_CHECKING:
     from .maps.map import Map as Map
     from .maps.som import SOM as SOM
     from .model.answers import Answer as Answer
+    from .model.answers import Path as Path
     from .model.model import Model as Model
-    from .model.paths import Path as Path
     from .model_file.loading import load as load
     from .recording.handeye import HandEye as HandEye
     from .recording.handeye import handeye as handeye
@@ -84,7 +84,7 @@ _HOME = {
     "ModelError": "errors",
     "Monitor": "change.monitor",
     "OptionError": "errors",
-    "Path": "model.paths",
+    "Path": "model.answers",
     "Plan": "use.plan",
     "PlanarArm": "arm.arm",
     "Preview": "show.preview.server",

@@ -15,10 +15,10 @@ from ..maps import local_models
 from ..maps.local_models import NO_MODELS, exponents
 from ..maps.map import Map
 from ..maps.predictor import BodyInBox, Predictor
+from ..model.about import Rows
 from ..model.alignment import Alignment
-from ..model.baseline import learn_baseline
-from ..model.measured import Rows
 from ..model.model import Model
+from ..model.trust import learn_baseline
 from ..training.evaluate import error_sizes, evaluate_residuals, summarise
 from .causes import Cause
 from .comparison import Comparison

@@ -20,7 +20,7 @@ from ..maps.local_models import NO_MODELS
 from ..maps.map import Map
 from ..maps.model_selection import blocks, select
 from ..maps.predictor import BodyInBox, Predictor
-from ..model.measured import Rows
+from ..model.about import Rows
 from ..model.model import Model
 from ..training.bounds import node_bounds
 

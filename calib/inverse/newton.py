@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..common.arrays import Array, Index
 from ..common.scale import Scale
-from .tasks import Task
 
 _ROUNDING = 1e-15
 """Share of the extent below which a target is met as well as numbers allow."""
@@ -29,6 +30,42 @@ _LONGEST = 0.25  # of the joints' range: no step and no slide is longer
 # the nearest point out of reach, shares of the joints' range: step of second derivatives, longest
 # and last step; share of the largest curvature that every direction has at least
 _PROBE, _FAR, _STILL, _FLAT = 1e-4, 0.2, 1e-10, 1e-6
+
+#: Position (n, 3) [m], orientation (n, 3, 3) and geometric Jacobian (n, 6, dof) at joints (n, dof).
+Evaluate = Callable[[Array], tuple[Array, Array, Array]]
+
+
+class Task(Protocol):
+    """What engines know of a question: targets are rows (n, k), residuals have m numbers."""
+
+    def value_and_slope(self, u: Array) -> tuple[Array, Array]:
+        """What is reached (n, k), and how residuals shrink with unit coordinates (n, m, dof)."""
+        ...
+
+    def gap(self, target: Array, value: Array) -> Array:
+        """Residuals (n, m) between targets and what is reached."""
+        ...
+
+
+@dataclass(frozen=True)
+class Positions:
+    """Positions (n, m) by a forward map that knows its Jacobian."""
+
+    value_and_slope: Callable[[Array], tuple[Array, Array]]
+
+    def gap(self, target: Array, value: Array) -> Array:
+        """Residuals (n, m)."""
+        return target - value
+
+    @staticmethod
+    def of_chain(evaluate: Evaluate, scale: Scale) -> Positions:
+        """Positions (n, 3) [m] of a chain in its base frame."""
+
+        def value_and_slope(u: Array) -> tuple[Array, Array]:
+            place, _, slope = evaluate(scale.from_unit(u))
+            return place, slope[:, :3] * scale.span
+
+        return Positions(value_and_slope)
 
 
 @dataclass(frozen=True)

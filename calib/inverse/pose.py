@@ -12,10 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arm.rotations import logarithm
 from ..common.arrays import Array
 from ..common.scale import TURN, Scale
-from .newton import Newton
-from .tasks import Evaluate, Poses
+from .newton import Evaluate, Newton
 
 _ROUND, _QUIET = 96, 2  # random starts of a round; rounds in a row that must find nothing new
 _ROUNDS = 12  # at most
@@ -26,6 +26,33 @@ _TOGETHER = 50  # poses that are searched side by side: one row costs as much as
 #: A pose is reached within this share of the arm's length, and solutions this far apart [rad or m]
 #: are different branches.
 TOLERANCE, APART = 1e-9, 1e-3
+
+
+@dataclass(frozen=True)
+class Poses:
+    """Positions and orientations of a chain in its base frame, as rows of 3 and 9 numbers."""
+
+    evaluate: Evaluate
+    scale: Scale
+    lever: float  # [m], what a radian of turn counts as
+
+    @staticmethod
+    def target(position: Array, rotation: Array) -> Array:
+        """Targets (n, 12) of positions (n, 3) [m] and orientations (n, 3, 3)."""
+        return np.concatenate([position, rotation.reshape(-1, 9)], axis=1)
+
+    def value_and_slope(self, u: Array) -> tuple[Array, Array]:
+        """Poses (n, 12), and how residuals shrink with the unit coordinates (n, 6, dof)."""
+        place, turn, slope = self.evaluate(self.scale.from_unit(u))
+        slope = slope * self.scale.span
+        slope[:, 3:] *= self.lever
+        return self.target(place, turn), slope
+
+    def gap(self, target: Array, value: Array) -> Array:
+        """Residuals (n, 6): of the position, and the lever times the turn that is left."""
+        wanted, reached = (part[:, 3:].reshape(-1, 3, 3) for part in (target, value))
+        turn = logarithm(wanted @ np.swapaxes(reached, 1, 2))
+        return np.concatenate([target[:, :3] - value[:, :3], self.lever * turn], axis=1)
 
 
 @dataclass(frozen=True)

@@ -6,15 +6,14 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..common.arrays import Array, Index
 from ..common.scale import Scale
 from ..maps.association import Association
 from ..maps.predictor import Predictor
-from .families import representatives
-from .newton import CLOSE, Newton
-from .starts import Starts, distinct, twins
-from .tasks import Positions
+from .newton import CLOSE, Newton, Positions, shortened
+from .starts import Starts, distinct, place_of, twins
 
 _SAME = 1e-5  # of the joints' range: solutions that are closer are one
 _SHORT = 0.03  # of the joints' range: after a first step so short the start is the joints given
@@ -23,6 +22,12 @@ _ALIKE = 4.0  # node spacings: solutions of redundant joints that are about as c
 _FOLDED, _ACROSS = 0.05, 0.3  # as `twins` has them
 _MANY, _DRAWN = 3, 128  # spare joints of which no lattice holds all families: starts are drawn
 _WIDE = 8  # sensory nodes whose partners are tried where others have failed
+
+_STEP = 0.03  # of the joints' range: length of a step along a self-motion
+_WALK = 60  # most steps from one solution to another
+_STUCK = 0.05  # share of the way ahead that a step has to be able to go
+_ROUNDS = 7  # attempts to join what is still apart, each of twice as many pairs of a group
+_NEAREST = 31  # solutions of the same target that one may be joined with
 
 
 @dataclass(frozen=True)
@@ -116,7 +121,7 @@ class Solver:
         """
         target, u, distance = self.solutions(x)
         if self.redundant and len(u):
-            target, u = representatives(self.newton, target, u, x)
+            target, u = _representatives(self.newton, target, u, x)
             distance = np.linalg.norm(self.predictor.value(u) - x[target], axis=1)
         lost = np.setdiff1d(np.arange(len(x)), target)
         if len(lost):
@@ -157,3 +162,89 @@ class Solver:
     def clip(self, u: Array) -> Array:
         """Points (n, dof) moved into the unit box; a periodic joint goes round instead."""
         return self.newton.clip(u)
+
+
+def _representatives(newton: Newton, target: Index, u: Array, x: Array) -> tuple[Index, Array]:
+    """One solution of each connected family: the one closest to the middle of the ranges.
+
+    Two solutions belong to one family if small steps along the self-motion, on target and inside of
+    the limits, lead from one to the other. Each group of solutions tries the nearest solutions of
+    other groups, more and more of them, until no more can be joined. `target` (m,) says, ascending,
+    to which row of `x` (n, m) each solution of `u` (m, dof, unit box) belongs; returned are the
+    same of what is left.
+    """
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    a, b, gap = _pairs(newton, target, u)
+    label, ways = np.arange(len(u)), np.zeros((2, 0), dtype=np.intp)
+    for round_ in range(_ROUNDS):
+        other = np.flatnonzero(label[a] != label[b])
+        if not len(other):
+            break
+        # the shortest ways out of each group
+        order = other[np.lexsort((gap[other], label[a[other]]))]
+        first = order[place_of(label[a[order]]) < 2**round_]
+        met = first[_walk(newton, u[a[first]], u[b[first]], x[target[a[first]]])]
+        ways = np.hstack([ways, np.array([a[met], b[met]])])
+        graph = coo_array((np.ones(ways.shape[1]), tuple(ways)), shape=(len(u), len(u)))
+        label = connected_components(graph.tocsr())[1].astype(np.intp)
+        a, b, gap = np.delete(a, first), np.delete(b, first), np.delete(gap, first)
+    middle = np.full_like(u, 0.5)
+    away = np.linalg.norm(newton.scale.difference(u, middle), axis=1)
+    order = np.lexsort((away, label))
+    chosen = np.sort(order[np.append(True, np.diff(label[order]) > 0)])
+    target, u = target[chosen], u[chosen]
+    settled, distance = newton.settle(u, x[target], middle[chosen], longest=_STEP)
+    return target, np.where((distance <= CLOSE * newton.extent)[:, None], settled, u)
+
+
+def _pairs(newton: Newton, target: Index, u: Array) -> tuple[Index, Index, Array]:
+    """Pairs of solutions of the same target, each with those nearest to it, and their distances."""
+    rows, columns, gaps = [target[:0]], [target[:0]], [np.zeros(0)]
+    for own in np.split(np.arange(len(u)), np.flatnonzero(np.diff(target)) + 1):
+        gap = np.linalg.norm(newton.scale.difference(u[own, None], u[own]), axis=2)
+        near = np.argsort(gap, axis=1)[:, 1 : _NEAREST + 1]
+        rows.append(np.repeat(own, near.shape[1]))
+        columns.append(own[near].ravel())
+        gaps.append(np.take_along_axis(gap, near, axis=1).ravel())
+    return np.concatenate(rows), np.concatenate(columns), np.concatenate(gaps)
+
+
+def _walk(newton: Newton, start: Array, goal: Array, x: Array) -> NDArray[np.bool_]:
+    """Whether steps along the self-motion lead from `start` to `goal`, (n,)."""
+    arrived = np.zeros(len(start), dtype=bool)
+    rows, u = np.arange(len(start)), start
+    for _ in range(_WALK):
+        wish = newton.scale.difference(goal[rows], u)
+        ahead = np.linalg.norm(wish, axis=1)
+        near = ahead < 0.3 * _STEP
+        arrived[rows[near]] = True
+        rows, u, wish, ahead = rows[~near], u[~near], wish[~near], ahead[~near]
+        if not len(rows):
+            break
+        move = newton.tangent(u, wish)
+        length = np.linalg.norm(move, axis=1)
+        trial, distance = newton.refine(u + shortened(move, _STEP), x[rows], CLOSE)
+        moved = np.linalg.norm(newton.scale.difference(trial, u), axis=1)
+        now = np.linalg.norm(newton.scale.difference(goal[rows], trial), axis=1)
+        going = (length > _STUCK * ahead) & (distance <= CLOSE * newton.extent)
+        going &= (moved < 2 * _STEP) & (now < ahead)
+        rows, u = rows[going], trial[going]
+    return arrived
+
+
+def free_directions(jacobian: Array) -> Array:
+    """Directions (k, dof) in which joints move on without changing what they reach.
+
+    The Jacobian (m, dof) has rows of comparable size. Each direction has a joint of its own at 1
+    that the others leave still.
+    """
+    from scipy.linalg import qr
+
+    _, size, vt = np.linalg.svd(jacobian)
+    null = vt[int((size > 1e-6 * size[0]).sum()) :]
+    if not len(null):
+        return null
+    own = np.sort(qr(null, mode="r", pivoting=True)[1][: len(null)])
+    return np.asarray(np.linalg.solve(null[:, own], null))

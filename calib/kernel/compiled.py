@@ -1,7 +1,7 @@
-"""The compiled kernel: single queries of a model by its own C, through ctypes.
+"""The compiled kernel: templates of C filled with numbers, and what a C compiler makes of them.
 
-The system's C compiler (``$CC``, else ``cc``) makes a shared library of the source in a private
-temporary folder, which is removed when nothing uses it any more, at the latest at exit.
+The source is in the folder `c`: C99 that is also valid C++, without allocation and without any
+library but ``math.h``.
 """
 
 from __future__ import annotations
@@ -9,19 +9,22 @@ from __future__ import annotations
 import ctypes
 import math
 import os
+import re
 import shlex
 import shutil
 import subprocess
 import tempfile
 import threading
+from collections.abc import Mapping
+from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..common.arrays import Array
 from ..errors import OptionError
-from .source import c_source, source
 
 OFF = "CALIB_NO_CC"
 """Environment variable that leaves the compiler alone where it is set to anything but 0."""
@@ -42,12 +45,71 @@ _ASKED, _PART, _FOUND, _SIZE = 16, 4, 32, 128
 """Where in a thread's buffer stand what is asked, `_PART` numbers each, and what answers; given
 joints are first.  As in ``c/calls.h``."""
 
+_CHOICE = re.compile(
+    r"^#if @(\w+)@\n((?:(?!#if @|#endif\n|#else\n).*\n)*)(?:#else\n((?:(?!#if @|#endif\n).*\n)*))?"
+    r"#endif\n",
+    re.MULTILINE,
+)
+_NUMBER = re.compile(r"[-\d.][-+.e\d]*")
+_BRACES = str.maketrans("[]", "{}")
+_FUNCTIONS = re.compile(r"\b(cos|sin|sqrt|floor|fabs|atan2)\(")
+
+
+def source(*names: str) -> str:
+    """Files of the C source, one after another."""
+    folder = files(__package__) / "c"
+    return "".join((folder / f"{name}.h").read_text(encoding="ascii") for name in names)
+
+
+def c_source(text: str, words: Mapping[str, object], prefix: str, single: bool) -> str:
+    """C source with its words filled in, names that start with `prefix`, and its precision.
+
+    Names start with ``calib_`` there; words are such as ``@dof@``, and what stands between
+    ``#if @word@`` and ``#endif`` is kept where the word is true.
+    """
+    while "#if @" in text:  # the innermost first
+        text = _CHOICE.sub(lambda found: (found[2] if words[found[1]] else found[3]) or "", text)
+    text = re.sub(r"@(\w+)@", lambda found: _word(words[found.group(1)], single), text)
+    text = _FUNCTIONS.sub(r"\1f(", text) if single else text
+    return text.replace("calib_", prefix).replace("CALIB_", prefix.upper())
+
+
+def _word(value: object, single: bool) -> str:
+    return c_number(value, single) if isinstance(value, float) else str(value)
+
+
+def c_number(value: float, single: bool) -> str:
+    """A C constant that reads back as the same number; infinities as what no value exceeds."""
+    return braces(np.asarray(value, dtype=float), single)
+
+
+def table(name: str, values: NDArray[Any], single: bool, floats: bool = False) -> str:
+    """A constant array of C of any shape, braces round each row; `floats` in any header."""
+    if not values.size:
+        values = np.zeros([max(size, 1) for size in values.shape], dtype=values.dtype)
+    whole = values.dtype.kind == "i"
+    text = str(values.tolist()).translate(_BRACES) if whole else braces(values, single or floats)
+    kind = "int" if whole else "float" if floats else "calib_real"
+    return f"static const {kind} {name}{''.join(f'[{n}]' for n in values.shape)} = {text};\n"
+
+
+def braces(values: Array, single: bool) -> str:
+    """Numbers in the braces of a C constant, row by row."""
+    numbers = np.clip(np.nan_to_num(values, nan=3e38), -3e38, 3e38)
+    text = str(numbers.tolist())
+    if single:  # nine digits tell any two floats apart
+        text = _NUMBER.sub(lambda found: _nine_digits(found[0]), text)
+    return text.replace("], [", "],\n[").translate(_BRACES)
+
+
+def _nine_digits(text: str) -> str:
+    text = f"{np.float32(text):.9g}"
+    # a C literal needs a point or an exponent
+    return (text if any(c in text for c in ".e") else text + ".0") + "f"
+
 
 class Compiled:
-    """A shared library that answers single queries.
-
-    The interpreter's lock is released during a call, and every thread has buffers of its own.
-    """
+    """A shared library that answers single queries; every thread has buffers of its own."""
 
     def __init__(self, library: ctypes.CDLL, folder: Any, dof: int, outputs: int) -> None:
         self._folder, self._library, self._own = folder, library, threading.local()
@@ -104,7 +166,7 @@ class Compiled:
 
 
 def compile_source(text: str, words: dict[str, object], dof: int, outputs: int) -> Compiled:
-    """The library of a header's text.
+    """The library that the C compiler (``$CC``, else ``cc``) makes of a header's text.
 
     words : what the functions that Python calls depend on, see ``c/calls.h``
     Raises OptionError where it cannot be made.

@@ -1,19 +1,27 @@
-"""About a model: what it is a model of, how it was made, how well it does."""
+"""About a model: what it is a model of, how it was made, and what it keeps of its log."""
 
 from __future__ import annotations
 
+import io
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Annotated, Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from ..common.arrays import Array, Shape
 from ..common.frozen import ReadOnly
-from ..errors import LogError
+from ..errors import LogError, ModelError
 from ..samples.samples import Samples
 
 _OPTIONS = ("map", "rule", "epochs", "sigma")
 _WIDEST = 1e9  # range of a joint [rad or m]
+_LARGEST, _START = 3_000_000, b"\xff\xd8\xff"  # bytes of a photo, and the first of a JPEG
+
+MOST_ROWS = 5_000
+"""Rows that are kept of a longer log, evenly spread over it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,40 +91,68 @@ class About(ReadOnly):
     def possible(self) -> bool:
         """Whether the facts of a file make sense."""
         names, sizes = self.joint_names, self.upper - self.lower
-        axes = [] if self.plane is None else [self.plane.get(key) for key in ("origin", "x", "y")]
-        simulated = self.simulation or {"noise": 0.0, "changes": []}
+        simulated, plane = self.simulation or {}, self.plane or {}
+        positions = {"x", "y", "distance"}
         return (
             all(names)
             and 1 <= len(set(names)) == len(names) == len(self.revolute) == len(sizes)
             and bool(((sizes > 0.0) & (sizes < _WIDEST)).all())
-            and all(_numbers(each, 3) for each in axes)
-            and _numbers([simulated.get("noise")], 1)
-            and all(isinstance(each, str) for each in simulated.get("changes", (0,)))
+            and all(
+                np.shape(np.add(plane[key], 0.0)) == (3,) for key in ("origin", "x", "y") if plane
+            )
+            and math.isfinite(simulated.get("noise", 0.0))
+            and all(isinstance(each, str) for each in simulated.get("changes", ()))
             and min(self.picture or (1,)) >= 1
             and min(self.samples, self.seed, self.tested, self.left_out) >= 0
             and set(_OPTIONS) <= set(self.options)
-            and all(_errors(each, names) for each in self.errors.values())
+            and all(
+                positions <= set(told["forward"]) and {*names, "distance"} <= set(told["inverse"])
+                for told in self.errors.values()
+            )
         )
 
 
-def _numbers(values: Any, count: int) -> bool:
-    return (
-        isinstance(values, list | tuple)
-        and len(values) == count
-        and all(isinstance(v, int | float) and not isinstance(v, bool) for v in values)
-        and all(map(math.isfinite, values))
-    )
+@dataclass(frozen=True)
+class Photo:
+    """A JPEG of the arm by the camera that measured it, at most 3 MB; its borders are positions."""
+
+    jpeg: bytes  # the picture
+    # [unit], positions of its left, right, lower and upper border. Of pixels the lower one is the
+    # larger: they count from the top.
+    box: tuple[float, float, float, float]
+
+    def __post_init__(self) -> None:
+        left, right, low, high = self.box
+        if not all(map(math.isfinite, self.box)) or left >= right or low == high:
+            raise ValueError(f"{self.box} is no box")
+        if not self.jpeg.startswith(_START) or len(self.jpeg) > _LARGEST:
+            raise ValueError("the photo is no JPEG of at most 3 MB")
+
+    def pixels(self) -> NDArray[np.uint8]:
+        """Return red, green and blue (height, width, 3), the first row on top."""
+        from PIL import Image
+
+        try:
+            with Image.open(io.BytesIO(self.jpeg)) as opened:
+                return np.asarray(opened.convert("RGB"))
+        except (OSError, ValueError, SyntaxError, Image.DecompressionBombError):
+            raise ModelError(
+                "the model's photo cannot be read", hint="keep another one with `photo`"
+            ) from None
 
 
-def _errors(told: Any, joints: Sequence[str]) -> bool:
-    """Whether a readout's errors have a mean, a maximum and a quantile of everything."""
-    try:
-        found = [
-            told[direction][name][key]
-            for direction, names in (("forward", ("x", "y")), ("inverse", joints))
-            for name in (*names, "distance")
-            for key in ("mean", "max", "p99")
-        ]
-    except (KeyError, TypeError):
-        return False
-    return all(error is None or _numbers([error], 1) for error in found)
+@dataclass(frozen=True, eq=False)
+class Rows(ReadOnly):
+    """Measured rows."""
+
+    q: Annotated[Array, Shape("rows", "dof")]  # [rad or m], joint values
+    x: Annotated[Array, Shape("rows", "width")]  # [unit], positions
+
+    def __len__(self) -> int:
+        return len(self.q)
+
+    @staticmethod
+    def of(q: Array, x: Array) -> Rows:
+        """At most 5,000 of the rows of a log, evenly spread over it."""
+        every = -(-len(q) // MOST_ROWS)
+        return Rows(q[::every].copy(), x[::every].copy())

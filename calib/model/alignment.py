@@ -63,22 +63,12 @@ class Alignment:
 
     def words(self, unit: str) -> str:
         """The whole map in words."""
-        parts = ["x and y exchanged"] if self.swapped else ["mirrored"] * self.mirrored
-        if not self.swapped:
-            parts.append(f"turned {math.degrees(self.angle):.3g} deg{self._about}")
         factor, name = for_people(unit)
         shift = ", ".join(f"{factor * part:.4g}" for part in self.shift)
-        return ", ".join([*parts, f"scaled {self.scale:.5g}", f"shifted {shift} {name}"])
-
-    @property
-    def _about(self) -> str:
-        """The axis of a rotation in space."""
-        if len(self.shift) < 3 or self.mirrored:
-            return ""
-        odd = self.matrix - self.matrix.T
-        axis = np.array([odd[2, 1], odd[0, 2], odd[1, 0]])
-        axis = np.round(axis / max(float(np.linalg.norm(axis)), 1e-300), 2) + 0.0
-        return " about (" + ", ".join(f"{part:.2f}" for part in axis.tolist()) + ")"
+        return (
+            f"{'mirrored, ' * self.mirrored}turned {math.degrees(self.angle):.3g} deg, "
+            f"scaled {self.scale:.5g}, shifted {shift} {name}"
+        )
 
     def to_json(self) -> list[list[float]]:
         """Rows of [A | b]."""

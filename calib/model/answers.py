@@ -1,8 +1,10 @@
-"""Answers: what a model says of targets, in both directions."""
+"""Answers: what a model says of targets and of paths, in both directions."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -11,12 +13,16 @@ from numpy.typing import ArrayLike, NDArray
 from ..common.arrays import Array
 from ..common.rows import checked_rows
 from ..errors import QueryError
+from ..inverse.newton import shortened
+from ..inverse.tracking import follow_targets
 from .parts import Parts
 
 _REACHED = 1e-9  # share of the workspace's extent that always counts as reached
 SURE = 1e-2  # of the extent: a larger expected error does not make a target reachable
 _IN_SIGHT = 1e6  # extents of the workspace
 _LONGEST = 0.1  # of the joints' range: no step of a servo is longer
+_STEP = 0.01  # of the workspace's extent, of a path where no step is given
+_MOST = 1_000_000  # rows of a path
 
 
 class Answer(NamedTuple):
@@ -37,8 +43,30 @@ class Answer(NamedTuple):
         return Answer._make(values[rows] for values in self)
 
 
+@dataclass(frozen=True, eq=False)
+class Path:
+    """Joints along straight lines through waypoints, without times; one row for each target."""
+
+    target: Array  # (k, m) [unit], points on the lines between the waypoints
+    # as of `Answer`; joints stay on one branch between jumps
+    q: Array
+    position: Array
+    distance: Array
+    expected_error: Array
+    model_error: Array
+    reachable: NDArray[np.bool_]
+    # (k,), index of the waypoint that each row leads to; the last such row stands on it
+    waypoint: NDArray[np.intp]
+    # (j,), rows whose joints do not follow from those of the row before: the branch ends there,
+    # whichever way the path is followed from its start
+    jumps: NDArray[np.intp]
+    # (k,), rows that were left out: a tenth of the workspace and more beyond all that the arm
+    # reaches; joints stay as they were
+    held: NDArray[np.bool_]
+
+
 def unit_joints(model: Parts, x: Array, near: Array, readouts: Sequence[str]) -> dict[str, Array]:
-    """Joints of the unit box (n, dof) that answer targets (n, 2), by readout."""
+    """Joints of the unit box (n, dof) that answer targets (n, m), by readout."""
     seen = in_sight(model, x)
     own = ("local", model.default_readout)
     found = {r: model.solver.solve(seen, near)[0] for r in readouts if r in own}
@@ -50,13 +78,6 @@ def unit_joints(model: Parts, x: Array, near: Array, readouts: Sequence[str]) ->
         answered = model.association.inverses(v, near, linked)
         found |= {r: model.solver.clip(u) for r, u in answered.items()}
     return found
-
-
-def joints(model: Parts, x: Array, near: Array, *, nearest: bool) -> Array:
-    """Joint values (n, dof) alone; NaN out of reach unless `nearest`."""
-    q, within = joints_and_reach(model, x, near, told=not nearest)
-    q[~within] = np.nan
-    return q
 
 
 def joints_and_reach(
@@ -72,19 +93,17 @@ def joints_and_reach(
 
 
 def in_sight(model: Parts, x: Array) -> Array:
-    """Targets (n, 2), those a million extents away and further moved closer.
+    """Targets (n, m), those a million extents away and further moved closer.
 
     What is nearest to them lies in the same direction, and their squares would overflow.
     """
-    scale = model.sensory.scale
-    limit = _IN_SIGHT * (model.solver.extent + float(np.abs(scale.lower).max()))
+    limit = _IN_SIGHT * (model.solver.extent + float(np.abs(model.sensory.scale.lower).max()))
     furthest = np.abs(x).max(axis=1, keepdims=True)
-    far = furthest > limit
-    return np.where(far, x / np.where(far, furthest, 1.0) * limit, x) if far.any() else x
+    return np.where(furthest > limit, x / np.maximum(furthest, limit) * limit, x)
 
 
 def answer(model: Parts, u: Array, x: Array, position: Array | None = None) -> Answer:
-    """Describe joints `u` (n, dof) of the unit box that answer the targets `x` (n, 2)."""
+    """Describe joints `u` (n, dof) of the unit box that answer the targets `x` (n, m)."""
     if position is None:
         position = model.predictor.value(u)
     with np.errstate(over="ignore"):  # the distance of a target at 1e308 may be infinite
@@ -110,7 +129,7 @@ def forward_bounds(
 ) -> tuple[Array, Array]:
     """95 % bounds (n,), expected and model error, on forward answers of any readout [unit].
 
-    The model's bounds hold for its default readout.  The answer `position` (n, d) of another
+    The model's bounds hold for its default readout.  The answer `position` (n, m) of another
     one is further off by at most its distance from the default's (triangle inequality).
     """
     rows, _ = checked_rows(q, model.about.joint_names, "joint values")
@@ -122,28 +141,22 @@ def forward_bounds(
     return expected, known
 
 
-def sides(model: Parts, approach: ArrayLike | None, n: int) -> Array | None:
-    """Directions of approach (n, dof), None where none were given."""
-    if approach is None:
-        return None
+def approached(
+    model: Parts, q: Array, approach: ArrayLike
+) -> tuple[Array, Array, NDArray[np.bool_]]:
+    """Where play is taken up at joints (n, dof) of a direction of approach, and the bounds there.
+
+    Joint values (n, dof), bounds (n,) [unit], and whether the direction is known (n,).
+    """
     side, _ = checked_rows(approach, model.about.joint_names, "approach")
-    if len(side) not in (1, n):
-        raise QueryError(f"approach has {len(side)} rows for {n} of joints: give one or {n}")
-    return np.broadcast_to(np.sign(side), (n, side.shape[1]))
-
-
-def approached(model: Parts, q: ArrayLike, approach: ArrayLike, bound: Array) -> Array:
-    """Bounds at joints (n, dof) or (dof,), the smaller ones where the direction is known."""
-    rows, single = checked_rows(q, model.about.joint_names, "joint values")
-    side, own = sides(model, approach, len(rows)), model.approach
-    if side is None or own is None:
-        return bound
-    u = model.motor.scale.to_unit(own.effective(rows, side))
-    noise = model.about.bound_of == "sensor reading"
-    smaller, both = model.trust.bound(own.bounds, u, noise=noise), np.atleast_1d(bound)
-    # NaN stays: what is out of range has no bound from any side
-    result: Array = np.where(own.known(side) & np.isfinite(both), smaller, both)
-    return result[0] if single else result
+    if len(side) not in (1, len(q)):
+        raise QueryError(f"approach has {len(side)} rows for {len(q)} of joints: give one or both")
+    own, side = model.approach, np.broadcast_to(np.sign(side), q.shape)
+    if own is None:
+        return q, np.zeros(len(q)), np.zeros(len(q), dtype=bool)
+    moved, noise = own.effective(q, side), model.about.bound_of == "sensor reading"
+    bound = model.trust.bound(own.bounds, model.motor.scale.to_unit(moved), noise=noise)
+    return moved, bound, own.known(side)
 
 
 def anchor(model: Parts, near: ArrayLike | None, n: int) -> Array:
@@ -166,9 +179,8 @@ def anchor(model: Parts, near: ArrayLike | None, n: int) -> Array:
             f"near has {names[k]} = {rows[row, k]:.6g}: expected a value in its range "
             f"{lower[k]:.6g} to {upper[k]:.6g}"
         )
-    rows = np.where(scale.periodic, rows, np.clip(rows, lower, upper))
-    unit = scale.to_unit(rows)
-    return unit if len(unit) == n else np.broadcast_to(unit, (n, len(names)))
+    unit = scale.to_unit(np.where(scale.periodic, rows, np.clip(rows, lower, upper)))
+    return np.broadcast_to(unit, (n, len(names)))
 
 
 def servo_step(
@@ -187,8 +199,45 @@ def servo_step(
         )
     scale, newton = model.motor.scale, model.solver.newton
     u = newton.clip(scale.to_unit(joints))
-    step = newton.rate(u, gain * (wanted - seen))
-    length = np.linalg.norm(step, axis=1, keepdims=True)
-    step *= np.minimum(1.0, _LONGEST / np.maximum(length, 1e-300))
+    step = shortened(newton.rate(u, gain * (wanted - seen)), _LONGEST)
     result = scale.from_unit(newton.clip(u + step))
     return result[0] if single else result
+
+
+def follow_path(
+    model: Parts, waypoints: ArrayLike, start: ArrayLike | None, step: float | None
+) -> Path:
+    """Follow waypoints; see :meth:`calib.Model.path`."""
+    corners, single = checked_rows(waypoints, model.axes, "waypoints")
+    if single or len(corners) < 2:
+        raise QueryError(
+            f"a path needs 2 waypoints or more, got {len(corners)}: add rows, or ask for the "
+            "inverse of a single one"
+        )
+    if step is None:
+        step = _STEP * model.solver.extent
+    if not step > 0:
+        raise QueryError(f"step {step!r}: expected a length greater than zero, such as 0.005")
+    x, waypoint = _lines(corners, float(step))
+    first = None if start is None else anchor(model, start, 1)[0]
+    track = follow_targets(model.solver, in_sight(model, x), first)
+    jumps = np.array(track.jumps, dtype=np.intp)
+    return Path(x, *answer(model, track.u, x), waypoint, jumps, track.held)
+
+
+def _lines(corners: Array, step: float) -> tuple[Array, NDArray[np.intp]]:
+    """Points at most `step` apart on the lines between corners, and where each leads to."""
+    with np.errstate(over="ignore"):
+        length = np.linalg.norm(np.diff(corners, axis=0), axis=1)
+        total = float(length.sum())
+    if not total / step + len(corners) <= _MOST or not math.isfinite(total):
+        raise QueryError(
+            f"step {step:g} makes more than {_MOST:,} rows of a path {total:.4g} long: "
+            "give a longer one"
+        )
+    # rounding of the length must not add a row
+    parts = np.append(1, np.maximum(1, np.ceil(length / step - 1e-9))).astype(np.intp)
+    waypoint = np.repeat(np.arange(len(corners)), parts)
+    share = np.concatenate([np.arange(1, n + 1) / n for n in parts.tolist()])[:, None]
+    before, after = corners[np.maximum(waypoint - 1, 0)], corners[waypoint]
+    return np.where(share < 1.0, before + (after - before) * share, after), waypoint

@@ -18,9 +18,8 @@ from ..common.arrays import Array
 from ..common.rows import thinned
 from ..errors import CalibError, OptionError
 from ..kernel.arm import KernelArm
-from ..kernel.compiled import Compiled, compile_source
+from ..kernel.compiled import Compiled, braces, c_number, c_source, compile_source, source, table
 from ..kernel.posterior import CompactPosterior
-from ..kernel.source import braces, c_number, c_source, source, table
 from ..maps.local_models import FULL, SILENT, blend_size, exponents, reach_of
 from ..samples.roles import ROUNDING
 from .answers import SURE

@@ -12,13 +12,11 @@ from numpy.typing import ArrayLike
 from ..common.arrays import Array
 from ..common.rows import checked_rows
 from . import answers
-from .answers import Answer
+from .answers import Answer, Path
 from .parts import Parts
 
 if TYPE_CHECKING:
     import os
-
-    from .paths import Path
 
 FUNCTIONS = (
     *("adapt", "check", "correct", "evaluate", "figures", "follow", "monitor", "preview"),
@@ -117,9 +115,7 @@ class Model(Parts):
                 return quick
         readout = self._readout(readout)
         q, single = checked_rows(q, self.about.joint_names, "joint values")
-        side, moved = answers.sides(self, approach, len(q)), q
-        if side is not None and self.approach is not None:
-            moved = self.approach.effective(q, side)
+        moved = q if approach is None else answers.approached(self, q, approach)[0]
         x = self.answered(q, readout, moved)
         return x[0] if single else x
 
@@ -151,7 +147,9 @@ class Model(Parts):
         readout = self._readout(readout)
         if readout == "local":
             rows, single = checked_rows(x, self.axes, "positions")
-            q = answers.joints(self, rows, answers.anchor(self, near, len(rows)), nearest=nearest)
+            anchor = answers.anchor(self, near, len(rows))
+            q, within = answers.joints_and_reach(self, rows, anchor, told=not nearest)
+            q[~within] = np.nan
             return q[0] if single else q
         answer = self.solve(x, near, readout)
         q = answer.q if nearest else np.where(answer.reachable[:, None], answer.q, np.nan)
@@ -195,7 +193,13 @@ class Model(Parts):
         :meth:`forward`, it is the smaller bound for a known direction.
         """
         bound = self._bound(q, "bounds")
-        return bound if approach is None else answers.approached(self, q, approach, bound)
+        if approach is None:
+            return bound
+        rows, single = checked_rows(q, self.about.joint_names, "joint values")
+        _, smaller, known = answers.approached(self, rows, approach)
+        # NaN stays: what is out of range has no bound from any side
+        result = np.where(known & np.isfinite(bound), smaller, bound)
+        return result[0] if single else result
 
     def model_error(self, q: ArrayLike) -> Array:
         """95 % bound on the true position in the sensor's frame at (n, dof), (n,) [unit].
@@ -232,9 +236,7 @@ class Model(Parts):
             Longest way of the tip between two rows, 1 % of the workspace's extent where not
             given.  ``math.inf`` gives the waypoints alone.
         """
-        from .paths import follow_path
-
-        return follow_path(self, x, start, step)
+        return answers.follow_path(self, x, start, step)
 
     def inverse_pose(
         self,

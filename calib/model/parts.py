@@ -22,18 +22,16 @@ from ..maps.linear_models import LinearModels
 from ..maps.local_models import NO_MODELS
 from ..maps.map import Map
 from ..maps.predictor import BodyInBox, Predictor
-from .baseline import KNOWN
-from .measured import Rows
-from .trust import MOST_BLENDED, MOST_SHARE, STEEP, Trust
+from .about import Rows
+from .trust import KNOWN, MOST_BLENDED, MOST_SHARE, STEEP, Trust
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
     from ..body.approach import Approach
     from ..body.belief import Body
-    from .about import About
-    from .baseline import Baseline
-    from .measured import Photo
+    from .about import About, Photo
+    from .trust import Baseline
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -110,8 +108,11 @@ class Parts:
 
     @cached_property
     def body_solver(self) -> Solver:
-        """Solver of the inverse direction of the body alone."""
-        return Solver(self.association, self._body_alone)
+        """Solver of the inverse direction of the body alone, without local models."""
+        if self.body is None:
+            raise OptionError("readout 'body': the model has no body, choose another readout")
+        smooth = BodyInBox(self.body, self.motor.scale)
+        return Solver(self.association, Predictor(self.motor, smooth, NO_MODELS))
 
     @cached_property
     def trust(self) -> Trust:
@@ -159,19 +160,12 @@ class Parts:
         smooth = self.body is not None and self.predictor.models.degree >= 0
         return ("local", *(("body",) if smooth else ()), *MAP_READOUTS)
 
-    @property
-    def _body_alone(self) -> Predictor:
-        """The body without local models."""
-        if self.body is None:
-            raise OptionError("readout 'body': the model has no body, choose another readout")
-        return Predictor(self.motor, BodyInBox(self.body, self.motor.scale), NO_MODELS)
-
     def predicted(self, u: Array, readout: str) -> Array:
         """Positions (n, m) that a readout answers at points (n, dof) of the unit box [unit]."""
         if readout == "local":
             return self.predictor.value(u)
         if readout == "body":
-            return self._body_alone.value(u)
+            return self.body_solver.predictor.value(u)
         return self.sensory.scale.from_unit(self.association.forward(u, readout))
 
     def answered(self, q: Array, readout: str | None = None, moved: Array | None = None) -> Array:
@@ -194,29 +188,18 @@ class Parts:
         return bound
 
     def bound_at(self, u: Array, which: str = "bounds") -> Array:
-        """95 % bound (n,) [unit] at points of the unit box (n, dof).
+        """95 % bound (n,) [unit] at points of the unit box (n, dof): `bounds` or `model_bounds`.
 
-        Parameters
-        ----------
-        u : (n, dof) array
-        which : {"bounds", "model_bounds"}
-
-        Notes
-        -----
         The bounds of the nodes, blended.  Of more than three joints a lattice covers too
         little of the joints' box to blend between: the body's posterior answers itself, as it
         does where the blended bound is too wide for an answer.
         """
-        noise = self._noisy(which)
+        noise = which == "bounds" and self.about.bound_of == "sensor reading"
         if self.posterior is not None:
             return self.posterior.bound(self.motor.scale.from_unit(u), noise=noise)
         if self.body is not None and u.shape[1] > MOST_BLENDED:
             return self.body.bound(self.motor.scale.from_unit(u), noise=noise)
         return self.trust.bound(getattr(self, which), u, noise=noise)
-
-    def _noisy(self, which: str) -> bool:
-        """Whether a bound counts the noise of a single reading."""
-        return which == "bounds" and self.about.bound_of == "sensor reading"
 
     def _readout(self, name: str | None) -> str:
         """The readout that answers; ``local`` where the predictor does."""

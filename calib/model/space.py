@@ -24,11 +24,10 @@ from ..common.arrays import Array
 from ..common.rows import checked_rows
 from ..common.scale import Scale
 from ..errors import QueryError
-from ..inverse.families import free_directions
-from ..inverse.newton import Newton
-from ..inverse.pose import TOLERANCE, Joints, pose_branches
+from ..inverse.newton import Newton, Positions
+from ..inverse.pose import TOLERANCE, Joints, Poses, pose_branches
+from ..inverse.solver import free_directions
 from ..inverse.starts import twins
-from ..inverse.tasks import Poses, Positions
 from .parts import Parts
 
 _BESIDE = 0.5  # rad: of joints no further from `near` the other branches are looked for there

@@ -7,32 +7,27 @@ from dataclasses import dataclass
 from typing import Annotated, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..arm.spatial_chain import SpatialChain
 from ..body.approach import Approach
-from ..body.belief import Body, Second
+from ..body.belief import Body
 from ..body.planar import PlanarStructure
 from ..body.spatial import SpatialStructure
 from ..body.structure import Structure
-from ..body.views import VIEWS_OF_BODIES
 from ..common.arrays import Array, Index, Mask, Own, Shape
-from ..common.scale import Scale
 from ..errors import ModelError
 from ..maps.association import Association
-from ..maps.lattice import Graph, Lattice
+from ..maps.lattice import Graph
 from ..maps.links import Compressed, Wiring
 from ..maps.local_models import MOST_DEGREE, NO_MODELS, LocalModels, exponents
 from ..maps.map import HISTORY, Map
 from ..maps.predictor import BodyInBox, Predictor
-from ..model.about import About
+from ..model.about import MOST_ROWS, About, Photo, Rows
 from ..model.alignment import Alignment
-from ..model.baseline import Baseline
-from ..model.measured import MOST_ROWS, Photo, Rows
+from ..model.facts import shown_errors
 from ..model.parts import Parts
-from .fields import Format
+from ..model.trust import Baseline
+from .fields import Tensors, read, write
 
-_MOST_JOINTS = 64
 _TINY = 1e-300  # the least number above zero
 
 
@@ -106,30 +101,14 @@ def kept_of(model: Parts) -> Kept:
 def model_of(kept: Kept) -> Parts:
     """The model that a file keeps; each part makes sense, here they are compared."""
     motor, sensory, about, links = kept.motor, kept.sensory, kept.about, kept.links
-    places, width = sensory.units.shape
     linked = Compressed(
         links.strengths,
         links.nodes.astype(np.int32),
         np.concatenate([[0], np.cumsum(links.counts)]).astype(np.int32),
-        (motor.size, places),
+        (motor.size, sensory.size),
     )
-    models = kept.local or NO_MODELS
-    body, terms = kept.body, len(exponents(len(about.lower), models.degree)) if kept.local else 0
-    # joints are asked in the unit box of the map: other limits would shift every answer
-    span, low = motor.scale.span, np.abs(about.lower - motor.scale.lower)
-    other = (np.abs((about.upper - about.lower) / span - 1.0) > 1e-6) | (low > 1e-6 * span)
-    widths = [b.min() for b in (kept.bounds, kept.model_bounds) if b is not None]
-    fits = (
-        not other.any()
-        and width in (2, 3)
-        and not (links.nodes >= places).any()
-        and links.counts.sum() == len(links.nodes)
-        and terms == models.coefficients.shape[1]
-        and (body is None or body.structure.dof == len(about.lower))
-        and min(widths) >= 0.0
-        and kept.visited.any()
-    )
-    if not fits:
+    models, body = kept.local or NO_MODELS, kept.body
+    if not _fits(kept):
         raise ModelError("its parts do not fit together")
     for state in kept.history:
         if state.get("frame") is not None:
@@ -140,112 +119,89 @@ def model_of(kept: Kept) -> Parts:
     )
     smooth = association.linear if body is None else BodyInBox(body, motor.scale)
     wider = kept.bounds if kept.model_bounds is None else kept.model_bounds
-    return Parts(
+    model = Parts(
         about, association, Predictor(motor, smooth, models), kept.bounds, wider, kept.visited,
         body, kept.rows, tuple(dict(state) for state in kept.history), kept.baseline,
         approach=kept.approach, photo=kept.photo,
     )  # fmt: skip
+    middle = np.full((1, len(about.lower)), 0.5)
+    tuple(shown_errors(about, about.errors) if about.errors else ())
+    answers = [model.predictor.value(middle)]  # what makes no sense breaks here, if nowhere before
+    if body is not None:
+        answers.append(body.bound(motor.scale.from_unit(middle)))
+    if not all(np.isfinite(answer).all() for answer in answers):
+        raise ModelError("it has no answer in the middle of its range")
+    return model
 
 
-# --- what parts of a model can be ---------------------------------------------------------------
+def _fits(kept: Kept) -> bool:
+    """Whether the parts of a file make sense, and one model."""
+    motor, links, about, models = kept.motor, kept.links, kept.about, kept.local
+    # joints are asked in the unit box of the map: other limits would shift every answer
+    span, low = motor.scale.span, np.abs(about.lower - motor.scale.lower)
+    other = (np.abs((about.upper - about.lower) / span - 1.0) > 1e-6) | (low > 1e-6 * span)
+    widths = [b.min() for b in (kept.bounds, kept.model_bounds) if b is not None]
+    if models is not None and not (
+        0 <= models.degree <= MOST_DEGREE
+        and len(exponents(len(about.lower), models.degree)) == models.coefficients.shape[1]
+        and not (models.radius < _TINY).any()
+    ):
+        return False
+    return bool(
+        about.possible()
+        and all(map(_map, (motor, kept.sensory)))
+        and not other.any()
+        and kept.sensory.units.shape[1] in (2, 3)
+        and not (links.nodes >= kept.sensory.size).any()
+        and links.counts.sum() == len(links.nodes) > 0
+        and (links.strengths > 0.0).all()
+        and 1e-3 <= links.bandwidth <= 100.0
+        and (kept.body is None or _body(kept.body, len(about.lower)))
+        and min(widths) >= 0.0
+        and kept.visited.any()
+        and (kept.rows is None or len(kept.rows) <= MOST_ROWS)
+        and (kept.approach is None or not (kept.approach.play < 0.0).any())
+    )
 
 
 def _map(own: Map) -> bool:
-    fits = own.lattice.size == len(own.units) and own.history.shape[1:] == (len(HISTORY),)
-    return fits and own.spacing > 0.0  # steps and cells are counted in the distance of nodes
+    lattice: Any = own.lattice
+    graph = isinstance(lattice, Graph)
+    fine = lattice.pairs.max(initial=0) < lattice.size if graph else min(lattice.shape) >= 1
+    return bool(
+        own.history.shape[1:] == (len(HISTORY),)
+        and fine
+        and lattice.size == len(own.units)
+        and not (own.scale.span < _TINY).any()
+        and own.spacing > 0.0  # steps and cells are counted in the distance of nodes
+    )
 
 
-def _links(own: Links) -> bool:
-    above = len(own.strengths) > 0 and bool((own.strengths > 0.0).all())
-    return above and 1e-3 <= own.bandwidth <= 100.0
-
-
-def _local(own: LocalModels) -> bool:
-    degree = 0 <= own.degree <= MOST_DEGREE
-    return degree and own.samples >= 0 and not (own.radius < _TINY).any()
-
-
-def _belief(own: Body | Second) -> bool:
-    active = own.active  # rising numbers of parameters
-    rising = (np.diff(active) > 0).all() and not (active[-1:] >= len(own.beta)).any()
-    return bool(rising and own.root.any(axis=1).all() and not (own.noise < _TINY).any())
-
-
-def _body(own: Body) -> bool:
-    structure, second = own.structure, own.second
-    beliefs: list[Any] = [own] if second is None else [own, second]
-    sizes = {(len(each.beta), len(each.noise)) for each in beliefs}
-    numbers = (own.kappa, own.autocorrelation, own.repeat, *own.scales.values())
+def _body(own: Body, dof: int) -> bool:
+    structure, beliefs = own.structure, tuple(each for each in (own, own.second) if each)
     return (
-        _belief(own)
-        and sizes == {(structure.size, structure.outputs)}
+        structure.dof == dof
+        and all(
+            (len(each.beta), len(each.noise)) == (structure.size, structure.outputs)
+            and (np.diff(each.active) > 0).all()
+            and each.root.any(axis=1).all()
+            and not (each.noise < _TINY).any()
+            for each in beliefs
+        )
         and 1.0 <= own.kappa < np.inf
         and own.nu >= 2.0
-        and min(*numbers, own.rows) >= 0.0
-        and max(numbers) < np.inf
-        and min(own.tau.min(), own.residual.min()) >= 0.0
+        and min(own.autocorrelation, own.repeat, own.rows, own.tau.min(), own.residual.min()) >= 0.0
     )
 
 
-def _structure(own: Any) -> bool:
-    names, sizes = own.joint_names, (own.metre, own.extent)
-    return (
-        1 <= len(set(names)) == len(names) <= _MOST_JOINTS
-        and len(own.revolute) == len(names)
-        and own.view in VIEWS_OF_BODIES[own.kind]
-        and (min(sizes) > _TINY and sizes[0] >= 1e-12 and max(sizes) < np.inf)
-    )
+KINDS = {Structure: (PlanarStructure, SpatialStructure)}
 
 
-def _planar(own: PlanarStructure) -> bool:
-    drawn, n = own.nominal, len(own.joint_names)
-    told = [own.signs, *((drawn.lengths, drawn.offsets, drawn.signs) if drawn else ())]
-    signs = {*own.signs, own.mirror, *((drawn.mirror, *drawn.signs) if drawn else ())}
-    return _structure(own) and all(len(values) == n for values in told) and signs <= {1, -1}
-
-
-def _spatial(own: SpatialStructure) -> bool:
-    chain, names, dof = own.chain, own.chain_names, len(own.joint_names)
-    joints = {len(names), len(set(names)), len(chain.revolute), len(chain.axes)}
-    known = len(joints) == 1 and chain.coupling.shape[1] == dof
-    return _structure(own) and known and dof <= len(names) <= _MOST_JOINTS
-
-
-def _chain(own: SpatialChain) -> bool:
-    turned, lengths = own.rotation @ own.rotation.T, np.linalg.norm(own.axes, axis=1)
-    unit = np.abs(lengths - 1.0).max(initial=0.0) <= 1e-6
-    rotation = np.abs(turned - np.eye(3)).max() <= 1e-6
-    return bool(unit and rotation and len(own.masses) in (0, len(own.axes)))
-
-
-FORMAT = Format(
-    {Structure: (PlanarStructure, SpatialStructure)},
-    {
-        Map: _map,
-        Graph: lambda own: own.pairs.size > 0 and own.pairs.max() < own.size,
-        Lattice: lambda own: bool(own.shape) and min(own.shape) >= 1,
-        Scale: lambda own: not (own.span < _TINY).any(),
-        Links: _links,
-        LocalModels: _local,
-        Body: _body,
-        Second: _belief,
-        PlanarStructure: _planar,
-        SpatialStructure: _spatial,
-        SpatialChain: _chain,
-        About: lambda own: own.possible(),
-        Rows: lambda own: len(own) <= MOST_ROWS,
-        Baseline: lambda own: min(*own.spread, own.noise) >= 0.0,
-        Approach: lambda own: not (own.play < 0.0).any(),
-    },
-)
-"""How the classes of a model are written and read."""
-
-
-def described(model: Parts) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
+def described(model: Parts) -> tuple[dict[str, Any], Tensors]:
     """The description of a model and its tensors."""
-    return FORMAT.write(kept_of(model), Kept)
+    return write(kept_of(model), Kept, KINDS)
 
 
-def build(header: Mapping[str, Any], tensors: Mapping[str, NDArray[Any]]) -> Parts:
+def build(header: Mapping[str, Any], tensors: Tensors) -> Parts:
     """Rebuild the model that a file describes; ModelError and others where it makes no sense."""
-    return model_of(FORMAT.read(Kept, header, tensors))
+    return model_of(read(Kept, header, tensors, KINDS))

@@ -8,110 +8,113 @@ may come from a stranger: types, shapes, and that numbers are finite, are checke
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, fields, is_dataclass
+from collections.abc import Mapping
+from dataclasses import fields, is_dataclass
 from functools import cache
 from types import NoneType, UnionType
-from typing import Annotated, Any, Union, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, NamedTuple, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..body.covariance import pack, unpack
 from ..common.arrays import TRIANGLE, Own, Shape
 from ..common.checks import LARGEST
 from ..errors import ModelError
 
-Tensors = Mapping[str, NDArray[Any]]
-Kinds = Mapping[type, tuple[type, ...]]
+Tensors = dict[str, NDArray[Any]]
+Kinds = Mapping[Any, tuple[type, ...]]
 """Classes that may stand for a base class; a key `kind` tells which."""
 
-Possible = Mapping[type, Callable[[Any], bool]]
-"""Of a class: whether a value makes sense."""
 
-_WHOLE = 2**53
-_NOTHING = object()  # a tensor leaves no trace in the JSON
+class _Hint(NamedTuple):
+    """What an annotation says."""
+
+    kinds: tuple[Any, ...]  # types that a value may have
+    shape: Shape | None  # of an array, or of bytes
+    own: Own | None  # axes of an object inside of another
+    optional: bool
+
+    @staticmethod
+    def of(kind: Any) -> _Hint:
+        marks: tuple[Any, ...] = ()
+        optional = False
+        while (origin := get_origin(kind)) in (Annotated, UnionType, Union):
+            first, *more = get_args(kind)
+            if origin is Annotated:
+                kind, marks = first, (*marks, *more)
+                continue
+            parts = tuple(part for part in (first, *more) if part is not NoneType)
+            optional |= len(parts) <= len(more)
+            if len(parts) > 1:
+                return _Hint(parts, None, None, optional)
+            kind = parts[0]
+        shape = next((mark for mark in marks if isinstance(mark, Shape)), None)
+        own = next((mark for mark in marks if isinstance(mark, Own)), None)
+        return _Hint((kind,), Shape("bytes") if kind is bytes else shape, own, optional)
 
 
-@dataclass(frozen=True)
-class Format:
-    """How the values of a file are written and read."""
+def write(value: Any, kind: Any, kinds: Kinds) -> tuple[Any, Tensors]:
+    """A value of a type as JSON-ready data, and its arrays by name."""
+    tensors: Tensors = {}
 
-    kinds: Kinds = field(default_factory=dict)
-    possible: Possible = field(default_factory=dict)
+    def told(value: Any, kind: Any, path: str) -> Any:
+        hint = _Hint.of(kind)
+        if not is_dataclass(value):
+            return _json(value)
+        own: Any = type(value)
+        parts = {"kind": _name(own)} if len(_classes(hint, kinds)) > 1 else {}
+        for name, hinted in _hints(own).items():
+            part, shape, place = getattr(value, name), _Hint.of(hinted).shape, _under(path, name)
+            if shape is None:
+                parts[name] = told(part, hinted, place)
+            elif part is not None:
+                tensors[place] = _kept(part, shape)
+        return parts
 
-    def write(self, value: Any, kind: Any) -> tuple[Any, dict[str, NDArray[Any]]]:
-        """A value of a type as JSON-ready data, and its arrays by name."""
-        tensors: dict[str, NDArray[Any]] = {}
-        return self._told(value, kind, "", tensors), tensors
+    return told(value, kind, ""), tensors
 
-    def read(self, kind: Any, told: Any, tensors: Tensors) -> Any:
-        """The value of a type that was written; ModelError where something is wrong with it."""
-        return self._given(kind, told, tensors, "", {})
 
-    def _classes(self, kinds: tuple[Any, ...]) -> tuple[type, ...]:
-        return tuple(c for kind in kinds for c in self.kinds.get(kind, (kind,)))
+def read(kind: Any, told: Any, tensors: Tensors, kinds: Kinds) -> Any:
+    """The value of a type that was written; ModelError where something is wrong with it."""
 
-    def _told(self, value: Any, kind: Any, path: str, tensors: dict[str, NDArray[Any]]) -> Any:
-        kinds, marks, _ = _plain(kind)
-        if isinstance(value, np.ndarray | bytes):
-            shape = next((mark for mark in marks if isinstance(mark, Shape)), Shape("bytes"))
-            tensors[path] = _kept(value, shape)
-            return _NOTHING
-        if value is None and (_is_array(kinds[0]) or kinds[0] is bytes):
-            return _NOTHING
-        if is_dataclass(value):
-            own: Any = type(value)
-            hints = _hints(own)
-            told = {
-                f.name: self._told(getattr(value, f.name), hints[f.name], _under(path, f.name),
-                                   tensors)
-                for f in fields(value)
-            }  # fmt: skip
-            told = {name: part for name, part in told.items() if part is not _NOTHING}
-            several = len(self._classes(kinds)) > 1
-            return {"kind": _name(own), **told} if several else told
-        return _json(value)
-
-    def _given(
-        self, kind: Any, told: Any, tensors: Tensors, path: str, sizes: dict[str, int]
-    ) -> Any:
-        kinds, marks, optional = _plain(kind)
-        if _is_array(kinds[0]) or kinds[0] is bytes:
-            shape = next((mark for mark in marks if isinstance(mark, Shape)), Shape("bytes"))
-            if path not in tensors and optional:
-                return None
+    def given(kind: Any, told: Any, path: str, sizes: dict[str, int]) -> Any:
+        hint = _Hint.of(kind)
+        if hint.shape:
             if path not in tensors:
+                if hint.optional:
+                    return None
                 raise ModelError(f"array {path!r} is missing")
-            array = _checked(tensors[path], kinds[0], shape, path, sizes)
-            return array.tobytes() if kinds[0] is bytes else array
-        if told is _NOTHING:
-            raise ModelError(f"{path!r} is missing")
-        if told is None and optional:
+            array = _checked(tensors[path], hint, path, sizes)
+            return array.tobytes() if hint.kinds[0] is bytes else array
+        if told is None and hint.optional:
             return None
-        classes = self._classes(kinds)
+        classes = _classes(hint, kinds)
         if not is_dataclass(classes[0]):
-            return _value(kinds[0], told, path)
+            return _value(hint.kinds[0], told, path)
         if not isinstance(told, Mapping):
             raise ModelError(f"{path} is {told!r:.60}, expected an object")
         found = {_name(each): each for each in classes}
-        own = classes[0] if len(classes) == 1 else found.get(told.get("kind"))  # type: ignore[arg-type]
+        own: Any = classes[0] if len(classes) == 1 else found.get(told.get("kind", ""))
         if own is None:
             raise ModelError(f"{path} is of kind {told.get('kind')!r:.60}, expected {list(found)}")
-        mark = next((mark for mark in marks if isinstance(mark, Own)), None)
-        inner = sizes if mark is None else mark.inner(sizes)
-        hints = _hints(own)
+        inner = hint.own.inner(sizes) if hint.own else sizes
         values = {
-            f.name: self._given(
-                hints[f.name], told.get(f.name, _NOTHING), tensors, _under(path, f.name), inner
-            )
-            for f in fields(own)
+            name: given(part, told.get(name, _MISSING), _under(path, name), inner)
+            for name, part in _hints(own).items()
         }
-        if mark is not None:
-            mark.outer(inner, sizes)
-        value = own(**values)
-        if not self.possible.get(own, lambda _: True)(value):
-            raise ModelError(f"{path} makes no sense")
-        return value
+        if hint.own:
+            hint.own.outer(inner, sizes)
+        return own(**values)
+
+    return given(kind, told, "", {})
+
+
+_MISSING = object()  # of no type
+
+
+def _classes(hint: _Hint, kinds: Kinds) -> tuple[Any, ...]:
+    return tuple(each for kind in hint.kinds for each in kinds.get(kind, (kind,)))
 
 
 def _under(path: str, name: str) -> str:
@@ -123,28 +126,10 @@ def _name(own: type) -> str:
 
 
 @cache
-def _hints(kind: type) -> dict[str, Any]:
-    return get_type_hints(kind, include_extras=True)
-
-
-def _plain(kind: Any) -> tuple[tuple[Any, ...], tuple[Any, ...], bool]:
-    """Types that an annotation allows, its marks, and whether there may be nothing."""
-    marks: tuple[Any, ...] = ()
-    if get_origin(kind) is Annotated:
-        kind, *more = get_args(kind)
-        marks = tuple(more)
-    if get_origin(kind) not in (UnionType, Union):
-        return (kind,), marks, False
-    parts = get_args(kind)
-    inner = tuple(part for part in parts if part is not NoneType)
-    if len(inner) == 1 and get_origin(inner[0]) is Annotated:
-        kinds, more_marks, _ = _plain(inner[0])
-        return kinds, (*marks, *more_marks), NoneType in parts
-    return inner, marks, NoneType in parts
-
-
-def _is_array(kind: Any) -> bool:
-    return get_origin(kind) is np.ndarray
+def _hints(kind: Any) -> dict[str, Any]:
+    """Annotations of a dataclass's fields."""
+    hints = get_type_hints(kind, include_extras=True)
+    return {each.name: hints[each.name] for each in fields(kind)}
 
 
 def _json(value: Any) -> Any:
@@ -153,84 +138,59 @@ def _json(value: Any) -> Any:
         return {str(key): _json(part) for key, part in value.items()}
     if isinstance(value, tuple | list):
         return [_json(part) for part in value]
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value
+    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def _value(kind: Any, value: Any, path: str) -> Any:
     """A tuple, a mapping, a number, a text, true or false of a type."""
-    if kind is Any:
-        return value
     origin, parts = get_origin(kind), get_args(kind)
-    if origin in (dict, Mapping) or getattr(origin, "__name__", "") == "Mapping":
-        if isinstance(value, Mapping):
-            return {str(k): _value(parts[1], v, _under(path, str(k))) for k, v in value.items()}
-    elif origin is tuple and isinstance(value, list | tuple):
-        if parts[-1] is ...:
-            parts = (parts[0],) * len(value)
-        if len(parts) == len(value):
-            return tuple(_value(p, v, path) for p, v in zip(parts, value, strict=True))
+    if kind is Any and value is not _MISSING:
+        return value
     if kind is float and value is None:
         return math.inf
-    number = isinstance(value, int | float) and not isinstance(value, bool)
-    fits = {
-        str: isinstance(value, str),
-        bool: isinstance(value, bool),
-        int: number and isinstance(value, int) and abs(value) < _WHOLE,
-        float: number and abs(value) < LARGEST,  # nor are infinities and NaN below it
-    }
-    if not fits.get(kind, False):
-        raise ModelError(f"{path} is {value!r:.60}, expected {kind}")
-    return float(value) if kind is float else value
+    if origin is Mapping and isinstance(value, Mapping):
+        return {str(key): _value(parts[1], part, path) for key, part in value.items()}
+    if origin is tuple and isinstance(value, list):
+        each = (parts[0],) * len(value) if parts[-1] is ... else parts
+        if len(each) == len(value):
+            return tuple(_value(p, v, path) for p, v in zip(each, value, strict=True))
+    fits = type(value) is kind or (kind is float and type(value) is int)
+    # nor are infinities and NaN below the largest
+    if fits and (kind not in (int, float) or abs(value) < LARGEST):
+        return kind(value)
+    raise ModelError(f"{path} is {value!r:.60}, expected {kind}")
 
 
 def _kept(value: Any, shape: Shape) -> NDArray[Any]:
     """An array as a file keeps it: whole numbers in as few bytes as they need."""
-    array = np.frombuffer(value, np.uint8) if isinstance(value, bytes) else value
+    array: Any = np.frombuffer(value, np.uint8) if isinstance(value, bytes) else value
     if shape.kept == TRIANGLE:
-        array = _packed(array)
-    elif array.dtype.kind == "f":
-        array = array.astype(shape.kept)
-    else:
-        most = int(array.max(initial=0))
-        array = array.astype(np.min_scalar_type(most))
-    return np.ascontiguousarray(array)
+        array = pack(array)
+    kind = (
+        shape.stored if array.dtype.kind == "f" else np.min_scalar_type(int(array.max(initial=0)))
+    )
+    return np.ascontiguousarray(array.astype(kind))
 
 
-def _checked(
-    array: NDArray[Any], kind: Any, shape: Shape, path: str, sizes: dict[str, int]
-) -> NDArray[Any]:
+def _checked(array: NDArray[Any], hint: _Hint, path: str, sizes: dict[str, int]) -> NDArray[Any]:
     """An array of the type and shape that its annotation says, with finite numbers."""
-    wanted = np.dtype(np.uint8) if kind is bytes else np.dtype(get_args(get_args(kind)[1])[0])
-    floats = wanted.kind == "f"
-    fits = array.dtype == shape.stored if floats else array.dtype.kind == "u"
-    if floats and not (fits and (np.abs(array.astype(float)) < LARGEST).all()):
-        raise ModelError(f"{path} is {array.dtype}, expected finite numbers of {shape.stored}")
-    if floats:
-        array = array.astype(float, copy=False)
-        if shape.kept == TRIANGLE:
-            array = _unpacked(array, path)
-    axes = [sizes.setdefault(a, n) if isinstance(a, str) else a
-            for a, n in zip(shape.axes, array.shape, strict=False)]  # fmt: skip
+    kind, shape = hint.kinds[0], hint.shape
+    assert shape is not None  # noqa: S101
+    wanted = np.dtype(np.uint8 if kind is bytes else get_args(get_args(kind)[1])[0])
+    fits = array.dtype.kind == "u"
+    if wanted.kind == "f":
+        fits = array.dtype == shape.stored and bool((np.abs(array.astype(float)) < LARGEST).all())
+        if fits and shape.kept == TRIANGLE:
+            size = math.isqrt(2 * array.size)
+            fits = array.ndim == 1 and array.size == size * (size + 1) // 2
+            array = unpack(array, size) if fits else array
+    axes = [
+        sizes.setdefault(axis, n) if isinstance(axis, str) else axis
+        for axis, n in zip(shape.axes, array.shape, strict=False)
+    ]
     if not fits or axes != list(array.shape) or len(shape.axes) != array.ndim:
         expected = " x ".join(map(str, shape.axes))
-        raise ModelError(f"{path} is {array.dtype} {array.shape}, expected {expected} {axes}")
-    if wanted.kind == "b":
-        return array.astype(bool)
+        raise ModelError(
+            f"{path} is {array.dtype} {array.shape}, expected {expected} {axes}, finite numbers"
+        )
     return array.astype(wanted, copy=False)
-
-
-def _packed(root: NDArray[Any]) -> NDArray[Any]:
-    from ..body.covariance import pack
-
-    return pack(root)
-
-
-def _unpacked(packed: NDArray[Any], path: str) -> NDArray[Any]:
-    from ..body.covariance import unpack
-
-    size = math.isqrt(2 * packed.size)
-    if packed.ndim != 1 or packed.size != size * (size + 1) // 2:
-        raise ModelError(f"{path} has {packed.shape} numbers, expected those of a triangle")
-    return unpack(packed, size)

@@ -24,7 +24,6 @@ VERSION = 4
 
 _KEY = "calib"
 _LARGEST = 2_000_000_000  # bytes
-_HEADER = 20_000_000  # bytes; those of the description are among them
 # what building a model from a description without sense raises
 _NONSENSE = (CalibError, ArithmeticError, AttributeError, LookupError, TypeError, ValueError)
 
@@ -82,16 +81,13 @@ def _checksum(tensors: Mapping[str, NDArray[Any]], header: Mapping[str, Any]) ->
 
 
 def content(path: Path) -> bytes:
-    """Content of a file; of what cannot be a model only as much as tells why."""
+    """Content of a file; ModelError of what cannot be a model."""
     status = path.stat()
     if stat.S_ISCHR(status.st_mode) or stat.S_ISBLK(status.st_mode):  # some never end
         raise ModelError(f"{path}: is a device, expected a model written by 'calib train'")
     if status.st_size > _LARGEST:
         raise ModelError(f"{path}: {status.st_size:,} bytes are too many for a model")
-    with path.open("rb") as file:
-        # of a large file that is no model only the start is held in memory
-        start = file.read(_HEADER)
-        return start + file.read(_LARGEST) if f'"{_KEY}"'.encode() in start else start
+    return path.read_bytes()
 
 
 def parts_of(data: bytes, name: str = "model") -> Parts:
@@ -125,17 +121,9 @@ def _unpack(data: bytes, name: str) -> tuple[dict[str, Any], dict[str, NDArray[A
     try:
         tensors = unpack(data)
         length = int.from_bytes(data[:8], "little")
-        metadata = json.loads(data[8 : 8 + length]).get("__metadata__") or {}
+        header = json.loads(json.loads(data[8 : 8 + length])["__metadata__"][_KEY])
+        return {**header}, tensors
     except (SafetensorError, ValueError, KeyError, TypeError, RecursionError) as error:
         raise ModelError(
             f"{name}: not a model file, or damaged: expected what 'calib train' writes"
         ) from error
-    if _KEY not in metadata:
-        raise ModelError(f"{name}: a safetensors file, but not one that 'calib train' wrote")
-    try:
-        header = json.loads(metadata[_KEY])
-    except (ValueError, RecursionError) as error:
-        raise ModelError(f"{name}: damaged, its description is not JSON") from error
-    if not isinstance(header, dict):
-        raise ModelError(f"{name}: damaged, its description is not a JSON object")
-    return header, tensors

@@ -14,7 +14,7 @@ from ..common.arrays import Array
 from ..common.atomic import atomic_write
 from ..common.choices import PICTURES
 from ..errors import LogError
-from ..model.measured import Photo
+from ..model.about import Photo
 from .opencv import Picture, opencv
 from .pictures import Video, read_picture
 from .reference import PICTURE, PositionReference, read_reference

@@ -15,7 +15,8 @@ from calib.body.spatial import structure_of, unknown_structure
 from calib.body.spatial_start import refuse_pixels
 from calib.body.starts import candidates
 from calib.errors import LogError
-from calib.model_file.contents import FORMAT
+from calib.model_file.contents import KINDS
+from calib.model_file.fields import read, write
 
 
 def disturbed(structure, seed=0, size=1e-2):
@@ -98,8 +99,8 @@ def test_a_fit_finds_the_arm_and_its_bound_holds_the_errors():
     error = np.linalg.norm(body.predict(fresh) - structure.predict(fresh, beta), axis=1)
     assert error.mean() < 1.5e-4
     assert np.mean(error <= body.bound(fresh, noise=False)) > 0.93
-    told, arrays = FORMAT.write(body, Body)
-    again = FORMAT.read(Body, json.loads(json.dumps(told)), arrays)
+    told, arrays = write(body, Body, KINDS)
+    again = read(Body, json.loads(json.dumps(told)), arrays, KINDS)
     np.testing.assert_array_equal(again.predict(fresh), body.predict(fresh))
     np.testing.assert_allclose(again.bound(fresh), body.bound(fresh), rtol=1e-5)
     words = " ".join(body.describe())

@@ -6,9 +6,8 @@ from models import six
 from calib.arm.loading import load_arm
 from calib.arm.rotations import exponential, logarithm
 from calib.common.scale import Scale
-from calib.inverse.newton import Newton
+from calib.inverse.newton import Newton, Positions
 from calib.inverse.pose import Joints, pose_branches
-from calib.inverse.tasks import Positions
 from calib.model.space import Space
 
 

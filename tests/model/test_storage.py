@@ -14,7 +14,7 @@ from models import draw, log, measured, no_arm, trained, turning
 
 import calib
 from calib.errors import ModelError
-from calib.model_file.contents import FORMAT
+from calib.model_file.fields import write
 from calib.model_file.storage import VERSION, to_bytes
 
 
@@ -24,7 +24,7 @@ def data():
 
 
 def plain(about):
-    return json.dumps(FORMAT.write(about, type(about))[0], sort_keys=True)
+    return json.dumps(write(about, type(about), {})[0], sort_keys=True)
 
 
 def of_a_camera():

@@ -13,7 +13,7 @@ from scenes import data_of, objects, page_of
 
 import calib
 from calib.errors import CalibError
-from calib.model.measured import Photo
+from calib.model.about import Photo
 from calib.model_file.loading import from_bytes
 from calib.model_file.storage import to_bytes
 from calib.recording.photo import WIDEST, take_photo
