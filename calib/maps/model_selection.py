@@ -28,9 +28,7 @@ _CALM = 2.0  # times the noise's mean square, below which that median is calm
 _HARM = 30.0  # weight of a calm row: what mends a defect must not spoil what is right beside it
 _SPEAKS = 0.5  # of a node's weight on wrong rows, above which it may speak
 _PARTS = 20  # parts of a log: a gain has to come from several, near-repeats are no evidence
-# standard errors beyond zero, of a node's gain and of the sum: with 1.0 for a node, rows beside a
-# ripple were up to 1.9 times as wrong as without it, with 1.2 1.45 times, and UR10 A .2019 -> .2034
-_GAINS, _BEYOND = 1.2, 3.0
+_GAINS, _BEYOND = 1.0, 3.0  # standard errors beyond zero, of a node's gain and of the sum
 _ALONG, _SURE = 0.1, 5.0  # see `follows_the_motion`
 
 _MEANS = 30  # rows whose residuals are averaged
