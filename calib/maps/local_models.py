@@ -116,18 +116,16 @@ def blend(motor: Map, u: Array, m: int, *, slope: bool = False) -> tuple[Index, 
     distance, index = motor.nearest(u, m + 1)
     last = np.maximum(distance[:, -1:], 1e-300)
     ratio = (distance[:, :-1] / last) ** 2
-    raw = (1.0 - ratio) ** 2
+    raw = np.maximum((1.0 - ratio) ** 2, 1e-30)  # all at the same distance weigh the same
     total = raw.sum(axis=1, keepdims=True)
-    even = total <= 0.0  # all at the same distance
-    total = np.where(even, 1.0, total)
-    weight = np.where(even, 1.0 / m, raw / total)
+    weight = raw / total
     if not slope:
         return index[:, :-1], weight, np.empty(0)
     # ratio_k = d_k^2 / d_last^2, in which both distances move with the point; then the quotient
     # rule for raw_k / total
     gap = motor.scale.difference(u[:, None], motor.units[index])
     tilt = 2.0 * (gap[:, :-1] - ratio[..., None] * gap[:, -1:]) / (last * last)[..., None]
-    tilt *= np.where(even, 0.0, -2.0 * (1.0 - ratio))[..., None]
+    tilt *= -2.0 * (1.0 - ratio)[..., None]
     tilt = (tilt - weight[..., None] * tilt.sum(axis=1, keepdims=True)) / total[..., None]
     return index[:, :-1], weight, tilt
 

@@ -1,7 +1,6 @@
 """Which nodes carry local models, and of which shape: by held-out errors, silent within noise.
 
-Folds are contiguous blocks of rows, because neighbouring rows of a real log can be
-near-repeats that would flatter a model split row by row.  ``docs/maps.md`` has the figures.
+Folds are contiguous: neighbouring rows of a real log can be near-repeats.  Figures: docs/maps.md.
 """
 
 from __future__ import annotations
