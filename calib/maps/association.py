@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any, cast
@@ -122,9 +121,9 @@ class Association:
 
     def inverse(self, v: Array, near: Array, readout: str) -> Array:
         """Joints (n, dof) for positions `v` (n, 2), see :meth:`inverses`."""
-        return self.inverses(v, near, (readout,))[readout]
+        return self.inverses(v, near)[readout]
 
-    def inverses(self, v: Array, near: Array, readouts: Sequence[str]) -> dict[str, Array]:
+    def inverses(self, v: Array, near: Array) -> dict[str, Array]:
         """Joints in the unit box (n, dof) for positions `v` (n, 2) in theirs, by readout.
 
         Of the winner's branches the one closest to `near` (n, dof) answers: ``winner`` with its
@@ -132,17 +131,12 @@ class Association:
         with a regression on the sensory nodes' mean activity positions.
         """
         scale, clusters = self.motor.scale, self.clusters
-        winner = self.sensory.nearest(v)[1][:, 0]
-        away = np.linalg.norm(scale.difference(clusters.center[winner], near[:, None]), axis=2)
-        branch = np.where(clusters.strength[winner] > 0, away, np.inf).argmin(axis=1)
-        found: dict[str, Array] = {}
-        if "winner" in readouts:
-            found["winner"] = self.motor.units[clusters.core[winner, branch]]
-        if not set(readouts) - {"winner"}:
-            return found
         a = self.wiring.activity(self.sensory, v)
         n, k = len(v), a.nnz // max(len(v), 1)
         nodes, weight = a.indices.reshape(n, k), a.data.reshape(n, k)
+        winner = self.sensory.nearest(v)[1][:, 0]
+        away = np.linalg.norm(scale.difference(clusters.center[winner], near[:, None]), axis=2)
+        branch = np.where(clusters.strength[winner] > 0, away, np.inf).argmin(axis=1)
         anchor = clusters.center[winner, branch]
         gap = scale.difference(clusters.center[nodes], anchor[:, None, None])
         far = np.linalg.norm(gap, axis=3) + np.where(clusters.strength[nodes] > 0, 0.0, np.inf)
@@ -152,14 +146,14 @@ class Association:
         weight = np.where(close, weight * strength, 0.0)
         weight[:, 0] += 1e-300
         step = np.take_along_axis(gap, best[..., None], 2)[:, :, 0]
-        if "linear" in readouts:
-            places = _places(self.sensory, self.sensory_shifts)
-            middle, mean, slope = regress(places[nodes] - v[:, None], step, weight)
-            found["linear"] = anchor + mean - np.einsum("nd,ndo->no", middle, slope)
-        if "activity" in readouts:
-            mean = np.einsum("nk,nkd->nd", weight, step) / weight.sum(axis=1, keepdims=True)
-            found["activity"] = anchor + mean
-        return found
+        places = _places(self.sensory, self.sensory_shifts)
+        middle, value, slope = regress(places[nodes] - v[:, None], step, weight)
+        mean = np.einsum("nk,nkd->nd", weight, step) / weight.sum(axis=1, keepdims=True)
+        return {
+            "linear": anchor + value - np.einsum("nd,ndo->no", middle, slope),
+            "activity": anchor + mean,
+            "winner": self.motor.units[clusters.core[winner, branch]],
+        }
 
     @cached_property
     def linear(self) -> LinearModels:

@@ -60,7 +60,7 @@ def held_out_residuals(
         seen = np.setdiff1d(np.arange(n), unseen, assume_unique=True)
         seen_u, seen_x, wrong = to_learn(samples, part, options, seen)
         pair = associate(scale, seen_u, seen_x, options, wrong)
-        found = pair.inverses(pair.sensory.scale.to_unit(x[chosen]), near[chosen], MAP_READOUTS)
+        found = pair.inverses(pair.sensory.scale.to_unit(x[chosen]), near[chosen])
         for readout in MAP_READOUTS:
             forward[readout][chosen] = pair.predict(q[chosen], readout) - x[chosen]
             answers[readout][chosen] = clip(found[readout])
