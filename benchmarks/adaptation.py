@@ -1,6 +1,6 @@
 """Measure drift detection and re-calibration: the tables of docs/drift.md.
 
-    python benchmarks/adaptation.py [--quick] [--data FOLDER] [--only PART ...] [--json FILE]
+    python benchmarks/adaptation.py [--quick] [--data FOLDER] [--only PART ...]
 
 PART is one of detection, few-shot, online, real.  FOLDER holds the laser-tracker
 logs series_a.csv and series_c.csv of a UR10 (docs/accuracy.md names their source); the
@@ -9,7 +9,6 @@ aloud.  All figures are in mm and come from fixed seeds.
 """
 
 import argparse
-import json
 import sys
 import time
 from collections import Counter
@@ -20,6 +19,7 @@ from typing import Any
 
 import numpy as np
 from honest_real import JOINTS, nominal_urdf
+from tables import table
 
 import calib
 from calib.change.follow import follow
@@ -127,7 +127,6 @@ def few_shot(quick: bool) -> list[dict[str, Any]]:
             if scratch:
                 row[f"{case}, from scratch"] = float(np.mean(scratch))
         rows.append(row)
-        print("  ", json.dumps(row), file=sys.stderr)
     return rows
 
 
@@ -212,7 +211,6 @@ def real_arm(folder: Path, quick: bool) -> list[dict[str, Any]]:
                     "seconds": seconds / len(urdf),
                 }
             )
-            print("  ", json.dumps(rows[-1]), file=sys.stderr)
     return rows
 
 
@@ -222,31 +220,15 @@ def main() -> None:
     parser.add_argument("--quick", action="store_true", help="fewer seeds and blocks")
     parser.add_argument("--data", type=Path, help="folder with series_a.csv and series_c.csv")
     parser.add_argument("--only", nargs="+", default=[], help="parts to run")
-    parser.add_argument("--json", type=Path, help="also write the figures to this file")
     options = parser.parse_args()
-    parts: dict[str, Callable[[], list[dict[str, Any]]]] = {
-        "detection": lambda: detection(options.quick),
-        "few-shot": lambda: few_shot(options.quick),
-        "online": lambda: online(options.quick),
-    }
+    parts: dict[str, Callable[[bool], list[dict[str, Any]]]]
+    parts = {"detection": detection, "few-shot": few_shot, "online": online}
     if options.data is not None:
-        parts["real"] = lambda: real_arm(options.data, options.quick)
+        parts["real"] = lambda quick: real_arm(options.data, quick)
     else:
         print("no --data: the real arm is left out", file=sys.stderr)
-    found = {}
-    for name, run in parts.items():
-        if options.only and name not in options.only:
-            continue
-        found[name] = run()
-        print(name)
-        for row in found[name]:
-            print("  " + ", ".join(f"{k} {_shown(v)}" for k, v in row.items()), flush=True)
-    if options.json is not None:
-        options.json.write_text(json.dumps(found, indent=1) + "\n")
-
-
-def _shown(value: Any) -> str:
-    return f"{value:.4g}" if isinstance(value, float) else str(value)
+    for name in options.only or parts:
+        table(name, parts[name](options.quick))
 
 
 if __name__ == "__main__":

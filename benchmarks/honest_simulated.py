@@ -1,10 +1,7 @@
-"""Honesty where the truth is known: paths, cameras, exact worlds, noise, times and sizes."""
+"""Honesty where the truth is known: paths, cameras, exact worlds, noise, clocks."""
 
-import tempfile
-import time
 from collections.abc import Iterator
 from functools import cache
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -24,6 +21,7 @@ from honest_worlds import (
 )
 
 import calib
+from calib.arm.loading import arm_from_urdf
 
 Array = Any
 
@@ -187,20 +185,12 @@ def noise(quick: bool) -> Iterator[Row]:
 
 def exact(quick: bool) -> Iterator[Row]:
     """Exact simulated arms of two to four joints."""
-    with tempfile.TemporaryDirectory() as folder:
-        four = Path(folder) / "four.urdf"
-        four.write_text(FOUR_LINKS)
-        arms = [calib.load_arm(name) for name in ("two_link", "scara", "three_link")]
-        arms.append(calib.load_arm(four, joints=["j0", "j1", "j2", "j3"], tip="tip"))
-        for arm in arms:
-            n = 4000 if quick else 20_000
-            model = calib.train(calib.babble(arm, n, seed=0), size=30 if arm.dof == 2 else None)
-            yield row(
-                f"exact {arm.name}, {arm.dof} joints",
-                1e3 * model.about.errors["local"]["forward"]["distance"]["mean"],
-                "mm",
-                most=1e-6,
-            )
+    arms = [calib.load_arm(name) for name in ("two_link", "scara", "three_link")]
+    for arm in (*arms, arm_from_urdf(FOUR_LINKS, ["j0", "j1", "j2", "j3"], "tip")):
+        n = 4000 if quick else 20_000
+        model = calib.train(calib.babble(arm, n, seed=0), size=30 if arm.dof == 2 else None)
+        error = 1e3 * model.about.errors["local"]["forward"]["distance"]["mean"]
+        yield row(f"exact {arm.name}, {arm.dof} joints", error, "mm", most=1e-6)
 
 
 def worlds(quick: bool) -> Iterator[Row]:
@@ -237,53 +227,6 @@ def three(quick: bool) -> Iterator[Row]:
         largest.append(1e3 * float(np.nanmax(miss)))
     yield row("three joints, 58 rows at 0.15 mm, no URDF", float(np.mean(means)), "mm", most=0.5)
     yield row("the same, largest of all", float(np.max(largest)), "mm", most=3.0)
-
-
-def times(quick: bool) -> Iterator[Row]:
-    """Times of this machine, now: compare them with its load in mind."""
-    arm = _two_link()
-    rng = np.random.default_rng(2)
-    truth = nearly_nominal(1e-3, rng)
-
-    def log(n: int) -> calib.Samples:
-        q = rng.uniform(arm.lower, arm.upper, (n, 2))
-        x = truth(q) + 2e-4 * rng.standard_normal((n, 2))
-        return samples(q, x, arm.lower, arm.upper, arm=arm)
-
-    model = None
-    for n, most in ((100, 1.0), (1500, 2.0), (12_000, 5.0))[: 2 if quick else 3]:
-        model = calib.train(log(n))
-        stage = "body" if "body" in model.seconds else "total"
-        yield row(
-            f"time of a fit, {n} rows ({stage})",
-            model.seconds[stage],
-            "s",
-            most=most,
-            more=f"whole training {model.seconds['total']:.1f} s",
-        )
-    for name, most in (("adapt", 2.0), ("check", 0.5)):
-        rows = log(400)
-        started = time.perf_counter()
-        (calib.adapt if name == "adapt" else calib.check)(model, rows)
-        yield row(f"time of {name}, 400 rows", time.perf_counter() - started, "s", most=most)
-
-
-def simulation(quick: bool) -> Iterator[Row]:
-    """Training from simulation, a query, and the size of the files."""
-    arm = _two_link()
-    n = 4000 if quick else 20_000
-    model = calib.train(calib.babble(arm, n, seed=0), size=30 if quick else 70)
-    yield row(f"training, {n} rows", model.seconds["total"], "s")
-    q = np.random.default_rng(0).uniform(arm.lower, arm.upper, (2000, 2))
-    model.forward(q[:1])
-    started = time.perf_counter()
-    for each in q[:500]:
-        model.forward(each)
-    yield row("forward, one row", 2e3 * (time.perf_counter() - started), "us")
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "m.calib"
-        model.save(path)
-        yield row("model file", path.stat().st_size / 1e6, "MB")
 
 
 LATE = (0.0, 0.005, 0.02, -0.02)  # [s]

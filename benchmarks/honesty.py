@@ -5,8 +5,8 @@
 FOLDER holds the laser-tracker logs series_a.csv, series_c.csv, full_a.csv and full_c.csv of a UR10
 (docs/accuracy.md names their source); without it the parts on real rows are left out, aloud.
 PART is one of coverage, gaps, adapt, adapt-space, check, rows, few, urdf, real-streams (real rows)
-and paths, places, power, camera, change, noise, exact, worlds, three, time, simulation, clocks,
-noisier, encoders, encoders-space, streams (own generators, see honest_worlds.py).
+and paths, places, power, camera, change, noise, exact, worlds, three, clocks, noisier, encoders,
+encoders-space, streams (own generators, see honest_worlds.py).
 ``--quick`` takes fewer splits and seeds: each part then ends within about a minute.
 """
 
@@ -47,8 +47,6 @@ OWN: dict[str, Callable[[bool], Iterator[Row]]] = {
     "exact": honest_simulated.exact,
     "worlds": honest_simulated.worlds,
     "three": honest_simulated.three,
-    "time": honest_simulated.times,
-    "simulation": honest_simulated.simulation,
     "clocks": honest_simulated.clocks,
     "noisier": honest_change.noisier,
     "encoders": honest_change.encoders,

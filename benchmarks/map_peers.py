@@ -45,7 +45,6 @@ class Peer:
     online: bool  # whether it shows one sample at a time
     # samples (n, 2), nodes along a side, a setting and a seed -> nodes (side**2, 2)
     train: Callable[[Array, int, Setting, int], Array]
-    note: str  # how it is called
 
     def version(self) -> str | None:
         """Installed version, None where it is not there."""
@@ -109,18 +108,14 @@ def _sparse_batch(u: Array, side: int, s: Setting, _seed: int) -> Array:
     return np.array(som.codebook, dtype=float).reshape(-1, u.shape[1])
 
 
-OURS = Peer("calib", "calib-arm", False, _calib, 'calib.SOM((n, n), map="som").fit(x)')
+OURS = Peer("calib", "calib-arm", False, _calib)
 PEERS = (
     OURS,
-    Peer("sparse-som", "sparse-som", True, _sparse_online,
-         "Som, exponential cooling, csr input in float32"),
-    Peer("numbasom", "numbasom", True, _numbasom, "no options but the steps"),
-    Peer("sparse-som batch", "sparse-som", False, _sparse_batch,
-         "BSom (OpenMP), exponential cooling"),
-    Peer("MiniSom", "minisom", True, _minisom,
-         "exponential decay of radius and rate through its private attributes, the public ones "
-         "are slower"),
-)  # fmt: skip
+    Peer("sparse-som", "sparse-som", True, _sparse_online),
+    Peer("numbasom", "numbasom", True, _numbasom),
+    Peer("sparse-som batch", "sparse-som", False, _sparse_batch),
+    Peer("MiniSom", "minisom", True, _minisom),
+)
 """Ours first, then peers from the fastest to the slowest."""
 
 

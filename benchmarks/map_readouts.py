@@ -1,23 +1,32 @@
 """Figures of docs/paper.md and docs/maps.md: readouts, small lattices, eq. 7 and 8, many joints.
 
-python benchmarks/map_readouts.py linear|small|rho|rules|joints|time [--samples N] [--seeds N]
+python benchmarks/map_readouts.py linear|small|rho|rules|joints|time|choices [--samples N]
+    [--seeds N] [--data FOLDER]
+
+`choices` tells which map `--body none` takes for a log, and how both do where they are asked.
+FOLDER holds series_a.csv and series_c.csv of a UR10; two of ten blocks are held out.
 """
 
 import argparse
 import time
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
+from ablation_cases import Case, measured, simulated
+from tables import table
 
 import calib
 from calib.common.choices import MAP_READOUTS
 from calib.common.parallel import one_blas_thread
 from calib.common.scale import Scale
 from calib.maps.association import Association
-from calib.training.learn import associate
+from calib.training.learn import associate, resolved
 from calib.training.options import TrainingOptions
 
 ROBOT = "two_link"
 TESTED = 10_000
+COLUMNS = ("x [mm]", "y [mm]", "shoulder [deg]", "elbow [deg]")
 
 
 def trained(
@@ -44,8 +53,9 @@ def errors(pair: Association, u: np.ndarray, v: np.ndarray, readout: str) -> np.
     return np.concatenate([forward, np.degrees(inverse * pair.motor.scale.span)], axis=1)
 
 
-def table(networks: list[tuple[str, int, float | None]], n: int, seeds: int) -> None:
+def readouts(networks: list[tuple[str, int, float | None]], n: int, seeds: int) -> None:
     """Mean and largest errors of each network and readout."""
+    rows = []
     for network, side, sigma in networks:
         runs = [trained(network, side, n, seed, sigma) for seed in range(seeds)]
         label = f"{network} {side}x{side}" + ("" if sigma is None else f", last radius {sigma:g}")
@@ -53,8 +63,10 @@ def table(networks: list[tuple[str, int, float | None]], n: int, seeds: int) -> 
             found = [errors(pair, u, v, readout) for pair, u, v, _ in runs]
             mean = np.mean([e.mean(axis=0) for e in found], axis=0)
             most = np.mean([e.max(axis=0) for e in found], axis=0)
-            cells = " | ".join(f"{a:.3f} ({b:.2f})" for a, b in zip(mean, most, strict=True))
-            print(f"| {label} | {readout} | {cells} |", flush=True)
+            cells = [f"{a:.3f} ({b:.2f})" for a, b in zip(mean, most, strict=True)]
+            rows.append({"network": label, "readout": readout}
+                        | dict(zip(COLUMNS, cells, strict=True)))  # fmt: skip
+    table("Mean (largest) errors", rows)
 
 
 def small(seeds: int) -> None:
@@ -63,16 +75,16 @@ def small(seeds: int) -> None:
     Each seed gives one ratio, of the same samples and test points; their mean and its standard
     error are printed, forward and of the joints.
     """
-    print("| nodes | rows | " + " | ".join(f"{r} x, y; joints" for r in MAP_READOUTS) + " |")
+    rows = []
     for side in (6, 8, 10, 14, 20, 30):
         for n in (500, 2000, 20_000):
             ratio = np.array([_ratio(side, n, seed) for seed in range(seeds)])
             mean, error = ratio.mean(axis=0), ratio.std(axis=0, ddof=1) / np.sqrt(seeds)
-            cells = [
-                "; ".join(f"{m:.3f} +- {e:.3f}" for m, e in zip(*both, strict=True))
-                for both in zip(mean, error, strict=True)
-            ]
-            print(f"| {side}x{side} | {n} | " + " | ".join(cells) + " |", flush=True)
+            told = np.stack([mean, error], axis=-1)
+            cells = ["; ".join(f"{m:.3f} +- {e:.3f}" for m, e in both) for both in told]
+            rows.append({"nodes": f"{side}x{side}", "rows": n}
+                        | dict(zip(MAP_READOUTS, cells, strict=True)))  # fmt: skip
+    table("Positions; joints", rows)
 
 
 def _ratio(side: int, n: int, seed: int) -> np.ndarray:
@@ -87,29 +99,23 @@ def _ratio(side: int, n: int, seed: int) -> np.ndarray:
 
 def joints() -> None:
     """Quantization error in three and six joints, and the time of one process."""
-    rng = np.random.default_rng(0)
+    rng, rows = np.random.default_rng(0), []
     plane, cube = (70, 70), (17, 17, 17)
+    maps = ("som", plane), ("som", cube), ("rows", plane), ("gas", plane), ("gng", plane)
     for dof in (3, 6):
         u, fresh = rng.random((20_000, dof)), rng.random((5000, dof))
-        for network, shape in (
-            ("som", plane),
-            ("som", cube),
-            ("rows", plane),
-            ("gas", plane),
-            ("gng", plane),
-        ):
+        for network, shape in maps:
             started = time.process_time()
             found = calib.SOM(shape, network).fit(u)
             seconds = time.process_time() - started
-            size = "x".join(map(str, shape))
-            error = found.quantization_error(fresh)
-            print(
-                f"| {dof} joints | {network} {size} | {error:.4f} | {seconds:.2f} s |", flush=True
-            )
+            rows.append({"joints": dof, "network": network, "nodes": "x".join(map(str, shape)),
+                         "error": found.quantization_error(fresh), "seconds": seconds})  # fmt: skip
+    table("Quantization error", rows)
 
 
 def rules(n: int, seeds: int) -> None:
     """Where the paper's rule and the batch rule come to, and in which processor time."""
+    rows = []
     for network in ("som", "vdsom", "vdsom:residual"):
         for label, how in (
             ("online, 5 passes", {"rule": "online"}),
@@ -119,43 +125,71 @@ def rules(n: int, seeds: int) -> None:
             runs = [trained(network, 30, n, seed, **how) for seed in range(seeds)]
             quantized = np.mean([pair.sensory.nearest(v)[0].mean() for pair, _, v, _ in runs])
             miss = np.mean([errors(*run[:3], "activity").mean(axis=0) for run in runs], axis=0)
-            cells = " | ".join(f"{e:.3f}" for e in miss)
-            seconds = np.median([run[3] for run in runs])
-            print(
-                f"| {network}, {label} | {quantized:.5f} | {cells} | {seconds:.2f} s |", flush=True
-            )
+            rows.append({"map": f"{network}, {label}", "quantization": float(quantized)}
+                        | dict(zip(COLUMNS, miss.tolist(), strict=True))
+                        | {"seconds": float(np.median([run[3] for run in runs]))})  # fmt: skip
+    table("Rules, readout activity", rows)
 
 
 def times(n: int, seeds: int) -> None:
     """Processor time of maps and links, 70x70 nodes: one network after the other, each seed."""
     networks = ("som", "vdsom:residual", "vdsom")
     found = np.array([[trained(k, 70, n, seed)[3] for k in networks] for seed in range(seeds)])
-    for network, seconds, ratio in zip(networks, found.T, (found / found[:, :1]).T, strict=True):
-        print(f"| {network} | {np.median(seconds):.2f} s | {np.median(ratio):.2f} |")
+    ratio = np.median(found / found[:, :1], axis=0)
+    told = zip(networks, np.median(found, axis=0).tolist(), ratio.tolist(), strict=True)
+    table("Time", ({"network": name, "seconds": s, "over som": r} for name, s, r in told))
+
+
+def choices(folder: Path | None) -> None:
+    """Which map `--body none` chooses for a log, and mean errors [mm] of `linear` with either."""
+    logs = {f"UR10 {s}": [measured(folder, s, k, 10) for k in (2, 7)] for s in "AC" if folder}
+    for n, seed in ((n, seed) for n in (3000, 20_000) for seed in range(5)):
+        logs[f"uneven, {n:,}, seed {seed}"] = [simulated("uneven", n, 4000, seed)]
+    table("Chosen maps", [_chosen(*log, side) for log in logs.items() for side in (20, None)])
+
+
+def _chosen(label: str, held: list[Case], side: int | None) -> dict[str, object]:
+    found, taken, sides = [], [], set()
+    for case in held:
+        log = case.samples
+        options, _ = resolved(log, TrainingOptions(side, body="none"))
+        sides.add("x".join(map(str, options.shapes[0])))
+        taken.append(options.map)
+        scale = Scale.of_range(log.lower, log.upper, log.revolute)
+        miss = {}
+        for network in ("vdsom", "gas"):
+            pair = associate(scale, scale.to_unit(log.q), log.x, replace(options, map=network))
+            off = pair.linear.value(scale.to_unit(case.q)) - case.x
+            miss[network] = 1e3 * float(np.linalg.norm(off, axis=1).mean())
+        found.append(miss)
+    told = {"log": label, "rows": len(held[0].samples), "nodes": "/".join(sorted(sides))}
+    means = {k: float(np.mean([miss[k] for miss in found])) for k in found[0]}
+    return {**told, "chosen": "/".join(dict.fromkeys(taken)), **means}
 
 
 def main() -> None:
     """Print one part."""
+    parts = ("linear", "small", "rho", "rules", "joints", "time", "choices")
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("part", choices=("linear", "small", "rho", "rules", "joints", "time"))
+    parser.add_argument("part", choices=parts)
     parser.add_argument("--samples", type=int, default=100_000)
     parser.add_argument("--seeds", type=int, default=1)
+    parser.add_argument("--data", type=Path)
     given = parser.parse_args()
+    n, seeds = given.samples, given.seeds
+    plain = [(k, s, None) for s in (70, 50, 30) for k in ("som", "vdsom", "vdsom:residual")]
+    radii = [(k, 70, s) for s in (2.0, 1.0) for k in ("som", "vdsom:rho", "vdsom:border")]
+    runs = {
+        "linear": lambda: readouts(plain, n, seeds),
+        "rho": lambda: readouts(radii, n, seeds),
+        "small": lambda: small(seeds),
+        "rules": lambda: rules(n, seeds),
+        "time": lambda: times(n, seeds),
+        "joints": joints,
+        "choices": lambda: choices(given.data),
+    }
     with one_blas_thread():
-        if given.part == "linear":
-            names = ("som", "vdsom", "vdsom:residual")
-            table([(n, s, None) for s in (70, 50, 30) for n in names], given.samples, given.seeds)
-        elif given.part == "rho":
-            names = ("som", "vdsom:rho", "vdsom:border")
-            table([(n, 70, s) for s in (2.0, 1.0) for n in names], given.samples, given.seeds)
-        elif given.part == "small":
-            small(given.seeds)
-        elif given.part == "rules":
-            rules(given.samples, given.seeds)
-        elif given.part == "time":
-            times(given.samples, given.seeds)
-        else:
-            joints()
+        runs[given.part]()
 
 
 if __name__ == "__main__":

@@ -4,18 +4,18 @@ python benchmarks/paper_experiments.py [networks resampling perturbation directi
 """
 
 import argparse
-import sys
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from tables import table
 
 from calib.maps.association import Association
 from calib.maps.density import READINGS
-from calib.maps.links import WIRINGS, squares
+from calib.maps.links import WIRINGS
 from calib.paper.setting import Setting
-from calib.paper.tables import FACTORS, Cells, Table, columns_of, unit_of
+from calib.paper.tables import FACTORS, unit_of
 from calib.paper.trial import (
     SAME_SCHEDULE,
     NetworkTrial,
@@ -32,17 +32,7 @@ _BORDER = 0.05  # share of a joint's range that counts as its border
 _TREMBLE = (0.0, 0.5, 1.0, 2.0, 5.0)  # deg
 
 
-def error_header(names: Iterable[str]) -> list[str]:
-    """Names of the mean and the largest error of each column."""
-    return [f"{c} {k} [{unit_of(c)}]" for c in names for k in ("mean", "max")]
-
-
-def error_cells(columns: Mapping[str, Mapping[str, float]], names: Iterable[str]) -> list[float]:
-    """Mean and largest error of each column, in the units of the tables."""
-    return [columns[c][k] * FACTORS[unit_of(c)] for c in names for k in ("mean", "max")]
-
-
-def networks(setting: Setting) -> Table:
+def networks(setting: Setting) -> None:
     """Every network and reading of the varying density, at its own default schedule."""
     n = min(setting.samples, _ROWS)
     few = replace(setting, seeds=setting.seeds[: 1 if setting.quick else 2])
@@ -58,10 +48,10 @@ def networks(setting: Setting) -> Table:
         same = replace(SAME_SCHEDULE, links="oja")
         rows[f"{name}, {same}"] = NetworkTrial(name, same, setting.side).row(few, n)
     title = f"networks, {n:,} samples, {len(few.seeds)} seeds, readout activity"
-    return _table("networks", title, rows)
+    show(title, rows)
 
 
-def resampling(setting: Setting) -> Table:
+def resampling(setting: Setting) -> None:
     """Test the paper's first hypothesis: that data are too few at the border.
 
     The rows near a joint limit are drawn more often, as many rows in all; maps and links
@@ -84,7 +74,7 @@ def resampling(setting: Setting) -> Table:
     few = replace(setting, seeds=seeds)
     rows["VDSOM, gain per sample"] = NetworkTrial("vdsom", SAME_SCHEDULE, setting.side).row(few, n)
     title = f"data at the border against a gain, {SAME_SCHEDULE}, {n:,} samples, {len(seeds)} seeds"
-    return _table("resampling", title, rows)
+    show(title, rows)
 
 
 def crowded(samples: Samples, times: float, seed: int) -> Samples:
@@ -99,7 +89,7 @@ def crowded(samples: Samples, times: float, seed: int) -> Samples:
     return replace(samples, q=samples.q[rows], x=samples.x[rows])
 
 
-def perturbation(setting: Setting) -> Table:
+def perturbation(setting: Setting) -> None:
     """Motor commands that are perturbed while learning, where Schillaci et al. degraded.
 
     The joints go where they were sent plus a random error; tested without it.
@@ -118,10 +108,10 @@ def perturbation(setting: Setting) -> Table:
         rows[f"{degrees:g} deg"] = joined(found)
     title = f"commands perturbed while learning (standard deviation), {n:,} samples, "
     title += f"{len(seeds)} seeds, tested on the arm at rest"
-    return _table("perturbation", title, rows, readouts=("winner", "activity", "linear"))
+    show(title, rows, ("winner", "activity", "linear"))
 
 
-def directions(setting: Setting) -> Table:
+def directions(setting: Setting) -> None:
     """One set of links for both directions, against one set learned for each.
 
     Buessler et al. needed a module for each direction.  Links that are normalised by the
@@ -143,14 +133,10 @@ def directions(setting: Setting) -> Table:
     for name, (forward, inverse) in found.items():
         first, second = (activity_errors(pair, q, x) for pair in (forward, inverse))
         errors = np.concatenate([first[:, :2], second[:, 2:]], axis=1) * spans
-        data[name] = {
-            c: {"mean": float(e.mean()), "max": float(e.max())}
-            for c, e in zip(columns, errors.T, strict=True)
-        }
-    rows: list[Cells] = [[name, *error_cells(data[name], columns)] for name in found]
-    header = ["links", *error_header(columns)]
-    title = "both directions from one set of links, readout activity, one seed"
-    return Table("directions", title, header, rows)
+        sizes = zip(columns, errors.T, strict=True)
+        data[name] = {c: {"mean": float(e.mean()), "max": float(e.max())} for c, e in sizes}
+    rows = [{"links": name, **cells(each)} for name, each in data.items()]
+    table("both directions from one set of links, readout activity, one seed", rows)
 
 
 def _one_sided(pair: Association, samples: Samples) -> tuple[Association, Association]:
@@ -159,37 +145,41 @@ def _one_sided(pair: Association, samples: Samples) -> tuple[Association, Associ
     motor, sensory = pair.motor, pair.sensory
     a = wiring.activity(motor, motor.scale.to_unit(samples.q))
     b = wiring.activity(sensory, sensory.scale.to_unit(samples.x))
-    back = wiring.link((b.T @ a).tocsr(), squares(b), squares(a)).T.tocsr()
+    mine, theirs = (np.asarray(part.multiply(part).sum(axis=0)).ravel() for part in (a, b))
+    back = wiring.link((b.T @ a).tocsr(), theirs, mine).T.tocsr()
     back.sort_indices()
     return (
-        Association(motor, sensory, wiring.link((a.T @ b).tocsr(), squares(a), squares(b)), wiring),
+        Association(motor, sensory, wiring.link((a.T @ b).tocsr(), mine, theirs), wiring),
         Association(motor, sensory, back, wiring),
     )
 
 
-def _table(
-    name: str, title: str, rows: dict[str, Row], readouts: tuple[str, ...] = ("activity",)
-) -> Table:
-    """Mean and largest error of each column, a line for each row and readout."""
-    names = columns_of(next(iter(rows.values())))
-    lines: list[Cells] = [
-        [label, readout, *error_cells(row[readout], names)]
-        for label, row in rows.items()
-        for readout in readouts
-    ]
-    return Table(name, title, ["", "readout", *error_header(names)], lines)
+def cells(columns: Mapping[str, Mapping[str, float]]) -> dict[str, float]:
+    """Mean and largest error of each column, in the units of the paper's tables."""
+    found = {}
+    for name, error in columns.items():
+        if name.endswith("distance"):
+            continue
+        unit = unit_of(name)
+        found |= {f"{name} {k} [{unit}]": error[k] * FACTORS[unit] for k in ("mean", "max")}
+    return found
+
+
+def show(title: str, rows: dict[str, Row], readouts: tuple[str, ...] = ("activity",)) -> None:
+    """Print a line for each row and readout."""
+    named = ((name, row, readout) for name, row in rows.items() for readout in readouts)
+    table(title, [{"": name, "readout": r, **cells(row[r])} for name, row, r in named])
 
 
 def main() -> None:
-    """Print the tables as CSV."""
+    """Print the tables."""
     runs = {run.__name__: run for run in (networks, resampling, perturbation, directions)}
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("what", nargs="*", choices=[*runs, []], default=[])
     parser.add_argument("--quick", action="store_true")
     told = parser.parse_args()
     for name in told.what or runs:
-        table = runs[name](Setting.of(quick=told.quick))
-        sys.stdout.write(f"# {table.title}\n{table.csv()}")
+        runs[name](Setting.of(quick=told.quick))
 
 
 if __name__ == "__main__":

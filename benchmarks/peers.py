@@ -7,7 +7,6 @@ joints from positions as a second function, which works because the arm has one 
 from typing import Any
 
 import numpy as np
-import pinocchio as pin
 from numpy.typing import NDArray
 from scipy.interpolate import RBFInterpolator
 
@@ -25,24 +24,10 @@ def _held(a: Array) -> NDArray[np.bool_]:
     return (rows >= 0) & (rows < min(500, len(a) // 10))
 
 
-class Standard:
-    """Zero mean and unit deviation in and out."""
-
-    def __init__(self, x: Array, y: Array) -> None:
-        self.mx, self.sx, self.my, self.sy = x.mean(0), x.std(0), y.mean(0), y.std(0)
-
-    def into(self, x: Array) -> Array:
-        return (x - self.mx) / self.sx
-
-    def out(self, y: Array) -> Array:
-        return y * self.sy + self.my
-
-
 class Regression:
     """Two functions learned from the same rows: joints to position, position to joints."""
 
     name = ""
-    note = ""
 
     def fit(self, q: Array, x: Array, _log: calib.Samples | None = None) -> "Regression":
         self.there, self.back = self._learn(q, x), self._learn(x, q)
@@ -53,8 +38,10 @@ class Regression:
         return self
 
     def _learn(self, a: Array, b: Array) -> Any:
-        scale = Standard(a, b)
-        return scale, self.make(scale.into(a), (b - scale.my) / scale.sy)
+        """A function of rows, learned with zero mean and unit deviation in and out."""
+        ma, sa, mb, sb = a.mean(0), a.std(0), b.mean(0), b.std(0)
+        learned = self.make((a - ma) / sa, (b - mb) / sb)
+        return lambda rows: self.say(learned, (rows - ma) / sa) * sb + mb
 
     def make(self, a: Array, b: Array) -> Any:
         raise NotImplementedError
@@ -63,17 +50,14 @@ class Regression:
         return np.asarray(learned.predict(a))
 
     def forward(self, q: Array) -> Array:
-        scale, learned = self.there
-        return scale.out(self.say(learned, scale.into(q)))
+        return self.there(q)
 
     def inverse(self, x: Array, _near: Array) -> Array:
-        scale, learned = self.back
-        return scale.out(self.say(learned, scale.into(x)))
+        return self.back(x)
 
 
 class Neighbours(Regression):
     name = "k-nearest neighbours"
-    note = "scikit-learn, k = 5, distance weights"
 
     def make(self, a: Array, b: Array) -> Any:
         from sklearn.neighbors import KNeighborsRegressor
@@ -83,7 +67,6 @@ class Neighbours(Regression):
 
 class Gaussian(Regression):
     name = "Gaussian process"
-    note = f"scikit-learn, at most {GP_ROWS:,} rows, kernel tuned on {GP_TUNED_ON}"
 
     def make(self, a: Array, b: Array) -> Any:
         from sklearn.gaussian_process import GaussianProcessRegressor
@@ -101,7 +84,6 @@ class Gaussian(Regression):
 
 class Radial(Regression):
     name = "RBFInterpolator"
-    note = "scipy, thin plate (linear where rows repeat), 60 neighbours, smoothing by held-out rows"
 
     def make(self, a: Array, b: Array) -> Any:
         held = _held(a)
@@ -128,24 +110,16 @@ class Radial(Regression):
 
 class Perceptron(Regression):
     name = "MLP"
-    note = "scikit-learn, 64-64 tanh, L-BFGS, 150 iterations"
 
     def make(self, a: Array, b: Array) -> Any:
         from sklearn.neural_network import MLPRegressor
 
-        return MLPRegressor(
-            hidden_layer_sizes=(64, 64),
-            activation="tanh",
-            solver="lbfgs",
-            max_iter=150,
-            alpha=1e-6,
-            random_state=0,
-        ).fit(a, b)
+        how = {"activation": "tanh", "solver": "lbfgs", "max_iter": 150, "alpha": 1e-6}
+        return MLPRegressor((64, 64), random_state=0, **how).fit(a, b)
 
 
 class Polynomial(Regression):
     name = "global polynomial"
-    note = "degree up to 12 by held-out rows"
 
     def make(self, a: Array, b: Array) -> Any:
         # into [-1, 1], Chebyshev terms of the total degree
@@ -175,7 +149,6 @@ class Refit:
     """Least squares of the true kinematic model: what a perfect model can give."""
 
     name = "kinematic model, refitted"
-    note = "least squares of lengths, base and joint offsets; Pinocchio computes the kinematics"
 
     def fit(self, q: Array, x: Array, _log: calib.Samples | None = None) -> "Refit":
         # the lengths times the sine and cosine of their offsets, and the base, are linear
@@ -184,12 +157,8 @@ class Refit:
             first, both = sign * q[:, 0], sign * (q[:, 0] + q[:, 1])
             zero, one = np.zeros(len(q)), np.ones(len(q))
             c, s, d, e = np.cos(first), np.sin(first), np.cos(both), np.sin(both)
-            a = np.concatenate(
-                [
-                    np.stack([c, -s, d, -e, one, zero], axis=1),
-                    np.stack([s, c, e, d, zero, one], axis=1),
-                ]
-            )
+            rows = [c, -s, d, -e, one, zero], [s, c, e, d, zero, one]
+            a = np.concatenate([np.stack(each, axis=1) for each in rows])
             b = np.concatenate([x[:, 0], x[:, 1]])
             p = np.linalg.lstsq(a, b, rcond=None)[0]
             fits.append((float(np.sum((a @ p - b) ** 2)), sign, p))
@@ -203,17 +172,9 @@ class Refit:
     fit_forward = fit
 
     def forward(self, q: Array) -> Array:
-        model = pin.Model()
-        shoulder = model.addJoint(0, pin.JointModelRZ(), pin.SE3.Identity(), "shoulder")
-        first = pin.SE3(np.eye(3), np.array([self.lengths[0], 0.0, 0.0]))
-        model.addJoint(shoulder, pin.JointModelRZ(), first, "elbow")
-        data = model.createData()
-        tip = np.array([self.lengths[1], 0.0, 0.0])
-        result = np.empty((len(q), 2))
-        for row, angles in enumerate(self.sign * q + self.offsets):
-            pin.forwardKinematics(model, data, angles)
-            result[row] = data.oMi[2].act(tip)[:2]
-        return result + self.base
+        angle = np.cumsum(self.sign * q + self.offsets, axis=1)
+        tip = np.stack([np.cos(angle) @ self.lengths, np.sin(angle) @ self.lengths], axis=1)
+        return tip + self.base
 
     def inverse(self, x: Array, near: Array) -> Array:
         a, b = self.lengths
@@ -230,7 +191,6 @@ class Calib:
     """The model that ``calib train`` leaves."""
 
     name = "calib"
-    note = "defaults: VDSOM, readout local"
 
     def fit(self, _q: Array, _x: Array, log: calib.Samples | None = None) -> "Calib":
         self.model = calib.train(log)

@@ -33,7 +33,9 @@ def uniform(arm: calib.PlanarArm, n: int, seed: int) -> Array:
 
 def sobol(arm: calib.PlanarArm, n: int, seed: int) -> Array:
     """Sobol's sequence, shifted at random."""
-    return calib.babble(arm, n, seed=seed, method="sobol").q
+    points = qmc.Sobol(arm.dof, scramble=False).random_base2((n - 1).bit_length())[:n]
+    u = (points + np.random.default_rng(seed).random(arm.dof)) % 1.0
+    return arm.lower + (arm.upper - arm.lower) * u
 
 
 def halton(arm: calib.PlanarArm, n: int, seed: int) -> Array:

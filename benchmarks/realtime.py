@@ -1,30 +1,31 @@
 """Measure what one call costs in a control loop: median, 99th and 99.9th percentile.
 
-    python benchmarks/realtime.py [--calls N] [--model MODEL] [--page]
+    python benchmarks/realtime.py [--calls N] [--model MODEL]
 
 Measured are `two_link`, and `six_axis` as a log would teach it: placements, gravity and joint
 curves are off.  Each call gets a fresh pose of a slow sweep, as a controller would ask.  Times are
 processor time of the thread, which other work on the machine does not disturb much, with the
-compiled C and, of fewer calls, without a compiler.  --page writes the tables into docs/realtime.md.
+compiled C and, of fewer calls, without a compiler.
 Beside `two_link` runs a lean damped least-squares loop on Pinocchio with the nominal arm
 (framesForwardKinematics, computeFrameJacobian, a 2x2 solve, at most five steps from near).
 """
 
 import argparse
 import gc
+import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from tables import table
 
 import calib
 
 Array = NDArray[np.float64]
 
-START, END = "<!-- latencies -->\n\n", "\n\n<!-- end of latencies -->"
 NEAR = 5e-3  # rad between a pose and the start of the search for it
 
 
@@ -76,7 +77,7 @@ def latencies(call: Callable[[int], Any], n: int, clock: Callable[[], int]) -> d
         taken[k] = clock() - start
     gc.enable()
     median, p99, p999 = np.quantile(taken, [0.5, 0.99, 0.999]) / 1e3
-    return {"median": median, "p99": p99, "p999": p999}
+    return {"median": median, "99 %": p99, "99.9 %": p999}
 
 
 def lean_loop(q: Array, x: Array) -> Callable[[int], Any]:
@@ -125,22 +126,18 @@ def cases(model: Any, calls: int) -> tuple[dict[str, Callable[[int], Any]], Arra
     return found, q, x
 
 
-def measure(model: Any, calls: int) -> list[str]:
-    """Rows of Markdown: with a compiler, and without."""
+def measure(model: Any, calls: int) -> Iterator[dict[str, Any]]:
+    """Rows of the table: with a compiler, and the median without."""
     clock = time.thread_time_ns
-    few = max(20, calls // 20)
     found, q, x = cases(model, calls)
-    batch = {name: latencies(call, few, clock)["median"] for name, call in found.items()}
+    batch = {name: latencies(call, max(20, calls // 20), clock) for name, call in found.items()}
     print(model.warm_up(), flush=True)
-    rows = {name: latencies(call, calls, clock) for name, call in found.items()}
     if model.about.robot == "two_link":
-        rows["Pinocchio, lean loop, 5 mrad away"] = latencies(lean_loop(q, x), calls, clock)
-    lines = []
-    for name, r in rows.items():
-        cells = " | ".join(f"{r[key]:.1f}" for key in ("median", "p99", "p999"))
-        alone = f"{batch[name]:.0f}" if name in batch else ""
-        lines.append(f"| {f'`{name}`' if '(' in name else name} | {cells} | {alone} |")
-    return lines
+        found["Pinocchio, lean loop, 5 mrad away"] = lean_loop(q, x)
+    for name, call in found.items():
+        alone = batch.get(name, {"median": math.nan})["median"]
+        row = {"one call [us]": name, **latencies(call, calls, clock)}
+        yield row | {"median without a compiler": alone}
 
 
 def main() -> None:
@@ -148,27 +145,17 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--calls", type=int, default=5000)
     parser.add_argument("--model", type=Path)
-    parser.add_argument("--page", action="store_true", help="write it into docs/realtime.md")
     options = parser.parse_args()
     if options.model is not None:
-        models = {"one call [us]": calib.load(options.model)}
+        models = {options.model.name: calib.load(options.model)}
     else:
         arm = calib.load_arm("two_link")
         models = {
-            "two joints [us]": calib.train(calib.babble(arm, 3000, seed=0), size=20),
-            "six joints in space [us]": six_axis(),
+            "two joints": calib.train(calib.babble(arm, 3000, seed=0), size=20),
+            "six joints in space": six_axis(),
         }
-    tables = []
     for title, model in models.items():
-        head = f"| {title} | median | 99 % | 99.9 % | median without a compiler |"
-        rows = measure(model, options.calls)
-        tables.append("\n".join([head, "|---|---:|---:|---:|---:|", *rows]))
-        print(tables[-1], flush=True)
-    if options.page:
-        page = Path(__file__).parent.parent / "docs" / "realtime.md"
-        text = page.read_text()
-        before, after = text.split(START)[0], text.split(END)[1]
-        page.write_text(before + START + "\n\n".join(tables) + END + after)
+        table(title, measure(model, options.calls))
 
 
 if __name__ == "__main__":

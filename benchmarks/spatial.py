@@ -17,7 +17,6 @@ import argparse
 import subprocess
 import sys
 import tempfile
-import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -209,17 +208,6 @@ def measure_urdf(args: argparse.Namespace) -> Iterator[Row]:
         yield {"series": name.upper(), **means}
 
 
-def measure_time(args: argparse.Namespace) -> Iterator[Row]:
-    """Processor time of a training [s]."""
-    for name in args.series:
-        log = series(args, name)
-        for rows in (2500, 12_000):
-            if len(log) >= 0.9 * rows:
-                began = time.process_time()
-                calib.train(log.take(slice(rows)))
-                yield {"series": name.upper(), "rows": rows, "s": time.process_time() - began}
-
-
 def measure_camera(args: argparse.Namespace) -> Iterator[Row]:
     """A simulated SO-101 in 60 pictures of an unknown camera at 0.3 px, offsets up to 5 deg."""
     arm = calib.load_arm(SO101)
@@ -283,7 +271,6 @@ PARTS: dict[str, Callable[[argparse.Namespace], Iterator[Row]]] = {
     "urdf": measure_urdf,
     "unknown": measure_unknown,
     "camera": measure_camera,
-    "time": measure_time,
 }
 
 

@@ -85,19 +85,6 @@ def area(arm: Any) -> float:
     return float(a * b * turn * (np.cos(arm.lower[1]) - np.cos(arm.upper[1])))
 
 
-def area_by_chance(arm: Any, points: int = 1_000_000) -> tuple[float, float]:
-    """The same area by random points of a box, solved for the joints: value, standard error."""
-    a, b = arm.link_lengths.values()
-    x = np.random.default_rng(0).uniform(-(a + b), a + b, (points, 2))
-    cosine = (np.sum(x**2, axis=1) - a**2 - b**2) / (2 * a * b)
-    elbow = np.arccos(np.clip(cosine, -1.0, 1.0))
-    shoulder = np.arctan2(x[:, 1], x[:, 0]) - np.arctan2(b * np.sin(elbow), a + b * np.cos(elbow))
-    q = np.stack([shoulder, elbow], axis=1)
-    inside = (np.abs(cosine) <= 1) & ((q >= arm.lower) & (q <= arm.upper)).all(axis=1)
-    share, box = float(inside.mean()), 4 * (a + b) ** 2
-    return box * share, box * float(np.sqrt(share * (1 - share) / points))
-
-
 def one(task: dict[str, Any]) -> dict[str, Any]:
     """One training, in this process: its time, its memory and how good the map is."""
     from scipy.spatial import cKDTree
@@ -177,8 +164,7 @@ def maps(quick: bool, names: list[str], sides: list[int]) -> None:
     import calib
 
     arm = calib.load_arm("two_link")
-    value, deviation = area_by_chance(arm)
-    print(f"area {area(arm):.5f} m2, by a million random points {value:.5f} +- {deviation:.5f}")
+    print(f"area {area(arm):.5f} m2")
     peers = [p for p in PEERS if p.version() and p.name in names]
     for race in QUICK if quick else tuple(r for r in RACES if r.side in sides):
         with tempfile.TemporaryDirectory() as folder:

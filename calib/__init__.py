@@ -23,12 +23,12 @@ if TYPE_CHECKING:
     from .change.adapt import adapt as adapt
     from .change.adaptation import Adaptation as Adaptation
     from .change.check import Drift as Drift
+    from .change.check import Recognition as Recognition
     from .change.check import check as check
+    from .change.check import recognise as recognise
     from .change.follow import follow as follow
     from .change.monitor import Monitor as Monitor
     from .change.monitor import monitor as monitor
-    from .change.recognise import Recognition as Recognition
-    from .change.recognise import recognise as recognise
     from .errors import CalibError as CalibError
     from .errors import LogError as LogError
     from .errors import ModelError as ModelError
@@ -68,57 +68,39 @@ if TYPE_CHECKING:
 
 __version__ = "0.1.0"
 
-# name -> module: loaded when first used, so that light commands stay light
-_HOME = {
-    "Adaptation": "change.adaptation",
-    "Answer": "model.answers",
-    "Association": "maps.association",
-    "CalibError": "errors",
-    "Corrected": "use.correct",
-    "Drift": "change.check",
-    "Evaluation": "training.evaluate",
-    "HandEye": "recording.handeye",
-    "LogError": "errors",
-    "Map": "maps.map",
-    "Model": "model.model",
-    "ModelError": "errors",
-    "Monitor": "change.monitor",
-    "OptionError": "errors",
-    "Path": "model.answers",
-    "Plan": "use.plan",
-    "PlanarArm": "arm.arm",
-    "Preview": "show.preview.server",
-    "QueryError": "errors",
-    "Recognition": "change.recognise",
-    "RobotError": "errors",
-    "SOM": "maps.som",
-    "Samples": "samples.samples",
-    "Simulation": "samples.simulation",
-    "Sweep": "sweeps",
-    "TrainingOptions": "training.options",
-    "Trial": "sweeps",
-    "Visit": "maps.density",
-    "adapt": "change.adapt",
-    "babble": "samples.babbling",
-    "check": "change.check",
-    "correct": "use.correct",
-    "evaluate": "training.evaluate",
-    "figures": "show.report.page",
-    "follow": "change.follow",
-    "handeye": "recording.handeye",
-    "list_robots": "arm.robots",
-    "load": "model_file.loading",
-    "load_arm": "arm.loading",
-    "monitor": "change.monitor",
-    "plan": "use.plan",
-    "preview": "show.preview.server",
-    "read_log": "samples.logs",
-    "recognise": "change.recognise",
-    "report": "show.report.page",
-    "sweep": "sweeps",
-    "train": "training.train",
-    "write_log": "samples.logs",
+# names by module: loaded when first used, so that light commands stay light
+_NAMES = {
+    "arm.arm": "PlanarArm",
+    "arm.loading": "load_arm",
+    "arm.robots": "list_robots",
+    "change.adapt": "adapt",
+    "change.adaptation": "Adaptation",
+    "change.check": "Drift Recognition check recognise",
+    "change.follow": "follow",
+    "change.monitor": "Monitor monitor",
+    "errors": "CalibError LogError ModelError OptionError QueryError RobotError",
+    "maps.association": "Association",
+    "maps.density": "Visit",
+    "maps.map": "Map",
+    "maps.som": "SOM",
+    "model.answers": "Answer Path",
+    "model.model": "Model",
+    "model_file.loading": "load",
+    "recording.handeye": "HandEye handeye",
+    "samples.babbling": "babble",
+    "samples.logs": "read_log write_log",
+    "samples.samples": "Samples",
+    "samples.simulation": "Simulation",
+    "show.preview.server": "Preview preview",
+    "show.report.page": "figures report",
+    "sweeps": "Sweep Trial sweep",
+    "training.evaluate": "Evaluation evaluate",
+    "training.options": "TrainingOptions",
+    "training.train": "train",
+    "use.correct": "Corrected correct",
+    "use.plan": "Plan plan",
 }
+_HOME = {name: module for module, names in _NAMES.items() for name in names.split()}
 
 __all__ = ["__version__", *_HOME]  # pyright: ignore[reportUnsupportedDunderAll]
 

@@ -1,8 +1,7 @@
 """The errors of calib: one family, each message one line with structured fields.
 
-Use them to raise whatever is the user's to mend: a message says what was given and what was
-expected, the hint says what to do.  Messages name Python parameters in backquotes, such as
-`degrees=True`; the command line translates those to its options.
+A message says what was given and what was expected, the hint what to do.  They name Python
+parameters in backquotes, such as `degrees=True`, which the command line turns into options.
 """
 
 from __future__ import annotations
@@ -26,12 +25,7 @@ class CalibError(Exception):
     parameter : str or None
         Python name of the parameter that is wrong or that would help.
     value : object
-        The value that is wrong, None if there is none.
-
-    Attributes
-    ----------
-    message, hint, parameter, value
-        As given.
+        The value that is wrong, None if there is none. Attributes have the same four names.
 
     Examples
     --------

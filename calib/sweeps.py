@@ -24,7 +24,7 @@ from .training.train import train
 
 Source = str | Arm | Samples
 
-_BABBLED = {"samples": "n", "noise": "noise", "motion": "method"}  # by parameters of calib.babble
+_BABBLED = {"samples": "n", "noise": "noise"}  # by parameters of calib.babble
 _TRIED = (*_BABBLED, *(f.name for f in fields(TrainingOptions) if f.name != "seed"))
 _MOST = 10_000  # more trainings are more likely a slip than a wish
 
@@ -90,8 +90,8 @@ def sweep(
     sources : robot, log, or several of them, by name or in a sequence
         What `calib.load_arm` or `calib.read_log` returns, or a robot's path or name.
     grid : dict of str to list, optional
-        Values to try for attributes of `calib.TrainingOptions` and, for robots, "samples", "noise"
-        and "motion" of the babbling.
+        Values to try for attributes of `calib.TrainingOptions` and, for robots, "samples" and
+        "noise" of the babbling.
     seeds : int
         How many seeds: 0, 1, 2 and so on; the numbers depend on these alone.
     jobs : int, optional

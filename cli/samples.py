@@ -61,7 +61,6 @@ class Babbling:
 
     samples: opt.Number = None
     noise: opt.Noise = None
-    motion: opt.Moves = None
     change: opt.Changes = None
 
 
@@ -122,12 +121,8 @@ def babbled_samples(
         changes = parse_changes(babbling.change or (), degrees=turning * selection.degrees)
     except OptionError as error:
         raise BadOption(f"--{error}") from None
-    n, noise, method = babbling.samples or _SAMPLES, babbling.noise or 0.0, babbling.motion
-    log = calib.babble(
-        arm, n=n, seed=seed, noise=noise, changes=changes, method=method or "uniform"
-    )
-    say(log.notes)
-    return log
+    n, noise = babbling.samples or _SAMPLES, babbling.noise or 0.0
+    return calib.babble(arm, n, seed=seed, noise=noise, changes=changes)
 
 
 def measured_samples(

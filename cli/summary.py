@@ -173,17 +173,16 @@ def advice(model: Model, errors: Errors, stated: object = None) -> list[str]:
         return [f"limited by {left}, {read}; look for {moved}"]
     q = np.random.default_rng(0).uniform(about.lower, about.upper, (_ASKED, len(about.lower)))
     bound = model.expected_error(q)
-    known = np.isfinite(bound)
-    plan = "calib plan MODEL lists where more rows help most"
-    if known.mean() < 0.9:
-        share = f"{100 * known.mean():.0f} % of the learned range"
-        return [f"limited by coverage: only {share} have an answer; {plan}"]
-    low, high = np.quantile(bound[known], (0.1, 0.9))
-    if high > _UNEVEN * low:
+    # where there is no answer, the bound is infinite
+    low, middle, high = np.quantile(
+        np.nan_to_num(bound, nan=np.inf), (0.1, 0.5, 0.9), method="lower"
+    )
+    if not high <= _UNEVEN * low:
         span = f"{sized(low, about.unit)} to {sized(high, about.unit)}"
+        plan = "calib plan MODEL lists where more rows help most"
         return [f"limited by few rows in parts of the range (bound {span}); {plan}"]
-    own = float(np.median(model.model_error(q)[known]))
-    if own < _NOISY * float(np.median(bound[known])):
+    own = float(np.nanmedian(model.model_error(q)))
+    if own < _NOISY * middle:
         least = f"the model itself is within {sized(own, about.unit)}"
         return [f"limited by noise of the readings: {least}; rows at rest (--still) help most"]
     return [

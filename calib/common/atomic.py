@@ -14,28 +14,18 @@ from typing import BinaryIO
 from ..errors import CalibError
 
 _FULL = "the disk is full; make room or choose another place"
-_REASONS = {
-    errno.ENOSPC: _FULL,
-    errno.EDQUOT: _FULL,
-    errno.EFBIG: "it is larger than files may be here (ulimit -f); raise the limit",
-}
+_REASONS = {errno.ENOSPC: _FULL, errno.EDQUOT: _FULL}
 
 
 def atomic_write(path: str | os.PathLike[str], data: bytes | Callable[[BinaryIO], object]) -> None:
-    """Write a file so that at any moment the old or the new one is whole.
+    """Write a file so that at any moment, Ctrl-C included, the old or the new one is whole.
 
-    The data go to a temporary file in the same folder, which takes the place of `path` in one step;
-    whatever goes wrong, Ctrl-C included, the old file stays and nothing else is left.  A symbolic
-    link stays a link, permissions are kept, and what is no regular file (a pipe) is written to.
+    A symbolic link stays a link, permissions are kept, and what is no regular file (a pipe) is
+    written to.
 
     data : the content, or a function that writes it to the binary file that it is given
     Raises CalibError if the folder is missing, a permission is lacking or the disk is full.
     Raises BrokenPipeError if the reader of a pipe has left.
-
-    Examples
-    --------
-    >>> atomic_write("numbers.txt", b"1 2 3")
-    >>> atomic_write("numbers.txt", lambda file: file.write(b"4 5 6"))
     """
     fill = data if callable(data) else lambda file: file.write(data)
     with _told(path):
@@ -92,8 +82,7 @@ def _target(path: str | os.PathLike[str]) -> tuple[Path, int | None]:
     target = Path(os.path.realpath(path)) if regular else Path(path)
     if not target.parent.is_dir():
         raise OSError(errno.ENOENT, f"there is no folder {str(target.parent)!r}")
-    if not os.access(path if mode is not None else target.parent, os.W_OK) or (
-        regular and not os.access(target.parent, os.W_OK)
-    ):
+    asked = ([target.parent] if regular else []) + ([Path(path)] if mode is not None else [])
+    if not all(os.access(place, os.W_OK) for place in asked):
         raise OSError(errno.EACCES, "it or its folder is write-protected")
     return target, mode

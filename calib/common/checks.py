@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from operator import index
 from typing import Any
+
+import numpy as np
 
 from ..errors import OptionError
 
@@ -23,11 +24,7 @@ def numbers(name: str, values: Any, count: int) -> list[float]:
 
 def whole(name: str, value: object, least: int, most: int) -> int:
     """Return a whole number within bounds, NumPy's too; True and 3.0 are none."""
-    try:
-        number = index(None if isinstance(value, bool) else value)  # type: ignore[arg-type]
-    except TypeError:
-        expected = f"expected a whole number such as {least + 1}"
-        raise OptionError(f"{name} is {value!r}, {expected}") from None
-    if not least <= number <= most:
-        raise OptionError(f"{name} is {number}, expected {least} to {most:,}")
-    return number
+    good = isinstance(value, int | np.integer) and not isinstance(value, bool)
+    if not (good and least <= value <= most):  # type: ignore[operator]
+        raise OptionError(f"{name} is {value!r}, expected a whole number, {least} to {most:,}")
+    return int(value)  # type: ignore[call-overload, no-any-return]

@@ -24,7 +24,6 @@ LogFrameWord = Literal["auto", "base"]  # whether a log is in the robot's root f
 CauseWord = Literal["sensor", "joints"]  # what a user may know of a change
 Eye = Literal["hand", "base"]  # where the camera is; the board is at the other place
 MethodWord = Literal["few-shot", "online"]  # how a model adapts
-MotionWord = Literal["uniform", "halton", "sobol", "smooth"]  # how a simulated arm babbles
 
 RULES: tuple[str, ...] = get_args(RuleWord)
 READOUTS: tuple[str, ...] = get_args(ReadoutWord)
@@ -35,7 +34,6 @@ LOG_FRAMES: tuple[str, ...] = get_args(LogFrameWord)
 CAUSES: tuple[str, ...] = get_args(CauseWord)
 EYES: tuple[str, ...] = get_args(Eye)
 METHODS: tuple[str, ...] = get_args(MethodWord)
-MOTIONS: tuple[str, ...] = get_args(MotionWord)
 
 DICTIONARY = "apriltag_36h11"  # of tags, if none is named
 PICTURES = (".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp", ".ppm", ".pgm")

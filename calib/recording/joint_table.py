@@ -55,7 +55,7 @@ def read_joints(
     taken = {time_column, picture_column}
     others = (n for n in source.header if n not in taken and n.lower() not in _OTHERS)
     names = tuple(others if joints is None else joints)
-    values = read_columns(source, names, lenient=joints is None)
+    values = read_columns(source, names)
     if joints is None:
         numbers = np.flatnonzero(np.isfinite(values).any(axis=0))
         names, values = tuple(names[k] for k in numbers), values[:, numbers]

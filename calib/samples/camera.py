@@ -19,9 +19,7 @@ from ..common.checks import numbers
 from ..errors import LogError
 
 #: Widths and heights [px] that a camera's pictures usually have.
-_SIZES = (
-    (640, 480), (800, 600), (1280, 720), (1280, 960), (1920, 1080), (2560, 1440), (3840, 2160),
-)  # fmt: skip
+_SIZES = ((640, 480), (800, 600), (1280, 720), (1280, 960), (1920, 1080), (3840, 2160))
 #: A lens that nobody calibrated: mean and sd of the focal length, sd of the centre [widths], of k1.
 FOCAL, FOCAL_SD, CENTRE_SD, K1_SD = 0.7, 0.24, 0.04, 0.3
 #: A calibrated lens that bends otherwise than k1 can say by more than this [px] is fitted again.
@@ -38,50 +36,67 @@ class Camera:
     lens_sd: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
     note: str = ""  # what was assumed
 
-    @property
-    def known(self) -> bool:
-        """Whether the lens is known."""
-        return not any(self.lens_sd)
 
-    @staticmethod
-    def of_size(width: int, height: int, note: str = "") -> Camera:
-        """A camera of which only the size of its pictures is known."""
+def camera_of(about: Mapping[str, Any], pixels: ArrayLike) -> Camera:
+    """Return the camera of pixels (n, 2), from what their log says of it or from their extent.
+
+    about : may hold "lens", as `calib.recording.lens.Lens.to_json` writes it, or "size" of pictures
+    Raises LogError if the lens is impossible, or pixels lie outside of its pictures.
+    """
+    pixels = np.asarray(pixels, dtype=float)
+    low, high = pixels.min(axis=0), pixels.max(axis=0)
+    if "lens" not in about:
+        size, note = about.get("size"), ""
+        if not (isinstance(size, list) and len(size) == 2):
+            size = next(
+                (s for s in _SIZES if (high < s).all()), np.maximum(high.astype(int) + 2, 1)
+            )
+            note = f"the camera's pictures are taken to be {size[0]}x{size[1]} px; a known lens "
+            note += "says more"
+        width, height = int(size[0]), int(size[1])
         sd = (FOCAL_SD * width, CENTRE_SD * width, CENTRE_SD * width, K1_SD)
         return Camera((width, height), (FOCAL * width, width / 2, height / 2, 0.0), sd, note)
+    camera = _calibrated(about["lens"])
+    if (low < -0.5 * np.array(camera.size)).any() or (high > 1.5 * np.array(camera.size)).any():
+        raise LogError(
+            f"pixels reach from {low.round().tolist()} to {high.round().tolist()}, the camera's "
+            f"pictures are {camera.size[0]}x{camera.size[1]}: the lens is of another camera or "
+            "size of pictures",
+            parameter="lens",
+        )
+    return camera
 
-    @staticmethod
-    def of_lens(told: Mapping[str, Any]) -> Camera:
-        """A camera with a lens as `calib.recording.lens.Lens.to_json` writes it.
 
-        One number k1 replaces its distortion. Where that is more than 0.3 px wrong within the
-        picture, or fx is not fy, the lens is a prior with that doubt.
+def _calibrated(told: Mapping[str, Any]) -> Camera:
+    """A camera with a lens that was calibrated, whose distortion one number k1 replaces.
 
-        Raises LogError if a value is impossible.
-        """
-        try:
-            width, height = (int(side) for side in told["size"])
-            (fx, fy), centre = numbers("focal", told["focal"], 2), numbers("c", told["centre"], 2)
-            distortion = numbers("distortion", told["distortion"], 5)
-            if min(width, height, fx, fy) <= 0:
-                raise ValueError("not above zero")
-        except (KeyError, TypeError, ValueError):
-            raise LogError(
-                "the lens has impossible values: expected size, focal, centre and distortion of a "
-                "calibration"
-            ) from None
-        grid = np.stack(np.meshgrid([0, 0.25, 0.5, 0.75, 1], [0, 0.5, 1]), axis=-1).reshape(-1, 2)
-        n = (grid * (width, height) - centre) / (fx, fy) * 0.9
-        pixels = bent(n, distortion) * (fx, fy)
-        # f n + f k1 n |n|^2 is linear in f and f k1
-        columns = np.stack([n.ravel(), (n * (n**2).sum(axis=1)[:, None]).ravel()], axis=1)
-        (f, fk), *_ = np.linalg.lstsq(columns, pixels.ravel(), rcond=None)
-        wrong = float(np.abs(columns @ (f, fk) - pixels.ravel()).max())
-        lens = (float(f), float(centre[0]), float(centre[1]), float(fk / f))
-        if wrong <= _BENT:
-            return Camera((width, height), lens)
-        note = f"the lens bends by up to {wrong:.2g} px otherwise than k1 says: it is fitted again"
-        share = wrong / width
-        return Camera((width, height), lens, (2 * share * f, wrong, wrong, 4 * share), note)
+    Where that is more than 0.3 px wrong within the picture, or fx is not fy, the lens is a prior
+    with that doubt.
+    """
+    try:
+        width, height = (int(side) for side in told["size"])
+        (fx, fy), centre = numbers("focal", told["focal"], 2), numbers("c", told["centre"], 2)
+        distortion = numbers("distortion", told["distortion"], 5)
+        if min(width, height, fx, fy) <= 0:
+            raise ValueError("not above zero")
+    except (KeyError, TypeError, ValueError):
+        raise LogError(
+            "the lens has impossible values: expected size, focal, centre and distortion of a "
+            "calibration"
+        ) from None
+    grid = np.stack(np.meshgrid([0, 0.25, 0.5, 0.75, 1], [0, 0.5, 1]), axis=-1).reshape(-1, 2)
+    n = (grid * (width, height) - centre) / (fx, fy) * 0.9
+    pixels = bent(n, distortion) * (fx, fy)
+    # f n + f k1 n |n|^2 is linear in f and f k1
+    columns = np.stack([n.ravel(), (n * (n**2).sum(axis=1)[:, None]).ravel()], axis=1)
+    (f, fk), *_ = np.linalg.lstsq(columns, pixels.ravel(), rcond=None)
+    wrong = float(np.abs(columns @ (f, fk) - pixels.ravel()).max())
+    lens = (float(f), float(centre[0]), float(centre[1]), float(fk / f))
+    if wrong <= _BENT:
+        return Camera((width, height), lens)
+    note = f"the lens bends by up to {wrong:.2g} px otherwise than k1 says: it is fitted again"
+    share = wrong / width
+    return Camera((width, height), lens, (2 * share * float(f), wrong, wrong, 4 * share), note)
 
 
 def bent(n: ArrayLike, distortion: ArrayLike) -> Array:
@@ -99,28 +114,3 @@ def bent(n: ArrayLike, distortion: ArrayLike) -> Array:
         p1 * (r2 + 2.0 * y**2) + 2.0 * p2 * x * y,
     ]
     return np.asarray(n * radial[..., None] + np.stack(tangential, axis=-1))
-
-
-def camera_of(about: Mapping[str, Any], pixels: ArrayLike) -> Camera:
-    """Return the camera of pixels (n, 2), from what their log says of it or from their extent.
-
-    Raises LogError if pixels lie outside of the picture that is stated.
-    """
-    pixels = np.asarray(pixels, dtype=float)
-    low, high = pixels.min(axis=0), pixels.max(axis=0)
-    if "lens" in about:
-        camera = Camera.of_lens(about["lens"])
-    elif isinstance(size := about.get("size"), list) and len(size) == 2:
-        camera = Camera.of_size(int(size[0]), int(size[1]))
-    else:
-        width, height = next((s for s in _SIZES if (high < s).all()), np.ceil(high).astype(int) + 1)
-        said = f"the camera's pictures are taken to be {width}x{height} px; a known lens says more"
-        return Camera.of_size(max(int(width), 1), max(int(height), 1), said)
-    if (low < -0.5 * np.array(camera.size)).any() or (high > 1.5 * np.array(camera.size)).any():
-        raise LogError(
-            f"pixels reach from {low.round().tolist()} to {high.round().tolist()}, the camera's "
-            f"pictures are {camera.size[0]}x{camera.size[1]}: the lens is of another camera or "
-            "size of pictures",
-            parameter="lens",
-        )
-    return camera

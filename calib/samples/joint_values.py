@@ -46,6 +46,12 @@ def many_turns(values: Array) -> bool:
     return high - low > 2.02 * TURN or max(abs(low), abs(high)) > _MOST_TURNS * TURN
 
 
+def in_words(limits: tuple[float, float], revolute: bool, degrees: bool) -> str:
+    """Return a joint's range [rad or m] in the unit that it was given in."""
+    factor, unit = unit_of_joint(revolute, degrees)
+    return f"{factor * limits[0]:.4g}..{factor * limits[1]:.4g} {unit}"
+
+
 def outside(
     label: str,
     name: str,
@@ -62,14 +68,15 @@ def outside(
     low, high = limits
     row = int(np.argmax(np.maximum(low - values, values - high)))
     factor, unit = unit_of_joint(revolute, degrees)
-    turned = revolute and not degrees and (many_turns(values) or fits_in_degrees(values, low, high))
-    if turned:
-        hint = f"if the values are in degrees, give `degrees=True`; {hint}".removesuffix("; ")
-    elif revolute and degrees and many_turns(values):
-        hint = f"values in rad are given without `degrees`; {hint}".removesuffix("; ")
+    rounds = revolute and many_turns(values)
+    turned = revolute and not degrees and (rounds or fits_in_degrees(values, low, high))
+    if turned or rounds:
+        other = "values in rad are given without `degrees`"
+        other = "if the values are in degrees, give `degrees=True`" if turned else other
+        hint = f"{other}; {hint}".removesuffix("; ")
     return error(
         f"{label}, row {rows[row]}: {name} is {values[row] * factor:g} {unit}, outside of the "
-        f"range {low * factor:.4g}..{high * factor:.4g} {unit}",
+        f"range {in_words(limits, revolute, degrees)}",
         hint=hint or None,
         parameter="degrees" if turned else "ranges",
         value=degrees if turned else float(values[row]),

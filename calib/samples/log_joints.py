@@ -9,14 +9,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..arm.arm import Arm
 from ..arm.ranges import Range
-from ..common.arrays import Array, Index, Mask
+from ..common.arrays import Array, Index
 from ..common.checks import LARGEST
 from ..common.scale import TURN
-from ..common.wording import unit_of_joint
 from ..errors import CalibError, LogError, OptionError
-from .joint_values import SLACK, beyond, many_turns, outside
+from .joint_values import SLACK, beyond, in_words, many_turns, outside
 from .settings import HELD_ROWS, LARGE_GAP, LOCKED, LOCKED_SHARE, ROUNDED, SMALL_GAP, STILL
 from .tables import Source, open_source, read_columns
 
@@ -28,18 +26,8 @@ class LoggedJoint:
     label: str  # what messages call the log
     name: str
     revolute: bool
-    limits: Range | None = None  # the arm's, or what the user asked for [rad or m]
+    limits: Range | None  # the arm's, or what the user asked for [rad or m]
     degrees: bool = False  # whether the log and the messages are in degrees
-    chosen: bool = False  # whether the user asked for `limits`: other rows are left out
-
-    def cut(self, values: Array) -> tuple[Array, Mask]:
-        """Values (n,) in the chosen range, once wrapped, and which of them really lie there."""
-        if not self.chosen or self.limits is None:
-            return values, np.ones(len(values), dtype=bool)
-        low, high = self.limits
-        edge, wrapped = ROUNDED * (high - low), wrap(values, low, high) if self.revolute else values
-        inside = (wrapped >= low - edge) & (wrapped <= high + edge)
-        return np.clip(wrapped, low, high), np.asarray(inside)
 
     def settle(self, values: Array, rows: Index) -> tuple[Array, Range, list[str]]:
         """Return values (n,) [rad or m], wrapped where needed, the joint's range, and notes.
@@ -50,42 +38,43 @@ class LoggedJoint:
         if self.limits is None and not self.revolute:
             return values, (low, high), []
         if self.limits is None or (self.revolute and np.diff(self.limits)[0] >= TURN - 1e-9):
-            if self.limits and self.limits[0] - 1e-9 <= low and high <= self.limits[1] + 1e-9:
-                return np.clip(values, *self.limits), self.limits, []
-            if many_turns(values):
-                turn = "(-180, 180)" if self.degrees else "(-3.14159, 3.14159)"
-                hint = f"to wrap it into one turn, give `ranges={{{self.name!r}: {turn}}}`"
-                raise self._outside(values, rows, (-math.pi, math.pi), hint)
-            wrapped, turn_of_it, gap = one_turn(values)
-            if self.limits is None:
-                # nearly a turn with a large gap: the joint works across the seam of its angles
-                if high - low <= (TURN if gap < LARGE_GAP else TURN - 0.2):
-                    return values, (low, high), []
-                if gap >= SMALL_GAP:
-                    turn_of_it = float(wrapped.min()), float(wrapped.max())
-            return wrapped, turn_of_it, self._moved(values, wrapped)
-        notes, limits = [], self.limits
-        if self.revolute and beyond(values, *limits) > SLACK:
-            wrapped = wrap(values, *limits)
-            if beyond(wrapped, *limits) <= SLACK:
-                notes, values = self._moved(values, wrapped), wrapped
-        excess = beyond(values, *limits)
+            return self._round(values, rows, low, high)
+        limits = lower, upper = self.limits
+        moved = wrap(values, lower, upper) if self.revolute else values
+        if not beyond(values, lower, upper) > SLACK >= beyond(moved, lower, upper):
+            moved = values
+        excess = beyond(moved, lower, upper)
         if excess > SLACK:
             hint = (
                 "check that the column is of this joint, its unit and its sign; if the joint "
                 f"really goes there, give `ranges={{{self.name!r}: (LOW, HIGH)}}`"
             )
             raise self._outside(values, rows, limits, hint)
-        widened = min(limits[0], float(values.min())), max(limits[1], float(values.max()))
+        notes = self._wrapped(values, moved)
+        widened = min(lower, float(moved.min())), max(upper, float(moved.max()))
         if excess > ROUNDED:
-            words = f"the log goes beyond the limits {self.show(limits)}; range widened to"
-            notes.append(f"{self.name}: {words} {self.show(widened)}")
-        return values, widened, notes
+            was, now = (in_words(each, self.revolute, self.degrees) for each in (limits, widened))
+            notes += [f"{self.name}: the log goes beyond the limits {was}; range widened to {now}"]
+        return moved, widened, notes
 
-    def show(self, limits: Range) -> str:
-        """Return a range in the unit of the log."""
-        factor, unit = unit_of_joint(self.revolute, self.degrees)
-        return f"{factor * limits[0]:.4g}..{factor * limits[1]:.4g} {unit}"
+    def _round(
+        self, values: Array, rows: Index, low: float, high: float
+    ) -> tuple[Array, Range, list[str]]:
+        """Settle a joint that may turn all the way round."""
+        if self.limits and self.limits[0] - 1e-9 <= low and high <= self.limits[1] + 1e-9:
+            return np.clip(values, *self.limits), self.limits, []
+        if many_turns(values):
+            turn = "(-180, 180)" if self.degrees else "(-3.14159, 3.14159)"
+            hint = f"to wrap it into one turn, give `ranges={{{self.name!r}: {turn}}}`"
+            raise self._outside(values, rows, (-math.pi, math.pi), hint)
+        wrapped, turn_of_it, gap = one_turn(values)
+        if self.limits is None:
+            # nearly a turn with a large gap: the joint works across the seam of its angles
+            if high - low <= (TURN if gap < LARGE_GAP else TURN - 0.2):
+                return values, (low, high), []
+            if gap >= SMALL_GAP:
+                turn_of_it = float(wrapped.min()), float(wrapped.max())
+        return wrapped, turn_of_it, self._wrapped(values, wrapped)
 
     def _outside(self, values: Array, rows: Index, limits: Range, hint: str) -> CalibError:
         return outside(
@@ -93,46 +82,21 @@ class LoggedJoint:
             revolute=self.revolute, degrees=self.degrees, hint=hint,
         )  # fmt: skip
 
-    def _moved(self, values: Array, wrapped: Array) -> list[str]:
+    def _wrapped(self, values: Array, wrapped: Array) -> list[str]:
         moved = int(np.count_nonzero(np.abs(wrapped - values) > 1.0))
-        told = f"{self.name}: {moved} values wrapped by whole turns"
-        return [told] if moved else []
+        return [f"{self.name}: {moved} values wrapped by whole turns"] if moved else []
 
 
-def logged_joints(
-    label: str,
-    arm: Arm | None,
-    names: Sequence[str],
-    prismatic: Sequence[str],
-    degrees: bool,
-    ranges: Mapping[str, Range],
-) -> list[LoggedJoint]:
-    """What is known of a log's joints, of the arm where there is one; `ranges` go first.
-
-    Raises OptionError for a range that is none, or a sliding joint that is not there.
-    """
-    for name in prismatic if arm is None else ():
-        if name not in names:
+def check_ranges(ranges: Mapping[str, Range], revolute: Mapping[str, bool]) -> None:
+    """Raise OptionError for a joint's range that is none, or more than a turn [rad or m]."""
+    for name, (low, high) in ranges.items():
+        if not 0 < high - low <= (TURN + 1e-4 if revolute.get(name) else LARGEST):
             raise OptionError(
-                f"{name!r} is named as sliding but is not a joint; joints: {', '.join(names)}",
-                parameter="prismatic",
-                value=name,
+                f"range {name}={low:g}:{high:g}: expected low:high with low below high, of a joint "
+                "that turns one turn at most [rad]",
+                parameter="ranges",
+                value=(low, high),
             )
-    joints = []
-    for k, name in enumerate(names):
-        turns = bool(arm.revolute[k]) if arm is not None else name not in prismatic
-        limits = (float(arm.lower[k]), float(arm.upper[k])) if arm is not None else None
-        if name in ranges:
-            low, high = limits = float(ranges[name][0]), float(ranges[name][1])
-            if not 0 < high - low <= (TURN + 1e-4 if turns else LARGEST):
-                raise OptionError(
-                    f"range {name}={low:g}:{high:g}: expected low:high with low below high, of a "
-                    "joint that turns one turn at most [rad]",
-                    parameter="ranges",
-                    value=limits,
-                )
-        joints.append(LoggedJoint(label, name, turns, limits, degrees, name in ranges))
-    return joints
 
 
 def one_turn(angles: Array) -> tuple[Array, Range, float]:

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import math
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from itertools import combinations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,19 +15,17 @@ from ..arm.plane import Plane, fit_plane
 from ..arm.ranges import Range
 from ..common.arrays import Array, Index, Mask
 from ..common.checks import LARGEST, whole
-from ..common.scale import TURN
 from ..common.wording import listed, vector
 from ..errors import LogError, OptionError
 from .camera import camera_of
 from .delays import with_offset
 from .diagnosis import diagnose, refuse_mistakes
-from .log_joints import LoggedJoint, logged_joints
+from .log_joints import LoggedJoint, check_ranges, wrap
 from .roles import (
     PIXELS,
     QUATERNION,
     ROUNDING,
     Roles,
-    check_names,
     covariances,
     find_roles,
     from_angles,
@@ -35,8 +33,8 @@ from .roles import (
     sees_pixels,
 )
 from .samples import Samples
-from .settings import HELD_ROWS, LARGEST_ARM, MOST_WRONG, OUT_OF_PLANE, UNSURE
-from .tables import ROW, Source, numbers_of, open_source, write_table
+from .settings import HELD_ROWS, LARGEST_ARM, MOST_WRONG, OUT_OF_PLANE, ROUNDED, UNSURE
+from .tables import Source, open_source, write_table
 from .touches import read_touches
 from .wrong_rows import rows_in_words
 
@@ -121,32 +119,35 @@ def read_log(
             hint="for a planar part of the arm name its joints, or give `planar=True`",
             parameter="planar",
         )
-    known = logged_joints(source.label, arm, roles.joints, prismatic, degrees, ranges or {})
+    names, ranges = roles.joints, dict(ranges or {})
+    revolute = tuple(arm.revolute if arm is not None else (n not in prismatic for n in names))
+    if arm is None and not {*prismatic} <= {*names}:
+        raise OptionError(
+            f"{listed(prismatic)} named as sliding: expected some of the joints {listed(names)}",
+            parameter="prismatic",
+            value=list(prismatic),
+        )
+    check_ranges(ranges, dict(zip(names, revolute, strict=True)))
     drawn, total = source.drawn(most, seed)
     timed = ["time"] if "time" in source.header and "time" not in roles.columns else []
-    table = drawn.read([*roles.columns, *timed])
-    values = numbers_of(source.label, table, roles.columns)
-    time = numbers_of(source.label, table, timed, lenient=True)
-    notes = []
-    if total > most:
-        notes.append(
-            f"{total:,} rows: {most:,} of them, drawn evenly, are held; other counts are of these"
-        )
-    rows, dropped, left_out, told = _sound(
-        source.label, values, table[ROW].to_numpy(), roles, known
-    )
-    values, time, numbers = values[rows], time[rows], table[ROW].to_numpy()[rows].astype(np.intp)
-    notes += told
+    values, numbers = drawn.numbers([*roles.columns, *timed])
+    values, time = np.split(values, [len(roles.columns)], axis=1)
+    turning = np.flatnonzero(revolute) if degrees else slice(0)
+    values[:, turning] = np.deg2rad(values[:, turning])
+    held = f"{total:,} rows: {most:,} of them, drawn evenly, are held; other counts are of these"
+    notes = [held] if total > most else []
+    kept, dropped, left_out, told = _sound(source.label, values, numbers, roles, revolute, ranges)
+    values, time, numbers = values[kept], time[kept], numbers[kept]
     q, x, turns, spread = roles.split(values)
     _check_motion(source.label, q, x, roles)
-    turning = [k for k, joint in enumerate(known) if joint.revolute]
-    # values of a few degrees at most are doubted
-    if degrees and turning and np.abs(q[:, turning]).max() <= math.radians(TURN):
-        notes.append("no joint goes beyond 6.3 degrees; if the log is in rad, leave out `degrees`")
-    settled = [joint.settle(q[:, k], numbers) for k, joint in enumerate(known)]
+    settled = []
+    for k, name in enumerate(names):
+        own = None if arm is None else (float(arm.lower[k]), float(arm.upper[k]))
+        joint = LoggedJoint(source.label, name, revolute[k], ranges.get(name, own), degrees)
+        settled.append(joint.settle(q[:, k], numbers))
     q = np.stack([column for column, *_ in settled], axis=1)
-    lower, upper = np.array([limits for _, limits, _ in settled]).T
-    notes += [note for *_, more in settled for note in more]
+    lower, upper = np.array([each for _, each, _ in settled]).T
+    notes += [*told, *(note for *_, more in settled for note in more)]
     x, plane, rms, told = _in_plane(source.label, x, numbers, unit, arm, outputs)
     notes += told
     camera = None
@@ -164,10 +165,10 @@ def read_log(
     samples = Samples(
         q=q,
         x=x,
-        joint_names=roles.joints,
+        joint_names=names,
         lower=lower,
         upper=upper,
-        revolute=tuple(joint.revolute for joint in known),
+        revolute=revolute,
         unit=unit,
         dropped=dropped,
         arm=replace(arm, lower=lower, upper=upper) if arm else None,
@@ -177,7 +178,7 @@ def read_log(
         orientation=_quaternions(turns, roles, degrees) if oriented else None,
         covariance=covariances(spread, source.label) if oriented and roles.spread else None,
         columns=columns,
-        degrees=degrees and bool(turning),
+        degrees=degrees and any(revolute),
         camera=camera,
         source=source.about,
         rows=numbers,
@@ -211,17 +212,21 @@ def write_log(samples: Samples, path: str | os.PathLike[str]) -> None:
     >>> bool((calib.read_log("log.csv", arm).q == samples.q).all())
     True
     """
-    check_names(samples.joint_names)
     about = samples.orientation, samples.covariance
     write_table(path, log_columns(samples.joint_names, samples.q, samples.x, *about))
 
 
 def _sound(
-    label: str, values: Array, numbers: Index, roles: Roles, joints: Sequence[LoggedJoint]
+    label: str,
+    values: Array,
+    numbers: Index,
+    roles: Roles,
+    revolute: Sequence[bool],
+    chosen: Mapping[str, Range],
 ) -> tuple[Index, int, int, list[str]]:
     """Find rows in which nothing is missing, seen by the sensor, in chosen ranges.
 
-    Angles of the joints in `values` become rad, in a range that was chosen.
+    Joints in `values` are moved by whole turns into a range that was chosen.
     Returns these rows, how many missed a value, how many saw nothing, and notes.
     Raises LogError if no row is left.
     """
@@ -238,17 +243,18 @@ def _sound(
         np.logical_and(kept, ~wrong, out=kept)
         return int(wrong.sum())
 
-    if not len(values):
-        raise LogError(f"{label} has a header and no rows")
-    finite = np.abs(values) < LARGEST
+    finite = np.asarray(np.abs(values) < LARGEST)
     lacking = listed(np.array(roles.columns)[~np.asarray(finite.all(axis=0))])
-    dropped = leave_out(~np.asarray(finite.all(axis=1)), f"miss a finite value of {lacking}")
+    words = f"miss a finite number (2.5, not 2,5) of {lacking}"
+    dropped = leave_out(~np.asarray(finite.all(axis=1)), words)
     values[~kept] = 0.0
-    for k, joint in enumerate(joints):
-        if joint.revolute and joint.degrees:
-            values[:, k] = np.deg2rad(values[:, k])
-        values[:, k], inside = joint.cut(values[:, k])
-        leave_out(~inside, f"have {joint.name} outside of the chosen range")
+    for k in (k for k, name in enumerate(roles.joints) if name in chosen):
+        low, high = chosen[roles.joints[k]]
+        edge, column = ROUNDED * (high - low), values[:, k]
+        column = wrap(column, low, high) if revolute[k] else column
+        away = (column < low - edge) | (column > high + edge)
+        leave_out(away, f"have {roles.joints[k]} outside of the chosen range")
+        values[:, k] = np.clip(column, low, high)
     q, x, turns, spread = roles.split(values)
     zero: Mask = kept & np.asarray((x == 0.0).all(axis=1))
     left_out = 0
@@ -258,12 +264,10 @@ def _sound(
     if roles.turns == QUATERNION:
         length = np.linalg.norm(turns, axis=1)
         unturned = kept & (np.abs(length - 1) > ROUNDING)
-        row, words = int(np.argmax(unturned)), "hold no orientation"
-        words = f"{words}: qx, qy, qz, qw of length {length[row]:.4g}, expected 1"
+        row = int(np.argmax(unturned))
+        words = f"hold no orientation: qx, qy, qz, qw of length {length[row]:.4g}, expected 1"
         if unturned.sum() > MOST_WRONG * kept.sum():
-            raise LogError(
-                f"{label}: {unturned.sum():,} rows, the first row {numbers[row]}, {words}"
-            )
+            raise LogError(f"{label}: {unturned.sum():,} rows, first row {numbers[row]}, {words}")
         left_out += leave_out(unturned, words)
     if roles.spread:
         variance = spread[:, [0, 6, 11]].sum(axis=1)  # of x, y and z
@@ -273,29 +277,22 @@ def _sound(
 
 
 def _check_motion(label: str, q: Array, x: Array, roles: Roles) -> None:
-    """Refuse columns that do not move, or are copies of each other."""
+    """Refuse columns that do not move, or joints that are copies of each other."""
     if len(q) < 2:
         raise LogError(f"{label} has one usable row; learning needs two or more")
-    for k, name in enumerate(roles.joints):
-        if not np.ptp(q[:, k]):
+    columns = dict(zip(roles.joints, q.T, strict=True))
+    for name, column in (columns | dict(zip(roles.axes, x.T, strict=True))).items():
+        if not np.ptp(column) and (name in columns or len(roles.axes) == 2):
             raise LogError(
-                f"{label}: joint {name!r} is {q[0, k]:g} in every row; a joint that does not move "
-                "cannot be learned",
-                hint="leave it out of `joints`",
+                f"{label}: {name} is {column[0]:g} in every row; what does not move cannot be "
+                "learned",
+                hint="leave it out of `joints`" if name in columns else None,
                 parameter="joints",
                 value=name,
             )
-        for other in range(k):
-            if np.array_equal(q[:, k], q[:, other]):
-                raise LogError(
-                    f"{label}: joints {roles.joints[other]!r} and {name!r} have the same values in "
-                    "every row; one of the columns is a copy"
-                )
-    still = [name for name, extent in zip(roles.axes, np.ptp(x, axis=0), strict=True) if not extent]
-    if still and len(roles.axes) == 2:
-        raise LogError(
-            f"{label}: {still[0]} is {x[0].min():g} in every row; nothing moved along it"
-        )
+    for one, other in combinations(columns, 2):
+        if np.array_equal(columns[one], columns[other]):
+            raise LogError(f"{label}: joints {one!r} and {other!r} have the same values: a copy")
 
 
 def _in_plane(

@@ -10,13 +10,14 @@ import numpy as np
 
 from ..arm.rotations import exponential, quaternion_of
 from ..common.arrays import Array
+from ..common.wording import listed
 from ..errors import LogError, OptionError
+from .samples import POSITION
 from .tables import Source
 
 if TYPE_CHECKING:
     from ..arm.arm import Arm
 
-POSITION = ("x", "y", "z")
 PIXELS = {"x": "u", "y": "v"}
 """Columns of pixels, where a log has no x, y or z."""
 
@@ -83,46 +84,32 @@ def find_roles(
                 turns = parts
     spread = COVARIANCE if turns and {*COVARIANCE} <= {*source.header} else ()
     roles = Roles(names, POSITION if space else POSITION[:2], turns, spread, called)
-    for column in roles.columns:
-        if roles.columns.count(column) > 1:
-            raise OptionError(
-                f"column {column!r} is taken twice",
-                hint="give each joint and position a column of its own with `columns`",
-                parameter="columns",
-                value=column,
-            )
+    if len({*roles.columns}) < len(roles.columns):
+        raise OptionError(
+            f"columns {listed(roles.columns)}: one is taken twice; each joint and position needs "
+            "a column and a name of its own",
+            parameter="columns",
+            value=roles.columns,
+        )
     return roles
 
 
 def joint_names(source: Source, arm: Arm | None, joints: Sequence[str] | None) -> tuple[str, ...]:
-    """Names of a log's joints, base to tip.
-
-    Raises OptionError if there are none, or they are named twice or like a position.
-    """
+    """Names of a log's joints, base to tip.  Raises OptionError if there are none."""
     if isinstance(joints, str):
         joints = [name.strip() for name in joints.split(",")]
     names = tuple(joints or ()) if arm is None else tuple(arm.joint_names)
     if arm is not None and joints is not None and {*joints} != {*names}:
         raise OptionError(f"joints {list(joints)}: the arm was loaded with {list(names)}")
     if not names:
-        others = [repr(name) for name in source.header if name not in POSITION]
+        others = listed(repr(name) for name in source.header if name not in POSITION)
+        words = "which columns are the joints, base to tip?"
         raise OptionError(
-            f"{source.label}: which columns are the joints, base to tip? choices: "
-            f"{', '.join(others) or 'none, there are only positions'}",
+            f"{source.label}: {words} choices: {others}",
             hint="name them in `joints`",
             parameter="joints",
         )
-    check_names(names)
     return names
-
-
-def check_names(names: Sequence[str]) -> None:
-    """Refuse joints that are named twice or like a position."""
-    for name in names:
-        if name in POSITION[:2]:
-            raise OptionError(f"a joint named {name!r} cannot be told from the position {name!r}")
-        if names.count(name) > 1:
-            raise OptionError(f"joint {name!r} is given {names.count(name)} times")
 
 
 def sees_pixels(header: Sequence[str], called: Mapping[str, str], joints: Sequence[str]) -> bool:
@@ -153,6 +140,8 @@ def log_columns(
 ) -> dict[str, Array]:
     """Columns of a log by name: joints, positions, orientation and its covariance, if known."""
     columns = dict(zip(joints, q.T, strict=True)) | dict(zip(POSITION, x.T, strict=False))
+    if len(columns) < q.shape[1] + x.shape[1]:
+        raise OptionError(f"joints {listed(joints)} cannot be told from the positions")
     if quaternion is not None:
         columns |= dict(zip(QUATERNION, quaternion.T, strict=True))
     if covariance is not None:

@@ -22,12 +22,14 @@ if TYPE_CHECKING:
     from .sockets import Touches
 
 
+POSITION = ("x", "y", "z")
+
+
 @dataclass(frozen=True, eq=False)
 class Samples:
     """Joint values and the tip positions measured with them.
 
-    The arrays are checked when made, C-contiguous and read-only. An array that is all of
-    this already is shared; any other is copied.
+    The arrays are checked when made, C-contiguous copies and read-only.
 
     Raises
     ------
@@ -78,19 +80,44 @@ class Samples:
     in_time: bool = False  # whether the user said how late positions are: nothing is estimated
 
     def __post_init__(self) -> None:
-        axes = ("x", "y", "z") if "z" in column_names(self.x) else ("x", "y")
-        named = {"q": tuple(self.joint_names), "x": axes}
-        for name in ("q", "x", "lower", "upper"):
-            value = getattr(self, name)
-            plain = type(value) is np.ndarray and value.dtype.kind in "fiu"
-            if name in named and not plain and not isinstance(value, (list, tuple)):
-                value = number_rows(value, named[name], name, LogError)[0]
-            object.__setattr__(self, name, _frozen(name, value))
-        if self.orientation is not None:
-            object.__setattr__(self, "orientation", _frozen("orientation", self.orientation))
         for name in ("joint_names", "revolute", "notes"):
             object.__setattr__(self, name, tuple(getattr(self, name)))
-        self._check()
+        names, dof = self.joint_names, len(self.joint_names)
+        if not dof or len(set(names)) != dof or len(self.revolute) != dof:
+            raise LogError(
+                f"samples need one or more joints of different names, not {names}, each of which "
+                f"turns or slides: {self.revolute}"
+            )
+        given = column_names(self.x)
+        axes = POSITION if "z" in given or (not given and _width(self.x) == 3) else POSITION[:2]
+        n = len(self._own("q", number_rows(self.q, names, "q", LogError)[0], dof))
+        self._own("x", number_rows(self.x, axes, "x", LogError)[0], n, len(axes))
+        for name, shape in {"lower": (dof,), "upper": (dof,), "orientation": (n, 4)}.items():
+            if (value := getattr(self, name)) is not None:
+                self._own(name, np.array(value, dtype=float), *shape)
+        if self.covariance is not None:
+            self._own("covariance", self.covariance, n, 6, 6)
+        if n == 0:
+            raise LogError("no rows: samples need at least one")
+        for name, values in (("q", self.q), ("x", self.x)):
+            known = (np.abs(values) < LARGEST).all(axis=1)
+            if not known.all():
+                row = int(np.argmin(known))
+                raise LogError(
+                    f"{name} of row {row + 1} is {values[row].tolist()}: leave out rows whose "
+                    f"values are missing, not finite or beyond {LARGEST:g}"
+                )
+        for joint, lo, hi in zip(names, self.lower, self.upper, strict=True):
+            if not -np.inf < lo < hi < np.inf:
+                raise LogError(f"joint {joint!r} has the range {lo:g}:{hi:g}, expected low:high")
+
+    def _own(self, name: str, value: Array, *shape: int) -> Array:
+        """Hold an array that nobody can write; a shape that does not fit raises LogError."""
+        if value.shape[-len(shape) :] != shape:
+            raise LogError(f"{name} has shape {value.shape}, expected {shape}")
+        value.flags.writeable = False
+        object.__setattr__(self, name, value)
+        return value
 
     def __len__(self) -> int:
         return len(self.q)
@@ -103,7 +130,7 @@ class Samples:
     @property
     def axes(self) -> tuple[str, ...]:
         """Names of a position's coordinates: x and y, and z in space."""
-        return ("x", "y", "z") if self.x.shape[1:] == (3,) else ("x", "y")
+        return POSITION[: self.x.shape[1]]
 
     @property
     def shared(self) -> float:
@@ -120,55 +147,13 @@ class Samples:
         rows = index if isinstance(index, slice) else np.atleast_1d(np.asarray(index))
         if not isinstance(rows, slice) and not rows.size:
             rows = rows.astype(np.intp)  # an empty list has no type that could index
-        beside: dict[str, Any] = {
-            name: None if (values := getattr(self, name)) is None else values[rows]
-            for name in ("orientation", "covariance", "rows", "time")
-        }
-        touch = None if self.touch is None else self.touch.take(rows)
-        return replace(self, q=self.q[rows], x=self.x[rows], touch=touch, **beside)
-
-    def _check(self) -> None:
-        dof, n = len(self.joint_names), len(self.q) if self.q.ndim else 0
-        if dof == 0 or len(set(self.joint_names)) != dof:
-            raise LogError(
-                f"samples need one or more joints of different names, not {self.joint_names}"
-            )
-        shapes = {"q": (n, dof), "x": (n, len(self.axes)), "lower": (dof,), "upper": (dof,)}
-        shapes |= {"orientation": (n, 4), "covariance": (n, 6, 6)}
-        for name, shape in shapes.items():
-            got = shape if getattr(self, name) is None else getattr(self, name).shape
-            if got != shape:
-                raise LogError(
-                    f"{name} has shape {got}, expected {shape} for {n} rows of {dof} joints"
-                )
-        if len(self.revolute) != dof:
-            raise LogError(f"revolute has {len(self.revolute)} entries for {dof} joints")
-        if n == 0:
-            raise LogError("no rows: samples need at least one")
-        for name in ("q", "x"):
-            values = getattr(self, name)
-            known = (np.abs(values) < LARGEST).all(axis=1)
-            if not known.all():
-                row = int(np.argmin(known))
-                raise LogError(
-                    f"{name} of row {row + 1} is {values[row].tolist()}: leave out rows whose "
-                    f"values are missing, not finite or beyond {LARGEST:g}"
-                )
-        for joint, lo, hi in zip(self.joint_names, self.lower, self.upper, strict=True):
-            if not -np.inf < lo < hi < np.inf:
-                raise LogError(f"joint {joint!r} has the range {lo:g}:{hi:g}, expected low:high")
+        each = ("q", "x", "orientation", "covariance", "rows", "time")
+        some = {name: values[rows] for name in each if (values := getattr(self, name)) is not None}
+        return replace(self, touch=self.touch and self.touch.take(rows), **some)
 
 
-def _frozen(name: str, value: ArrayLike) -> Array:
-    """Return `value` as a read-only C-contiguous float64 array that nobody else can write."""
-    if isinstance(value, np.ndarray) and value.dtype == np.float64 and value.flags.c_contiguous:
-        base = value.base
-        shared = isinstance(base, np.ndarray) and base.flags.writeable
-        if not value.flags.writeable and (base is None or not shared):
-            return value
+def _width(x: Any) -> int:
     try:
-        array = np.array(value, dtype=np.float64, order="C")
-    except (TypeError, ValueError) as error:
-        raise LogError(f"{name} is not an array of numbers: {error}") from None
-    array.flags.writeable = False
-    return array
+        return int((0, *np.shape(x))[-1])
+    except ValueError:  # rows of different lengths
+        return 0

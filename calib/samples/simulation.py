@@ -73,7 +73,7 @@ class Simulation:
     def draw(self, n: int, rng: Generator) -> Array:
         """Draw what the encoders read (n, dof) [rad or m], uniformly from the arm's range."""
         low, high = np.asarray(self.arm.lower), np.asarray(self.arm.upper)
-        return np.asarray(rng.uniform(low, high, size=(n, len(low))), dtype=np.float64)
+        return np.clip(rng.uniform(low, high, size=(n, len(low))), low, high)  # it may round up
 
     def exact(self, q: ArrayLike) -> Array:
         """Return what the sensor would read without noise, backlash and outliers.

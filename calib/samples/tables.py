@@ -15,9 +15,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from ..common.arrays import Array
+from ..common.arrays import Array, Index
 from ..common.atomic import atomic_write
 from ..common.wording import clipped, listed, printable, quoted
 from ..errors import LogError
@@ -36,8 +36,6 @@ KEY = "calib"
 
 ROW = "\0row"
 """Column with the number of each row, counted below the header from 1."""
-
-_MISSING = ("", "na", "n/a", "nan", "null", "none", "-", "?")
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,14 +72,40 @@ class Source:
         return replace(self, rows=self.rows.filter(drawn)), total
 
     def read(self, names: Sequence[str]) -> pl.DataFrame:
-        """Read some columns as they are, text from CSV, and `ROW`.
+        """Read some columns as they are, text from CSV.
 
         Of a Parquet file's lists a name is one element, as in `state[0]`.
         Raises LogError if a column is missing or there twice.
         """
+        return self._collected([self._column(name).alias(name) for name in names]).drop(ROW)
+
+    def numbers(self, names: Sequence[str]) -> tuple[Array, Index]:
+        """Read some columns as numbers (n, names), and the numbers of their rows (n,).
+
+        NaN is what is missing, or no number: decimals have a point.
+        Raises LogError for a column of another type.
+        """
         import polars as pl
 
-        columns = [self._column(name).alias(name) for name in names]
+        columns = {name: self._column(name) for name in names}
+        kinds = self.rows.select(**columns).collect_schema()
+        for name, kind in kinds.items():
+            if not (kind.is_numeric() or isinstance(kind, (pl.String, pl.Null))):
+                hint = f"; name one element, such as {name}[0]" if isinstance(kind, pl.List) else ""
+                words = f"{self.label}, column {name!r} holds {kind}"
+                raise LogError(f"{words}, expected numbers{hint}")
+            if isinstance(kind, pl.String):
+                columns[name] = columns[name].str.strip_chars()
+        # not as text: Polars would hold the whole file for some cells of it
+        cast = (cell.cast(pl.Float64, strict=False).alias(n) for n, cell in columns.items())
+        table = self._collected([cell.fill_null(float("nan")) for cell in cast])
+        values = table.select(names).to_numpy(order="c").astype(np.float64).reshape(-1, len(names))
+        return values, table[ROW].to_numpy().astype(np.intp)
+
+    def _collected(self, columns: Sequence[pl.Expr]) -> pl.DataFrame:
+        """Some columns and `ROW`, without blank lines at the end of a CSV file."""
+        import polars as pl
+
         blank = pl.all_horizontal(pl.exclude(ROW).is_null()) if self.text else pl.lit(value=False)
         with _told(self.label):
             rows = self.rows.select(ROW, *columns, blank.alias("\0blank"))
@@ -135,31 +159,23 @@ def open_source(path: str | os.PathLike[str] | Source) -> Source:
         return path
     name = os.fspath(path)
     label, file = "standard input" if name == "-" else printable(name), Path(name)
-    make = f"make a log of it: calib log {label} -o log.csv"
     try:
+        if file.is_dir() or (file.exists() and file.suffix.lower() in RECORDINGS):
+            hint = f"of a bag, pictures or a video make a log: calib log {label} -o log.csv"
+            raise LogError(f"{label} is no table: expected a CSV or Parquet file", hint=hint)
         content = _content(file)
         with file.open("rb") if isinstance(content, Path) else io.BytesIO(content) as opened:
             head = opened.read(1 << 16)
-    except IsADirectoryError:
-        bag = any(each.suffix.lower() in RECORDINGS for each in file.iterdir())
-        words = f"{label} is a folder, expected a CSV or Parquet file"
-        raise LogError(words, hint=make if bag else None) from None
     except FileNotFoundError:
         raise LogError(f"there is no file {label!r}") from None
     except (OSError, ValueError) as error:
         raise LogError(f"cannot read {label!r}: {error}") from None
     if not head.startswith(b"PAR1"):
-        if file.suffix.lower() in RECORDINGS:
-            words = f"{label} is a recording of messages, expected a CSV or Parquet file"
-            raise LogError(words, hint=make)
-        if file.suffix.lower() in PARQUET:
-            raise LogError(f"{label} is not a Parquet file; rename it to .csv if it is CSV")
         return _open_csv(label, content, head.decode("utf-8-sig", errors="replace"))
     with _told(label):
         rows = pl.scan_parquet(content, glob=False).with_row_index(ROW, 1)
         header = tuple(rows.collect_schema())[1:]
-        whole = content if isinstance(content, Path) else io.BytesIO(content)
-        about = pl.read_parquet_metadata(whole).get(KEY, "")
+        about = pl.read_parquet_metadata(content).get(KEY, "")
     return Source(label, header, rows, _said(about))
 
 
@@ -224,42 +240,9 @@ def _told(label: str) -> Iterator[None]:
     raise LogError(f"{label} cannot be read: {reason}")
 
 
-def numbers_of(
-    label: str, table: pl.DataFrame, names: Sequence[str], *, lenient: bool = False
-) -> Array:
-    """Columns of a table as numbers (n, names); NaN is a missing value, or `lenient` any text.
-
-    Raises LogError if a value is no number, by the row's number.
-    """
-    import polars as pl
-
-    values = np.empty((table.height, len(names)))
-    for k, name in enumerate(names):
-        column = table[name]
-        if text := column.dtype == pl.String:
-            column = column.str.strip_chars()
-        elif not (column.dtype.is_numeric() or column.dtype == pl.Null):
-            hint = f"; name one element, such as {name}[0]" if column.dtype == pl.List else ""
-            raise LogError(f"{label}, column {name!r} holds {column.dtype}, expected numbers{hint}")
-        number = column.cast(pl.Float64, strict=False)
-        values[:, k] = number.fill_null(float("nan")).to_numpy()
-        if lenient or not text:
-            continue
-        missing = column.is_null() | column.str.to_lowercase().is_in(_MISSING)
-        if (wrong := number.is_null() & ~missing).any():
-            row = int(wrong.arg_max() or 0)
-            remedy = "write decimals with a point"
-            remedy = remedy if "," in column[row] else "empty the cell if it is missing"
-            raise LogError(
-                f"{label}, row {table[ROW][row]}, column {name!r}: {clipped(column[row])!r} is "
-                f"not a number; {remedy}"
-            )
-    return values
-
-
-def read_columns(source: Source, names: Sequence[str], *, lenient: bool = False) -> Array:
-    """Read some columns as numbers (n, names), all rows; see `Source.read` and `numbers_of`."""
-    return numbers_of(source.label, source.read(names), names, lenient=lenient)
+def read_columns(source: Source, names: Sequence[str]) -> Array:
+    """Read some columns as numbers (n, names), all rows; see `Source.numbers`."""
+    return source.numbers(names)[0]
 
 
 @dataclass(frozen=True, eq=False)
@@ -278,7 +261,7 @@ class Batch:
         mine = dict(zip(self.names, self.values.T, strict=True))
         return {**self.table.drop(old).to_dict(), **mine, **added}
 
-    def take(self, rows: NDArray[np.intp]) -> Batch:
+    def take(self, rows: Index) -> Batch:
         """The table with some of its rows, which may be there more than once."""
         return replace(self, values=self.values[rows], table=self.table[rows])
 
@@ -308,13 +291,12 @@ def read_batch(
             names = (*names, *group)
     held = {called.get(name, name): name for name in names}
     rest = [name for name in source.header if name in held or name not in names]
-    table = source.read(list(dict.fromkeys([*rest, *held])))
-    values = numbers_of(source.label, table, list(held), lenient=True)
+    values, rows = source.numbers(list(held))
     invalid = ~np.isfinite(values).all(axis=1)
     values[invalid] = np.nan
-    numbers = tuple(table[ROW].to_numpy()[invalid].tolist())
-    table = table.drop(ROW).rename(held).with_columns(pl.col(pl.String).fill_null(""))
-    return Batch(values, tuple(names), numbers, table)
+    table = source.read(list(dict.fromkeys([*rest, *held]))).rename(held)
+    table = table.with_columns(pl.col(pl.String).fill_null(""))
+    return Batch(values, tuple(names), tuple(rows[invalid].tolist()), table)
 
 
 def write_table(

@@ -12,10 +12,10 @@ from ..common.scale import METRES
 from ..common.wording import listed
 from ..errors import LogError
 from .joint_values import check_joint_values
-from .roles import POSITION, joint_names
-from .samples import Samples
+from .roles import joint_names
+from .samples import POSITION, Samples
 from .sockets import Known, Touches
-from .tables import ROW, Source, numbers_of
+from .tables import Source
 
 if TYPE_CHECKING:
     from ..arm.arm import Arm
@@ -48,18 +48,18 @@ def read_touches(
     columns = [called.get(name, name) for name in names]
     axes, texts = ([called.get(n, n) for n in some] for some in (POSITION, ("setup", "point")))
     axes = [axis for axis in axes if {*axes} <= {*source.header}]
-    table = source.read([*columns, *axes, *(name for name in texts if name in source.header)])
-    empty = [""] * table.height
+    q, rows = source.numbers(columns)
+    table = source.read([name for name in texts if name in source.header])
+    empty = [""] * len(q)
     told = [table[name].fill_null("") if name in table.columns else empty for name in texts]
     pairs = [(str(setup), str(point)) for setup, point in zip(*told, strict=True)]
-    q = numbers_of(source.label, table, columns, lenient=True)
     q = np.where(revolute, np.deg2rad(q), q) if degrees else q
     stated = np.full((len(q), 3), np.nan)
     if axes:
         if unit not in METRES:
             words = f"{source.label}: x, y, z of touches in {unit}"
             raise LogError(f"{words}, expected {listed(METRES)}")
-        stated = numbers_of(source.label, table, axes, lenient=True) / METRES[unit]
+        stated = source.numbers(axes)[0] / METRES[unit]
     touched = np.array([bool(point) for _, point in pairs])
     good = np.isfinite(q).all(axis=1) & (touched | np.isfinite(stated).all(axis=1))
     if not (good & touched).any():
@@ -99,5 +99,5 @@ def read_touches(
             f"{words} {listed(' '.join(socket).strip() for socket in some)}"
             for words, some in doubts.items() if some
         ),
-        rows=table[ROW].to_numpy()[good].astype(np.intp),
+        rows=rows[good],
     )  # fmt: skip

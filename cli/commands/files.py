@@ -4,12 +4,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Annotated, Any
 
-from typer import Option
-
 from calib.common.wording import for_people
 
 from .. import options as opt
-from ..options import Text, option
+from ..options import Text, flag, option
 from ..output import NO, Outcome, TextTable, fixed, note, number, say, sized
 from ..parsing import BadOption, check_file
 from ..units import units_of
@@ -32,8 +30,8 @@ def urdf(
     output: Annotated[str, option("--output -o URDF", "The corrected description.")],
     view: opt.LogView = "auto",
     cause: opt.FrameOrJoints = "sensor",
-    move_base: Annotated[bool, Option("--move-base", help="Fit the first joint's place.")] = False,
-    move_tip: Annotated[bool, Option("--move-tip", help="The tip is sensed, no probe.")] = False,
+    move_base: Annotated[bool, flag("--move-base", "Fit the first joint's place.")] = False,
+    move_tip: Annotated[bool, flag("--move-tip", "The tip is sensed, no probe.")] = False,
 ) -> Outcome:
     """Write a copy of the URDF with the joint offsets and link placements that fit the model best.
 
@@ -107,7 +105,7 @@ def export(
     model: opt.ModelFile,
     *,
     output: Annotated[Text, option("--output -o FILE", "C header; JSON of --lerobot.")] = None,
-    single: Annotated[bool, Option("--float", help="Single precision.")] = False,
+    single: Annotated[bool, flag("--float", "Single precision.")] = False,
     prefix: Annotated[str, option("--prefix NAME", "Prefix of every name in C.")] = "calib_",
     camera: Annotated[Text, option("--camera FILE.yaml", "The lens as ROS camera_info.")] = None,
     transform: Annotated[Text, option("--transform FILE.json", "The sensor in the base.")] = None,
@@ -128,39 +126,31 @@ def export(
     endings = _ENDINGS if lerobot is None else {**_ENDINGS, "output": (".json",)}
     for name, path in paths.items():
         check_file(path, endings[name], option=f"--{name}")
-    from calib.use.formats import (
-        c_header,
-        camera_info,
-        corrected_arm,
-        homed,
-        mjcf_text,
-        static_transform,
-        ur_kinematics,
-    )
+    from calib.use import formats
 
     loaded, document = calib.load(model), dict[str, Any](model=model)
     made: dict[str, tuple[str, str]] = {}  # text, and what it is; all before anything is written
     if lerobot is not None and output is None:
         raise BadOption("--lerobot needs -o NEW.json, where the corrected calibration goes")
     if {lerobot, ur, mjcf} != {None}:
-        corrected, document["offsets"] = corrected_arm(loaded)
+        corrected, document["offsets"] = formats.corrected_arm(loaded)
         if ur is not None:
-            made["ur"] = ur_kinematics(corrected, loaded.about.tip), "kinematics of a UR"
+            made["ur"] = formats.ur_kinematics(corrected, loaded.about.tip), "kinematics of a UR"
         if mjcf is not None:
-            made["mjcf"] = mjcf_text(corrected, loaded.about.tip), "bodies for MuJoCo"
+            made["mjcf"] = formats.mjcf_text(corrected, loaded.about.tip), "bodies for MuJoCo"
         if lerobot is not None:
-            text, document["ticks"] = homed(lerobot, document["offsets"])
+            text, document["ticks"] = formats.homed(lerobot, document["offsets"])
             made["output"] = text, f"homing offsets moved by {document['ticks']} ticks"
             say(["the ends of the motors' ranges move with their zeros: drive to them with care"])
     if output is not None and lerobot is None:
-        text, tables = c_header(loaded, prefix=prefix, single=single)
+        text, tables = formats.c_header(loaded, prefix=prefix, single=single)
         document |= {"bytes": len(text), "table_bytes": tables}
         size = f"tables of {tables / 1024:.1f} kB, {len(text) / 1e3:.0f} kB text"
         made["output"] = text, f"{'float' if single else 'double'}, {size}"
     if camera is not None:
-        made["camera"] = camera_info(loaded), "camera_info"
+        made["camera"] = formats.camera_info(loaded), "camera_info"
     if transform is not None:
-        made["transform"] = static_transform(loaded), "static transform"
+        made["transform"] = formats.static_transform(loaded), "static transform"
     for name, (text, _) in made.items():
         # names of joints may hold any letter, a C99 compiler need not take them in comments
         ascii_alone = name == "output" and lerobot is None

@@ -5,6 +5,7 @@ from __future__ import annotations
 import glob
 import time
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args
 
@@ -15,7 +16,7 @@ from calib.common.wording import for_people
 
 from .. import options as opt
 from .. import parsing
-from ..options import Text, option
+from ..options import Text, flag, option
 from ..output import Outcome, TextTable, fields, note, number, progress_bar, say
 from ..parsing import TABLES, BadOption, check_file, several
 from ..samples import Logged, Selection, check_sources, measured_samples
@@ -38,18 +39,25 @@ def _grid(usage: str, text: str, read: parsing.Reader[Any]) -> Any:
     return option(f"{usage},..", text, several(read))
 
 
+@dataclass(frozen=True, kw_only=True)
+class Grid:
+    """What is tried, as typed."""
+
+    size: Annotated[Any, _grid("--size N|NxN|NxNxN", opt.SIZE, parsing.size)] = None
+    map: Annotated[Any, _grid("--map NAME", opt.MAP, parsing.one_of(MAPS))] = None
+    rule: Annotated[Any, _grid("--rule batch|online", "Rules.", parsing.one_of(RULES))] = None
+    epochs: Annotated[Any, _grid("--epochs N", opt.EPOCHS, parsing.count)] = None
+    sigma: Annotated[Any, _grid("--sigma START:END", opt.SIGMA, parsing.sigma)] = None
+    samples: Annotated[Any, _grid("--samples -n N", opt.BABBLED, parsing.count)] = None
+    noise: Annotated[Any, _grid("--noise S", opt.NOISE, parsing.not_negative)] = None
+
+
 def sweep(
     robots: Annotated[list[str] | None, Argument(metavar="ROBOT...", help="URDFs, names.")] = None,
     *,
     data: Annotated[list[str] | None, option("--data LOG", "Logs or patterns; repeatable.")] = None,
     output: Annotated[Text, option("--output -o FILE", "CSV or Parquet (- stdout).")] = None,
-    size: Annotated[Any, _grid("--size N|NxN|NxNxN", opt.SIZE, parsing.size)] = None,
-    map: Annotated[Any, _grid("--map NAME", opt.MAP, parsing.one_of(MAPS))] = None,  # noqa: A002
-    rule: Annotated[Any, _grid("--rule batch|online", "Rules.", parsing.one_of(RULES))] = None,
-    epochs: Annotated[Any, _grid("--epochs N", opt.EPOCHS, parsing.count)] = None,
-    sigma: Annotated[Any, _grid("--sigma START:END", opt.SIGMA, parsing.sigma)] = None,
-    samples: Annotated[Any, _grid("--samples -n N", opt.BABBLED, parsing.count)] = None,
-    noise: Annotated[Any, _grid("--noise S", opt.NOISE, parsing.not_negative)] = None,
+    grid: Grid,
     seeds: Annotated[int, Option(metavar="K", min=1, max=1000, help="Seeds 0 to K - 1.")] = 1,
     jobs: Annotated[int | None, Option(metavar="N", min=1, max=1000, help="Runs at once.")] = None,
     readout: Annotated[ReadoutWord, Option(help="Of the printed table.")] = "local",
@@ -63,9 +71,7 @@ def sweep(
     from calib.samples.tables import write_table
     from calib.sweeps import sweep as run
 
-    typed = {"size": size, "map": map, "rule": rule, "epochs": epochs, "sigma": sigma}
-    typed |= {"samples": samples, "noise": noise}
-    tried = {name: list(values) for name, values in typed.items() if values is not None}
+    tried = {name: list(values) for name, values in vars(grid).items() if values is not None}
     simulated = {name: tried.get(name) for name in ("samples", "noise")}
     check_sources(robots or (), bool(data), simulated, vars(logged))
     if data and len(robots or ()) > 1:
@@ -112,7 +118,7 @@ def reproduce(
     ] = "all",
     *,
     output: Annotated[str, option("--output -o DIR", "Folder of tables, figures.")] = "reproduced",
-    quick: Annotated[bool, Option("--quick", help="Small lattices and few samples.")] = False,
+    quick: Annotated[bool, flag("--quick", "Small lattices and few samples.")] = False,
     robot: Annotated[Text, option("--robot ROBOT", "Another arm, two revolute joints.")] = None,
     joints: opt.JointNames = None,
     seed: opt.Seed = 0,

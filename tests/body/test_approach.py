@@ -15,8 +15,8 @@ PLAY = 0.01
 
 
 @cache
-def trained(*changes, as_log=False, method="uniform", noise=1e-4):
-    samples = calib.babble(arm(), 2000, noise=noise, changes=list(changes), method=method)
+def trained(*changes, as_log=False, noise=1e-4):
+    samples = calib.babble(arm(), 2000, noise=noise, changes=list(changes))
     if as_log:
         samples = replace(samples, simulation=None)
     return calib.train(samples, size=15)
@@ -63,7 +63,11 @@ def test_the_direction_pays_where_there_is_backlash():
 
 
 def test_a_log_along_a_path_shows_it_and_a_shuffled_one_does_not():
-    whole = trained("elbow.backlash=0.01", as_log=True, method="smooth")
+    samples = calib.babble(arm(), 2000)
+    u = 0.5 + 0.5 * np.sin(np.arange(2000)[:, None] * [0.106, 0.08] + [0.3, 1.1])
+    q = samples.lower + (samples.upper - samples.lower) * u
+    x = calib.Simulation(arm(), 1e-4, ["elbow.backlash=0.01"]).measure(q, np.random.default_rng(0))
+    whole = calib.train(replace(samples, simulation=None, q=q, x=x), size=15)
     assert whole.approach.play[1] == pytest.approx(PLAY / 2, rel=0.05)
     assert any("backlash of elbow 0.5" in note for note in whole.about.notes)
     samples = calib.babble(arm(), 1000, noise=1e-4, changes=["elbow.backlash=0.01"])

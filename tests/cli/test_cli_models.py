@@ -89,7 +89,6 @@ def test_options_reach_the_training(run):
         "train", "two_link", "-n", "500", "--motor-size", "8x9", "--sensory-size", "7",
         "--map", "som", "--rule", "online", "--epochs", "2", "--sigma", "3:0.5",
         "--noise", "0.001", "--range", "elbow=1:2", "--change", "elbow.length=+10%",
-        "--motion", "halton",
     )  # fmt: skip
     assert done.code == 0, done.err
     about = calib.load("two_link.calib").about

@@ -13,7 +13,6 @@ from hostile.damage import NAMES, NUMBERS, damaged
 from hostile.guard import each_seed, guarded, one_line
 
 ARM = calib.load_arm("two_link")
-MISSING = {"", "na", "n/a", "nan", "null", "none", "-", "?"}
 LARGEST = 1e15
 UNITS = {"m": 1.0, "mm": 1e3, "cm": 1e2, "in": 39.3700787, "px": 640.0}
 
@@ -128,10 +127,8 @@ def plain_rows(data, names):
     for k, row in enumerate(rows[1:]):
         for j, i in enumerate(index):
             cell = row[i].strip() if i < len(row) else ""
-            if cell.lower() not in MISSING:
-                assert cell.isascii(), f"{cell!r} was taken for a number"
-                assert "_" not in cell, f"{cell!r} was taken for a number"
-                found[k, j] = float(cell)
+            if cell.isascii() and "_" not in cell:  # as in Python, which takes other digits too
+                found[k, j] = number(cell)
     return found
 
 

@@ -32,7 +32,6 @@ def test_bytes_and_callable_reach_the_file(tmp_path):
         (ValueError(), None),
         (OSError(errno.ENOSPC, "No space left on device"), "the disk is full"),
         (OSError(errno.EDQUOT, "Quota"), "the disk is full"),
-        (OSError(errno.EFBIG, "File too large"), "larger than files may be here"),
         (OSError(errno.EIO, "Input/output error"), "Input/output error"),
     ],
 )

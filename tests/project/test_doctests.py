@@ -10,10 +10,9 @@ import re
 import pytest
 
 import calib
-from calib.common.choices import BODIES, CAUSES, FRAMES, METHODS, MOTIONS, READOUTS, RULES, VIEWS
+from calib.common.choices import BODIES, CAUSES, FRAMES, METHODS, READOUTS, RULES, VIEWS
 from calib.maps.density import kind_of
 from calib.maps.links import WIRINGS
-from calib.samples.babbling import SAMPLERS as BABBLING
 from calib.training.evaluate import EVALUATED
 
 MODULES = sorted(
@@ -55,7 +54,7 @@ CHOICES = {
     "body": BODIES,
     "view": VIEWS,
     "cause": CAUSES,
-    "method": (*METHODS, *MOTIONS, *BABBLING),
+    "method": METHODS,
     "links": tuple(WIRINGS),
     "frame": (*FRAMES, *EVALUATED),
 }

@@ -60,18 +60,17 @@ def test_any_finite_numbers_come_back(tmp_path, rows, suffix):
     ("content", "message"),
     [
         ("", "is empty"),
-        ("a,b,x,y\n", "no rows"),
+        ("a,b,x,y\n", "no row is left: 0 of 0"),
         ("a,b,x,y\n1,2,3,4\n", "one usable row"),
         ("a,b,x\n1,2,3\n", "no column 'y': columns: 'a', 'b', 'x'"),
         ("a,bb,x,y\n1,2,3,4\n", "did you mean 'bb'"),
         ("a,b,b,x,y\n1,2,2,3,4\n", "several columns 'b'"),
-        ("a,b,x,y\n1,2,3,4\n2,zwei,3,4\n", "row 2, column 'b': 'zwei' is not a number"),
-        ("a,b,x,y\n1,\u0661,3,4\n", "row 1, column 'b'"),
-        ("a;b;x;y\n1;0,5;3;4\n", "'0,5' is not a number; write decimals with a point"),
+        ("a,b,x,y\n1,\u0661,3,4\n", "1 of 1 rows miss a finite number .* of b"),
+        ("a;b;x;y\n1;0,5;3;4\n", r"1 of 1 rows miss a finite number \(2.5, not 2,5\) of b"),
         ("a,b,x,y\n1,2,3,4\n0,5,0,6,3,4\n", "more fields than the header: write"),
-        ("a,b,x,y\n1,2,,4\n2,3,,5\n", "2 of 2 rows miss a finite value of x"),
-        ("a,b,x,y\n1,,3,4\n,3,3,5\n", "2 of 2 rows miss a finite value of a, b"),
-        ("a,b,x,y\n1,2,3,4\n1,3,4,5\n", "joint 'a' is 1 in every row"),
+        ("a,b,x,y\n1,2,,4\n2,3,,5\n", "2 of 2 rows miss a finite number .* of x"),
+        ("a,b,x,y\n1,,3,4\n,3,3,5\n", "2 of 2 rows miss a finite number .* of a, b"),
+        ("a,b,x,y\n1,2,3,4\n1,3,4,5\n", "a is 1 in every row"),
         ("a,b,x,y\n1,1,3,4\n2,2,4,5\n", "'a' and 'b' have the same values"),
         ("a,b,x,y\n1,2,3,4\n2,3,3,5\n", "x is 3 in every row"),
         (b"a,b,x,y,c\n1,2,3,4,\xb0\n", "UTF-8"),
@@ -87,9 +86,9 @@ def test_bad_files_are_refused_in_one_line(file, content, message):
 
 def test_files_that_are_none(tmp_path, file):
     refused(tmp_path / "no.csv", "there is no file")
-    refused(tmp_path, "is a folder")
+    refused(tmp_path, "no table.*calib log")
     refused("a\0b", "cannot read")
-    refused(file(GOOD, "log.parquet"), "not a Parquet file")
+    assert len(read_log(file(GOOD, "log.parquet"), joints=["a", "b"])) == 3  # by its content
 
 
 def test_parquet_of_other_types(tmp_path):
@@ -104,7 +103,7 @@ def test_parquet_of_other_types(tmp_path):
     frame.with_columns(b=pl.Series([True, False, True])).write_parquet(path)
     refused(path, "column 'b' holds Boolean, expected")
     frame.with_columns(b=pl.Series(["1", "two", "3"])).write_parquet(path)
-    refused(path, "row 2, column 'b': 'two'")
+    refused(path, "one usable row")
 
 
 def test_positions_in_space_get_their_plane(file):

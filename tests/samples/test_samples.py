@@ -44,14 +44,14 @@ def test_take_keeps_everything_but_the_rows():
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"q": np.zeros((4, 3))}, r"q has shape \(4, 3\), expected \(4, 2\)"),
+        ({"q": np.zeros((4, 3))}, r"q of shape \(4, 3\): expected"),
         ({"x": np.zeros((3, 2))}, r"x has shape \(3, 2\), expected \(4, 2\)"),
         ({"orientation": np.zeros((4, 3))}, r"orientation has shape \(4, 3\)"),
         ({"upper": [1.0, np.inf]}, "'b' has the range 0:inf"),
         ({"lower": [0.0, 1.0]}, "'b' has the range 1:1"),
         ({"joint_names": ("a", "a")}, "different names"),
         ({"q": np.zeros((0, 2)), "x": np.zeros((0, 2))}, "no rows"),
-        ({"q": [["a", "b"]] * 4}, "not an array of numbers"),
+        ({"q": [["a", "b"]] * 4}, "expected numbers"),
         ({"x": [[0, 0], [0, np.nan], [0, 0], [0, 0]]}, r"x of row 2"),
     ],
 )

@@ -130,7 +130,7 @@ def test_travel_is_that_of_the_rows_and_short(arm):
     ("n", "options", "part"),
     [
         (0, {}, "n is 0"),
-        (1001, {}, "expected 1 to 1,000"),
+        (1001, {}, "1 to 1,000"),
         (5, {"margin": -0.1}, "margin -0.1"),
         (5, {"margin": [0.1, 0.1, 0.1]}, "one for each of shoulder, elbow"),
         (5, {"margin": 2.0}, "no room is left in shoulder"),

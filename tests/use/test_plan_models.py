@@ -66,9 +66,7 @@ def test_planned_poses_teach_more_than_random_ones(arm):
 
     planned = [variance(calib.plan(arm, 30, seed=s).q) for s in range(10)]
     random = [variance(calib.babble(arm, 30, seed=s).q) for s in range(10)]
-    sobol = [variance(calib.babble(arm, 30, seed=s, method="sobol").q) for s in range(10)]
     assert max(planned) < min(random)
-    assert np.mean(planned) < 0.9 * np.mean(sobol)
 
 
 # --- arms in space -----------------------------------------------------------------------------
