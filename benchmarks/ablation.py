@@ -90,35 +90,17 @@ def train_on(case: Case, ground: Ground, network: str, side: int, seed: int) -> 
     started = time.perf_counter()
     pair = alone = associate(scale, u, samples.x, options, wrong)
     seconds, motor = time.perf_counter() - started, pair.motor
-<<<<<<< HEAD
-    smooth, rows = part.smooth, part.rows
-    predictor, left = select(motor, u[rows], samples.x[rows], smooth, part.fit.held_out)
-    alone = pair
-    if (
-        wrong is not None and network == "vdsom:residual"
-    ):  # without a body nothing tells where it is wrong
-        alone = associate(scale, u, samples.x, options)
-    predictors = {
-        "local": predictor,
-        "body": Predictor(motor, smooth, NO_MODELS),
-=======
-    seen = samples.x[part.rows]
-    selected = select(motor, u[part.rows], seen, part.smooth, part.fit.held_out)
+    held, seen = u[part.rows], samples.x[part.rows]
+    predictor, left = select(motor, held, seen, part.smooth, part.fit.held_out)
     if wrong is not None and network == "vdsom:residual":  # without a body nothing tells that
         alone = associate(scale, u, samples.x, options)
     predictors = {
-        "local": selected.predictor,
+        "local": predictor,
         "body": Predictor(motor, part.smooth, NO_MODELS),
->>>>>>> main
         "linear": Predictor(alone.motor, alone.linear, NO_MODELS),
     }
-    held = u[rows]
     # maps are judged by rows that they have seen: each node averages many
-<<<<<<< HEAD
-    own = np.linalg.norm(alone.linear.value(held) - samples.x[rows], axis=1)
-=======
-    own = np.linalg.norm(alone.linear.value(held) - seen[selected.rows], axis=1)
->>>>>>> main
+    own = np.linalg.norm(alone.linear.value(held) - seen, axis=1)
     bounds = {
         "local": learn_bounds(motor, held, np.linalg.norm(left, axis=1)),
         "linear": learn_bounds(alone.motor, held, own),
