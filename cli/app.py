@@ -153,14 +153,6 @@ def describe_error(error: BaseException) -> tuple[int, dict[str, Any]]:
     return code, told
 
 
-def _print_version(wanted: bool) -> None:
-    if wanted:
-        import calib
-
-        print(f"calib {calib.__version__}")
-        raise typer.Exit
-
-
 app = typer.Typer(
     cls=CalibGroup,
     # Click wraps help at 80 columns otherwise, wherever it is printed
@@ -174,16 +166,15 @@ app = typer.Typer(
 @app.callback()
 def start(
     context: typer.Context,
-    _version: Annotated[
-        bool,
-        typer.Option(
-            "--version", callback=_print_version, is_eager=True, help="Print the version and exit."
-        ),
-    ] = False,
+    version: Annotated[bool, typer.Option("--version", help="Print the version.")] = False,
 ) -> None:
     """Calibrate a robot arm from its own motions, with self-organizing maps.
 
     Start with: calib train two_link, then calib query inverse two_link.calib 0.1 0.4
     """
-    if context.invoked_subcommand is None:
+    if version:
+        import calib
+
+        print(f"calib {calib.__version__}")
+    elif context.invoked_subcommand is None:
         print(context.get_help())
