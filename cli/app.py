@@ -10,7 +10,6 @@ import os
 import sys
 from functools import cache
 from importlib import import_module
-from textwrap import shorten
 from typing import Annotated, Any
 
 import typer
@@ -89,11 +88,8 @@ class CalibGroup(TyperGroup):
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:  # noqa: ARG002
         """Write what each command does, without importing any."""
-        room = formatter.width - 6 - max(map(len, COMMANDS))
         with formatter.section("Commands"):
-            formatter.write_dl(
-                [(name, shorten(text, room, placeholder="...")) for name, text in COMMANDS.items()]
-            )
+            formatter.write_dl(list(COMMANDS.items()))
 
     def main(  # type: ignore[override]
         self, args: Any = None, *, standalone_mode: bool = True, **more: Any
