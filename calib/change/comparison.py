@@ -16,7 +16,7 @@ from ..body.belief import Body
 from ..common.arrays import Array, Mask
 from ..errors import ModelError
 from ..model.model import Model
-from ..samples.alignment import rows_behind
+from ..samples.diagnosis import rows_behind
 from ..samples.samples import Samples
 from .bound import Bounded
 from .comparable import Comparable, comparable

@@ -20,7 +20,7 @@ from ..errors import LogError, OptionError
 from .camera import camera_of
 from .delays import with_offset
 from .diagnosis import diagnose, refuse_mistakes
-from .log_joints import LoggedJoint, check_ranges, wrap
+from .joint_values import LoggedJoint, check_ranges, wrap
 from .roles import (
     PIXELS,
     QUATERNION,
