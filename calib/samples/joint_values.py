@@ -268,7 +268,7 @@ def locked_from_log(
     Returns notes : a warning for each joint that moved more than 0.5 deg or 1 mm from it
     """
     source, called = open_source(path), columns or {}
-    found = [name for name in names if name in called or name in source]
+    found = [name for name in names if name in called or name in source.header]
     source, _ = source.drawn(HELD_ROWS, 0) if found else (source, 0)
     values, notes = {}, []
     for name in found:

@@ -71,8 +71,7 @@ def read_log(
     arm : gives the joints' names and limits; its kinematics tell other units, exchanged columns and
         a lag, and are never learned from
     joints : without an arm, the joints' columns, from base to tip
-    columns : other names of columns, ``{"x": "cam_u", "elbow": "joint_2"}``; of a Parquet file's
-        lists one element, counted from 0, ``{"elbow": "observation.state[1]"}``
+    columns : other names of columns, ``{"x": "cam_u", "elbow": "joint_2"}``
     degrees : whether joints that turn are logged in degrees; `ranges` are in rad still
     unit : of the positions; what the log says of itself if not given, else m
     ranges : the range of a joint [rad or m], before the arm's limits; rows outside are left out
@@ -97,7 +96,7 @@ def read_log(
     """
     most = whole("most", most, 2, 2**31)
     source = open_source(path)
-    columns = {k: v for k, v in (usual or {}).items() if v in source} | dict(columns or {})
+    columns = {k: v for k, v in (usual or {}).items() if v in source.header} | dict(columns or {})
     if sees_pixels(source.header, columns, arm.joint_names if arm else joints or ()):
         columns |= PIXELS
         unit = unit or "px"
@@ -109,7 +108,7 @@ def read_log(
             value=unit,
         )
     unit = unit or source.unit or "m"
-    if "point" in source or "point" in columns:
+    if "point" in source.header or "point" in columns:
         return read_touches(source, arm, joints, columns, degrees=degrees, unit=unit)
     roles = find_roles(source, arm, joints, columns)
     outputs = arm.outputs if arm is not None and outputs is None else outputs
