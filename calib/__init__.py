@@ -23,12 +23,12 @@ if TYPE_CHECKING:
     from .change.adapt import adapt as adapt
     from .change.adaptation import Adaptation as Adaptation
     from .change.check import Drift as Drift
+    from .change.check import Recognition as Recognition
     from .change.check import check as check
+    from .change.check import recognise as recognise
     from .change.follow import follow as follow
     from .change.monitor import Monitor as Monitor
     from .change.monitor import monitor as monitor
-    from .change.recognise import Recognition as Recognition
-    from .change.recognise import recognise as recognise
     from .errors import CalibError as CalibError
     from .errors import LogError as LogError
     from .errors import ModelError as ModelError
@@ -75,10 +75,9 @@ _NAMES = {
     "arm.robots": "list_robots",
     "change.adapt": "adapt",
     "change.adaptation": "Adaptation",
-    "change.check": "Drift check",
+    "change.check": "Drift Recognition check recognise",
     "change.follow": "follow",
     "change.monitor": "Monitor monitor",
-    "change.recognise": "Recognition recognise",
     "errors": "CalibError LogError ModelError OptionError QueryError RobotError",
     "maps.association": "Association",
     "maps.density": "Visit",

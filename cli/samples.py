@@ -145,9 +145,9 @@ def measured_samples(
         say(arm.notes)
         turns = dict(zip(arm.joint_names, arm.revolute, strict=True))
     if lens is not None:
-        from calib.recording.lens import read_lens
+        from calib.recording.lens import load_lens
 
-        glass = read_lens(lens).to_json()
+        glass = load_lens(lens)[0].to_json()
     log = calib.read_log(
         source,
         arm,

@@ -20,8 +20,8 @@ from .causes import find_causes, frame_between
 from .comparison import Comparison, compare
 from .decision import decide, kept_model
 from .follow import BLOCK, HORIZON, OnlineAdapter
-
-_TAIL = 3.0  # 95 % quantile over median; of Gaussian noise in the plane it is 2.1
+from .hypotheses import is_framed
+from .settings import TAIL
 
 
 def adapt(
@@ -84,7 +84,7 @@ def _few_shot(found: Comparison, report: Progress) -> Adaptation:
     if not made.improved:
         # noise alone is no error of the model: then rows miss evenly
         missed, bound = found.missed[found.kept], found.model.expected_error(found.q[found.kept])
-        uneven = float(np.quantile(missed, 0.95)) > _TAIL * float(np.median(missed))
+        uneven = float(np.quantile(missed, 0.95)) > TAIL * float(np.median(missed))
         beyond = uneven and np.mean(missed > bound) > 0.5
         return _doubted(found, made, fresh) if beyond or found.score > 1.0 else made
     if not np.isfinite(fresh.expected_error(found.q)).any():
@@ -102,7 +102,7 @@ def _few_shot(found: Comparison, report: Progress) -> Adaptation:
             "(median of the 95 % bound)"
         )
         made = replace(made, notes=(*made.notes, told))
-    frame = frame_between(found, body.beta) if best.hypothesis.framed else None
+    frame = frame_between(found, body.beta) if is_framed(best.hypothesis) else None
     report(1.0, "done", made.after["mean"])
     return finished(found, made, fresh, *held_out, "few-shot", frame)
 

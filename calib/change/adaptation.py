@@ -88,28 +88,21 @@ class Adaptation:
 
 
 def finished(
-    found: Comparison,
-    made: Adaptation,
-    fresh: Model,
-    held: Array,
-    residual: Array,
-    method: str,
+    found: Comparison, made: Adaptation, fresh: Model, held: Array, residual: Array, method: str,
     frame: Alignment | None = None,
-) -> Adaptation:
+) -> Adaptation:  # fmt: skip
     """The adaptation with the new model, its facts, its baseline and the history of the old one.
 
     held, residual : (k, dof) and (k, m) [unit], joints of held-out rows, and how far they are from
         what the others predict
     """
-    old, readout = found.model, fresh.default_readout
+    old, readout, after = found.model, fresh.default_readout, np.linalg.norm(residual, axis=1)
     some = thinned(len(found.q), _EVALUATED)
     errors = summarise(evaluate_residuals(fresh, found.q[some], found.x[some], None))
     # rows that were held out tell the error of the default readout, and how it keeps its bound
     errors = {name: each for name, each in errors.items() if name != "body" or name == readout}
-    after = np.linalg.norm(residual, axis=1)
-    for axis, part in zip("xyz", residual.T, strict=False):
-        errors[readout]["forward"][axis] = error_sizes(part)
-    errors[readout]["forward"]["distance"] = error_sizes(after)
+    parts = dict(zip("xyz", residual.T, strict=False)) | {"distance": after}
+    errors[readout]["forward"].update({axis: error_sizes(part) for axis, part in parts.items()})
     covered = np.mean(after <= np.nan_to_num(fresh.expected_error(held)) + 1e-12)
     usual = old.about.errors.get(readout, {}).get("forward", {}).get("distance", {})
     told = ("samples", "outliers", "before", "after", "correction", "coverage")
@@ -121,9 +114,7 @@ def finished(
         "kept": list(made.kept),
         "frame": None if frame is None else frame.to_json(),
         "from": {
-            "source": old.about.source,
-            "samples": old.about.samples,
-            "simulation": old.about.simulation,
+            **{name: getattr(old.about, name) for name in ("source", "samples", "simulation")},
             "mean": usual.get("mean"),
         },
     }
@@ -136,16 +127,11 @@ def finished(
     baseline = learn_baseline(fresh.association, points, fresh.predictor.value(points), after)
     if old.baseline is not None and old.motor.size == fresh.motor.size:
         baseline = replace(baseline, paths=old.baseline.paths)
-    model = replace(
-        fresh,
-        about=about,
-        baseline=baseline,
-        rows=Rows.of(found.q[found.kept], found.x[found.kept]),
-        history=(*old.history, event),
-        # a camera that was moved sees another picture
-        photo=old.photo if method == "few-shot" and frame is None else None,
-    )
-    return replace(made, model=model)
+    # a camera that was moved sees another picture
+    photo = old.photo if method == "few-shot" and frame is None else None
+    rows = Rows.of(found.q[found.kept], found.x[found.kept])
+    facts: dict[str, Any] = {"about": about, "baseline": baseline, "rows": rows, "photo": photo}
+    return replace(made, model=replace(fresh, **facts, history=(*old.history, event)))
 
 
 def rebuilt(found: Comparison, body: Body) -> Model:
@@ -154,18 +140,14 @@ def rebuilt(found: Comparison, body: Body) -> Model:
     nodes = np.clip(motor.units, 0.0, 1.0)
     drawn = np.random.default_rng(0).random((_PER_NODE * motor.size, nodes.shape[1]))
     u = np.concatenate([nodes, drawn])
-    q = motor.scale.from_unit(u)
-    before = model.predictor.value(u)
-    added = before - found.body.predict(q)
-    if np.any(added):
+    q, before = motor.scale.from_unit(u), model.predictor.value(u)
+    added, models = before - found.body.predict(q), NO_MODELS
+    if float(np.abs(added).max()) > _NOTHING * float(np.linalg.norm(np.ptp(before, axis=0))):
         added = carried_offset(found.body, body, body.beta, q, added)
-    smooth, extent = BodyInBox(body, motor.scale), float(np.linalg.norm(np.ptp(before, axis=0)))
-    models = NO_MODELS
-    if float(np.abs(added).max()) > _NOTHING * extent:
         degree = max(model.predictor.models.degree, _DEGREE)
         samples = max(_SAMPLES, 2 * len(exponents(u.shape[1], degree)))
         models = local_models.fit(motor, np.arange(motor.size), u, added, (degree, samples))
-    predictor = Predictor(motor, smooth, models)
+    predictor = Predictor(motor, BodyInBox(body, motor.scale), models)
     sensory = _moved(model, before[: len(nodes)], predictor.value(nodes))
     reading, position = (body.bound(q[: len(nodes)], noise=noise) for noise in (True, False))
     winners = motor.nearest(found.u)[1][:, 0]

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
@@ -17,72 +15,60 @@ from .settings import BEYOND, FALSE_ALARM, FEW
 _LASTING = 10  # rows over which noise may last
 
 
-@dataclass(frozen=True, eq=False)
-class Bounded:
-    """Rows of a log that count, beside the 95 % bound of a model."""
+def bound_test(
+    tested: Tested, rows: Indices, u: Array, residual: Array, bound: Array, shared: Array,
+    slope: Array | None,
+) -> tuple[float, GroupTest]:  # fmt: skip
+    """Share of the rows beyond the 95 % bound, and how surely these are too many.
 
-    rows: Indices  # (n,), their numbers in the log
-    u: Array  # (n, dof), joints in the unit box
-    residual: Array  # (n, m) [unit], measured less predicted positions
-    bound: Array  # (n,) [unit], infinite where the model tells none
-    shared: Array  # (n,), variance of an axis by what all rows share
+    Even if all of the log's own scatter is noise of the sensor or of one encoder, which is no
+    drift; but what rows of like joints share is no noise.
 
-    def beyond(self, more: Array | float = 0.0) -> Array:
-        """Which rows (n,) lie beyond, where noise has `more` variance on each axis."""
-        allowed = self.bound**2 + self._radius * (self.shared + more)
-        return np.asarray((self.residual**2).sum(axis=1) > allowed)
+    rows : (n,), their numbers in the log
+    u : (n, dof), joints in the unit box
+    residual : (n, m) [unit], measured less predicted positions
+    bound : (n,) [unit], infinite where the model tells none
+    shared : (n,), variance of an axis by what all rows share
+    slope : (n, m), motion of the tip by a joint whose encoder is noisy
+    """
+    from scipy.special import bdtrc, chdtri
 
-    def test(self, tested: Tested, slope: Array | None) -> GroupTest:
-        """How surely too many rows lie beyond.
+    square, m = (residual**2).sum(axis=1), residual.shape[1]
+    radius = float(chdtri(m, 0.05))  # squared, of 95 % of a Gaussian, in units of a deviation
+    more = max(tested.noise**2 - tested.usual**2, 0.0)
+    if len(rows) < FEW:  # half of the rows of a noisier sensor are nearer than its median
+        more = max(more, float(np.median(square)) / float(chdtri(m, 0.5)) - tested.usual**2)
+    alike = more and _alike(rows, u, residual) * radius > float(np.median(bound)) ** 2
+    noise = np.full(len(rows), 0.0 if alike else more)
+    if tested.noisy is not None and slope is not None:
+        noise += tested.noisy[1] ** 2 * (slope**2).sum(axis=1)
+    over = square > bound**2 + radius * (shared + noise)
+    # rows that err together count once
+    time = autocorrelation_time(over[:, None].astype(float)) if over.any() else 1.0
+    count, n = int(over.sum() / time), math.ceil(len(over) / time)
+    p = float(bdtrc(count - 1, n, BEYOND)) if count else 1.0
+    beyond = float(np.mean(square > bound**2 + radius * shared))
+    return beyond, GroupTest("bound", p, -2.0 * math.log(max(p, 1e-300)))
 
-        Even if all of the log's own scatter is noise of the sensor or of one encoder, which is no
-        drift; but what rows of like joints share is no noise.
 
-        slope : (n, m), motion of the tip by a joint whose encoder is noisy
-        """
-        from scipy.special import bdtrc, chdtri
+def _alike(rows: Indices, u: Array, residual: Array) -> float:
+    """Variance of an axis by which rows of like joints err alike, 0 where that may be chance.
 
-        more = max(tested.noise**2 - tested.usual**2, 0.0)
-        if len(self.rows) < FEW:  # half of the rows of a noisier sensor are nearer than its median
-            half = float(np.median((self.residual**2).sum(axis=1)))
-            more = max(more, half / float(chdtri(self.residual.shape[1], 0.5)) - tested.usual**2)
-        noise = np.full(len(self.rows), 0.0 if more and self._alike else more)
-        if tested.noisy is not None and slope is not None:
-            noise += tested.noisy[1] ** 2 * (slope**2).sum(axis=1)
-        over = self.beyond(noise)
-        # rows that err together count once
-        alike = autocorrelation_time(over[:, None].astype(float)) if over.any() else 1.0
-        count, n = int(over.sum() / alike), math.ceil(len(over) / alike)
-        p = float(bdtrc(count - 1, n, BEYOND)) if count else 1.0
-        return GroupTest("bound", p, -2.0 * math.log(max(p, 1e-300)))
+    A ripple of 2 mm, too short for the smooth residual of a log, passed for noise.  Pairs lie
+    apart in time, so that noise that lasts over some rows is not taken for it.
+    """
+    from scipy.spatial import cKDTree
+    from scipy.special import ndtri
 
-    @cached_property
-    def _radius(self) -> float:
-        """Squared radius of 95 % of a Gaussian, in units of a deviation."""
-        from scipy.special import chdtri
-
-        return float(chdtri(self.residual.shape[1], 0.05))
-
-    @property
-    def _alike(self) -> bool:
-        """Whether rows of like joints err alike, by more than the model told: that is no noise.
-
-        A ripple of 2 mm, too short for the smooth residual of a log, passed for noise.  Pairs lie
-        apart in time, so that noise that lasts over some rows is not taken for it.
-        """
-        from scipy.spatial import cKDTree
-        from scipy.special import ndtri
-
-        # of so many rows at least one is no neighbour in time
-        near = np.asarray(cKDTree(self.u).query(self.u, min(2 * _LASTING + 2, len(self.u)))[1])
-        later = np.abs(self.rows[near] - self.rows[:, None]) > _LASTING
-        row = np.flatnonzero(later.any(axis=1))
-        if not len(row):
-            return False
-        pairs = np.stack([row, near[row, later[row].argmax(axis=1)]], axis=1)
-        first, second = np.unique(np.sort(pairs, axis=1), axis=0).T
-        product = (self.residual[first] * self.residual[second]).sum(axis=1)
-        # whatever its size, noise makes either sign as likely
-        sure = product.sum() > -ndtri(FALSE_ALARM) * np.linalg.norm(product)
-        variance = float(product.mean()) / self.residual.shape[1]  # per axis
-        return bool(sure and self._radius * variance > float(np.median(self.bound)) ** 2)
+    # of so many rows at least one is no neighbour in time
+    near = np.asarray(cKDTree(u).query(u, min(2 * _LASTING + 2, len(u)))[1])
+    later = np.abs(rows[near] - rows[:, None]) > _LASTING
+    row = np.flatnonzero(later.any(axis=1))
+    if not len(row):
+        return 0.0
+    pairs = np.stack([row, near[row, later[row].argmax(axis=1)]], axis=1)
+    first, second = np.unique(np.sort(pairs, axis=1), axis=0).T
+    product = (residual[first] * residual[second]).sum(axis=1)
+    # whatever its size, noise makes either sign as likely
+    sure = product.sum() > -ndtri(FALSE_ALARM) * np.linalg.norm(product)
+    return float(product.mean()) / residual.shape[1] if sure else 0.0

@@ -1,8 +1,9 @@
-"""Checking: whether the model still fits the arm."""
+"""Checking: whether a model still fits the arm, and which of several models does."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -10,6 +11,7 @@ import numpy as np
 
 from ..common.arrays import Array
 from ..common.parallel import one_blas_thread
+from ..errors import LogError, OptionError
 from ..maps.map import Map, search_tree
 from ..model.model import Model
 from ..samples.samples import Samples
@@ -152,8 +154,9 @@ def check(
     """
     with one_blas_thread():
         found = compare(model, log, cause)
-        score, smallest, adapts = found.score, found.tested.smallest, False
+        score, tested, adapts = found.score, found.tested, False
         causes, told = find_causes(found)
+        smallest, (far, beyond) = tested.smallest, found.bound_test
         if model.body is None:
             smallest, told = float(np.median(model.expected_error(found.q))), (_NO_BODY,)
         else:
@@ -161,21 +164,18 @@ def check(
             score, causes = max(score, tool.score), (*causes, *tool.causes)
             told = (*told, *tool.notes)
             adapts = score > 1.0 and decide(found).made.improved
-        causes = hand_told_once(causes, model.about.options.get("board"))
         drifted: bool | None = score > 1.0
         if not drifted and tolerance is not None and smallest > tolerance:
             drifted = None
-        notes, far = [*found.notes, *told], found.beyond
-        if far > 0.5 or found.bound_test.score > 1.0:
+        if far > 0.5 or beyond.score > 1.0:
             noisier = "" if drifted else "a noisier sensor or encoder, "
-            notes.append(
-                f"{100 * far:.0f} % of the rows are further from the prediction than its bound, "
-                f"where 5 % should be: {noisier}the bound does not hold"
-            )
+            words = f"{100 * far:.0f} % of the rows are further from the prediction than its bound"
+            told = (*told, f"{words}, where 5 % should be: {noisier}the bound does not hold")
+        causes = hand_told_once(causes, model.about.options.get("board"))
         return Drift(
-            drifted, len(found.q), found.outliers, score,
-            (*found.tested.groups, found.bound_test), smallest, tolerance, _distortions(found),
-            found.tested.noise, found.tested.usual, causes, tuple(notes), adapts, found.left_out,
+            drifted, len(found.q), found.wrong + found.strays, score, (*tested.groups, beyond),
+            smallest, tolerance, _distortions(found), tested.noise, tested.usual, causes,
+            (*found.notes, *told), adapts, found.lost + found.strays,
         )  # fmt: skip
 
 
@@ -184,39 +184,116 @@ def _distortions(found: Comparison) -> dict[str, Signal]:
     model, baseline = found.model, found.model.baseline
     assert baseline is not None  # noqa: S101 - checked by the comparison
     some = slice(None, None, max(1, math.ceil(len(found.q) / _MOST)))
-    u, x, predicted = found.u[some], found.x[some], found.predicted[some]
+    sensory, x, predicted = model.sensory, found.x[some], found.predicted[some]
     noise = max(found.tested.noise, baseline.noise)
-    leak = float(np.sum((noise / model.sensory.scale.span) ** 2))
-    gap = float(np.sqrt(np.mean(found.missed[some] ** 2)))
+    leak = float(np.sum((noise / sensory.scale.span) ** 2))
     usual = np.nan_to_num(model.expected_error(found.q[some]), nan=0.0)
-    sensory, seen = model.sensory, model.sensory.scale.to_unit(x)
-    return {
-        "motor": _zeta(model.motor, baseline.motor, baseline.spread[0], u, 0.0),
-        "sensory": _zeta(sensory, baseline.sensory, baseline.spread[1], seen, leak),
-        "reverse": _reverse(sensory, predicted, x, noise),
-        "links": Signal(gap, float(np.sqrt(np.mean(usual**2)))),
-    }
+    gap, least = (float(np.sqrt(np.mean(v**2))) for v in (found.missed[some], usual))
 
+    def zeta(network: Map, expected: Array, spread: float, points: Array, leak: float) -> Signal:
+        """Distortion of a map by some samples in its unit box."""
+        distance, winner = (part[:, 0] for part in network.nearest(points))
+        usual = expected[winner]
+        # samples of one node are not independent
+        independent = len(np.unique(winner))
+        chance = _SIGMAS * math.sqrt(spread * float(np.mean(usual**2)) / independent)
+        return Signal(float(np.mean(distance**2)), float(usual.mean()) + chance + leak)
 
-def _zeta(network: Map, expected: Array, spread: float, points: Array, leak: float) -> Signal:
-    """Distortion of a map by some samples in its unit box (eq. 9)."""
-    distance, winner = (part[:, 0] for part in network.nearest(points))
-    # samples of one node are not independent
-    independent = len(np.unique(winner))
-    usual = expected[winner]
-    chance = _SIGMAS * math.sqrt(spread * float(np.mean(usual**2)) / independent)
-    return Signal(float(np.mean(distance**2)), float(usual.mean()) + chance + leak)
-
-
-def _reverse(sensory: Map, predicted: Array, x: Array, noise: float) -> Signal:
-    """Distance of the nodes that joints predict to those that positions visit."""
-    winners = sensory.units[sensory.nearest(sensory.scale.to_unit(predicted))[1][:, 0]]
+    def nodes(points: Array) -> Array:
+        return np.asarray(sensory.units[sensory.nearest(sensory.scale.to_unit(points))[1][:, 0]])
 
     def away(points: Array) -> float:
-        nodes = np.unique(sensory.nearest(sensory.scale.to_unit(points))[1][:, 0])
-        tree = search_tree(sensory.units[nodes], sensory.scale)
-        return float(np.mean(np.asarray(tree.query(winners)[0]) ** 2))
+        """Mean squared distance of the nodes that joints predict to those that points visit."""
+        tree = search_tree(np.unique(nodes(points), axis=0), sensory.scale)
+        return float(np.mean(np.asarray(tree.query(nodes(predicted))[0]) ** 2))
 
     # what noise alone does to the visited nodes
     noisy = predicted + noise * np.random.default_rng(0).standard_normal(x.shape)
-    return Signal(away(x), 2.0 * away(noisy) + sensory.spacing**2 / len(x))
+    motor = zeta(model.motor, baseline.motor, baseline.spread[0], found.u[some], 0.0)
+    seen = sensory.scale.to_unit(x)
+    return {
+        "motor": motor,
+        "sensory": zeta(sensory, baseline.sensory, baseline.spread[1], seen, leak),
+        "reverse": Signal(away(x), 2.0 * away(noisy) + sensory.spacing**2 / len(x)),
+        "links": Signal(gap, least),
+    }
+
+
+@dataclass(frozen=True)
+class ModelFit:
+    """How a log fits one model."""
+
+    index: int  # of the model in the list
+    fits: bool  # whether `check` finds it still calibrated
+    score: float  # that of `check`; infinite where it cannot be compared
+    distance: float  # [unit], median distance from predicted to measured position
+
+    def to_json(self) -> dict[str, Any]:
+        """By name; infinite numbers are none."""
+        return {k: None if v == np.inf else v for k, v in asdict(self).items()}
+
+
+@dataclass(frozen=True)
+class Recognition:
+    """Which model a log fits.
+
+    Attributes
+    ----------
+    index : int or None
+        The model that fits best, None where each is contradicted.
+    samples : int
+        Rows of the log.
+    fits : tuple of ModelFit
+        All models, those that fit first, the nearest before the others.
+    """
+
+    index: int | None
+    samples: int
+    fits: tuple[ModelFit, ...]
+
+
+def recognise(models: Sequence[Model], log: Samples) -> Recognition:
+    """Tell which of some models a log fits; ten to thirty rows do.
+
+    A model fits where `check` calls it still calibrated.  Of those that fit the one nearest to the
+    rows answers.
+
+    Parameters
+    ----------
+    models : sequence of Model
+        One for each state of the arm.
+    log : Samples
+        Rows of the same arm.
+
+    Raises
+    ------
+    OptionError
+        If there is no model.
+    LogError
+        If the log can be compared with none of them.
+
+    Examples
+    --------
+    >>> import calib
+    >>> arm = calib.load_arm("two_link")
+    >>> plain = calib.train(calib.babble(arm, 500, noise=1e-3), size=10)
+    >>> log = calib.babble(arm, 60, seed=1, noise=1e-3, changes=["tip.offset=0.05,0"])
+    >>> tool = calib.adapt(plain, log).model
+    >>> calib.recognise([plain, tool], log.take(slice(30))).index
+    1
+    """
+    if not len(models):
+        raise OptionError("no models: give one or more, one for each state of the arm")
+    found, why = [], None
+    for index, model in enumerate(models):
+        try:
+            with one_blas_thread():
+                compared = compare(model, log)
+                score, distance = compared.score, float(np.median(compared.missed))
+        except LogError as error:  # outside of what this one has learned
+            why, score, distance = error, np.inf, np.inf
+        found.append(ModelFit(index, score <= 1.0, score, distance))
+    if why is not None and all(f.score == np.inf for f in found):
+        raise why
+    found.sort(key=lambda f: (not f.fits, f.distance))
+    return Recognition(found[0].index if found[0].fits else None, len(log), tuple(found))

@@ -1,46 +1,68 @@
 """Comparison: a log beside a model, as `check`, `adapt` and their words for it see it.
 
-One comparison holds the rows that count, the belief that they are compared with, the frame that
-they were measured in, and how well each hypothesis explains them.  What several uses need is found
-once, when it is first asked for.  Maps alone, without a body, are compared with their bound.
+The rows that count, the belief in their frame, tests, and what explains them: each is found when it
+is first asked for.  Maps alone, without a body, are compared with their bound.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
+from itertools import combinations
 
 import numpy as np
 
-from ..body.belief import Body
+from ..arm.rotations import quaternion_of
+from ..body.belief import Body, knows_orientation
 from ..common.arrays import Array, Mask
-from ..errors import ModelError
+from ..errors import LogError, ModelError
 from ..model.model import Model
+<<<<<<< HEAD
 from ..samples.diagnosis import rows_behind
+=======
+from ..model.space import Space
+from ..samples.alignment import rows_behind
+from ..samples.diagnosis import diagnose, readings, refuse_mistakes
+>>>>>>> main
 from ..samples.samples import Samples
-from .bound import Bounded
-from .comparable import Comparable, comparable
+from ..training.sound_rows import sound_log
+from ..training.touched import as_positions
+from .bound import bound_test
 from .equations import Log, shared_columns, weighted
-from .explain import Explanation, changed, explain
-from .frame import Reference, carried_offset, kept_reference, reference_of
+from .explain import Explanation, explain, is_changed
+from .frame import Reference, carried_offset, reference_of
 from .hypotheses import as_built
 from .score import GroupTest, Tested, group_tests
 from .settings import FEW_WRONG, OUTLIER, UNEXPLAINED
-from .sockets import as_positions
 
+_LEAST_ROWS = 10  # fewest different rows that a judgement or a correction can rest on
+_MISREAD = ("exchanged", "turns", "inverted")
+_WIDE = 0.5  # least spread of rows in any direction, over that of the learned range
+_CELLS = 5  # along each joint, for the share of the range that a log measured
+_CORNER = 0.5  # share of a joint's range below which it is said how little was covered
 _PROBES = 120  # joints all over the learned range at which predictions are compared
 _SHARED_ERRORS = 2.0  # times a bound of 95 %: five standard deviations, so no chance at all
 _SQUARED = 1e100  # positions beyond overflow where they are squared
 
 
 @dataclass(frozen=True, eq=False)
-class Comparison(Comparable):
-    """A log beside a model."""
+class Comparison:
+    """A log beside a model; repeated rows count once."""
 
-    predicted: Array  # (n, m) [unit], positions that the model predicts
+    model: Model
     cause: str | None  # {"sensor", "joints"} or None, what the user knows about the change
+    u: Array  # (n, dof), joints in the unit box
+    q: Array  # (n, dof) [rad or m]
+    x: Array  # (n, m) [unit]
+    orientation: Array | None  # (n, 4), qx, qy, qz, qw, where the log has them
     unit: str  # unit of the log's positions
     shared: float  # [unit], standard deviation that all of them share
+    predicted: Array  # (n, m) [unit], positions that the model predicts
+    wrong: int  # rows that contradict their neighbours and were left out
+    lost: int  # these, and rows outside of what the model has learned
+    told: tuple[str, ...]  # what the user should be told
+
+    # The rows.
 
     @property
     def body(self) -> Body:
@@ -59,30 +81,26 @@ class Comparison(Comparable):
         same = self.model.body is None or self.reference.scale == 1.0
         return self.unit if same or self.unit != self.model.about.unit else "sensor"
 
-    @cached_property
-    def offset(self) -> Array:
-        """What maps add to the body at the rows, (n, m) [unit]."""
-        return self.predicted - self.body.predict(self.q)
+    @property
+    def spans(self) -> bool:
+        """Whether the rows vary in every direction of the joints, as over the learned range.
 
-    @cached_property
-    def belief(self) -> Body:
-        """The belief that a changed arm starts from."""
-        return as_built(self.body)
+        Held-out rows of a line or a corner say nothing of a prediction elsewhere.
+        """
+        spread = np.atleast_2d(np.cov(self.u.T))
+        # along each axis the variance of uniform rows is 1 / 12
+        return bool(np.linalg.eigvalsh(spread)[0] > _WIDE**2 / 12.0)
 
-    @cached_property
-    def reference(self) -> Reference:
-        """That belief in the frame of the log."""
-        return reference_of(self.belief, self.q, self.x - self.offset, self.unit)
+    @property
+    def coverage(self) -> float:
+        """Share of the learned range, in cells of a fifth of each joint's range, that rows visit.
 
-    @cached_property
-    def log(self) -> Log:
-        """Rows with robust weights, less what maps add to the body in the frame of the log."""
-        to, offset = self.reference, self.offset
-        if to.new:
-            offset = carried_offset(self.body, to.body, to.beta, self.q, offset)
-        # the model's own log shares as much
-        shared = float(np.sqrt(2.0)) * self.shared
-        return weighted(to, self.q, self.x - offset, self.cause, shared)
+        Six joints have 15,625 cells, which no log visits: it is the mean over all pairs of joints.
+        """
+        cells = (np.clip(self.u, 0.0, 1.0 - 1e-12) * _CELLS).astype(int)
+        some = combinations(range(self.u.shape[1]), min(self.u.shape[1], 2))
+        shares = [len(np.unique(cells[:, ix], axis=0)) / _CELLS ** len(ix) for ix in some]
+        return float(np.mean(shares))
 
     @cached_property
     def kept(self) -> Mask:
@@ -93,14 +111,38 @@ class Comparison(Comparable):
         return np.asarray(self.missed <= max(OUTLIER * usual, float(self._told.max())))
 
     @property
-    def outliers(self) -> int:
-        """Rows that contradict their neighbours or all others."""
-        return self.wrong + int(np.count_nonzero(~self.kept))
+    def strays(self) -> int:
+        """Rows that contradict all others."""
+        return int(np.count_nonzero(~self.kept))
 
     @property
-    def left_out(self) -> int:
-        """Rows of the log that are wrong, or outside of what the model has learned."""
-        return self.lost + int(np.count_nonzero(~self.kept))
+    def notes(self) -> list[str]:
+        """What the user should be told of the rows."""
+        rows = "1 row contradicts" if self.strays == 1 else f"{self.strays} rows contradict"
+        return [*self.told, *[f"{rows} all others: left out"] * bool(self.strays)]
+
+    # The belief in their frame, and what is tested.
+
+    @cached_property
+    def belief(self) -> Body:
+        """The belief that a changed arm starts from."""
+        return as_built(self.body)
+
+    @cached_property
+    def reference(self) -> Reference:
+        """That belief in the frame of the log."""
+        alone = self.x - self.predicted + self.body.predict(self.q)
+        return reference_of(self.belief, self.q, alone, self.unit)
+
+    @cached_property
+    def log(self) -> Log:
+        """Rows with robust weights, less what maps add to the body in the frame of the log."""
+        to, offset = self.reference, self.predicted - self.body.predict(self.q)
+        if to.new:
+            offset = carried_offset(self.body, to.body, to.beta, self.q, offset)
+        # the model's own log shares as much
+        shared = float(np.sqrt(2.0)) * self.shared
+        return weighted(to, self.q, self.x - offset, self.cause, shared)
 
     @cached_property
     def probes(self) -> Array:
@@ -115,7 +157,7 @@ class Comparison(Comparable):
         if self.model.body is None:
             baseline = self.model.baseline
             return Tested((), *2 * (baseline.noise if baseline else 0.0,))
-        held = self.reference if self.reference.new else kept_reference(self.body)
+        held = self.reference if self.reference.new else Reference(self.body, self.body.beta)
         return group_tests(held, self.log, self.probes)
 
     @cached_property
@@ -127,26 +169,19 @@ class Comparison(Comparable):
         return np.maximum(told, self.belief.bound(self.q))
 
     @cached_property
-    def _bounded(self) -> Bounded:
-        shared = np.full(len(self.x), self.shared**2)
+    def bound_test(self) -> tuple[float, GroupTest]:
+        """Share of the rows beyond what the model told, and whether these are too many."""
+        shared, slope, noisy = np.full(len(self.x), self.shared**2), None, self.tested.noisy
         if self.shared and self.model.body is not None:  # model's frame and the log's own
             columns = shared_columns(self.reference, self.log, self.log.z)
             shared = (columns**2).sum(axis=(1, 2)) / columns.shape[1]
         k = np.flatnonzero(self.kept)
-        return Bounded(k, self.u[k], (self.x - self.predicted)[k], self._told[k], shared[k])
-
-    @property
-    def beyond(self) -> float:
-        """Share of the rows beyond what the model told."""
-        return float(np.mean(self._bounded.beyond()))
-
-    @cached_property
-    def bound_test(self) -> GroupTest:
-        """Whether too many are."""
-        slope, noisy = None, self.tested.noisy
         if noisy is not None:
-            slope = self.body.structure.slope(self.q[self.kept], self.body.beta)[..., noisy[0]]
-        return self._bounded.test(self.tested, slope)
+            slope = self.body.structure.slope(self.q[k], self.body.beta)[..., noisy[0]]
+        away = (self.x - self.predicted)[k]
+        return bound_test(self.tested, k, self.u[k], away, self._told[k], shared[k], slope)
+
+    # What explains them.
 
     @cached_property
     def explanations(self) -> tuple[Explanation, ...]:
@@ -156,17 +191,17 @@ class Comparison(Comparable):
     @cached_property
     def _suspect(self) -> bool:
         """Whether a test fires, or half of the rows are further off than the model told."""
-        fired = max(self.tested.score, self.bound_test.score) > 1.0
-        return self.reference.new or fired or self.beyond > 0.5
+        beyond, test = self.bound_test
+        return self.reference.new or max(self.tested.score, test.score) > 1.0 or beyond > 0.5
 
-    @cached_property
+    @property
     def score(self) -> float:
         """How far the log is from an arm and a sensor as they were: above 1 they changed."""
-        score = max(self.tested.score, self.bound_test.score)
-        if self.model.body is None:
+        score = max(self.tested.score, self.bound_test[1].score)
+        if self.model.body is None or not self._suspect:
             return score
         score = max(score, 2.0 if self.reference.new else 0.0)
-        return max(score, 1.0 + self.misfit) if self._suspect and not self.explained else score
+        return score if self.explained else max(score, 1.0 + self._left[1])
 
     @cached_property
     def changed(self) -> bool:
@@ -175,18 +210,15 @@ class Comparison(Comparable):
         Evidence alone took what few rows had not told of an unchanged arm for waves of its joints:
         wherever nothing was measured they did harm.
         """
-        return self.reference.new or (self.score > 1.0 and changed(self.explanations))
+        changed = self.reference.new or (self.score > 1.0 and is_changed(self.explanations))
+        return changed and self.explained
 
-    @property
-    def _left(self) -> float:
-        """Typical distance of the rows from the best explanation [unit]."""
-        return float(np.median(np.linalg.norm(self.explanations[0].residual, axis=1)))
-
-    @property
-    def misfit(self) -> float:
-        """The same over the spread of positions: their typical distance from their middle."""
-        spread = np.median(np.linalg.norm(self.x - np.median(self.x, axis=0), axis=1))
-        return self._left / max(float(spread), 1e-300)
+    @cached_property
+    def _left(self) -> tuple[float, float]:
+        """Typical distance of the rows from the best explanation [unit], and of their spread."""
+        residual, away = self.explanations[0].residual, self.x - np.median(self.x, axis=0)
+        left, spread = (float(np.median(np.linalg.norm(r, axis=1))) for r in (residual, away))
+        return left, left / max(spread, 1e-300)
 
     @cached_property
     def explained(self) -> bool:
@@ -194,44 +226,23 @@ class Comparison(Comparable):
 
         A sparse model may be wrong by a tenth of the few millimetres that rows of one place span.
         """
-        if self.model.body is None or self.misfit < UNEXPLAINED:
+        left, misfit = (0.0, 0.0) if self.model.body is None else self._left
+        if misfit < UNEXPLAINED:
             return True
         # rows that lag or whose joints are exchanged come near too, but for those at each jump
-        few = self.outliers <= FEW_WRONG * len(self.q)
-        return self._left < float(np.median(self._told[self.kept])) < np.inf and few
+        few = self.wrong + self.strays <= FEW_WRONG * len(self.q)
+        return left < float(np.median(self._told[self.kept])) < np.inf and few
 
     def why_not(self) -> str:
         """One line on a log that nothing explains."""
-        told = (
-            f"nothing explains the log: its positions are {100 * self.misfit:.0f} % of their "
-            "spread away from any change of the arm or the sensor"
-        )
-        check = "check that joints and positions of a row belong together and are of this arm"
-        return f"{told}; {self._late or check}"
-
-    @property
-    def notes(self) -> list[str]:
-        """What the user should be told of the rows, those that contradict all others included."""
-        wrong = int(np.count_nonzero(~self.kept))
-        if not wrong:
-            return list(self.told)
-        rows = "1 row contradicts" if wrong == 1 else f"{wrong} rows contradict"
-        many = self.outliers > FEW_WRONG * len(self.q)
-        late = f"; {self._late}" if many and self.explained and self._late else ""
-        return [*self.told, f"{rows} all others: left out{late}"]
-
-    @cached_property
-    def _late(self) -> str:
-        """What is said of positions that follow the joints by some rows, "" where they do not."""
-        if self.model.body is None:
-            return ""
         to = self.reference
         lag = rows_behind(lambda q: to.structure.predict(q, to.beta), self.q, self.log.z)
-        if not lag:
-            return ""
+        check = "check that joints and positions of a row belong together and are of this arm"
+        if lag:
+            check = f"positions follow the joints by {lag} rows: align the clocks of both"
         return (
-            f"positions follow the joints by {lag} rows: align the clocks of both, or "
-            f"shift the columns by {lag} rows"
+            f"nothing explains the log: its positions are {100 * self._left[1]:.0f} % of their "
+            f"spread away from any change of the arm or the sensor; {check}"
         )
 
 
@@ -247,16 +258,67 @@ def compare(model: Model, log: Samples, cause: str | None = None) -> Comparison:
         raise ModelError(
             "the model has an older format without a posterior of its body: train it again"
         )
-    told: list[str] = []
+    notes: list[str] = []
     if log.touch is not None:  # which no sensor saw
         cause = cause or "joints"
-        log, told = as_positions(model, log)
-    rows = comparable(model, log)
-    rows = replace(rows, told=(*told, *rows.told))
-    predicted = model.predictor.value(rows.u)
-    alone = predicted if model.body is None else model.body.predict(rows.q)
+        log, notes = as_positions(model, log)
+    given, before, unit, shared = log.left_out + len(log), log.left_out, log.unit, log.shared
+    _refuse_degrees(model, log)
+    log, told = sound_log(model, log)
+    wrong, names = log.left_out - before, model.about.joint_names
+    first = np.sort(np.unique(np.hstack([log.q, log.x]), axis=0, return_index=True)[1])
+    if len(first) < len(log):
+        told.append(f"{len(log) - len(first)} repeated rows count once")
+    known = np.isfinite(model.expected_error(log.q[first]))
+    rows = first[known]
+    if len(rows) < _LEAST_ROWS:
+        why = "measure more poses, spread over the joints' ranges"
+        if not known.all():
+            why = model.outside(log.q[first[~known][0]]) or why
+        raise LogError(
+            f"{len(rows)} of the log's {len(first)} different rows lie within what the model has "
+            f"learned, expected at least {_LEAST_ROWS}: {why}"
+        )
+    if not known.all():
+        outside = np.count_nonzero(~known)
+        told.append(f"{outside} rows outside of what the model has learned are left out")
+    q, x = log.q[rows], log.x[rows]
+    turns = None if log.orientation is None else log.orientation[rows]
+
+    def pose(q: Array) -> tuple[Array, Array]:
+        space = Space.of(model)
+        place, rotation = space.to_sensor(*space.evaluate(q)[:2])
+        return place, quaternion_of(rotation)
+
+    found = diagnose(
+        model.forward, q, x, names, model.about.revolute,
+        unit=model.about.unit, turns=turns, pose=pose if knows_orientation(model.body) else None,
+    )  # fmt: skip
+    # units, mirrors, signs and clocks are causes that the comparison itself tells
+    told += refuse_mistakes([each for each in found if each.kind in _MISREAD])
+    u = model.motor.scale.to_unit(q)
+    told += [
+        f"the log covers {100 * width:.0f} % of the learned range of {name}: the result says "
+        "little about the rest"
+        for name, width in zip(names, np.ptp(u, axis=0).tolist(), strict=True)
+        if width < _CORNER
+    ]
+    q, predicted = model.motor.scale.from_unit(u), model.predictor.value(u)
+    alone = predicted if model.body is None else model.body.predict(q)
     if not (np.abs([predicted, alone]) < _SQUARED).all():  # as in a forged file
         raise ModelError("the model predicts no finite positions for this log: train it again")
+    lost = given - (len(log) - len(first)) - len(rows)
     return Comparison(
-        **vars(rows), predicted=predicted, cause=cause, unit=log.unit, shared=log.shared
+        model, cause, u, q, x, turns, unit, shared, predicted, wrong, lost, (*notes, *told)
     )
+
+
+def _refuse_degrees(model: Model, log: Samples) -> None:
+    """Refuse a log of joints in another unit, most of which the model has not learned."""
+    q, about = model.about.joints_of(log), model.about
+    if np.isfinite(model.expected_error(q)).mean() > 0.5 or not any(about.revolute):
+        return
+    units, *_ = readings(q, about.joint_names, about.revolute, any_order=False)
+    for q, other in units:
+        if np.isfinite(model.expected_error(q)).mean() > 0.9:
+            raise LogError(f"the log fits the model only if {other.words}", hint=other.hint)

@@ -1,10 +1,8 @@
 """Equations: a log beside a belief, as one linear Gaussian problem.
 
-What a belief does not know of the rows' residuals is a sum of columns of independent standard
-normals: its own posterior, a creep of all parameters, a residual of this log alone (a Gaussian
-process over the joints, by its values at some nodes), and what all rows share.  The score tests,
-the evidence of each hypothesis and the update of the belief are made of these columns and of those
-of the parameters that a hypothesis frees.
+What a belief does not know of the residuals are columns of independent standard normals: its
+posterior, a creep of all parameters, a residual of this log alone, what all rows share.  Score
+tests, evidence and updates are made of these and of the columns of freed parameters.
 """
 
 from __future__ import annotations
@@ -15,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..body.covariance import root_of
-from ..body.fit import maximise
+from ..body.fit import Fit, maximise
 from ..body.likeness import lengths_of, matern
 from ..body.parameters import Indices, Prior
 from ..body.settings import STUDENT
@@ -25,9 +23,7 @@ from .frame import Reference
 from .hypotheses import creep, freedom, hypotheses_of
 from .settings import CREEP, LEAST_NOISE, OUTLIER, PSEUDO
 
-STEPS = 12
-"""Gauss-Newton steps at most."""
-
+_SETTLED = 30  # steps of that fit at most
 _ROBUST_ROWS = 400  # of the fit that finds outliers: enough for every parameter
 _NODES = 40  # of the log's own residual; more did not change a verdict on A and C
 _NOISES = 32  # sizes of the noise: steps of a fifth change a likelihood by .02 nats
@@ -55,35 +51,19 @@ class Log:
 def weighted(
     reference: Reference, q: Array, z: Array, cause: str | None = None, shared: float = 0.0
 ) -> Log:
-    """A log with robust weights.
-
-    q, z : (n, dof), (n, m), all rows
-    """
+    """A log of all rows (n, dof), (n, m), with robust weights."""
     body, structure = reference.body, reference.structure
     sd = np.hypot(freedom(body, hypotheses_of(structure, cause)[-1], cause), creep(body))
     rows, size = thinned(len(q), _ROBUST_ROWS), reference.sizes
-    fit = maximise(
-        structure, q[rows], z[rows], reference.beta, Prior(reference.beta, sd), nu=STUDENT,
-        floor=size, steps=STEPS,
-    )  # fmt: skip
+    some, prior = (structure, q[rows], z[rows]), Prior(reference.beta, sd)
+    # steps of a known noise alone took exact rows of a longer link for outliers
+    start = Fit(*some, reference.beta, prior, STUDENT, size).settle(_SETTLED)[0]
+    fit = maximise(*some, start, prior, nu=STUDENT, floor=size)
     r = structure.residual(z, structure.predict(q, fit.beta)) / size
     m, e2 = r.shape[1], (r**2).sum(axis=1)
     noise = max(float(np.median(e2[rows])) / (m - 2 / 3), 1.0)
     kept = e2 <= OUTLIER**2 * m * noise
     return Log(q, z, (STUDENT + m) / (STUDENT + e2 / noise), kept, shared)
-
-
-def own_columns(reference: Reference, log: Log, factor: float) -> Array:
-    """A smooth residual of one log: outputs (n, m, p m) [unit] by its values at p of the rows.
-
-    factor : times the usual size
-    """
-    lengths, nodes = lengths_of(reference.body, log.q), log.q[thinned(len(log.q), _NODES)]
-    alike = matern(nodes, nodes, lengths)
-    alike[np.diag_indices(len(alike))] += 1e-6
-    features = np.linalg.solve(np.linalg.cholesky(alike), matern(nodes, log.q, lengths))
-    sd = np.diag(factor * reference.own_sd)
-    return np.asarray(np.einsum("kn,ij->nikj", features, sd).reshape(*log.z.shape, -1))
 
 
 class Equations:
@@ -103,55 +83,51 @@ class Equations:
     ) -> None:  # fmt: skip
         body, structure = reference.body, reference.structure
         self.reference, self.log, self.size = reference, log, reference.sizes
-        self.contracted: Array | None = None
-        root = np.sqrt(log.weight)
-        self.root = root[:, None]
-        self.log_determinant = -2.0 * len(self.size) * float(np.log(root).sum())
+        self.root = np.sqrt(log.weight)[:, None]
+        self.white = np.eye(len(self.size)) / self.size * self.root[:, :, None]
+        self.log_determinant = -len(self.size) * float(np.log(log.weight).sum())
         if noisy is not None:  # I + ratio^2 g g' of each row has one eigenvalue that is not 1
             g = structure.slope(log.q, reference.beta)[..., noisy[0]] / self.size
             length = (g**2).sum(axis=1)
             value = 1.0 + noisy[1] ** 2 * length
             g = g / np.sqrt(np.maximum(length, 1e-300))[:, None]
             less = (1.0 - 1.0 / np.sqrt(value))[:, None, None]
-            self.contracted = np.eye(len(self.size)) - less * g[:, :, None] * g[:, None]
+            contracted = np.eye(len(self.size)) - less * g[:, :, None] * g[:, None]
+            self.white = contracted @ self.white
             self.log_determinant += float(np.log(value).sum())
         active, known = prior_columns(reference, waves, crept)
         seen, x = structure.linearise(log.q, reference.beta, active)
         own = own_columns(reference, log, factor * body.kappa)
         parts = [own, x @ known, shared_columns(reference, log, seen)]
         self.own = own.shape[2]
-        self.columns = self.whiten(np.concatenate(parts, axis=2))
-        self._decompose()
+        self._decompose(self.whiten(np.concatenate(parts, axis=2)))
         self.floor = float(np.min(LEAST_NOISE * np.asarray(structure.extents) / self.size))
         self.usual = max(float(np.min(body.noise / self.size)), self.floor)
 
-    def _decompose(self) -> None:
-        values, self._vectors = np.linalg.eigh(self.columns.T @ self.columns)
-        self.values = np.maximum(values, 0.0)
+    def _decompose(self, columns: Array) -> None:
+        values, self._vectors = np.linalg.eigh(columns.T @ columns)
+        self.columns, self.values = columns, np.maximum(values, 0.0)
 
     def larger(self, factor: float) -> Equations:
         """The same with another size of the log's own residual."""
         other, scale = copy(self), np.ones(self.columns.shape[1])
         scale[: self.own] = factor
-        other.columns = self.columns * scale
-        other._decompose()
+        other._decompose(self.columns * scale)
         return other
 
     def whiten(self, x: Array) -> Array:
         """Residuals (n, m) or columns (n, m, k) [unit], by rows in units of the noise's size."""
-        flat = x.reshape(*x.shape[:2], -1) / self.size[:, None]
-        if self.contracted is not None:
-            flat = self.contracted @ flat
-        flat = (flat * self.root[:, None]).reshape(flat.shape[0] * flat.shape[1], -1)
-        return flat[:, 0] if x.ndim == 2 else flat
+        flat = self.white @ x.reshape(*x.shape[:2], -1)
+        flat = flat.reshape(flat.shape[0] * flat.shape[1], -1)
+        return np.asarray(flat[:, 0] if x.ndim == 2 else flat)
 
-    def turn(self, flat: Array) -> Array:
+    def _turned(self, flat: Array) -> Array:
         """Whitened residuals (N,) or columns (N, k) by the eigenvectors, times their values."""
         return np.asarray(self._vectors.T @ (self.columns.T @ flat))
 
     def likelihood(self, y: Array, noise: Array) -> Array:
         """Log likelihood (s,) [nats] of whitened residuals (N,) under sizes (s,) of the noise."""
-        square, turned = noise**2, self.turn(y)
+        square, turned = noise**2, self._turned(y)
         total = square[:, None] + self.values
         size = len(y) * np.log(square) + np.log(total / square[:, None]).sum(axis=1)
         rest = (float(y @ y) - (turned**2 / total).sum(axis=1)) / square
@@ -159,7 +135,7 @@ class Equations:
 
     def information(self, y: Array, x: Array, noise: Array) -> tuple[Array, Array]:
         """What rows tell of columns (N, k) whatever else is unknown: (s, k, k), and (s, k)."""
-        inner, moment, c, turned = x.T @ x, x.T @ y, self.turn(x), self.turn(y)
+        inner, moment, c, turned = x.T @ x, x.T @ y, self._turned(x), self._turned(y)
         power, pull = np.empty((len(noise), *inner.shape)), np.empty((len(noise), len(moment)))
         for k, square in enumerate(noise**2):
             weight = 1.0 / (square + self.values)
@@ -179,14 +155,29 @@ class Equations:
         value = self.likelihood(y, grid) - PSEUDO * (np.log(grid) + 0.5 / grid**2)
         return np.asarray(grid[[int(np.argmax(value))]])
 
-    def rest(self, y: Array, x: Array, noise: float) -> Array:
+    def rest(self, y: Array, noise: float, x: Array | None = None) -> Array:
         """What neither the unknown nor columns (N, k) follow of the residuals, (n, m) in noises."""
-        length = np.linalg.norm(x, axis=0)
-        a = np.concatenate([self.columns, x * (1e3 * noise / np.where(length > 0, length, 1.0))], 1)
+        a = self.columns
+        if x is not None:
+            length = np.linalg.norm(x, axis=0)
+            a = np.concatenate([a, x * (1e3 * noise / np.where(length > 0, length, 1.0))], 1)
         inner = a.T @ a
         inner[np.diag_indices(len(inner))] += noise**2
         rest = y - a @ np.linalg.solve(inner, a.T @ y)
         return np.asarray(rest.reshape(len(self.root), -1) / noise)
+
+
+def own_columns(reference: Reference, log: Log, factor: float) -> Array:
+    """A smooth residual of one log: outputs (n, m, p m) [unit] by its values at p of the rows.
+
+    It is a Gaussian process over the joints, `factor` times as large as usual.
+    """
+    lengths, nodes = lengths_of(reference.body, log.q), log.q[thinned(len(log.q), _NODES)]
+    alike = matern(nodes, nodes, lengths)
+    alike[np.diag_indices(len(alike))] += 1e-6
+    features = np.linalg.solve(np.linalg.cholesky(alike), matern(nodes, log.q, lengths))
+    sd = np.diag(factor * reference.own_sd)
+    return np.asarray(np.einsum("kn,ij->nikj", features, sd).reshape(*log.z.shape, -1))
 
 
 def prior_columns(

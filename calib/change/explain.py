@@ -1,8 +1,7 @@
 """Explaining: which hypotheses account for a log, each with its evidence.
 
-Every hypothesis starts where the belief is, in the log's own frame, and moves by a few damped
-Gauss-Newton steps; its evidence is Laplace's, with the likelihood raised to the power 1 / temper:
-rows that resemble their neighbours count for less than their number.
+It is Laplace's, with the likelihood raised to the power 1 / temper: rows that resemble their
+neighbours count for less than their number.
 """
 
 from __future__ import annotations
@@ -16,12 +15,13 @@ from ..body.covariance import autocorrelation_time
 from ..body.normal import Factor
 from ..body.settings import NATS
 from ..common.arrays import Array
-from .equations import STEPS, Equations, Log
+from .equations import Equations, Log
 from .frame import Reference
-from .hypotheses import NOTHING, Hypothesis, freedom, hypotheses_of
+from .hypotheses import Hypothesis, freedom, hypotheses_of, is_framed, name_of
 from .settings import CREEP, MARGIN, OWN, USUAL
 
 _ROWS = 200  # that hypotheses are compared on
+_STEPS = 12  # of Gauss-Newton at most
 _AVERAGED = 6  # explanations at most
 _NOTHING_LEFT = 1e-2  # twice the nats by which a step must better the fit
 
@@ -47,7 +47,13 @@ class Explanation:
     @property
     def unchanged(self) -> bool:
         """Whether it says that the arm and its sensor are as they were."""
-        return self.hypothesis == NOTHING and (self.factor, self.waves) in OWN[:USUAL]
+        return not self.hypothesis and (self.factor, self.waves) in OWN[:USUAL]
+
+    @property
+    def name(self) -> str:
+        """Its hypothesis in words, or the shape that none has."""
+        shape = "waves of the joints" if self.waves > CREEP else "a smooth residual"
+        return name_of(self.hypothesis) if self.hypothesis else shape
 
 
 def explain(
@@ -57,25 +63,20 @@ def explain(
 
     calm : whether nothing changed: only the sizes of the log's own residual are then compared
     """
-    every = (NOTHING,) if calm else hypotheses_of(reference.structure, cause)
-    *narrow, richest = (h for h in every if h.framed or calm or not reference.new)
+    every = ((),) if calm else hypotheses_of(reference.structure, cause)
+    *narrow, richest = (h for h in every if is_framed(h) or calm or not reference.new)
     log, found, at = log.some(_ROWS), list[Explanation](), dict[Hypothesis, Array]()
     temper, best = max(reference.body.kappa, 1.0) ** 2, -np.inf
-    for factor, waves in OWN:
-        equations = Equations(reference, log, factor=factor, waves=waves)
+    for own in OWN:
+        equations = Equations(reference, log, factor=own[0], waves=own[1])
         # The richest first: none that frees less fits better, whatever its prior.
-        rich = _fitted(richest, equations, (factor, waves), temper, at.get(richest), cause)
+        rich = _fitted(richest, equations, own, temper, at.get(richest), cause)
         if not found:
-            y = equations.whiten(rich.residual)
-            rest = equations.rest(y, np.zeros((len(y), 0)), rich.noise)
+            rest = equations.rest(equations.whiten(rich.residual), rich.noise)
             temper = max(temper, autocorrelation_time(rest))
-            rich = _fitted(richest, equations, (factor, waves), temper, rich.beta, cause)
-        hopeless = rich.fit < best - 2 * MARGIN
-        found.append(rich)
-        for each in narrow:
-            if not hopeless or each == NOTHING:
-                made = _fitted(each, equations, (factor, waves), temper, at.get(each), cause)
-                found.append(made)
+            rich = _fitted(richest, equations, own, temper, rich.beta, cause)
+        tried = [h for h in narrow if not h or rich.fit >= best - 2 * MARGIN]
+        found += [rich, *(_fitted(h, equations, own, temper, at.get(h), cause) for h in tried)]
         at = {e.hypothesis: e.beta for e in found}
         best = max(e.evidence for e in found)
     return tuple(sorted(found, key=lambda e: -e.evidence))
@@ -91,7 +92,7 @@ def _fitted(
     sd = freedom(reference.body, hypothesis, cause, reference.forgotten)
     free = np.flatnonzero(sd > 0)
     # without a free frame the sensor is where it was
-    held = hypothesis.framed or reference.new
+    held = is_framed(hypothesis) or reference.new
     origin = reference.beta if held else reference.body.beta
     beta = origin if start is None else start
 
@@ -104,32 +105,27 @@ def _fitted(
         return -float(equations.likelihood(y, noise)[0]) / temper + 0.5 * float(moved @ moved)
 
     left = residual(beta)
-    for _ in range(STEPS):
+    for _ in range(_STEPS):
         y = equations.whiten(left)
         noise = equations.most_likely_noise(y)
         _, x = structure.linearise(log.q, beta, free)
         power, pull = equations.information(y, equations.whiten(x * sd[free]), noise)
-        a = power[0] / temper
-        a[np.diag_indices(len(a))] += 1.0
-        factor, lead = Factor(a), pull[0] / temper - (beta - origin)[free] / sd[free]
+        factor = Factor(power[0] / temper + np.eye(len(free)))
+        lead = pull[0] / temper - (beta - origin)[free] / sd[free]
         step = factor.solve(lead)
         if not len(free) or float(lead @ step) < _NOTHING_LEFT:
             break
-        before, share = cost(y, noise, beta), 1.0
-        for _ in range(6):
-            full = np.zeros(len(beta))
+        before, after, full = cost(y, noise, beta), np.inf, np.zeros(len(beta))
+        for share in 0.3 ** np.arange(6.0):
             full[free] = share * step * sd[free]
             moved = structure.retract(beta, full)
-            trial, after = residual(moved), np.inf
+            trial = residual(moved)
             if np.isfinite(trial).all():
                 after = cost(equations.whiten(trial), noise, moved)
             if after <= before:
+                beta, left = moved, trial
                 break
-            share *= 0.3
-        else:
-            break
-        beta, left = moved, trial
-        if before - after < 0.5 * _NOTHING_LEFT:
+        if not after <= before - 0.5 * _NOTHING_LEFT:
             break
     y = equations.whiten(left)
     noise = equations.most_likely_noise(y)
@@ -142,7 +138,7 @@ def _fitted(
     )  # fmt: skip
 
 
-def changed(found: tuple[Explanation, ...]) -> bool:
+def is_changed(found: Sequence[Explanation]) -> bool:
     """Whether something else than nothing explains the log, by the margin."""
     nothing = [e.evidence for e in found if e.unchanged]
     return not nothing or found[0].evidence > max(nothing) + MARGIN
@@ -158,10 +154,4 @@ def weighed(some: Sequence[Explanation]) -> list[tuple[float, Explanation]]:
 def simplest(found: Sequence[Explanation]) -> Explanation:
     """The one that frees least, of those that the evidence hardly tells from the best."""
     some = [e for e in found if e.evidence > found[0].evidence - NATS]
-    return min(some, key=lambda e: (len(e.hypothesis.groups), -e.evidence))
-
-
-def called(e: Explanation) -> str:
-    """An explanation in words: its hypothesis, or the shape that none has."""
-    shape = "waves of the joints" if e.waves > CREEP else "a smooth residual"
-    return shape if e.hypothesis == NOTHING else e.hypothesis.name
+    return min(some, key=lambda e: (len(e.hypothesis), -e.evidence))

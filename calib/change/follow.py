@@ -1,14 +1,10 @@
-"""Online adaptation, as in the paper: maps and links re-form while samples stream in.
-
-For a stream that lasts: a change is noticed and followed.
-Equation numbers are those of the paper in the order in which it states them.
-"""
+"""Online adaptation, as in the paper: maps and links re-form while samples stream in."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -68,10 +64,8 @@ def matching_sigma(network: Map, error: float) -> float:
     error : root mean square distance to the winner after the change, in the unit box
     Returns float, the radius of the whole map where the error is larger than at the start.
     """
-    dim = len(network.lattice.shape)
-    side = network.lattice.size ** (1 / dim)
-    nodes, sigma, past = network.history[:, 0], network.history[:, 1], network.history[:, 2]
-    full = sigma * side / nodes ** (1 / dim)
+    nodes, sigma, past = network.history.T[:3]
+    full = sigma * (network.lattice.size / nodes) ** (1 / len(network.lattice.shape))
     # the error of an epoch is that of the radius before it
     past, full = past[1:], full[:-1]
     if not len(past) or error > past.max():
@@ -115,17 +109,14 @@ class OnlineAdapter:
         if len(layers) < len(maps):
             raise OptionError(
                 "online adaptation resets the neighbourhood radius of a lattice (eq. 10), and a "
-                "growing neural gas has neither: its edges age by wins, so that a region which "
-                "is no longer visited keeps its nodes; use method 'few-shot', or train with "
-                "map 'vdsom', 'som' or 'dsom'"
+                "growing neural gas has neither: use method 'few-shot', or train with map "
+                "'vdsom', 'som' or 'dsom'"
             )
         self._net = VDSOM(layers, model.association.wiring, model.links.toarray())
         self._idle = np.zeros(model.sensory.size)  # what unvisited nodes should have forgotten
-        self._seen, self._since = 0, -1
-        # running means of distortion and error, and those of the latest block
-        self._mean: dict[str, float] = {}
-        self._latest: dict[str, float] = {}
-        self._start = {"motor": _SIGMA_END, "sensory": _SIGMA_END}
+        self._seen, self._since, self._starts = 0, -1, [_SIGMA_END, _SIGMA_END]
+        # running means: distortions of the motor and the sensory map, and the error
+        self._mean: Array | None = None
         self._q: list[Array] = []
         self._x: list[Array] = []
 
@@ -144,34 +135,29 @@ class OnlineAdapter:
         return steps[-1]
 
     def _feed(self, u: Array, v: Array) -> Step:
-        motor, sensory = self._map("motor"), self._map("sensory")
-        some = slice(0, None, _GLANCE)
-        gap = (self._net.said(u[some], self._idle) - v[some]) * sensory.scale.span
+        motor, sensory = self._maps()
+        said = self._net.said(u[::_GLANCE], self._idle)
+        gap = np.linalg.norm((said - v[::_GLANCE]) * sensory.scale.span, axis=1)
         distance, winner = sensory.nearest(v)
-        self._latest = {
-            "motor": float(np.mean(motor.nearest(u)[0] ** 2)),  # eq. 9
-            "sensory": float(np.mean(distance[:, 0] ** 2)),
-            "error": float(np.linalg.norm(gap, axis=1).mean()),
-        }
-        mean, share = self._mean, min(1.0, len(u) / _WINDOW)
-        for name, value in self._latest.items():
-            mean[name] = (1 - share) * mean.get(name, value) + share * value
+        squares = (motor.nearest(u)[0] ** 2).mean(), (distance[:, 0] ** 2).mean()  # eq. 9
+        latest = np.array([*squares, gap.mean()])
+        before = latest if self._mean is None else self._mean
+        self._mean = mean = before + min(1.0, len(u) / _WINDOW) * (latest - before)
         expected = self._expected(sensory, winner[:, 0])
         self._seen += len(u)
-        kept = slice(None)
+        kept, rates = slice(None), (0.0, 0.0, 0.0)
         if self._since < 0 and (self._force or self._left(expected)):
             self._since = 0
-            for name in self._start:  # sigma where training had the same distortion (eq. 10)
-                after = max(mean[name], self._latest[name])
-                sigma = matching_sigma(getattr(self._model, name), math.sqrt(after))
-                self._start[name] = max(_SIGMA_END, sigma)
+            # sigma where training had the same distortion (eq. 10)
+            for k, part in enumerate((self._model.motor, self._model.sensory)):
+                after = math.sqrt(max(mean[k], latest[k]))
+                self._starts[k] = max(_SIGMA_END, matching_sigma(part, after))
             if not self._force:  # this block may have begun before the change
                 kept = slice(0)
-        sigma, eta, beta = (0.0, 0.0, 0.0) if self._since < 0 else self._learn(u, v, kept)
-        return Step(
-            self._seen, mean["motor"], mean["sensory"], expected, mean["error"], sigma, eta, beta,
-            self.adapting,
-        )  # fmt: skip
+        if self._since >= 0:
+            rates = self._learn(u, v, kept)
+        motor_zeta, zeta, error = mean.tolist()
+        return Step(self._seen, motor_zeta, zeta, expected, error, *rates, self.adapting)
 
     def _expected(self, sensory: Map, winner: Index) -> float:
         """Sensory distortion that samples of some winners exceed by chance next to never."""
@@ -181,22 +167,21 @@ class OnlineAdapter:
         chance = _FIRED * math.sqrt(baseline.spread[1] / _WINDOW)
         # distances scale with the lattice: a larger arm's nodes stand further apart
         size = (sensory.spacing / self._model.sensory.spacing) ** 2
-        size *= _SETTLED if self._since >= 0 else 1.0
-        return float(baseline.sensory[winner].mean()) * size * (1.0 + chance)
+        size *= (_SETTLED if self._since >= 0 else 1.0) * (1.0 + chance)
+        return float(baseline.sensory[winner].mean()) * size
 
     def _left(self, expected: float) -> bool:
         """Whether the distortion (eq. 9) or the links' residual left what is usual."""
         errors, baseline = self._model.about.errors, self._model.baseline
         usual = errors["activity"]["forward"]["distance"]["mean"] if errors else math.inf
         usual += baseline.noise if baseline else 0.0
-        far = self._mean["sensory"] > expected or self._mean["error"] > 2.0 * usual
-        return self._seen >= _WINDOW / 2 and far
+        _, zeta, error = (0.0, 0.0, 0.0) if self._mean is None else self._mean
+        return self._seen >= _WINDOW / 2 and bool(zeta > expected or error > 2.0 * usual)
 
     def _learn(self, u: Array, v: Array, kept: slice) -> tuple[float, float, float]:
         """Form maps and links by samples; sigma, eta and beta of the last one."""
         t = self._since + np.arange(len(u))
-        starts = [self._start[name] for name in ("motor", "sensory")]
-        rates = Rates.following(t, starts, _SIGMA_END, self._horizon)  # eq. 10, 12
+        rates = Rates.following(t, self._starts, _SIGMA_END, self._horizon)  # eq. 10, 12
         if self._dynamic:
             for layer, points in zip(self._net.layers, (u, v), strict=True):
                 layer.weights = layer.weights.copy()
@@ -204,7 +189,7 @@ class OnlineAdapter:
         self._net.show((u, v), rates, maps=not self._dynamic)
         # eq. 11 forgets where a_j > 0 alone; a node that no sample visits forgets at the
         # mean pace of all, or a shortened arm would promise its old reach for ever
-        b = self._model.association.wiring.activity(self._map("sensory"), v)
+        b = self._model.association.wiring.activity(self._maps()[1], v)
         forgot = rates.eta * rates.beta @ np.asarray(b.multiply(b).sum(axis=1)).ravel()
         self._idle += float(forgot) / b.shape[1]
         self._idle[np.unique(b.indices)] = 0.0
@@ -226,18 +211,14 @@ class OnlineAdapter:
         """
         if self._since < 0 or sum(map(len, self._x)) < _LEAST:
             return self._model
-        found = None
-        if links == "rule":
-            found = without_weak(self._net.links * np.exp(-self._idle))
-        maps = self._map("motor"), self._map("sensory")
-        return settled_model(
-            self._model, *maps, np.concatenate(self._q), np.concatenate(self._x), found
-        )
+        own = without_weak(self._net.links * np.exp(-self._idle)) if links == "rule" else None
+        q, x = np.concatenate(self._q), np.concatenate(self._x)
+        return settled_model(self._model, *self._maps(), q, x, own)
 
-    def _map(self, name: str) -> Map:
-        network: Map = getattr(self._model, name)
-        layer = self._net.layers[name == "sensory"]
-        return Map(layer.weights, network.lattice, network.scale, network.history)
+    def _maps(self) -> tuple[Map, Map]:
+        """The motor and the sensory map as they are."""
+        motor, sensory = (layer.weights for layer in self._net.layers)
+        return replace(self._model.motor, units=motor), replace(self._model.sensory, units=sensory)
 
 
 def follow(

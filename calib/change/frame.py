@@ -1,20 +1,22 @@
 """The frame: an old belief brought into the frame of a new log.
 
 A camera that was hung elsewhere, mirrored or read in other units moves every position by far
-more than anything else; so the frame comes first, in closed form, and small changes after it.
+more than anything else; so the frame comes first, and small changes after it.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..arm.rotations import logarithm
+from ..arm.rotations import logarithm, similarity
 from ..body.belief import Body
+from ..body.fit import Fit
+from ..body.parameters import Indices, Prior
+from ..body.settings import STUDENT
 from ..body.structure import Structure
 from ..body.views import is_camera
 from ..common.arrays import Array
@@ -38,13 +40,13 @@ class Reference:
     # the old belief with the structure of the log: mirrored, or with a joint turned round
     body: Body
     beta: Array  # (d,), its parameters, the view's moved
-    new: bool  # whether the view is so different that only hypotheses with a free frame make sense
-    mirrored: bool  # whether the sensor sees the plane from the other side than before
-    turned: tuple[int, ...]  # joints that turn the other way
-    locked: tuple[int, ...]  # joints that no longer move the tip
-    scale: float  # size of positions over what it was; 1 where they are in the old unit
+    new: bool = False  # whether only hypotheses with a free frame make sense
+    mirrored: bool = False  # whether the sensor sees the plane from the other side than before
+    turned: tuple[int, ...] = ()  # joints that turn the other way
+    locked: tuple[int, ...] = ()  # joints that no longer move the tip
+    scale: float = 1.0  # size of positions over what it was; 1 where they are in the old unit
     # (g,), parameters of the view whose old posterior does not count any more
-    forgotten: NDArray[np.intp]
+    forgotten: Indices = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
 
     @property
     def structure(self) -> Structure:
@@ -62,64 +64,64 @@ class Reference:
         return np.maximum(self.body.tau, LEAST_OWN * np.asarray(self.structure.extents))
 
 
-def kept_reference(body: Body) -> Reference:
-    """A belief where it is."""
-    return Reference(body, body.beta, False, False, (), (), 1.0, np.zeros(0, dtype=np.intp))
-
-
 def reference_of(body: Body, q: Array, z: Array, unit: str) -> Reference:
     """Bring the old belief into the frame of a log of rows (n, dof), (n, m)."""
-    kept, old = kept_reference(body), body.structure
-    places, extent = slice(old.blocks[0]), float(old.extents[0])
-    rows = thinned(len(q), _ROWS)
-    q, z = q[rows], z[rows]
+    old, rows = body.structure, thinned(len(q), _ROWS)
+    places, extent, q, z = slice(old.blocks[0]), float(old.extents[0]), q[rows], z[rows]
     gap = np.linalg.norm((z - old.predict(q, body.beta))[:, places], axis=1)
     if float(np.median(gap)) < _FAR * extent:
-        return kept
+        return Reference(body, body.beta)
     if is_camera(old.view):
-        moved = _placed(old, q, z, [body.beta, _camera_anew(body, q, z)])
-        return replace(kept, beta=moved, forgotten=indices_of(old, FRAME))
-    tries: list[tuple[float, dict[str, Any], Array, tuple[int, ...], float, Array]] = []
+        moved = _placed(old, q, z, [body.beta, _camera_anew(body, q, z)], FRAME)
+        return Reference(body, moved, forgotten=indices_of(old, FRAME))
+    tries = []
     for change, start, held in _variants(body):
         p = _replaced(old, change).predict(q, start)[:, places]
         for scaled in (False,) if held else (False, True):
-            error, ratio, turn = _rigid_misfit(p, z[:, places], scaled)
+            error, ratio, turn = _misfit(p, z[:, places], scaled)
             # each further freedom must halve what is left
             free = len(change) + len(held) + (scaled and not 0.5 < ratio < 2.0)
             error = max(error, _EXACT * extent) / _BETTER**free
             tries.append((error, change, start, held, ratio, turn))
     _, change, start, locked, ratio, turn = min(tries, key=lambda t: t[0])
     structure, other = _replaced(old, change), not _SCALES[0] < ratio < _SCALES[1]
-    if other:  # in the log's own unit
-        told = "sensor" if unit == old.unit else unit
-        centre = tuple(z.mean(axis=0).tolist())
-        structure = _replaced(
-            structure, {"extent": ratio * old.extent, "centre": centre, "unit": told}
-        )
     factor = ratio if other else 1.0
+    if other:  # in the log's own unit
+        own = {"extent": ratio * old.extent, "centre": tuple(z.mean(axis=0).tolist())}
+        told = "sensor" if unit == old.unit else unit
+        structure = _replaced(structure, {**own, "unit": told})
+    about, shift = structure.groups["view.rotation"], structure.groups["view.shift"]
     starts = []
     for by in (np.eye(len(turn)), turn):
         beta, step = start.copy(), np.zeros(structure.size)
         beta[indices_of(structure, ("view.scale",))] += np.log(factor)
-        about = structure.groups["view.rotation"]
         step[about] = np.arctan2(by[1:2, 0], by[0, 0]) if len(about) == 1 else logarithm(by)
-        beta, shift = structure.retract(beta, step), structure.groups["view.shift"]
+        beta = structure.retract(beta, step)
         residual = structure.residual(z, structure.predict(q, beta))
         beta[shift] += np.median(residual, axis=0)[: len(shift)]
         starts.append(beta)
-    beta = _placed(structure, q, z, starts, other)
+    beta = _placed(structure, q, z, starts, (*FRAME, "view.scale") if other else FRAME)
     if len(about) == 1:  # the same angle, the short way round
         beta[about] -= 2 * np.pi * np.round((beta[about] - start[about]) / (2 * np.pi))
     new = bool(change) or bool(locked) or other
     signs = zip(change.get("signs", ()), getattr(old, "signs", ()), strict=False)
     turned = tuple(k for k, (now, was) in enumerate(signs) if now != was)
     view = [g for g in structure.groups if is_sensors(g)] if new else FRAME
-    body = replace(
-        body, structure=structure, noise=body.noise * factor, tau=body.tau * factor,
-        residual=body.residual * factor,
-    )  # fmt: skip
-    forgotten = indices_of(structure, view)
+    sizes = {name: factor * getattr(body, name) for name in ("noise", "tau", "residual")}
+    body, forgotten = replace(body, structure=structure, **sizes), indices_of(structure, view)
     return Reference(body, beta, new, "mirror" in change, turned, locked, factor, forgotten)
+
+
+def carried_offset(old: Body, new: Body, beta: Array, q: Array, offset: Array) -> Array:
+    """What maps add to a body, after the arm or the sensor has changed.
+
+    A displacement (n, m) of the tip is taken as that of the joints that causes it (least squares),
+    and these joints' displacement in the new prediction: a moved sensor turns it exactly.
+    """
+    before = old.structure.slope(q, old.beta)
+    after = new.structure.slope(q, beta)
+    joints = np.einsum("ndm,nm->nd", np.linalg.pinv(before, rcond=1e-3), offset)
+    return np.asarray(np.einsum("nmd,nd->nm", after, joints))
 
 
 def _camera_anew(body: Body, q: Array, z: Array) -> Array:
@@ -137,19 +139,17 @@ def _camera_anew(body: Body, q: Array, z: Array) -> Array:
 def _variants(body: Body) -> Iterator[tuple[dict[str, Any], Array, tuple[int, ...]]]:
     """Other fields of the structure, parameters, locked joints: mirrored, turned round, locked."""
     structure, beta = body.structure, body.beta
-    yield {}, beta, ()
     mirrors: list[dict[str, Any]] = [{}]
     if (mirror := getattr(structure, "mirror", None)) is not None:
         mirrors.append({"mirror": -mirror})
-        yield mirrors[1], beta, ()
+    yield from ((seen, beta, ()) for seen in mirrors)
     if not {"offset", "gain"} <= set(structure.groups):
         return
     signs = getattr(structure, "signs", ())
     for k in np.flatnonzero(structure.revolute).tolist():
         if signs:
             other = tuple(-s if j == k else s for j, s in enumerate(signs))
-            for seen in mirrors:
-                yield {**seen, "signs": other}, beta, ()
+            yield from (({**seen, "signs": other}, beta, ()) for seen in mirrors)
         for angle in np.arange(-np.pi, np.pi, _LOCKED_STEP) if k else ():
             held = beta.copy()
             held[structure.groups["gain"][k]] = 0.0
@@ -164,64 +164,31 @@ def _replaced(structure: Structure, change: dict[str, Any]) -> Structure:
     return replace(structure, **own) if own else structure  # type: ignore[type-var]
 
 
-def _rigid_misfit(p: Array, z: Array, scaled: bool) -> tuple[float, float, Array]:
-    """Typical distance after the best motion, its scale and its rotation (Umeyama 1991).
+def _misfit(p: Array, z: Array, scaled: bool) -> tuple[float, float, Array]:
+    """Typical distance after the best motion, its scale and its rotation.
 
-    The rotation is a proper one: mirrors are variants of the structure.  Rows that contradict
-    most others are left out of a second fit.
+    Rows that contradict most others are left out of a second fit.
     """
     kept = np.ones(len(p), dtype=bool)
     for _ in range(3):
-        a, b = p[kept] - p[kept].mean(axis=0), z[kept] - z[kept].mean(axis=0)
-        u, s, vt = np.linalg.svd(b.T @ a)
-        sign = np.ones(len(s))
-        sign[-1] = np.sign(np.linalg.det(u @ vt)) or 1.0
-        turn = (u * sign) @ vt
-        ratio = float((s * sign).sum() / max(float((a**2).sum()), 1e-300))
+        turn, _, ratio = similarity(p[kept], z[kept])
         size = ratio if scaled else 1.0
-        residual = z - z[kept].mean(axis=0) - size * (p - p[kept].mean(axis=0)) @ turn.T
-        error = np.linalg.norm(residual, axis=1)
+        away = z - z[kept].mean(axis=0) - size * (p - p[kept].mean(axis=0)) @ turn.T
+        error = np.linalg.norm(away, axis=1)
         kept = error <= max(3.0 * float(np.median(error)), 1e-12)
     # a scale that is near one is not what is asked for
-    typical = float(np.median(error)) / (size if scaled and size > 0 else 1.0)
-    return typical, max(ratio, 1e-12), turn
+    return float(np.median(error)) / size, ratio, turn
 
 
 def _placed(
-    structure: Structure, q: Array, z: Array, starts: list[Array], scaled: bool = False
+    structure: Structure, q: Array, z: Array, starts: list[Array], groups: tuple[str, ...]
 ) -> Array:
-    """Gauss-Newton of the frame alone on absolute residuals, from the best of some starts."""
-    free = indices_of(structure, (*FRAME, "view.scale") if scaled else FRAME)
-    # steps of a rotation and a scale stay below 0.5
-    careful = ~np.isin(free, structure.groups["view.shift"])
-    tries = []
-    for beta in starts:
-        for _ in range(30):
-            predicted, x = structure.linearise(q, beta, free)
-            r = structure.residual(z, predicted)
-            error = np.linalg.norm(r, axis=1)
-            root = 1.0 / np.sqrt(np.maximum(error, 0.3 * np.median(error) + 1e-12))
-            j = (x * root[:, None, None]).reshape(-1, len(free))
-            size = np.sqrt((j**2).sum(axis=0)) + 1e-300
-            step = np.linalg.lstsq(j / size, (r * root[:, None]).ravel(), rcond=1e-12)[0] / size
-            step *= min(1.0, 0.5 / max(float(np.abs(step[careful]).max()), 1e-12))
-            full = np.zeros(len(beta))
-            full[free] = step
-            beta = structure.retract(beta, full)
-            if float(np.abs(step * size).max()) < 1e-9 * float(size.max()):
-                break
-        residual = structure.residual(z, structure.predict(q, beta))
-        tries.append((float(np.median(np.linalg.norm(residual, axis=1))), beta))
-    return min(tries, key=lambda t: t[0])[1]
-
-
-def carried_offset(old: Body, new: Body, beta: Array, q: Array, offset: Array) -> Array:
-    """What maps add to a body, after the arm or the sensor has changed.
-
-    A displacement (n, m) of the tip is taken as that of the joints that causes it (least squares),
-    and these joints' displacement in the new prediction: a moved sensor turns it exactly.
-    """
-    before = old.structure.slope(q, old.beta)
-    after = new.structure.slope(q, beta)
-    joints = np.einsum("ndm,nm->nd", np.linalg.pinv(before, rcond=1e-3), offset)
-    return np.asarray(np.einsum("nmd,nd->nm", after, joints))
+    """The frame alone fitted to the rows, from the best of some starts."""
+    sd = np.zeros(structure.size)
+    sd[indices_of(structure, groups)] = 1e3 * max(1.0, float(structure.extents[0]))
+    found = []
+    for start in starts:
+        fit = Fit(structure, q, z, start, Prior(start, sd), STUDENT, structure.extents)
+        beta, cost, _ = fit.settle(30)
+        found.append((cost, beta))
+    return min(found, key=lambda each: each[0])[1]

@@ -1,14 +1,14 @@
 """Hypotheses: what may have changed between an old belief and a new log, and by how much.
 
-They know an arm only by the groups of its structure's parameters, so that planar and spatial arms
-share this table.
+They know an arm only by the groups of its structure's parameters: one table serves planar and
+spatial arms, and holds what is said of each group.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
-from typing import NamedTuple
+from dataclasses import replace
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -25,52 +25,50 @@ from .settings import ANYWHERE, BUILT_CURVE, CREEP, OWN_FLOOR
 FRAME = ("view.rotation", "view.shift")
 """Groups that move when the sensor is put elsewhere; always freed together."""
 
+Hypothesis = tuple[str, ...]
+"""Groups that are freed; ``"curve"`` stands for those of all joints."""
 
-class _Sizes(NamedTuple):
-    """Standard deviations of a group's parameters."""
+
+class Group(NamedTuple):
+    """How far the parameters of a group may move (standard deviations), and its words."""
 
     freed: float  # of one that has changed
     creep: float = 0.0  # between two logs of an arm that has not
     built: float = 0.0  # of an arm as it was built, from its drawing
+    kept: str = ""  # of what an adaptation leaves as it was; "" where that is not told
+    # of a change; `value` and `half` its interval are in deg or %
+    changed: str = "{name} changed by {raw:.4g} ± {raw_half:.2g} {unit}"
+    whole: bool = False  # whether all of its parameters are one cause
 
 
-_SIZES = {
-    "view.rotation": _Sizes(0.05),  # [rad], about the frame that fits the log best
-    "view.shift": _Sizes(0.05),  # of the extents
-    "view.scale": _Sizes(0.3),
-    "view.shear": _Sizes(0.1),
-    "view.tilt": _Sizes(0.3),  # over the chain's length
-    "lens": _Sizes(0.2),
-    "offset": _Sizes(np.radians(5.0), np.radians(0.02), np.radians(0.1)),
-    "length": _Sizes(0.15, 1e-4, 1e-3),  # of the mean length; as built [m]
-    "gain": _Sizes(0.03, 1e-4, 1e-3),
-    "elastic": _Sizes(0.02, 2e-5, 1e-4),
-    "tool": _Sizes(0.1, 1e-4, 1e-3),  # [m]; its prior in space is that of an unknown tool
-    "tool.rotation": _Sizes(0.3, np.radians(0.02), np.radians(0.1)),
+OFF = "{who} is off by {value:+.3g} ± {half:.2g} deg"
+_SCALED, _GAINED = "changed by {value:+.3g} %", "moves {value:+.3g} ± {half:.2g} % further than it"
+_WAVED = "{joint} has another error curve, by up to {most:.3g} deg"
+_DEGREE = float(np.radians(1.0))
+GROUPS = {
+    # [rad], about the frame that fits the log best; of the extents
+    "view.rotation": Group(0.05, kept="the sensor's frame"),
+    "view.shift": Group(0.05),
+    "view.scale": Group(0.3, 0, 0, "the sensor's scale", f"the sensor's scale {_SCALED}", True),
+    "view.shear": Group(0.1, changed="the sensor's axes are stretched or sheared", whole=True),
+    # over the chain's length
+    "view.tilt": Group(0.3, 0, 0, "the camera's tilt", "the camera is tilted", True),
+    "lens": Group(0.2, 0, 0, "the lens", "the sensor's frame is bent, as by a lens", True),
+    # of the mean length; as built [m]
+    "length": Group(
+        0.15, 1e-4, 1e-3, "the links' lengths", "the link of {joint} is {share}{size} {longer}"
+    ),
+    "offset": Group(5 * _DEGREE, 0.02 * _DEGREE, 0.1 * _DEGREE, "the joints' offsets", OFF),
+    "gain": Group(0.03, 1e-4, 1e-3, "the joints' gains", f"{{joint}} {_GAINED} says"),
+    "elastic": Group(
+        0.02, 2e-5, 1e-4, "elasticity", "{joint} bends under load, by up to {most:.3g} deg", True
+    ),
+    # over the prior of a robot
+    "placement": Group(5.0, 0.1, 1.0, "the joints' placements"),
+    "tool": Group(0.1, 1e-4, 1e-3, "the tool"),  # [m]
+    "tool.rotation": Group(0.3, 0.02 * _DEGREE, 0.1 * _DEGREE),
+    "curve": Group(0.0, changed=_WAVED, whole=True),  # of sizes that are given
 }
-_OTHER = _Sizes(5.0, 0.1, 1.0)
-"""The same of groups that are not listed, over their prior of a robot."""
-
-
-@dataclass(frozen=True)
-class Hypothesis:
-    """What may have changed."""
-
-    groups: tuple[str, ...]  # groups that are freed; ``"curve"`` stands for those of all joints
-
-    @property
-    def name(self) -> str:
-        """Such as "nothing", "frame", "frame, length"."""
-        own = [g.removeprefix("view.") for g in self.groups if g not in FRAME]
-        return ", ".join([*["frame"] * self.framed, *own]) or "nothing"
-
-    @property
-    def framed(self) -> bool:
-        """Whether the sensor's frame is free."""
-        return "view.shift" in self.groups
-
-
-NOTHING = Hypothesis(())
 
 TESTED = ("offset", "length", "gain", "placement", "tool")
 """Groups that are tested joint by joint."""
@@ -95,7 +93,23 @@ def hypotheses_of(structure: Structure, cause: str | None = None) -> tuple[Hypot
     if sensor and arm:
         sets += [(*FRAME, *more) for more in (*_ARM, (*_EVERY, *_CAMERA, "lens"))]
     known = (tuple(g for g in groups if len(indices_of(structure, (g,)))) for groups in sets)
-    return tuple(Hypothesis(groups) for groups in dict.fromkeys(known))
+    return tuple(dict.fromkeys(known))
+
+
+def name_of(hypothesis: Hypothesis) -> str:
+    """Such as "nothing", "frame", "frame, length"."""
+    own = [g.removeprefix("view.") for g in hypothesis if g not in FRAME]
+    return ", ".join([*["frame"] * is_framed(hypothesis), *own]) or "nothing"
+
+
+def is_framed(hypothesis: Hypothesis) -> bool:
+    """Whether the sensor's frame is free."""
+    return "view.shift" in hypothesis
+
+
+def is_sensors(group: str) -> bool:
+    """Whether a group of parameters is the sensor's."""
+    return group.startswith("view.") or group == "lens"
 
 
 def parts_of(structure: Structure, group: str) -> list[tuple[str, Indices]]:
@@ -111,11 +125,6 @@ def indices_of(structure: Structure, groups: Iterable[str]) -> Indices:
     return np.concatenate([np.zeros(0), *parts]).astype(np.intp)
 
 
-def is_sensors(group: str) -> bool:
-    """Whether a group of parameters is the sensor's."""
-    return group.startswith("view.") or group == "lens"
-
-
 def freedom(
     body: Body, hypothesis: Hypothesis, cause: str | None = None, found: Indices | None = None
 ) -> Array:
@@ -124,9 +133,8 @@ def freedom(
     found : parameters of a frame that was fitted to the log, of which no prior holds any; a narrow
         one about that fit would count the rows twice
     """
-    sd = _deviations(body, hypothesis.groups, "freed", BUILT_CURVE)
-    _keep_gauge(body, sd, cause)
-    if hypothesis.framed and found is not None:
+    sd = _deviations(body, hypothesis, "freed", BUILT_CURVE, cause=cause)
+    if is_framed(hypothesis) and found is not None:
         sd[np.intersect1d(indices_of(body.structure, FRAME), found)] *= ANYWHERE
     return sd
 
@@ -137,59 +145,10 @@ def creep(body: Body, waves: float = CREEP) -> Array:
     waves : that of the joints' curves over their prior's; beyond `CREEP` of those too that the
         belief leaves out
     """
-    sd, known = _deviations(body, None, "creep", waves), body.active
-    _keep_gauge(body, sd)
+    sd, known = _deviations(body, _arms(body), "creep", waves), body.active
     if waves > CREEP:
         known = np.union1d(known, indices_of(body.structure, ("curve",)))
     return np.where(np.isin(np.arange(len(sd)), known), sd, 0.0)
-
-
-def _deviations(
-    body: Body, groups: Iterable[str] | None, kind: str, curve: float, metre: float | None = None
-) -> Array:
-    """Standard deviation (d,) of the parameters of some groups, 0 elsewhere.
-
-    groups : by default all of the arm
-    kind : a column of `_Sizes`
-    curve : that of the joints' curves, over their prior's
-    metre : [unit], what lengths are told in; their mean where not given
-    """
-    structure, sd = body.structure, np.zeros(body.structure.size)
-    extent, length = float(structure.extents[0]), metre or _length(body)
-    # what is tilted is the chain, in its own unit: a log may be in another
-    chain = float(np.abs(body.beta[indices_of(structure, ("length",))]).sum()) or extent
-    times = {"view.shift": extent, "view.tilt": 1.0 / chain, "length": length}
-    if groups is None:
-        groups = [g for g in structure.groups if not is_sensors(g)]
-    for group in groups:
-        size = getattr(_SIZES.get(group, _OTHER), kind) * times.get(group, 1.0)
-        for name, ix in parts_of(structure, group):
-            sd[ix] = curve if name.startswith("curve") else size
-            if group in _SIZES:
-                continue
-            usual = structure.prior((name,)).sd[ix]
-            # A chain without a drawing has flat priors of its joint origins.  What was learned has
-            # taken their place: shares of them let origins creep by a tenth of the reach.
-            if group == "placement" and (turns := getattr(structure, "turns", None)) is not None:
-                usual = np.minimum(usual, np.where(np.isin(ix, turns), TURN, SHIFT))
-            sd[ix] *= usual
-    return sd
-
-
-def _length(body: Body) -> float:
-    """Mean length of the links [unit]; 1 of a chain without such a group."""
-    lengths = body.beta[indices_of(body.structure, ("length",))]
-    return float(np.abs(lengths).mean()) if len(lengths) else 1.0
-
-
-def _keep_gauge(body: Body, sd: Array, cause: str | None = None) -> None:
-    """Hold what a free frame already says: the first joint's offset, the first length."""
-    offset, length = (indices_of(body.structure, (g,)) for g in ("offset", "length"))
-    # with the frame held, the first joint's offset is what a turn about its axis is
-    if len(offset) and offset[0] not in body.active and cause != "joints":
-        sd[offset[0]] = 0.0
-    if np.isin(length[1:], body.active).any() and length[0] not in body.active:
-        sd[length[0]] = 0.0
 
 
 def as_built(body: Body) -> Body:
@@ -205,8 +164,7 @@ def as_built(body: Body) -> Body:
     metre = float(getattr(structure, "metre", 1.0))
     if structure.view not in ("rigid", "base", "pose"):
         metre = _length(body) / 0.3
-    sd = _deviations(body, None, "built", BUILT_CURVE, metre)
-    _keep_gauge(body, sd)
+    sd = _deviations(body, _arms(body), "built", BUILT_CURVE, metre)
     if structure.kind == "spatial":  # the first origin's place is the frame's own
         first = (getattr(structure, name)[0] for name in ("shifts", "turns"))
         sd[np.concatenate(list(first))] = 0.0
@@ -216,3 +174,48 @@ def as_built(body: Body) -> Body:
     covariance = np.diag(sd[active] ** 2)
     covariance[np.ix_(*2 * (np.searchsorted(active, body.active),))] += body.covariance
     return replace(body, active=active, root=root_of(covariance), second=None)
+
+
+def _arms(body: Body) -> tuple[str, ...]:
+    return tuple(g for g in body.structure.groups if not is_sensors(g))
+
+
+def _length(body: Body) -> float:
+    """Mean length of the links [unit]; 1 of a chain without such a group."""
+    lengths = body.beta[indices_of(body.structure, ("length",))]
+    return float(np.abs(lengths).mean()) if len(lengths) else 1.0
+
+
+def _deviations(
+    body: Body, groups: Hypothesis, kind: str, curve: float, metre: float | None = None,
+    cause: str | None = None,
+) -> Array:  # fmt: skip
+    """Standard deviation (d,) of the parameters of some groups, 0 elsewhere.
+
+    kind : a column of `GROUPS`
+    curve : that of the joints' curves, over their prior's
+    metre : [unit], what lengths are told in; their mean where not given
+    """
+    structure: Any = body.structure
+    sd = np.zeros(structure.size)
+    extent, length = float(structure.extents[0]), metre or _length(body)
+    # what is tilted is the chain, in its own unit: a log may be in another
+    chain = float(np.abs(body.beta[indices_of(structure, ("length",))]).sum()) or extent
+    times = {"view.shift": extent, "view.tilt": 1.0 / chain, "length": length}
+    for name, ix in (part for group in groups for part in parts_of(structure, group)):
+        if name.startswith("curve"):
+            sd[ix] = curve * structure.prior((name,)).sd[ix]
+            continue
+        sd[ix] = getattr(GROUPS[name], kind) * times.get(name, 1.0)
+        if name == "placement":
+            # A chain without a drawing has flat priors of its joint origins.  What was learned has
+            # taken their place: shares of them let origins creep by a tenth of the reach.
+            least = np.where(np.isin(ix, structure.turns), TURN, SHIFT)
+            sd[ix] *= np.minimum(structure.prior((name,)).sd[ix], least)
+    # what a free frame already says: the first joint's offset, the first length
+    offset, length_ = (indices_of(structure, (g,)) for g in ("offset", "length"))
+    if len(offset) and offset[0] not in body.active and cause != "joints":
+        sd[offset[0]] = 0.0
+    if np.isin(length_[1:], body.active).any() and length_[0] not in body.active:
+        sd[length_[0]] = 0.0
+    return sd

@@ -36,11 +36,10 @@ class State(NamedTuple):
 
 
 class Monitor:
-    """Watches a stream of samples.
+    """Watches a stream of samples: a sequential form of the tests of `check`.
 
-    A sequential form of the tests of `check`: of the recent past it keeps the products of the
-    residual with the displacements that a change of a link, an offset or the sensor's frame would
-    make.  What these explain is compared with chance (an F test, of as many samples as are
+    Of the recent past it keeps the products of the residual with the displacements that a change
+    would make.  What these explain is compared with chance (an F test, of as many samples as are
     independent of each other) and with what the model may be off by itself where the samples lie.
 
     Parameters
@@ -69,23 +68,20 @@ class Monitor:
         if model.baseline is None:
             raise ModelError("the model has no baseline of its distortions: train it again")
         self._model, self._expected = model, model.baseline.sensory
-        self._every = np.zeros(0, dtype=np.intp)
         if model.body is not None:
-            self._every = np.unique(np.concatenate(list(groups_of(model.body).values())))
+            self._every = np.unique(np.concatenate([*groups_of(model.body).values()]))
         self._combined = _orthonormal(self._moves(np.clip(model.motor.units, 0.0, 1.0)))
         axes, p = model.sensory.scale.span.size, self._combined.shape[1]
         self._fade = 1.0 - 1.0 / window
-        self._moments = np.zeros((p + 1, p + 1))
-        self._own = _own_error(model)
-        self._noise = model.baseline.noise
+        self._own, self._noise = _own_error(model), model.baseline.noise
         self._least = LEAST_NOISE * float(np.linalg.norm(model.sensory.scale.span))
         # by numbers of independent samples: what chance explains of noise, in its variances
         free = np.maximum(axes * np.arange(int(2.0 * window) + 2.0) - p, 1.0)
         self._chance = p * np.asarray(fdtri(p, free, 1.0 - MONITOR_ALARM))
-        # sums that fade: samples, their squared weights, zeta over what is usual, squared bounds
-        self._sums, self._usual = np.zeros(4), 0.0
+        # sums that fade: products of directions and residuals; samples, their squared weights,
+        # zeta over what is usual, squared bounds
+        self._moments, self._sums = np.zeros((p + 1, p + 1)), np.zeros(4)
         self._last, self._lagged, self._long = np.zeros(axes), 0.0, 0.0
-        self._seen = 0
         self._state = State(0, False, 0.0, 0.0, 0.0, 0.0, ())
 
     def update(self, q: Sequence[float] | Array, x: Sequence[float] | Array) -> State:
@@ -101,25 +97,22 @@ class Monitor:
         ):
             if values.shape != (len(names),):
                 raise QueryError(f"{values.size} {what}: expected {len(names)}")
-        if not (np.isfinite(q).all() and np.isfinite(x).all()):
-            return self._state
-        residual = x - model.forward(q)
+        known = np.isfinite(q).all() and np.isfinite(x).all()
+        residual = x - model.forward(q) if known else np.full(len(x), np.nan)
         if not np.isfinite(residual).all():
             return self._state
         unit = model.motor.scale.to_unit(q[None])
         bound = float(self._own[int(model.motor.nearest(unit)[1][0, 0])])
         size = float(np.sqrt(residual @ residual))
-        usual = max(self._usual, self._noise, bound)
-        self._usual += 0.05 * (min(size, 3.0 * usual) - self._usual)
-        residual *= min(1.0, _CLIP * max(self._usual, self._noise, bound) / max(size, 1e-300))
+        usual = math.sqrt(self._moments[-1, -1] / max(self._sums[0], 1.0))
+        residual *= min(1.0, _CLIP * max(usual, self._noise, bound) / max(size, 1e-300))
         row = np.concatenate([self._moves(unit)[0] @ self._combined, residual[:, None]], axis=1)
         away, winner = model.sensory.nearest(model.sensory.scale.to_unit(x[None]))
         ratio = float(away[0, 0]) ** 2 / float(self._expected[int(winner[0, 0])])
         fade = self._fade  # sums over a window that forgets, in constant memory
         self._moments = fade * self._moments + row.T @ row
         self._sums = self._sums * [fade, fade**2, fade, fade] + [1.0, 1.0, ratio, bound**2]
-        self._seen += 1
-        self._judge(row)
+        self._state = self._judged(row)
         return self._state
 
     @property
@@ -127,43 +120,42 @@ class Monitor:
         """The state after the last sample."""
         return self._state
 
-    def _judge(self, row: Array) -> None:
+    def _judged(self, row: Array) -> State:
+        """The state after a sample's directions and residual (m, p + 1)."""
         moments, axes, p = self._moments, len(row), len(self._moments) - 1
         weight, square, ratio, bound = self._sums.tolist()
         gram, products = moments[:-1, :-1].copy(), moments[:-1, -1]
         gram[np.diag_indices(p)] += 1e-9 * np.trace(gram) / p + 1e-300
         combined = np.linalg.solve(gram, products)
         explained = max(float(products @ combined), 0.0) / weight
-        independent = weight**2 / square
+        # Noise that is like that of the sample before tells less: a process of first order.
+        # A change leaves a rest that lasts: of a long memory and by direction, it counts little.
+        # (directions in the plane are alike by pi/4 of the correlation where that is small)
         rest = row[:, -1] - row[:, :-1] @ combined
-        # A change leaves a rest that lasts: of a long memory and by direction, it counts little
         rest = rest / max(math.sqrt(float(rest @ rest)), 1e-300)
         fade = 1.0 - 1.0 / LONG
         self._lagged = fade * self._lagged + float(rest @ self._last)
-        self._long = fade * self._long + 1.0
-        self._last = rest
-        # noise that is like that of the sample before tells less: a process of first order
-        # (directions in the plane are alike by pi/4 of the correlation where that is small)
+        self._long, self._last = fade * self._long + 1.0, rest
         alike = min(max(self._lagged / self._long * 4.0 / math.pi, 0.0), 0.98)
-        independent *= (1.0 - alike) / (1.0 + alike)
+        independent = weight**2 / square * (1.0 - alike) / (1.0 + alike)
         left = max(float(moments[-1, -1]) / weight - explained, 0.0) / axes
         left /= max(1.0 - p / (axes * independent), 0.1)
-        variance = max(left, self._noise**2)
+        variance, seen = max(left, self._noise**2), self._state.samples + 1
         chance = variance * float(self._chance[int(independent)]) / independent
         own = NUISANCE**2 * bound / weight + self._least**2
-        score = math.sqrt(explained / (chance + own)) if self._seen >= _WARM else 0.0
-        self._state = State(
-            self._seen, score > 1.0, score, ratio / weight, math.sqrt(explained),
-            math.sqrt(left), ("links",) if score > 1.0 else (),
+        score = math.sqrt(explained / (chance + own)) if seen >= _WARM else 0.0
+        return State(
+            seen, score > 1.0, score, ratio / weight, math.sqrt(explained), math.sqrt(left),
+            ("links",) if score > 1.0 else (),
         )  # fmt: skip
 
     def _moves(self, units: Array) -> Array:
         """Displacements (n, m, k) at joints (n, dof) in the unit box by what may change."""
-        model = self._model
-        if model.body is None:  # a sensor that is moved
+        model, body = self._model, self._model.body
+        if body is None:  # a sensor that is moved
             return affine_columns(model.predictor.value(units))
         q = model.motor.scale.from_unit(units)
-        return np.asarray(model.body.structure.linearise(q, model.body.beta, self._every)[1])
+        return np.asarray(body.structure.linearise(q, body.beta, self._every)[1])
 
 
 def monitor(model: Model) -> Monitor:

@@ -7,20 +7,21 @@ tell of the tool alone: what they say of a chain made the positions of real rows
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
 from ..arm.rotations import exponential, logarithm, matrix_of
 from ..body.belief import Body, knows_orientation
-from ..body.covariance import autocorrelation_time, root_of
-from ..body.settings import STUDENT
+from ..body.covariance import root_of
+from ..body.fit import maximise
+from ..body.parameters import Prior
+from ..body.settings import FREE, STUDENT
 from ..common.arrays import Array
 from ..common.wording import for_people
 from .causes import Cause
 from .comparison import Comparison
-from .equations import STEPS
 from .settings import FALSE_ALARM
 
 
@@ -28,9 +29,9 @@ from .settings import FALSE_ALARM
 class TurnedTool:
     """How the tool of a log is turned, beside what the model says."""
 
-    score: float  # statistic over its threshold; 0 where nothing can be compared
-    turn: Array  # (3,) [rad], of the parameters of the tool's rotation
-    covariance: Array  # (3, 3)
+    score: float = 0.0  # statistic over its threshold; 0 where nothing can be compared
+    turn: Array = field(default_factory=lambda: np.zeros(3))  # [rad], in the tool's own axes
+    covariance: Array = field(default_factory=lambda: np.zeros((3, 3)))
     notes: tuple[str, ...] = ()  # why orientations were not compared
 
     @property
@@ -45,8 +46,7 @@ class TurnedTool:
 
     def of(self, body: Body) -> Body:
         """A belief with the tool turned."""
-        tool = body.structure.groups["tool.rotation"]
-        delta = np.zeros(body.structure.size)
+        tool, delta = body.structure.groups["tool.rotation"], np.zeros(body.structure.size)
         delta[tool] = self.turn
         place, covariance = np.searchsorted(body.active, tool), body.covariance.copy()
         covariance[place], covariance[:, place] = 0.0, 0.0
@@ -62,43 +62,31 @@ def turned_tool(found: Comparison, body: Body | None = None) -> TurnedTool:
     """
     from scipy.special import chdtri
 
-    none = np.zeros(3), np.zeros((3, 3))
     if found.orientation is None:
-        return TurnedTool(0.0, *none)
+        return TurnedTool()
     if not knows_orientation(found.model.body):
         told = "orientations are not compared: the model was learned without them"
-        return TurnedTool(0.0, *none, (told,))
-    changed = found.changed and found.explained
-    structure: Any = found.reference.structure if changed else found.body.structure
-    beta = found.explanations[0].beta if changed else found.body.beta
-    if body is not None:
-        structure, beta = body.structure, body.beta
-    tool, posed = structure.groups["tool.rotation"], structure.with_view("pose")
-    predicted, x = posed.linearise(found.q, beta, tool)
-    seen, x = matrix_of(found.orientation), x[:, 3:]
-    # in the tool's own axes, so that a sensor that is turned, too, does not mix in
-    back = np.swapaxes(exponential(predicted[:, 3:]), 1, 2)
-    turns = logarithm(seen @ back)
-    # a sensor's turn, which only a change frees, beside the tool's
-    frame = np.broadcast_to(np.eye(3), x.shape)
-    design = np.concatenate([frame, x], axis=2) if changed and body is None else x
-    weight = np.ones(len(turns))
-    for _ in range(STEPS):
-        gram = np.einsum("nij,nik,n->jk", design, design, weight)
-        moved = np.linalg.pinv(gram) @ np.einsum("nij,ni,n->j", design, turns, weight)
-        residual = turns - design @ moved
-        square = (residual**2).sum(axis=1)
-        noise = max(float((weight * square).sum()) / (3 * len(turns)), 1e-18)
-        weight = (STUDENT + 3) / (STUDENT + square / noise)
-    # rows that err together count once, and the model knows its own tool as well as it does
-    own = noise * autocorrelation_time(residual) * np.linalg.pinv(gram)[-3:, -3:]
-    old = found.body
-    held = np.searchsorted(old.active, old.structure.groups["tool.rotation"])
+        return TurnedTool(notes=(told,))
+    old, sd = found.body, np.zeros(found.body.structure.size)
+    structure: Any = (body or old).structure
+    beta, tool = (body or old).beta, structure.groups["tool.rotation"]
+    if body is None and found.changed:
+        structure, beta = found.reference.structure, found.explanations[0].beta
+        sd[structure.groups["view.rotation"]] = FREE  # positions tell it less well
+    sd[tool] = FREE
+    posed, z = structure.with_view("pose"), logarithm(matrix_of(found.orientation))
+    fit = maximise(
+        posed, found.q, np.hstack([found.x, z]), beta, Prior(beta, sd), nu=STUDENT,
+        floor=np.repeat([FREE**2 * structure.extent, 1e-9], 3),  # of positions nothing is asked
+    )  # fmt: skip
+    before, after = exponential(np.stack([beta[tool], fit.beta[tool]]))
+    turn, place = logarithm(before.T @ after), np.searchsorted(fit.active, tool)
+    own, held = fit.covariance[np.ix_(place, place)], np.searchsorted(old.active, tool)
+    # the model knows its own tool as well as it does
     covariance = own + old.kappa**2 * old.covariance[np.ix_(held, held)]
-    turn = moved[-3:]
     score = float(turn @ np.linalg.solve(covariance, turn)) / float(chdtri(3, FALSE_ALARM))
     # what the chain leaves over differs between regions of the workspace by about its scatter
-    score = min(score, float(np.linalg.norm(turn)) / float(np.sqrt(3 * noise)))
+    score = min(score, float(np.linalg.norm(turn) / (np.sqrt(3) * fit.noise[-1])))
     return TurnedTool(score, turn, own)
 
 
@@ -114,9 +102,7 @@ def hand_told_once(causes: tuple[Cause, ...], seen: Mapping[str, Any] | None) ->
     one = next((cause for cause in moved if cause.unit == "rad"), moved[0])
     factor, unit = for_people(one.unit)
     low, high = (factor * end for end in one.interval or (0.0, 0.0))
-    size, half = abs(low + high) / 2, (high - low) / 2
-    how = (
-        "has turned in its mount by" if unit == "deg" else "has moved in its mount, what it sees by"
-    )
-    told = replace(one, cause="tool", words=f"the {what} {how} {size:.3g} ± {half:.2g} {unit}")
+    how = "turned in its mount by" if unit == "deg" else "moved in its mount, what it sees by"
+    size = f"{abs(low + high) / 2:.3g} ± {(high - low) / 2:.2g} {unit}"
+    told = replace(one, cause="tool", words=f"the {what} has {how} {size}")
     return (told, *(cause for cause in causes if cause not in moved))

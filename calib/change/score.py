@@ -1,17 +1,15 @@
 """Score tests: which freed group of parameters explains more of a log than chance does.
 
-One set of normal equations.  A log of an arm that has not changed is normal: its covariance is
-that of the model's posterior, of a residual of this log alone, and of noise.  The size of the
-noise is unknown, and it may be that of one joint's encoder; each is what makes the log most
-likely, with the group freed and without.  The gain in log likelihood has a chance where nothing
-changed, that of an F test, so that a noise of few rows is not taken for known.
+The size of the noise is unknown, and it may be that of one joint's encoder; each is what makes the
+log most likely, with the group freed and without.  The gain has a chance where nothing changed,
+that of an F test, so that a noise of few rows is not taken for known.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -53,11 +51,8 @@ class GroupTest:
     p_value: float  # chance of such rows where nothing changed, after Bonferroni
     statistic: float = 0.0  # twice the gain in log likelihood
     freedom: int = 1  # directions that the rows tell apart
-    # (p,), its parameters; the first is the one that the group is about
-    indices: Indices = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
-    # (p,), change of each parameter and its standard deviation
-    estimate: Array = field(default_factory=lambda: np.zeros(0))
-    deviation: Array = field(default_factory=lambda: np.zeros(0))
+    # (p,), its parameters, how each changed, and the standard deviation of that
+    change: tuple[Indices, Array, Array] | None = None
     # [unit], root mean square displacement, over the learned range, of the smallest change of the
     # first parameter that these rows would show nine times in ten
     smallest: float = 0.0
@@ -98,50 +93,66 @@ def fired(groups: Iterable[GroupTest]) -> tuple[GroupTest, ...]:
 def groups_of(body: Body) -> dict[str, Indices]:
     """Groups that are tested: the sensor's view, and each joint's own parameters."""
     structure = body.structure
-
-    def joined(*names: str) -> Indices:
-        return indices_of(structure, names)
-
-    frame = joined(*FRAME)
+    frame = indices_of(structure, FRAME)
     found = {"sensor": frame}
-    for name, own in (
-        ("sensor scale", joined("view.scale")),
-        ("sensor tilt", joined("view.tilt", "view.shear", "view.scale")),
-        ("lens", joined("lens")[:1]),
+    for name, groups in (
+        ("sensor scale", ("view.scale",)),
+        ("sensor tilt", ("view.tilt", "view.shear", "view.scale")),
+        ("lens", ("lens",)),
     ):
-        if name != "sensor tilt" or len(joined("view.tilt")):
-            found[name] = np.concatenate([own, frame]) if len(own) else own
+        if len(indices_of(structure, groups[:1])):
+            own = indices_of(structure, groups)[: 1 if name == "lens" else None]
+            found[name] = np.concatenate([own, frame])
     joints: dict[str, list[int]] = {}
     for group in TESTED:
-        for index in joined(group):
-            joint = structure.label(int(index)).joint
-            joints.setdefault(f"{group}:{joint}" if joint else group, []).append(int(index))
-    joints["elastic"] = joined("elastic").tolist()  # a payload bends all joints at once
+        for index in indices_of(structure, (group,)).tolist():
+            joint = structure.label(index).joint
+            joints.setdefault(f"{group}:{joint}" if joint else group, []).append(index)
+    joints["elastic"] = indices_of(structure, ("elastic",)).tolist()  # a payload bends all at once
     for name, some in joints.items():
         if some:
             found[name] = np.array(some, dtype=np.intp)
             found[f"{name} and sensor"] = np.concatenate([found[name], frame])
-    found["geometry"] = joined("offset", "length", "gain", "elastic", *FRAME)
+    found["geometry"] = indices_of(structure, ("offset", "length", "gain", "elastic", *FRAME))
     return {name: ix for name, ix in found.items() if len(ix)}
 
 
 class _Groups(NamedTuple):
+    """The groups of which a sensor can see something."""
+
     every: Indices  # (p,), all parameters of the groups
     columns: dict[str, Indices]  # of each group, where its parameters stand in `every`
     moves: Array  # (p,) [unit], root mean square displacement by one of each parameter
     x: Array  # (n, m, p), derivative by them at the rows
+    residual: Array  # (n, m), of the rows
+
+    @staticmethod
+    def of(reference: Reference, log: Log, probes: Array) -> _Groups:
+        structure, groups = reference.structure, groups_of(reference.body)
+        every = np.unique(np.concatenate(list(groups.values())))
+        predicted, x = structure.linearise(log.q, reference.beta, every)
+        _, moves = structure.linearise(probes, reference.beta, every)
+        moves = np.sqrt((moves[:, : structure.blocks[0]] ** 2).sum(axis=1).mean(axis=0))
+        columns = {}
+        for name, indices in groups.items():
+            place = np.searchsorted(every, indices)
+            if name.startswith("elastic"):  # of a joint about a vertical axis no load is felt
+                place = place[np.argsort(-moves[place], kind="stable")]
+            if x[..., place[0]].any():  # a tracker has no lens
+                columns[name] = place
+        return _Groups(every, columns, moves, x, structure.residual(log.z, predicted))
 
 
 class _Profile:
     """Log likelihoods [nats] of all hypotheses over sizes of the noise, for one shape of it."""
 
     def __init__(
-        self, reference: Reference, log: Log, y: Array, groups: _Groups,
+        self, reference: Reference, log: Log, groups: _Groups,
         noisy: tuple[int, float] | None = None,
     ) -> None:  # fmt: skip
         self.noisy = noisy
         self.equations = e = Equations(reference, log, crept=CREPT, noisy=noisy)
-        self.y, self.x = e.whiten(y), e.whiten(groups.x)
+        self.y, self.x = e.whiten(groups.residual), e.whiten(groups.x)
         self.sizes = e.noises(self.y)  # in `Reference.sizes`
         self.power, self.pull = e.information(self.y, self.x, self.sizes)
         told = e.values / (self.sizes[:, None] ** 2 + e.values)
@@ -159,28 +170,32 @@ class _Profile:
             self.value[name] = same + 0.5 * gain
 
 
+def _explained(power: Array, pull: Array, ix: Indices) -> tuple[Array, int]:
+    """Quadratic form (s,) of a group's moment, and the directions that the rows tell apart."""
+    a, v = power[:, ix[:, None], ix], pull[:, ix]
+    size = np.sqrt(np.maximum(np.einsum("sii->si", a), 1e-300))
+    values, vectors = np.linalg.eigh(a / size[:, :, None] / size[:, None])
+    turned = np.einsum("sij,si->sj", vectors, v / size)
+    clear = values > 1e-9 * values[:, -1:]
+    square = np.where(clear, turned**2 / np.where(clear, values, 1.0), 0.0).sum(axis=1)
+    return np.asarray(square), int(clear[0].sum())
+
+
 class _Best(NamedTuple):
-    """The most likely size of the noise."""
+    """The most likely size of the noise: of one hypothesis, or of all by Akaike's criterion."""
 
     value: float
     profile: _Profile
     at: int
 
     @staticmethod
-    def of(profiles: Sequence[_Profile], name: str) -> _Best:
-        """Under one hypothesis."""
-        found = (
-            _Best(float(p.value[name].max()), p, int(p.value[name].argmax())) for p in profiles
-        )
-        return max(found, key=lambda each: each.value)
-
-    @staticmethod
-    def whatever(profiles: Sequence[_Profile]) -> _Best:
-        """Of all hypotheses, by Akaike's criterion with its term of few rows (Hurvich 1989)."""
+    def of(profiles: Sequence[_Profile], name: str | None = None) -> _Best:
         tried = []
         for p in profiles:
-            for name, k in p.directions.items():
-                value = p.value[name] - k * (1 + (k + 1) / np.maximum(p.freedom - k - 1, 0.1))
+            for each in p.directions if name is None else (name,):
+                # with its term of few rows (Hurvich 1989)
+                k = 0 if name is not None else p.directions[each]
+                value = p.value[each] - k * (1 + (k + 1) / np.maximum(p.freedom - k - 1, 0.1))
                 tried.append(_Best(float(value.max()), p, int(value.argmax())))
         return max(tried, key=lambda each: each.value)
 
@@ -188,18 +203,6 @@ class _Best(NamedTuple):
     def size(self) -> float:
         """That size, in `Reference.sizes`."""
         return float(self.profile.sizes[self.at])
-
-
-def _explained(power: Array, pull: Array, ix: Indices) -> tuple[Array, int]:
-    """Quadratic form (s,) of a group's moment, and the directions that the rows tell apart."""
-    a, v = power[:, ix[:, None], ix], pull[:, ix]
-    size = np.sqrt(np.maximum(np.einsum("sii->si", a), 0.0))
-    size = np.where(size > 0.0, size, 1.0)
-    values, vectors = np.linalg.eigh(a / size[:, :, None] / size[:, None])
-    turned = np.einsum("sij,si->sj", vectors, v / size)
-    clear = values > 1e-9 * values[:, -1:]
-    square = np.where(clear, turned**2 / np.where(clear, values, 1.0), 0.0).sum(axis=1)
-    return np.asarray(square), int(clear[0].sum())
 
 
 def group_tests(reference: Reference, log: Log, probes: Array) -> Tested:
@@ -212,59 +215,41 @@ def group_tests(reference: Reference, log: Log, probes: Array) -> Tested:
     log = log.some(_ROWS)
     if len(log.q) < FEW_ROWS:  # weights of few rows favour what their fit could follow
         log = replace(log, weight=np.where(log.kept, 1.0, log.weight))
-    structure = reference.structure
-    groups, y = _tested(reference, log, probes)
-    profiles = [calm := _Profile(reference, log, y, groups)]
+    groups = _Groups.of(reference, log, probes)
+    profiles = [calm := _Profile(reference, log, groups)]
     found, noise = _judged(profiles, groups)
-    noisy, usual = None, calm.equations.usual
+    noisy, usual, m = None, calm.equations.usual, groups.residual.shape[1]
     more = noise > NOISIER * usual or any(g.name == DRIFT and g.score > 1 for g in found)
     if more and not len(reference.forgotten):
-        slope = structure.slope(log.q, reference.beta) / reference.sizes[:, None]
+        slope = reference.structure.slope(log.q, reference.beta) / reference.sizes[:, None]
         lengths = np.sqrt((slope**2).sum(axis=1).mean(axis=0))
-        for joint in (joints := np.flatnonzero(lengths > 0.0).tolist()):
-            for times in JOINT_NOISES:  # so that at the tip both are alike
-                own = joint, times / float(lengths[joint])
-                profiles.append(_Profile(reference, log, y, groups, own))
+        joints = np.flatnonzero(lengths > 0.0).tolist()
+        # so that at the tip both are alike
+        tried = [(joint, times / lengths[joint]) for joint in joints for times in JOINT_NOISES]
+        profiles += [_Profile(reference, log, groups, own) for own in tried]
         # the joint whose encoder's noise makes the log clearly more likely, whatever changed
-        best = _Best.whatever(profiles)
-        gain = max(2.0 * (best.value - _Best.whatever(profiles[:1]).value), 0.0)
+        best = _Best.of(profiles)
+        gain = max(2.0 * (best.value - _Best.of(profiles[:1]).value), 0.0)
         if best.profile.noisy and float(chdtrc(1, gain)) * len(joints) < FALSE_ALARM:
             # Robust weights took errors along one direction for outliers: 3 mrad of noise passed
             # for 2, its mean for an offset.
-            rest = best.profile.equations.whiten(y).reshape(y.shape) / best.size
-            near = (rest**2).sum(axis=1) <= OUTLIER**2 * y.shape[1] * log.weight
+            rest = best.profile.equations.whiten(groups.residual).reshape(-1, m) / best.size
+            near = (rest**2).sum(axis=1) <= OUTLIER**2 * m * log.weight
             log = replace(log, weight=np.where(log.kept | near, 1.0, log.weight))
             joint, ratio = best.profile.noisy
             finer = [(joint, ratio * times) for times in FINER]
-            profiles = [_Profile(reference, log, y, groups, own) for own in (None, *finer)]
-            best = _Best.whatever(profiles[1:])
+            profiles = [_Profile(reference, log, groups, own) for own in (None, *finer)]
+            best = _Best.of(profiles[1:])
             noisy = joint, (best.profile.noisy or finer[0])[1] * best.size
             found, noise = _judged(profiles, groups)
     if noisy is None:  # what the weights leave out, as the median tells it
-        rest = noise * calm.equations.rest(calm.y, calm.x, noise)
+        rest = noise * calm.equations.rest(calm.y, noise, calm.x)
         away = np.linalg.norm(rest, axis=1) / np.sqrt(log.weight)
-        told = float(np.median(away)) / (1.177 if y.shape[1] == 2 else 1.54)
-        free = y.size / max(y.size - len(groups.every), 1.0)
+        told = float(np.median(away)) / (1.177 if m == 2 else 1.54)
+        free = groups.residual.size / max(groups.residual.size - len(groups.every), 1.0)
         noise = max(told * float(np.sqrt(min(free, 2.0))), usual)
     size = float(reference.sizes[0])
     return Tested(tuple(found), noise * size, float(reference.body.noise[0]), noisy)
-
-
-def _tested(reference: Reference, log: Log, probes: Array) -> tuple[_Groups, Array]:
-    """The groups of which a sensor can see something, and the residuals (n, m)."""
-    structure, groups = reference.structure, groups_of(reference.body)
-    every = np.unique(np.concatenate(list(groups.values())))
-    predicted, x = structure.linearise(log.q, reference.beta, every)
-    _, moves = structure.linearise(probes, reference.beta, every)
-    moves = np.sqrt((moves[:, : structure.blocks[0]] ** 2).sum(axis=1).mean(axis=0))
-    columns = {}
-    for name, indices in groups.items():
-        place = np.searchsorted(every, indices)
-        if name.startswith("elastic"):  # of a joint about a vertical axis no load is felt
-            place = place[np.argsort(-moves[place], kind="stable")]
-        if x[..., place[0]].any():  # a tracker has no lens
-            columns[name] = place
-    return _Groups(every, columns, moves, x), structure.residual(log.z, predicted)
 
 
 def _judged(profiles: list[_Profile], groups: _Groups) -> tuple[list[GroupTest], float]:
@@ -272,10 +257,9 @@ def _judged(profiles: list[_Profile], groups: _Groups) -> tuple[list[GroupTest],
     from scipy.special import chndtrinc, fdtrc, fdtri
 
     names = [*groups.columns, DRIFT]
-    same, likely = _Best.of(profiles, _SAME), _Best.whatever(profiles)
+    same, likely, first = _Best.of(profiles, _SAME), _Best.of(profiles), profiles[0]
     # rows that err together count once
-    first = profiles[0]
-    temper = autocorrelation_time(first.equations.rest(first.y, first.x, same.size))
+    temper = autocorrelation_time(first.equations.rest(first.y, same.size, first.x))
     count, found = len(first.y) / temper, []
     for name in names:
         best = _Best.of(profiles, name)
@@ -294,14 +278,11 @@ def _judged(profiles: list[_Profile], groups: _Groups) -> tuple[list[GroupTest],
         power, pull = best.profile.power[k][np.ix_(place, place)], best.profile.pull[k][place]
         size = np.sqrt(np.maximum(np.diag(power), 1e-300))
         inverse = np.linalg.pinv(power / size[:, None] / size, rcond=1e-9, hermitian=True)
-        estimate, deviation = inverse @ (pull / size) / size, np.sqrt(np.diag(inverse)) / size
+        deviation = np.sqrt(np.diag(inverse) * temper) / size
+        change = groups.every[place], inverse @ (pull / size) / size, deviation
         most = freedom / left * float(fdtri(freedom, left, 1.0 - FALSE_ALARM / len(names)))
         needed = chndtrinc(count * np.log1p(most), freedom, 1.0 - POWER) * temper
         told = max(float(likely.profile.power[likely.at][place[0], place[0]]), 1e-300)
-        found.append(
-            GroupTest(
-                name, p, statistic, freedom, groups.every[place], estimate,
-                deviation * np.sqrt(temper), float(np.sqrt(needed / told) * groups.moves[place[0]]),
-            )
-        )  # fmt: skip
+        smallest = float(np.sqrt(needed / told) * groups.moves[place[0]])
+        found.append(GroupTest(name, p, statistic, freedom, change, smallest))
     return found, (likely if any(g.score > 1.0 for g in found) else same).size

@@ -1,19 +1,19 @@
 """The model that maps settle to which have followed a stream: links at rest and local models.
 
-What leads from joints to positions is learned anew from the rows since the change.  With a body the
-changed arm is a body again, so that a few rows speak for the whole range; without one maps and
-links stand alone.
+With a body the changed arm is a body again, so that a few rows speak for the whole range; without
+one maps and links stand alone.
 """
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..body.fitting import BodyFit, fit
-from ..common.arrays import Array, Index
+from ..body.fitting import fit
+from ..common.arrays import Array
 from ..errors import CalibError
 from ..maps.association import Association
 from ..maps.local_models import NO_MODELS
@@ -44,57 +44,45 @@ def settled_model(
     links : (motor, sensory) sparse array, links as they are; by default those at which eq. 11 comes
         to rest for the samples.
     """
+    scale, wiring, body, found = motor.scale, model.association.wiring, model.body, None
     # a short stream may have been shown again and again
     first = np.sort(np.unique(np.hstack([q, x]), axis=0, return_index=True)[1])
-    u, x = motor.scale.to_unit(q[first]), x[first]
-    every, wiring = -(-len(u) // _ROWS), model.association.wiring
-    found, seen = _body_of(model, motor.scale.from_unit(u[::every]), x[::every]), (u, x)
+    u, x = scale.to_unit(q[first]), x[first]
+    some = slice(None, None, -(-len(u) // _ROWS))
+    if body is not None:
+        with suppress(CalibError):  # too few rows, or too close to each other
+            found = fit(
+                body.structure, scale.from_unit(u[some]), x[some],
+                simulated=body.simulated, seed=model.about.seed,
+            )  # fmt: skip
+
+    def linked(u: Array, x: Array) -> Association:
+        return Association.learn(motor, u, sensory, sensory.scale.to_unit(x), wiring)
+
+    seen, predictor = (u, x), None
     if found is not None:
-        smooth = BodyInBox(found.body, motor.scale)
-        selected = select(motor, u[::every], x[::every], smooth, found.held_out)
-        predictor, rows, errors = selected.predictor, selected.rows * every, selected.errors
+        smooth = BodyInBox(found.body, scale)
+        selected = select(motor, u[some], x[some], smooth, found.held_out)
+        predictor, rows, errors = selected.predictor, selected.rows * some.step, selected.errors
         if len(u) < _FEW_ROWS:
             drawn = np.random.default_rng(model.about.seed).random((_IMAGINED, u.shape[1]))
             seen = drawn, predictor.value(drawn)
-    if links is not None:
-        association = Association(motor, sensory, links, wiring)
-    else:
-        v = sensory.scale.to_unit(seen[1])
-        association = Association.learn(motor, seen[0], sensory, v, wiring)
-    if found is None:  # maps and links, without anything else
+    association = linked(*seen) if links is None else Association(motor, sensory, links, wiring)
+    if predictor is None:  # maps and links alone, their errors from every other block
         predictor = Predictor(motor, association.linear, NO_MODELS)
-        rows, errors = _held_out(association, u, x)
+        folds, rows, errors = blocks(len(u)), np.arange(len(u)), np.empty(len(u))
+        for half in (0, 1):
+            held, shown = (np.concatenate(folds[k::2]) for k in (half, 1 - half))
+            away = linked(u[shown], x[shown]).linear.value(u[held]) - x[held]
+            errors[held] = np.linalg.norm(away, axis=1)
     made = replace(
         model,
         association=association,
         predictor=predictor,
         body=None if found is None else found.body,
         visited=np.bincount(motor.nearest(u)[1][:, 0], minlength=motor.size) > 0,
-        rows=Rows.of(motor.scale.from_unit(u), x) if model.rows is not None else None,
+        rows=Rows.of(scale.from_unit(u), x) if model.rows is not None else None,
     )
     reading, position = node_bounds(made, u[rows], errors)
     true = model.about.bound_of == "true position"
     return replace(made, bounds=position if true else reading, model_bounds=position)
-
-
-def _body_of(model: Model, q: Array, x: Array) -> BodyFit | None:
-    """A body of rows (n, dof) and (n, m), None where none can be fitted to them."""
-    if model.body is None:
-        return None
-    try:
-        return fit(
-            model.body.structure, q, x, simulated=model.body.simulated, seed=model.about.seed
-        )
-    except CalibError:  # too few rows, or too close to each other
-        return None
-
-
-def _held_out(association: Association, u: Array, x: Array) -> tuple[Index, Array]:
-    """Rows, and errors (n,) [unit] of the readout ``linear`` on them, from every other block."""
-    motor, sensory, wiring = association.motor, association.sensory, association.wiring
-    folds, errors = blocks(len(u)), np.empty(len(u))
-    for half in (0, 1):
-        held, seen = (np.concatenate(folds[k::2]) for k in (half, 1 - half))
-        other = Association.learn(motor, u[seen], sensory, sensory.scale.to_unit(x[seen]), wiring)
-        errors[held] = np.linalg.norm(other.linear.value(u[held]) - x[held], axis=1)
-    return np.arange(len(u)), errors
