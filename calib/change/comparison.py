@@ -17,13 +17,8 @@ from ..body.belief import Body, knows_orientation
 from ..common.arrays import Array, Mask
 from ..errors import LogError, ModelError
 from ..model.model import Model
-<<<<<<< HEAD
-from ..samples.diagnosis import rows_behind
-=======
 from ..model.space import Space
-from ..samples.alignment import rows_behind
-from ..samples.diagnosis import diagnose, readings, refuse_mistakes
->>>>>>> main
+from ..samples.diagnosis import diagnose, readings, refuse_mistakes, rows_behind
 from ..samples.samples import Samples
 from ..training.sound_rows import sound_log
 from ..training.touched import as_positions
