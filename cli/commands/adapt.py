@@ -11,11 +11,11 @@ from calib.common.choices import MethodWord
 from calib.common.wording import for_people
 
 from .. import options as opt
-from ..measurements import Reading, log_for
 from ..options import Text, option
 from ..output import NO, Outcome, TextTable, as_typed, fields, number, progress_bar, say
 from ..parsing import check_file
 from ..photo import photo_of_log
+from ..samples import Reading, log_for
 from ..units import units_of
 
 

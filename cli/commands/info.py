@@ -10,9 +10,8 @@ from calib.common.wording import printable
 from calib.model.facts import facts
 
 from .. import options as opt
-from ..measurements import Reading, log_of
 from ..output import Outcome, TextTable, as_typed, fact_lines, fields, say, sized
-from ..samples import Sockets
+from ..samples import Reading, Sockets, log_of
 from ..summary import accuracy, advice, answers_back, does_not_hold, error_table, summary
 
 if TYPE_CHECKING:

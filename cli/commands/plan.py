@@ -9,11 +9,10 @@ from typer import Argument
 from calib.common.choices import Eye
 
 from .. import options as opt
-from ..measurements import Reading, log_for, refuse
 from ..options import flag, option
 from ..output import Outcome, fields, say
 from ..parsing import TABLES, BadOption, check_file, not_negative, reals
-from ..samples import Logged, Selection, measured_samples
+from ..samples import Logged, Reading, Selection, log_for, measured_samples, refuse
 from ..units import JointFormat, in_si
 
 if TYPE_CHECKING:
