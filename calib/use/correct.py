@@ -32,8 +32,7 @@ from ..model.nominal import (
     visited_joints,
 )
 from ..model.space import REACHED, Space
-from ..samples.joint_values import check_joint_values
-from ..samples.log_joints import wrap
+from ..samples.joint_values import check_joint_values, wrap
 from .geometry import fit_geometry, frame_is_free, frames, is_simulated
 
 _USUAL = 3.0  # a correction this many times the 95 % quantile of the model's own is not trusted
