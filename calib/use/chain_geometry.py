@@ -279,8 +279,7 @@ def _planar_prior(
 def _held(prior: Prior, still: Sequence[int] | Indices) -> Prior:
     sd, hypers = prior.sd.copy(), []
     sd[still] = 0.0
-    # offsets first: what an offset explains, turned and shifted origins would explain too
-    for hyper in sorted(prior.hypers, key=lambda h: not h.name.startswith("offset")):
+    for hyper in prior.hypers:
         kept = ~np.isin(hyper.indices, still)
         if kept.any():
             hypers.append(hyper._replace(indices=hyper.indices[kept], shape=hyper.shape[kept]))
