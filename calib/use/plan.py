@@ -253,8 +253,6 @@ def tells(arm: SpatialArm, q: Array, taken: Array) -> Array:
     told = structure.linearise(every, structure.neutral(), prior.active)[1]
     told = told * (np.minimum(prior.sd[prior.active], _WIDEST) / _NOISE)
     told, known = told[: len(q)], told[len(q) :].reshape(-1, told.shape[2])
-    if not len(known):
-        return np.asarray(told)
     # the posterior (I + T' T)^-1 of the measured rows T is R^-T R^-1, so that told R^-T tells it
     root = np.linalg.cholesky(np.eye(told.shape[2]) + known.T @ known)
     flat = np.linalg.solve(root, told.reshape(-1, told.shape[2]).T)
