@@ -188,5 +188,6 @@ def by_socket(model: Model, log: Samples | None) -> Any:
         ax.plot(off, touch.number + up, ".", alpha=0.5, label=text)
     ax.set_yticks(range(len(touch.sockets)), [plain_text(" ".join(s)) for s in touch.sockets])
     ax.set(xscale="log", xlabel="distance from the mean of all tips in that socket [mm]")
+    ax.xaxis.set_major_formatter("{x:g}")
     figure.legend(loc="outside lower center", ncols=2)
     return figure
