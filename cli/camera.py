@@ -43,8 +43,7 @@ class Shooting:
 
     def given(self) -> bool:
         """Whether any of what only pictures have was typed."""
-        typed = (self.joints_file, self.tag, self.board, self.tags_at, self.lens, self.eye)
-        return any(value is not None for value in (*typed, self.picture, self.camera))
+        return self != Shooting()
 
     def setting(self, output: str) -> Setup:
         """Make the setting; a lens that is calibrated is written beside the log."""
