@@ -75,16 +75,12 @@ def read_bag(
     if still is not None:
         fast = joint_speed(stamps, times, values) > still
         doubts[f"a joint moved faster than {still:g}"] = fast & ~np.any([*doubts.values()], axis=0)
-    usable = ~np.any([*doubts.values()], axis=0)
+    usable = np.asarray(~np.any([*doubts.values()], axis=0))
     dropped = {why: int(rows.sum()) for why, rows in doubts.items() if rows.any()}
     notes += told(dropped, "positions")
     if not usable.any():
-        raise LogError(
-            f"no position is left ({'; '.join(notes)})",
-            hint="change `max_gap`, `still` or `time_offset`",
-            parameter="max_gap",
-            value=max_gap,
-        )
+        hint = "change `max_gap`, `still` or `time_offset`"
+        raise LogError(f"no position is left ({'; '.join(notes)})", hint=hint)
     stamps = stamps[usable]
     turned = _turns(poses[:, 4:])  # drivers may leave orientations unset
     return Recorded(
@@ -134,11 +130,8 @@ def _topic(
     if chosen is not None:
         is_one = f"is a {topics[chosen].rpartition('/')[2]}" if chosen in topics else "is not there"
         what = f"topic {chosen!r} {is_one}, expected {kind}"
-    raise LogError(
-        f"{what}; the recording's topics: {shown}",
-        hint=f"name one as `{parameter}`",
-        parameter=parameter,
-    )
+    hint = f"name one as `{parameter}`"
+    raise LogError(f"{what}; the recording's topics: {shown}", hint=hint)
 
 
 def _messages(reader: Any, topics: Sequence[str]) -> Iterator[tuple[float, Any]]:
@@ -178,13 +171,10 @@ def _joint_states(
 
 
 def _found_offset(stamps: Array, x: Array, times: Array, values: Array) -> tuple[float, list[str]]:
-    """What has to be added to the stamps of positions [s], and what the user should be told.
-
-    Raises LogError if the two clocks have no time in common and no offset is sure.
-    """
+    """What has to be added to the stamps of positions [s], and what the user should be told."""
     apart = float(times[0] - stamps[0])
     common = min(times[-1], stamps[-1]) - max(times[0], stamps[0])
-    seen = np.where(np.isfinite(x).all(axis=1)[:, None], x, np.nan)
+    seen = np.where(np.isfinite(x).all(axis=1, keepdims=True), x, np.nan)
     try:
         clocks = align_clocks(stamps - stamps[0], seen, times - times[0], values, unit="m")
     except ClockError as error:
@@ -206,10 +196,7 @@ def _found_offset(stamps: Array, x: Array, times: Array, values: Array) -> tuple
 def _poses(
     reader: Any, topics: Mapping[str, str], chosen: str | None, frames: Sequence[str] | None
 ) -> tuple[Array, str]:
-    """The tip's times, places and quaternions (n, 8), 0 where there is none, and their frame.
-
-    Of tf where frames are named or nothing else is there.
-    """
+    """The tip's times, places and quaternions (n, 8), 0 where there is none, and their frame."""
     tf = sorted(topic for topic, kind in topics.items() if kind == _TF)
     others = [topic for topic, kind in topics.items() if kind in _POSITIONS]
     if tf and (frames is not None or chosen in tf or (chosen is None and not others)):
@@ -255,11 +242,8 @@ def _tf_poses(
     shown = listed(f"{parents[child]},{child}" for child in sorted(moving)) or "none"
     if frames is None:
         if len(moving) != 1:
-            raise LogError(
-                f"{len(moving)} transforms of tf move: {shown}",
-                hint="name the sensor's frame and the tip's as `frames`",
-                parameter="frames",
-            )
+            hint = "name the sensor's frame and the tip's as `frames`"
+            raise LogError(f"{len(moving)} transforms of tf move: {shown}", hint=hint)
         frames = parents[moving[0]], moving[0]
     parent, child = frames
     path, at = list[str](), child

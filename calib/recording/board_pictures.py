@@ -47,10 +47,7 @@ class BoardPictures:
     episodes: Index | None = None  # (p,), the series that each is of
 
     def _poses(self, lens: Lens) -> tuple[Array, list[Pose]]:
-        """Corners (n, 3) of all pictures in the board's frame [m], and its pose in each camera's.
-
-        OpenCV's frame of the board: x to the right, y down, z into it.
-        """
+        """Corners (n, 3) of all pictures in OpenCV's frame of the board [m], and its poses."""
         world = np.asarray(self.board.opencv().getChessboardCorners(), float)
         each = [(world[list(c)], np.array([*c.values()])) for c in self.corners]
         return np.concatenate([points for points, _ in each]), [find_pose(lens, *c) for c in each]
@@ -195,9 +192,8 @@ def find_board(
     count = len(found) + len(missing)
     if len(found) < LEAST:
         raise LogError(
-            f"the board is in {len(found)} of {count} pictures (at most {most} corners found, "
-            f"{LEAST_CORNERS} expected in each): {LEAST} are needed, 20 are better; "
-            + _instead(looked, board)
+            f"the board is in {len(found)} of {count} pictures (at most {most} corners, expected "
+            f"{LEAST} with {LEAST_CORNERS} or more): {_instead(looked, board)}"
         )
     notes += damaged[:5]
     if missing:
