@@ -53,7 +53,7 @@ class Judge:
 
 
 def row_shift(q: Array, x: Array, most: int = 3) -> tuple[int, float, float]:
-    """Find how many rows further down the joints are that fit a row better than its own, 0 for none.
+    """Find how many rows further down the joints are that fit better than a row's own, 0 for none.
 
     Then mean distances [unit of x] that blocks of rows are predicted to, as they are and shifted.
     """
