@@ -7,12 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from calib.common.wording import for_people
 
 from .. import options as opt
-<<<<<<< HEAD
 from ..camera import log_of_pictures
-from ..measurements import Reading, log_for
-=======
-from ..boards import log_of_pictures
->>>>>>> main
 from ..options import option
 from ..output import NO, Outcome, TextTable, number, say
 from ..samples import Reading, log_for
