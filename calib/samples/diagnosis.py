@@ -203,10 +203,7 @@ def _unit_of(ratio: float) -> Finding | None:
 
 
 def _poses(place: Array, nominal: Array, x: Array, turns: Array) -> Finding | None:
-    """Orientations that do not turn as the joints do, and the reading of them that does.
-
-    place, nominal : (n, 3), (n, 4), what the joints predict of positions x and quaternions turns
-    """
+    """Quaternions `turns` that do not turn as the joints predict, and the reading that does."""
     known = np.isfinite(place).all(axis=1) & np.isfinite(nominal).all(axis=1)
     if known.sum() < settings.FEWEST_ROWS:
         return None

@@ -130,10 +130,7 @@ def _neighbours(samples: Samples, rows: Index) -> tuple[Index, Index]:
 
 
 def _rigid_residual(samples: Samples) -> Array | None:
-    """What a robust fit of a rigid chain's functions leaves of positions; None for too few rows.
-
-    A chain's positions are linear in the products of 1, cos and sin of its joints.
-    """
+    """What a robust fit of the products of 1, cos, sin of the joints leaves; None for few rows."""
     n, kinds = len(samples), samples.revolute
     terms = int(np.prod([3 if turns else 2 for turns in kinds]))
     rows = np.arange(n)
