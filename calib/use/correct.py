@@ -239,7 +239,7 @@ def _quick(model: Model, q: ArrayLike) -> Corrected | None:
     if found is None or found[1] != 1:
         return None
     nearest = found[0]
-    if not model.trust.everywhere and not kernel.ask("forward", nearest[0])[1]:
+    if not model.everywhere and not kernel.ask("forward", nearest[0])[1]:
         return None
     answer = Corrected.__new__(Corrected)  # whose own way of setting fields takes as long as C
     answer.__dict__.update(kept, given=np.array([q], dtype=float), nearest=nearest)

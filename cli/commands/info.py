@@ -28,9 +28,8 @@ def robots() -> Outcome:
     entries = calib.list_robots()
     rows = [[entry.name, str(entry.dof), entry.description] for entry in entries]
     table = TextTable(["robot", "joints", "description"], rows, left=3)
-    names = fact_lines({entry.name: ", ".join(entry.joints) for entry in entries})
     document = [fields(entry, "name joints dof description") for entry in entries]
-    return Outcome(document, [table], ["", "joints, base to tip", *names])
+    return Outcome(document, [table])
 
 
 def info(model: opt.ModelFile, *, degrees: opt.Degrees = False) -> Outcome:
