@@ -17,8 +17,8 @@ from ..maps.map import Map
 from ..maps.predictor import BodyInBox, Predictor
 from ..model.about import Rows
 from ..model.alignment import Alignment
+from ..model.baseline import learn_baseline
 from ..model.model import Model
-from ..model.trust import learn_baseline
 from ..training.evaluate import error_sizes, evaluate_residuals, summarise
 from .causes import Cause
 from .comparison import Comparison

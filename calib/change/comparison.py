@@ -18,8 +18,7 @@ from ..common.arrays import Array, Mask
 from ..errors import LogError, ModelError
 from ..model.model import Model
 from ..model.space import Space
-from ..samples.alignment import rows_behind
-from ..samples.diagnosis import diagnose, readings, refuse_mistakes
+from ..samples.diagnosis import diagnose, readings, refuse_mistakes, rows_behind
 from ..samples.samples import Samples
 from ..training.sound_rows import sound_log
 from ..training.touched import as_positions

@@ -82,7 +82,7 @@ def evaluate_residuals(
 ) -> Residuals:
     """Residuals of all readouts in both directions, of the answer nearest to the true joints."""
     scale, readouts = model.motor.scale, model.readouts
-    known = model.trust.covers(scale.to_unit(q))
+    known = model.covers(scale.to_unit(q))
     if not known.any():
         raise LogError(_NOT_LEARNED)
     left_out, q, x = int(np.count_nonzero(~known)), q[known], x[known]

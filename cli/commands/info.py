@@ -10,9 +10,8 @@ from calib.common.wording import printable
 from calib.model.facts import facts
 
 from .. import options as opt
-from ..measurements import Reading, log_of
 from ..output import Outcome, TextTable, as_typed, fact_lines, fields, say, sized
-from ..samples import Sockets
+from ..samples import Reading, Sockets, log_of
 from ..summary import accuracy, advice, answers_back, does_not_hold, error_table, summary
 
 if TYPE_CHECKING:
@@ -29,9 +28,8 @@ def robots() -> Outcome:
     entries = calib.list_robots()
     rows = [[entry.name, str(entry.dof), entry.description] for entry in entries]
     table = TextTable(["robot", "joints", "description"], rows, left=3)
-    names = fact_lines({entry.name: ", ".join(entry.joints) for entry in entries})
     document = [fields(entry, "name joints dof description") for entry in entries]
-    return Outcome(document, [table], ["", "joints, base to tip", *names])
+    return Outcome(document, [table])
 
 
 def info(model: opt.ModelFile, *, degrees: opt.Degrees = False) -> Outcome:
