@@ -19,15 +19,10 @@ def bound_test(
     tested: Tested, rows: Indices, u: Array, residual: Array, bound: Array, shared: Array,
     slope: Array | None,
 ) -> tuple[float, GroupTest]:  # fmt: skip
-    """Share of the rows beyond the 95 % bound, and how surely these are too many.
+    """Share of the rows beyond the 95 % bound, and how surely these are too many to be noise.
 
-    Even if all of the log's own scatter is noise of the sensor or of one encoder, which is no
-    drift; but what rows of like joints share is no noise.
-
-    rows : (n,), their numbers in the log
-    u : (n, dof), joints in the unit box
-    residual : (n, m) [unit], measured less predicted positions
-    bound : (n,) [unit], infinite where the model tells none
+    rows, u : (n,) and (n, dof), their numbers in the log and their joints in the unit box
+    residual, bound : (n, m) and (n,) [unit], infinite where the model tells none
     shared : (n,), variance of an axis by what all rows share
     slope : (n, m), motion of the tip by a joint whose encoder is noisy
     """
@@ -52,15 +47,11 @@ def bound_test(
 
 
 def _alike(rows: Indices, u: Array, residual: Array) -> float:
-    """Variance of an axis by which rows of like joints err alike, 0 where that may be chance.
-
-    A ripple of 2 mm, too short for the smooth residual of a log, passed for noise.  Pairs lie
-    apart in time, so that noise that lasts over some rows is not taken for it.
-    """
+    """Variance of an axis by which rows of like joints err alike, 0 where that may be chance."""
     from scipy.spatial import cKDTree
     from scipy.special import ndtri
 
-    # of so many rows at least one is no neighbour in time
+    # of so many rows at least one is no neighbour in time: noise may last over some rows
     near = np.asarray(cKDTree(u).query(u, min(2 * _LASTING + 2, len(u)))[1])
     later = np.abs(rows[near] - rows[:, None]) > _LASTING
     row = np.flatnonzero(later.any(axis=1))

@@ -86,7 +86,30 @@ def find_causes(found: Comparison) -> tuple[tuple[Cause, ...], tuple[str, ...]]:
         factor, unit = for_people(found.unit_seen)
         words = f"the scatter is {factor * noise:.3g} {unit} per axis, {noise / usual:.2g} times "
         causes.append(Cause("noise", "noise", words + "the usual", noise, None, found.unit_seen))
-    return tuple(causes), tuple(notes)
+    if found.tool.score > 1.0:
+        turn, angle = found.tool.turn, float(np.linalg.norm(found.tool.turn))
+        half = 1.96 * float(np.sqrt(turn @ found.tool.covariance @ turn)) / angle
+        words = (
+            f"the tool is turned by {np.degrees(angle):.3g} deg (its orientation, not its place)"
+        )
+        causes.append(Cause.measured("tool", "tool.rotation", words, angle, half, "rad"))
+    if (board := found.model.about.options.get("board")) is not None:
+        causes = _told_once(causes, "camera" if board["eye"] == "hand" else "board")
+    return tuple(causes), (*notes, *found.tool.notes)
+
+
+def _told_once(causes: list[Cause], what: str) -> list[Cause]:
+    """Causes in which a camera or a board that moved in the hand stands once."""
+    moved = [cause for cause in causes if cause.group in ("tool", "tool.rotation")]
+    if not moved:
+        return causes
+    one = next((cause for cause in moved if cause.unit == "rad"), moved[0])
+    factor, unit = for_people(one.unit)
+    low, high = (factor * end for end in one.interval or (0.0, 0.0))
+    how = "turned in its mount by" if unit == "deg" else "moved in its mount, what it sees by"
+    size = f"{abs(low + high) / 2:.3g} ± {(high - low) / 2:.2g} {unit}"
+    told = replace(one, cause="tool", words=f"the {what} has {how} {size}")
+    return [told, *(cause for cause in causes if cause not in moved)]
 
 
 def _lost(name: str) -> Cause:
@@ -118,8 +141,7 @@ def _of_frame(found: Comparison) -> list[Cause]:
 def _of_change(found: Comparison) -> list[Cause]:
     """Each parameter that is clearly away from where it was, the largest effect first.
 
-    Of the simplest hypothesis; where none is clearly better than no change, of the most telling
-    test.
+    Of the simplest hypothesis, or of the most telling test where none is clearly better than none.
     """
     structure, old, new = found.reference.structure, found.belief.beta, found.reference
     best, own = simplest(found.explanations), ("sensor", "lens") if found.cause == "sensor" else ""

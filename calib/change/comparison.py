@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import combinations
+from typing import Any
 
 import numpy as np
 
@@ -28,6 +29,7 @@ from .equations import Log, shared_columns, weighted
 from .explain import Explanation, explain, is_changed
 from .frame import Reference, carried_offset, reference_of
 from .hypotheses import as_built
+from .orientation import TurnedTool
 from .score import GroupTest, Tested, group_tests
 from .settings import FEW_WRONG, OUTLIER, UNEXPLAINED
 
@@ -79,20 +81,14 @@ class Comparison:
 
     @property
     def spans(self) -> bool:
-        """Whether the rows vary in every direction of the joints, as over the learned range.
-
-        Held-out rows of a line or a corner say nothing of a prediction elsewhere.
-        """
+        """Whether the rows vary in every direction of the joints, not along a line alone."""
         spread = np.atleast_2d(np.cov(self.u.T))
         # along each axis the variance of uniform rows is 1 / 12
         return bool(np.linalg.eigvalsh(spread)[0] > _WIDE**2 / 12.0)
 
     @property
     def coverage(self) -> float:
-        """Share of the learned range, in cells of a fifth of each joint's range, that rows visit.
-
-        Six joints have 15,625 cells, which no log visits: it is the mean over all pairs of joints.
-        """
+        """Share of the learned range that rows visit: of cells of a fifth, over pairs of joints."""
         cells = (np.clip(self.u, 0.0, 1.0 - 1e-12) * _CELLS).astype(int)
         some = combinations(range(self.u.shape[1]), min(self.u.shape[1], 2))
         shares = [len(np.unique(cells[:, ix], axis=0)) / _CELLS ** len(ix) for ix in some]
@@ -201,11 +197,8 @@ class Comparison:
 
     @cached_property
     def changed(self) -> bool:
-        """Whether something changed, and a hypothesis explains the log better than no change.
-
-        Evidence alone took what few rows had not told of an unchanged arm for waves of its joints:
-        wherever nothing was measured they did harm.
-        """
+        """Whether something changed, and a hypothesis explains the log better than no change."""
+        # Evidence alone took what few rows had not told for waves of the joints, which did harm.
         changed = self.reference.new or (self.score > 1.0 and is_changed(self.explanations))
         return changed and self.explained
 
@@ -218,16 +211,26 @@ class Comparison:
 
     @cached_property
     def explained(self) -> bool:
-        """Whether any hypothesis comes near the rows: to a part of their spread, or as told.
-
-        A sparse model may be wrong by a tenth of the few millimetres that rows of one place span.
-        """
+        """Whether any hypothesis comes near the rows: to a part of their spread, or as told."""
         left, misfit = (0.0, 0.0) if self.model.body is None else self._left
         if misfit < UNEXPLAINED:
             return True
         # rows that lag or whose joints are exchanged come near too, but for those at each jump
         few = self.wrong + self.strays <= FEW_WRONG * len(self.q)
         return left < float(np.median(self._told[self.kept])) < np.inf and few
+
+    @cached_property
+    def tool(self) -> TurnedTool:
+        """How the tool is turned beside the best explanation of the positions."""
+        if not self.changed:
+            return self.tool_beside(self.body.structure, self.body.beta)
+        beta = self.explanations[0].beta
+        return self.tool_beside(self.reference.structure, beta, framed=True)
+
+    def tool_beside(self, structure: Any, beta: Array, *, framed: bool = False) -> TurnedTool:
+        """How it is turned beside what parameters (d,) predict."""
+        rows = self.q, self.x, self.orientation
+        return TurnedTool.beside(self.body, structure, beta, *rows, framed=framed)
 
     def why_not(self) -> str:
         """One line on a log that nothing explains."""

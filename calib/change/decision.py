@@ -7,12 +7,11 @@ residual of this log alone is a part of the fit; its size stays in the new bound
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 
-from ..body.belief import Body, Second
-from ..body.covariance import radius_95, root_of
+from ..body.belief import Body
+from ..body.covariance import root_of
 from ..body.normal import Factor
 from ..body.parameters import Indices
 from ..common.arrays import Array
@@ -24,31 +23,21 @@ from .comparison import Comparison
 from .equations import Log, own_columns, prior_columns, shared_columns
 from .explain import Explanation, weighed
 from .frame import Reference
-from .hypotheses import GROUPS
-from .orientation import turned_tool
+from .hypotheses import GROUPS, is_framed
 from .settings import CHANGED, CREEP, REFINED, SIMULATED_KAPPA, SURE, SURER, UNSURE
 
 _ROWS = 600  # that an update takes: linear in them
 _BLOCKS = 5  # contiguous ones that are held out in turn, each of which tells a gain
-_ENOUGH = 30  # rows that tell a quantile
-_OUTLIER = 2.5  # 95 % radii from which a row is an outlier
 _STEPS = 4
 _LOUD = ("mirror", "scale", "sign", "lost")
 
 
-class Decision(NamedTuple):
-    """What comes of a log: the word on it, and what a new model would be made of."""
-
-    made: Adaptation  # with the old model
-    best: Explanation
-    body: Body  # the updated belief
-    held_out: tuple[Array, Array]  # joints (n, dof) of held-out rows, and their residuals (n, m)
-
-
-def decide(found: Comparison) -> Decision:
+def decide(found: Comparison) -> tuple[Adaptation, Body, tuple[Array, Array], bool]:
     """Explain a log, update the body by it, and judge by rows that were held out.
 
     `check` asks here too, so that the one promises what the other does.
+    Returns the word on it with the old model, the updated belief, joints (n, dof) of held-out rows
+    and their residuals (n, m), and whether the sensor's frame was free.
     """
     some, changed = found.explanations, found.changed
     if not changed:  # the rows are added to what was known
@@ -64,17 +53,15 @@ def decide(found: Comparison) -> Decision:
     before, after = found.missed[kept], np.linalg.norm(held, axis=1)
     improved = found.explained and _improves(found, body, before, after)
     causes, notes = find_causes(found)
-    tool = turned_tool(found)
-    if tool.causes:
+    if found.tool.score > 1.0:
         if not improved:  # the tool alone
             body, after, held = found.belief, before, (found.x - found.predicted)[kept]
-        body = turned_tool(found, body).of(body)
-        causes, improved = (*causes, *tool.causes), True
+        body, improved = found.tool_beside(body.structure, body.beta).of(body), True
     known = "no single change explains the log" if found.score > 1.0 else "nothing changed"
     # what nobody may miss: another unit, a mirror, a joint that turns round or not at all
     loud = [c.words for c in causes if c.cause.split(":")[0] in _LOUD]
     correction = best.name if changed else f"{known}, rows added"
-    made = kept_model(found, before, after, correction, causes, *loud, *notes, *tool.notes)
+    made = kept_model(found, before, after, correction, causes, *loud, *notes)
     if changed:
         groups = found.reference.structure.groups
         left = {g for g, ix in groups.items() if len(ix)} - {*best.hypothesis}
@@ -82,7 +69,8 @@ def decide(found: Comparison) -> Decision:
             left.discard("lens")
         told = tuple(w.kept for g, w in GROUPS.items() if g in left and w.kept)
         made = replace(made, kept=told)
-    return Decision(replace(made, improved=improved), best, body, (found.q[kept], held))
+    rows = found.q[kept], held
+    return replace(made, improved=improved), body, rows, is_framed(best.hypothesis)
 
 
 def kept_model(
@@ -125,7 +113,7 @@ def _updated(
 
     The bound carries what the choice among the explanations, best first with weights, is unsure of.
     """
-    old, (_, best) = reference.body, chosen[0]
+    old = reference.body
     parts = [(share, *_posterior(reference, e, log)) for share, e in chosen]
     _, beta, _, _, held = parts[0]
     active = np.unique(np.concatenate([part[2] for part in parts]))
@@ -136,21 +124,6 @@ def _updated(
         covariance += share * np.outer((other - beta)[active], (other - beta)[active])
     own = np.sqrt(sum(share * e.factor**2 for share, e in chosen)) * reference.own_sd
     noise = np.sqrt(sum(share * e.noise**2 for share, e in chosen)) * reference.sizes
-    # Student weights find the noise of the calm rows; the bound on a reading needs that of all
-    places = slice(old.structure.blocks[0])
-    radius = float(radius_95(np.diag(noise[places] ** 2)[None])[0])
-    away = np.linalg.norm(held[:, places], axis=1)
-    calm = away[away < _OUTLIER * radius]
-    if len(calm) >= _ENOUGH:
-        noise[places] *= max(1.0, float(np.quantile(calm, 0.95)) / radius)
-    second = old.second
-    if second is not None:  # after the same log, under the most likely explanation
-        apart = second.beta - old.beta
-        wide = replace(old, beta=second.beta, active=second.active, root=second.root, kappa=1.0)
-        there = replace(reference, body=wide, beta=reference.beta + apart)
-        e = replace(best, origin=best.origin + apart, beta=best.beta + apart)
-        wider, known, spread, _ = _posterior(there, e, log)
-        second = Second(wider, known, root_of(spread), np.maximum(noise, second.noise))
     body = replace(
         old,
         beta=beta,
@@ -160,7 +133,7 @@ def _updated(
         kappa=max(old.kappa, SIMULATED_KAPPA) if old.simulated else old.kappa,
         noise=noise,
         residual=np.maximum(old.residual, own),
-        second=second,
+        second=None,  # the rows have shown what waves there are, as far as they reach
     )
     return body, held
 

@@ -11,14 +11,13 @@ import numpy as np
 
 from ..common.arrays import Array, Index
 from ..errors import OptionError
-from ..maps.density import gain_of, kind_of
+from ..maps.density import GAINS
 from ..maps.lattice import Lattice
 from ..maps.links import without_weak
 from ..maps.map import Map
-from ..maps.others import present_dsom
 from ..maps.vdsom import VDSOM, Layer, Rates
 from ..model.model import Model
-from .settled import settled_model
+from .adaptation import settled_model
 
 HORIZON = 10_000
 """Samples over which a re-formed map settles: half of what training takes."""
@@ -95,12 +94,8 @@ class OnlineAdapter:
         if horizon < 1:
             raise OptionError(f"horizon {horizon}: expected one or more samples")
         rule, maps = str(model.about.options.get("map", "vdsom")), (model.motor, model.sensory)
-        try:
-            gain, kind = gain_of(rule), kind_of(rule)
-        except OptionError:  # a function that the model file could not keep
-            gain, kind = gain_of("vdsom"), "som"
+        gain = GAINS.get(rule, GAINS["vdsom"])  # a model file keeps no function
         self._model, self._horizon, self._force = model, horizon, force
-        self._dynamic = kind == "dsom"  # its rate and radius follow the distance, not time
         layers = [
             Layer(part.units, part.lattice, part.scale, gain)
             for part in maps
@@ -182,11 +177,7 @@ class OnlineAdapter:
         """Form maps and links by samples; sigma, eta and beta of the last one."""
         t = self._since + np.arange(len(u))
         rates = Rates.following(t, self._starts, _SIGMA_END, self._horizon)  # eq. 10, 12
-        if self._dynamic:
-            for layer, points in zip(self._net.layers, (u, v), strict=True):
-                layer.weights = layer.weights.copy()
-                present_dsom(layer.weights, layer.lattice, points)
-        self._net.show((u, v), rates, maps=not self._dynamic)
+        self._net.show((u, v), rates)
         # eq. 11 forgets where a_j > 0 alone; a node that no sample visits forgets at the
         # mean pace of all, or a shortened arm would promise its old reach for ever
         b = self._model.association.wiring.activity(self._maps()[1], v)

@@ -14,7 +14,7 @@ from ..errors import ModelError, QueryError
 from ..model.model import Model
 from .equations import affine_columns
 from .score import groups_of
-from .settings import LEAST_NOISE, LONG, MONITOR_ALARM, NUISANCE, WINDOW
+from .settings import LEAST_NOISE, MONITOR_ALARM, NUISANCE, WINDOW
 
 _WARM = 20  # samples before the first judgement
 _DIRECTIONS = 8  # strongest displacements; further ones are nearly sums of these
@@ -81,7 +81,6 @@ class Monitor:
         # sums that fade: products of directions and residuals; samples, their squared weights,
         # zeta over what is usual, squared bounds
         self._moments, self._sums = np.zeros((p + 1, p + 1)), np.zeros(4)
-        self._last, self._lagged, self._long = np.zeros(axes), 0.0, 0.0
         self._state = State(0, False, 0.0, 0.0, 0.0, 0.0, ())
 
     def update(self, q: Sequence[float] | Array, x: Sequence[float] | Array) -> State:
@@ -128,16 +127,7 @@ class Monitor:
         gram[np.diag_indices(p)] += 1e-9 * np.trace(gram) / p + 1e-300
         combined = np.linalg.solve(gram, products)
         explained = max(float(products @ combined), 0.0) / weight
-        # Noise that is like that of the sample before tells less: a process of first order.
-        # A change leaves a rest that lasts: of a long memory and by direction, it counts little.
-        # (directions in the plane are alike by pi/4 of the correlation where that is small)
-        rest = row[:, -1] - row[:, :-1] @ combined
-        rest = rest / max(math.sqrt(float(rest @ rest)), 1e-300)
-        fade = 1.0 - 1.0 / LONG
-        self._lagged = fade * self._lagged + float(rest @ self._last)
-        self._long, self._last = fade * self._long + 1.0, rest
-        alike = min(max(self._lagged / self._long * 4.0 / math.pi, 0.0), 0.98)
-        independent = weight**2 / square * (1.0 - alike) / (1.0 + alike)
+        independent = weight**2 / square
         left = max(float(moments[-1, -1]) / weight - explained, 0.0) / axes
         left /= max(1.0 - p / (axes * independent), 0.1)
         variance, seen = max(left, self._noise**2), self._state.samples + 1
@@ -176,7 +166,6 @@ def _orthonormal(moves: Array) -> Array:
 def _own_error(model: Model) -> Array:
     """95 % bound (nodes,) [unit] of what the model is off by itself around each motor node.
 
-    Of a body the spread of its parameters and what its held-out rows show beyond the noise:
     `model_error` holds the sensor's noise, too, where no pose was repeated, and hides a change.
     """
     body = model.body
