@@ -104,8 +104,7 @@ def finished(
 ) -> Adaptation:  # fmt: skip
     """The adaptation with the new model, its facts, its baseline and the history of the old one.
 
-    held, residual : (k, dof) and (k, m) [unit], joints of held-out rows, and how far they are from
-        what the others predict
+    held, residual : (k, dof) and (k, m) [unit], joints and residuals of held-out rows
     """
     old, readout, after = found.model, fresh.default_readout, np.linalg.norm(residual, axis=1)
     some = thinned(len(found.q), _EVALUATED)

@@ -182,14 +182,6 @@ def _of_change(found: Comparison) -> list[Cause]:
     if FRAME[0] in groups and (other or only or clear[frame].any()):
         moved = math.inf if other else float(np.linalg.norm(effect[frame]))
         causes.append((moved, _moved_sensor(found, beta, deviation)))
-    if not new.locked:  # joints that moved the tip and no longer do
-        before, after = (
-            np.sqrt((structure.slope(found.probes, b) ** 2).sum(axis=1).mean(axis=0))
-            for b in (old, beta)
-        )
-        scale = min(float(np.sum(after) / max(float(np.sum(before)), 1e-300)), 1.0)
-        gone = np.flatnonzero(after < 0.02 * before * scale)
-        causes += [(math.inf, _lost(found.model.about.joint_names[k])) for k in gone]
     causes.sort(key=lambda pair: -pair[0])
     least = _MATTERS * max((moved for moved, _ in causes if math.isfinite(moved)), default=0.0)
     return [cause for moved, cause in causes if moved >= least]

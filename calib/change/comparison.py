@@ -13,24 +13,21 @@ from typing import Any
 
 import numpy as np
 
-from ..arm.rotations import quaternion_of
 from ..body.belief import Body, knows_orientation
 from ..common.arrays import Array, Mask
 from ..errors import LogError, ModelError
 from ..model.model import Model
-from ..model.space import Space
 from ..samples.alignment import rows_behind
 from ..samples.diagnosis import diagnose, readings, refuse_mistakes
 from ..samples.samples import Samples
 from ..training.sound_rows import sound_log
 from ..training.touched import as_positions
-from .bound import bound_test
 from .equations import Log, shared_columns, weighted
 from .explain import Explanation, explain, is_changed
 from .frame import Reference, carried_offset, reference_of
 from .hypotheses import as_built
 from .orientation import TurnedTool
-from .score import GroupTest, Tested, group_tests
+from .score import GroupTest, Tested, bound_test, group_tests
 from .settings import FEW_WRONG, OUTLIER, UNEXPLAINED
 
 _LEAST_ROWS = 10  # fewest different rows that a judgement or a correction can rest on
@@ -251,12 +248,10 @@ def compare(model: Model, log: Samples, cause: str | None = None) -> Comparison:
     log : at least ten different rows of the same arm
     cause : {"sensor", "joints"}, what is known about a change
     Raises LogError if the log is not of this arm, too short, or looks wrong.
-    Raises ModelError if the model is of an older format and keeps no belief.
+    Raises ModelError if the model keeps no baseline.
     """
-    if model.baseline is None or "body" not in model.about.options:
-        raise ModelError(
-            "the model has an older format without a posterior of its body: train it again"
-        )
+    if model.baseline is None:
+        raise ModelError("the model has no baseline of its distortions: train it again")
     notes: list[str] = []
     if log.touch is not None:  # which no sensor saw
         cause = cause or "joints"
@@ -284,14 +279,10 @@ def compare(model: Model, log: Samples, cause: str | None = None) -> Comparison:
     q, x = log.q[rows], log.x[rows]
     turns = None if log.orientation is None else log.orientation[rows]
 
-    def pose(q: Array) -> tuple[Array, Array]:
-        space = Space.of(model)
-        place, rotation = space.to_sensor(*space.evaluate(q)[:2])
-        return place, quaternion_of(rotation)
-
+    pose = model.pose if knows_orientation(model.body) else None
     found = diagnose(
         model.forward, q, x, names, model.about.revolute,
-        unit=model.about.unit, turns=turns, pose=pose if knows_orientation(model.body) else None,
+        unit=model.about.unit, turns=turns, pose=pose,
     )  # fmt: skip
     # units, mirrors, signs and clocks are causes that the comparison itself tells
     told += refuse_mistakes([each for each in found if each.kind in _MISREAD])

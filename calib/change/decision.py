@@ -24,7 +24,7 @@ from .equations import Log, own_columns, prior_columns, shared_columns
 from .explain import Explanation, weighed
 from .frame import Reference
 from .hypotheses import GROUPS, is_framed
-from .settings import CHANGED, CREEP, REFINED, SIMULATED_KAPPA, SURE, SURER, UNSURE
+from .settings import CHANGED, CREEP, REFINED, SIMULATED_KAPPA, SURE, UNSURE
 
 _ROWS = 600  # that an update takes: linear in them
 _BLOCKS = 5  # contiguous ones that are held out in turn, each of which tells a gain
@@ -99,7 +99,7 @@ def _improves(found: Comparison, body: Body, before: Array, after: Array) -> boo
         return False
     old = found.belief
     if float(before.mean()) > float(replace(old, second=None).bound(found.q).mean()):
-        return sure > SURER  # rows that the old belief had not thought possible
+        return sure > 2 * SURE  # rows that the old belief had not thought possible
     # mean square error [unit] that each belief expects of itself over the learned range
     spreads = (np.trace(b.spread(found.probes), axis1=1, axis2=2).mean() for b in (body, old))
     new, usual = (s * old.kappa**2 + (old.tau**2 + old.noise**2).sum() for s in spreads)

@@ -16,12 +16,12 @@ from ..body.covariance import root_of
 from ..body.fit import Fit, maximise
 from ..body.likeness import lengths_of, matern
 from ..body.parameters import Indices, Prior
-from ..body.settings import STUDENT
+from ..body.settings import SIMULATED_FLOOR, STUDENT
 from ..common.arrays import Array, Mask
 from ..common.rows import thinned
 from .frame import Reference
 from .hypotheses import creep, freedom, hypotheses_of
-from .settings import CREEP, LEAST_NOISE, OUTLIER, PSEUDO
+from .settings import CREEP, OUTLIER, PSEUDO
 
 _SETTLED = 30  # steps of that fit at most
 _ROBUST_ROWS = 400  # of the fit that finds outliers: enough for every parameter
@@ -99,7 +99,7 @@ class Equations:
         parts = [own, x @ known, shared_columns(reference, log, seen)]
         self.own = own.shape[2]
         self._decompose(self.whiten(np.concatenate(parts, axis=2)))
-        self.floor = float(np.min(LEAST_NOISE * np.asarray(structure.extents) / self.size))
+        self.floor = float(np.min(SIMULATED_FLOOR * np.asarray(structure.extents) / self.size))
         self.usual = max(float(np.min(body.noise / self.size)), self.floor)
 
     def _decompose(self, columns: Array) -> None:

@@ -18,7 +18,7 @@ from ..common.arrays import Array
 from .equations import Equations, Log
 from .frame import Reference
 from .hypotheses import Hypothesis, freedom, hypotheses_of, is_framed, name_of
-from .settings import CREEP, MARGIN, OWN, USUAL
+from .settings import CREEP, MARGIN, OWN
 
 _ROWS = 200  # that hypotheses are compared on
 _STEPS = 12  # of Gauss-Newton at most
@@ -47,7 +47,7 @@ class Explanation:
     @property
     def unchanged(self) -> bool:
         """Whether it says that the arm and its sensor are as they were."""
-        return not self.hypothesis and (self.factor, self.waves) in OWN[:USUAL]
+        return not self.hypothesis and (self.factor, self.waves) in OWN[:3]
 
     @property
     def name(self) -> str:

@@ -39,19 +39,14 @@ class Step:
     """The state after some samples of the stream."""
 
     samples: int  # samples seen so far
-    # distortion of the maps (eq. 9): running mean of the squared distance to the winner, in the
-    # unit box.
+    # running means of the squared distance to the winner, in the unit box (eq. 9)
     zeta_motor: float
     zeta_sensory: float
     threshold: float  # what the sensory distortion exceeds by chance next to never
-    # [unit], running mean of the distance from each sample to what the readout ``activity`` said of
-    # it before it was learned
-    error: float
-    # [nodes], neighbourhood radius of the sensory map (eq. 10), 0 before a change was noticed.
-    sigma: float
-    # learning rate and forgetting factor of the links (eq. 12).
-    eta: float
-    beta: float
+    error: float  # [unit], running mean of the error of ``activity`` before a sample was learned
+    sigma: float  # [nodes], radius of the sensory map (eq. 10), 0 before a change was noticed
+    eta: float  # learning rate of the links (eq. 12)
+    beta: float  # their forgetting factor
     adapting: bool  # whether a change was noticed and the maps are re-forming
 
 
@@ -194,11 +189,9 @@ class OnlineAdapter:
     def model(self, links: Literal["rest", "rule"] = "rest") -> Model:
         """The model as it stands, with local models of the latest samples.
 
-        links : {"rest", "rule"}, "rest": the links at which eq. 11 comes to rest for the samples
-            since the change, in closed form.  Nodes that the stream has not visited since have
-            none: what is no longer reached is no longer promised.  "rule": the links that eq. 11
-            and 12 have made so far, step by step, which lag behind the maps; the readouts
-            ``activity`` and ``winner`` then show what the rule itself reaches.
+        links : {"rest", "rule"}, "rest": those at which eq. 11 comes to rest for the samples since
+            the change: what is no longer reached is no longer promised.  "rule": those that eq. 11
+            and 12 have made so far, step by step, which lag behind the maps
         """
         if self._since < 0 or sum(map(len, self._x)) < _LEAST:
             return self._model

@@ -15,12 +15,12 @@ import numpy as np
 from ..body.belief import Body
 from ..body.covariance import root_of
 from ..body.parameters import Indices
-from ..body.settings import SHIFT, TURN
+from ..body.settings import LOG_FLOOR, SHIFT, TURN
 from ..body.structure import Structure
 from ..common.arrays import Array
 from ..common.choices import CAUSES
 from ..errors import OptionError
-from .settings import ANYWHERE, BUILT_CURVE, CREEP, OWN_FLOOR
+from .settings import ANYWHERE, BUILT_CURVE, CREEP
 
 FRAME = ("view.rotation", "view.shift")
 """Groups that move when the sensor is put elsewhere; always freed together."""
@@ -153,7 +153,7 @@ def creep(body: Body, waves: float = CREEP) -> Array:
 def as_built(body: Body) -> Body:
     """The belief that a changed arm starts from: of a simulation, that of an arm as it is built."""
     structure = body.structure
-    body = replace(body, tau=np.maximum(body.tau, OWN_FLOOR * np.asarray(structure.extents)))
+    body = replace(body, tau=np.maximum(body.tau, LOG_FLOOR * np.asarray(structure.extents)))
     if not body.simulated:
         return body
     metre = float(getattr(structure, "metre", 1.0))

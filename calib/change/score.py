@@ -1,4 +1,4 @@
-"""Score tests: which freed group of parameters explains more of a log than chance does.
+"""Tests: which freed group of parameters explains more of a log than chance does; and the bound.
 
 The size of the noise is unknown, and it may be that of one joint's encoder; each is what makes the
 log most likely, with the group freed and without.  The gain has a chance where nothing changed,
@@ -22,20 +22,24 @@ from .equations import Equations, Log
 from .frame import Reference
 from .hypotheses import FRAME, TESTED, indices_of
 from .settings import (
+    BEYOND,
     CREPT,
     DRIFTS,
     FALSE_ALARM,
+    FEW,
     FEW_ROWS,
-    FINER,
     JOINT_NOISES,
     LEFT,
     NOISIER,
     OUTLIER,
+    OWN,
     POWER,
-    WAVES,
 )
 
 _ROWS = 300  # their power grows with the rows, their work with the rows too
+
+_FINER = (0.5, 0.7, 1.0, 1.4, 2.0)  # times the noise of an encoder, once one is found
+_LASTING = 10  # rows over which noise may last
 
 DRIFT = "drift"
 """Name of the hypothesis that a smooth residual is larger than the model told."""
@@ -160,7 +164,7 @@ class _Tests:
         # a larger smooth residual, or waves of a joint's curve, as of no smooth residual
         others = [e.larger(factor) for factor in DRIFTS]
         if noisy is None and reference.body.rows:
-            others.append(Equations(reference, log, waves=WAVES / CREPT, crept=CREPT))
+            others.append(Equations(reference, log, waves=OWN[2][1] / CREPT, crept=CREPT))
         found = (o.likelihood(self.y, o.most_likely_noise(self.y, o.usual))[0] for o in others)
         self.gains = {DRIFT: (2.0 * max(float(max(found)) - self.same, 0.0), 1)}
         for name, ix in groups.columns.items():
@@ -255,7 +259,7 @@ def group_tests(reference: Reference, log: Log, probes: Array) -> Tested:
             near = (rest**2).sum(axis=1) <= OUTLIER**2 * m * log.weight
             log = replace(log, weight=np.where(log.kept | near, 1.0, log.weight))
             joint, ratio = tests.noisy
-            tests = likeliest((joint, ratio * times) for times in FINER)
+            tests = likeliest((joint, ratio * times) for times in _FINER)
             found, noise = tests.judged(tests.same), tests.best[1]
             noisy = joint, tests.noisy[1] * noise if tests.noisy else 0.0
     if noisy is None:  # what the weights leave out, as the median tells it
@@ -266,3 +270,53 @@ def group_tests(reference: Reference, log: Log, probes: Array) -> Tested:
         noise = max(told * float(np.sqrt(min(free, 2.0))), usual)
     size = float(reference.sizes[0])
     return Tested(tuple(found), noise * size, float(reference.body.noise[0]), noisy)
+
+
+def bound_test(
+    tested: Tested, rows: Indices, u: Array, residual: Array, bound: Array, shared: Array,
+    slope: Array | None,
+) -> tuple[float, GroupTest]:  # fmt: skip
+    """Share of the rows beyond the 95 % bound, and how surely these are too many to be noise.
+
+    rows, u : (n,) and (n, dof), their numbers in the log and their joints in the unit box
+    residual, bound : (n, m) and (n,) [unit], infinite where the model tells none
+    shared : (n,), variance of an axis by what all rows share
+    slope : (n, m), motion of the tip by a joint whose encoder is noisy
+    """
+    from scipy.special import bdtrc, chdtri
+
+    square, m = (residual**2).sum(axis=1), residual.shape[1]
+    radius = float(chdtri(m, 0.05))  # squared, of 95 % of a Gaussian, in units of a deviation
+    more = max(tested.noise**2 - tested.usual**2, 0.0)
+    if len(rows) < FEW:  # half of the rows of a noisier sensor are nearer than its median
+        more = max(more, float(np.median(square)) / float(chdtri(m, 0.5)) - tested.usual**2)
+    alike = more and _alike(rows, u, residual) * radius > float(np.median(bound)) ** 2
+    noise = np.full(len(rows), 0.0 if alike else more)
+    if tested.noisy is not None and slope is not None:
+        noise += tested.noisy[1] ** 2 * (slope**2).sum(axis=1)
+    over = square > bound**2 + radius * (shared + noise)
+    # rows that err together count once
+    time = autocorrelation_time(over[:, None].astype(float)) if over.any() else 1.0
+    count, n = int(over.sum() / time), math.ceil(len(over) / time)
+    p = float(bdtrc(count - 1, n, BEYOND)) if count else 1.0
+    beyond = float(np.mean(square > bound**2 + radius * shared))
+    return beyond, GroupTest("bound", p, -2.0 * math.log(max(p, 1e-300)))
+
+
+def _alike(rows: Indices, u: Array, residual: Array) -> float:
+    """Variance of an axis by which rows of like joints err alike, 0 where that may be chance."""
+    from scipy.spatial import cKDTree
+    from scipy.special import ndtri
+
+    # of so many rows at least one is no neighbour in time: noise may last over some rows
+    near = np.asarray(cKDTree(u).query(u, min(2 * _LASTING + 2, len(u)))[1])
+    later = np.abs(rows[near] - rows[:, None]) > _LASTING
+    row = np.flatnonzero(later.any(axis=1))
+    if not len(row):
+        return 0.0
+    pairs = np.stack([row, near[row, later[row].argmax(axis=1)]], axis=1)
+    first, second = np.unique(np.sort(pairs, axis=1), axis=0).T
+    product = (residual[first] * residual[second]).sum(axis=1)
+    # whatever its size, noise makes either sign as likely
+    sure = product.sum() > -ndtri(FALSE_ALARM) * np.linalg.norm(product)
+    return float(product.mean()) / residual.shape[1] if sure else 0.0
