@@ -112,10 +112,6 @@ def _told_once(causes: list[Cause], what: str) -> list[Cause]:
     return [told, *(cause for cause in causes if cause not in moved)]
 
 
-def _lost(name: str) -> Cause:
-    return Cause(f"lost:{name}", "gain", f"{name} no longer moves the tip", 0.0, None, "1")
-
-
 def _of_frame(found: Comparison) -> list[Cause]:
     """What had to be found before anything else: mirrors, senses, units."""
     reference, names, ratio = found.reference, found.model.about.joint_names, found.reference.scale
@@ -127,11 +123,11 @@ def _of_frame(found: Comparison) -> list[Cause]:
         if old.shape[1] == 2 and Alignment.between(old, new).swapped:
             words = "x and y of the log are exchanged, compared with the model"
         causes.append(Cause("mirror", "view.mirror", words))
-    for k in reference.turned:
-        causes.append(
-            Cause(f"sign:{names[k]}", "sign", f"{names[k]} turns the other way than before")
-        )
-    causes += [_lost(names[k]) for k in reference.locked]
+    for name in (names[k] for k in reference.turned):
+        causes.append(Cause(f"sign:{name}", "sign", f"{name} turns the other way than before"))
+    for name in (names[k] for k in reference.locked):
+        words = f"{name} no longer moves the tip"
+        causes.append(Cause(f"lost:{name}", "gain", words, 0.0, None, "1"))
     if ratio != 1.0:
         words = f"the log's positions are {ratio:.4g} times the model's{unit_hint(ratio)}"
         causes.append(Cause("scale", "view.scale", words, ratio, None, "1"))
@@ -147,14 +143,12 @@ def _of_change(found: Comparison) -> list[Cause]:
     best, own = simplest(found.explanations), ("sensor", "lens") if found.cause == "sensor" else ""
     groups, beta, deviation = best.hypothesis, best.beta, best.deviation
     if not found.changed:
-        above = [
-            g.change for g in fired(found.tested.groups) if g.change and g.name.startswith(own)
-        ]
-        if not above:
+        above = (g.change for g in fired(found.tested.groups) if g.name.startswith(own))
+        if (told := next(above, None)) is None:
             return []
-        ix, step, deviation = above[0][0], *np.zeros((2, len(old)))
+        ix, step, deviation = told[0], *np.zeros((2, len(old)))
         groups = tuple(dict.fromkeys(structure.label(k).group for k in ix.tolist()))
-        step[ix], deviation[ix] = above[0][1:]
+        step[ix], deviation[ix] = told[1:]
         beta = structure.retract(old, step)
     elif not groups:
         words = "the joints have waves that the model does not know: gears, or their sensors"
@@ -193,9 +187,8 @@ def _of_parameter(found: Comparison, k: int, change: float, sd: float, most: flo
     most : the largest change of all parameters of its group and joint
     """
     label, old = found.reference.structure.label(k), float(found.belief.beta[k])
-    group, joint, half = label.group.partition(".")[0], label.joint or "", 1.96 * float(sd)
-    group, change = label.group if group in ("view", "tool") else group, float(change)
-    told = GROUPS[group]
+    group = "curve" if label.group.startswith("curve") else label.group
+    joint, half, change, told = label.joint or "", 1.96 * float(sd), float(change), GROUPS[group]
     words = OFF if label.unit == "rad" and not told.whole else told.changed
     factor = math.degrees(1.0) if label.unit == "rad" else 100.0
     value = math.expm1(change) if group == "view.scale" else change

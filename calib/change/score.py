@@ -194,8 +194,8 @@ class _Tests:
             tried.append((self.same + 0.5 * gain - less, max(noise, self.equations.usual)))
         return max(tried)
 
-    def judged(self, same: float) -> list[GroupTest]:
-        """Each group's test, over the likelihood where nothing changed."""
+    def judged(self) -> list[GroupTest]:
+        """Each group's test."""
         from scipy.special import chndtrinc, fdtrc, fdtri
 
         # rows that err together count once
@@ -206,7 +206,7 @@ class _Tests:
             left = self.left / temper - freedom
             if not freedom or left < LEFT:
                 continue
-            statistic = max(gain + 2.0 * (self.same - same), 0.0) / temper
+            statistic = gain / temper
             # a gain of a log likelihood, as the F of a regression with as many rows
             f = left / freedom * np.expm1(min(statistic / count, 500.0))
             p = min(1.0, float(fdtrc(freedom, left, f)) * len(self.gains))
@@ -237,7 +237,7 @@ def group_tests(reference: Reference, log: Log, probes: Array) -> Tested:
         log = replace(log, weight=np.where(log.kept, 1.0, log.weight))
     groups = _Groups.of(reference, log, probes)
     calm = tests = _Tests(reference, log, groups)
-    found, usual, m = calm.judged(calm.same), calm.equations.usual, groups.residual.shape[1]
+    found, usual, m = calm.judged(), calm.equations.usual, groups.residual.shape[1]
     noise, noisy = calm.best[1] if any(g.score > 1.0 for g in found) else calm.noise, None
     more = noise > NOISIER * usual or any(g.name == DRIFT and g.score > 1 for g in found)
     if more and not len(reference.forgotten):
@@ -260,7 +260,7 @@ def group_tests(reference: Reference, log: Log, probes: Array) -> Tested:
             log = replace(log, weight=np.where(log.kept | near, 1.0, log.weight))
             joint, ratio = tests.noisy
             tests = likeliest((joint, ratio * times) for times in _FINER)
-            found, noise = tests.judged(tests.same), tests.best[1]
+            found, noise = tests.judged(), tests.best[1]
             noisy = joint, tests.noisy[1] * noise if tests.noisy else 0.0
     if noisy is None:  # what the weights leave out, as the median tells it
         rest = noise * calm.equations.rest(calm.y, noise, calm.x)
