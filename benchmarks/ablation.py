@@ -90,20 +90,19 @@ def train_on(case: Case, ground: Ground, network: str, side: int, seed: int) -> 
     started = time.perf_counter()
     pair = alone = associate(scale, u, samples.x, options, wrong)
     seconds, motor = time.perf_counter() - started, pair.motor
-    seen = samples.x[part.rows]
-    selected = select(motor, u[part.rows], seen, part.smooth, part.fit.held_out)
+    held, seen = u[part.rows], samples.x[part.rows]
+    predictor, left = select(motor, held, seen, part.smooth, part.fit.held_out)
     if wrong is not None and network == "vdsom:residual":  # without a body nothing tells that
         alone = associate(scale, u, samples.x, options)
     predictors = {
-        "local": selected.predictor,
+        "local": predictor,
         "body": Predictor(motor, part.smooth, NO_MODELS),
         "linear": Predictor(alone.motor, alone.linear, NO_MODELS),
     }
-    held = u[part.rows][selected.rows]
     # maps are judged by rows that they have seen: each node averages many
-    own = np.linalg.norm(alone.linear.value(held) - seen[selected.rows], axis=1)
+    own = np.linalg.norm(alone.linear.value(held) - seen, axis=1)
     bounds = {
-        "local": learn_bounds(motor, held, selected.errors),
+        "local": learn_bounds(motor, held, np.linalg.norm(left, axis=1)),
         "linear": learn_bounds(alone.motor, held, own),
     }
     return Trained(pair, alone, predictors, bounds, seconds)

@@ -84,19 +84,31 @@ class Query:
         lengths = [name in _LENGTHS and name not in self.joints.names for name in batch.names]
         return replace(batch, values=batch.values / np.where(lengths, self.positions.typed, 1.0))
 
-    def write(
+    def answer(
         self,
+        batch: Batch,
         columns: Mapping[str, Any] | None,
+        failures: Mapping[str, tuple[Any, str]],
         *,
+        n: int | None = None,
         key: str = "answers",
-        code: int = 0,
         lines: Sequence[str] = (),
         **told: Any,
     ) -> Outcome:
-        """Write a table of answers, None for no table, and tell what goes with it."""
+        """Write a table of answers, None for no table, and say which rows fail.
+
+        `failures` have the numbers of rows and why they fail, by the key of a document.
+        """
+        n = len(batch.values) if n is None else n
+        say_rows(batch.invalid, len(batch.values), "not all values are numbers, no answer")
+        for numbers, why in failures.values():
+            say_rows(list(numbers), n, why)
+        failed = {name: list(numbers) for name, (numbers, _) in failures.items()}
+        code = 1 if batch.invalid else NO if any(failed.values()) else 0
         output, by = self.asking.output, self.positions.typed
         to_file = output not in (None, "-")
-        document = {"output": (columns and output) if to_file else None, **told}
+        document: dict[str, Any] = {"output": (columns and output) if to_file else None, "rows": n}
+        document |= {"invalid": batch.invalid, **failed, **told, **self.meaning}
         if columns is None:
             return Outcome(document, lines, code=code)
         written = {
@@ -110,16 +122,11 @@ class Query:
         document[key] = {k: v / factors[k] if k in factors else v for k, v in columns.items()}
         return Outcome(document, lines, result=(), columns=written, code=code)
 
-    def answer(
-        self, batch: Batch, added: Mapping[str, Any], refused: Sequence[int], why: str, n: int
-    ) -> Outcome:
-        """Write the answers to a batch of `n` rows, and say which rows have none."""
-        say(batch.notes(list(added)))
-        say_rows(batch.invalid, n, "not all values are numbers, no answer")
-        say_rows(refused, n, why)
-        code = 1 if batch.invalid else NO if refused else 0
-        told = {"rows": n, "invalid": batch.invalid, "out_of_reach": refused, **self.meaning}
-        return self.write(batch.answered(added), code=code, **told)
+
+def beside(batch: Batch, valid: NDArray[np.bool_], added: Mapping[str, Any]) -> dict[str, Any]:
+    """Columns of a table of queries with answers, those of rows that are `valid` (n,)."""
+    say(batch.notes(list(added)))
+    return batch.answered(over_all_rows(valid, added))
 
 
 def over_all_rows(valid: NDArray[np.bool_], columns: Mapping[str, Any]) -> dict[str, NDArray[Any]]:

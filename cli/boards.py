@@ -1,4 +1,4 @@
-"""Pictures of a board for commands: a folder, a LeRobotDataset, or the log of them."""
+"""Pictures of a board for commands, and the log that is made of them."""
 
 from __future__ import annotations
 
@@ -17,19 +17,12 @@ if TYPE_CHECKING:
     from calib.samples.recorded import Recorded
 
 
-@contextmanager
-def pictures_of(source: str, joints_file: str | None, camera: str | None) -> Iterator[list[str]]:
-    """Pictures and their joints: as typed, or still frames of a LeRobotDataset."""
-    from calib.recording.lerobot import JOINTS, is_dataset, unpack
+def need_joints(source: str, joints_file: str | None) -> None:
+    """Refuse pictures without their joints; a LeRobotDataset brings them."""
+    from calib.recording.lerobot import is_dataset
 
-    if not is_dataset(source):
-        if joints_file is None:
-            raise BadOption("--joints-file FILE is missing: pictures need the joints beside them")
-        yield [source, joints_file]
-        return
-    with TemporaryDirectory() as folder:
-        say(unpack(source, folder, camera))
-        yield [folder, str(Path(folder) / JOINTS)]
+    if joints_file is None and not is_dataset(source):
+        raise BadOption("--joints-file FILE is missing: pictures need the joints beside them")
 
 
 def record_board(
@@ -37,33 +30,28 @@ def record_board(
     board: str | None,
     eye: str,
     lens: Any,
-    joints_file: str | None = None,
-    camera: str | None = None,
-    joints: Sequence[str] | None = None,
-    degrees: bool = False,
-    prismatic: Sequence[str] = (),
+    joints_file: str | None,
+    camera: str | None,
+    joints: Sequence[str] | None,
+    **of_joints: Any,
 ) -> Recorded:
     """Make a log of pictures of a board; `lens` is a lens, its file or its pictures, or None."""
-    from calib.recording.board import Board
-    from calib.recording.board_pictures import log_board
-    from calib.recording.joint_table import read_joints
-    from calib.recording.setting import load_lens
+    import calib
+    from calib.recording.board_pictures import find_board
+    from calib.recording.lens import load_lens
 
     if board is None:
         raise BadOption("--eye needs --board COLSxROWS:SQUARE:MARKER:DICT, which is seen")
-    printed = Board.parse(board)
+    need_joints(source, joints_file)
+    shots = find_board(source, joints_file, board, joints, camera=camera, **of_joints)
     if isinstance(lens, str) and lens.endswith(".calib"):
-        import calib
-
         lens = _lens_of(calib.load(lens))
     elif isinstance(lens, str):
-        lens, told = load_lens(lens, printed)
+        lens, told = load_lens(lens, shots.board)
         say(told)
-    with pictures_of(source, joints_file, camera) as (pictures, file):
-        degrees = degrees and file == joints_file  # those of a dataset are converted
-        table = read_joints(file, joints, degrees=degrees, prismatic=prismatic)
-        made = log_board(pictures, table, printed, eye, lens)
-    say(made.notes)
+    lens, doubts = shots.lens(lens)
+    made = shots.log(lens, eye == "hand")
+    say([*made.notes, *doubts])
     return made
 
 
@@ -76,11 +64,12 @@ def log_of_pictures(
         yield source
         return
     about, lens = model.about, _lens_of(model)
-    known = about.options["board"]
-    sliding = [n for n, turns in zip(about.joint_names, about.revolute, strict=True) if not turns]
+    known, kinds = about.options["board"], zip(about.joint_names, about.revolute, strict=True)
+    sliding = [name for name, turns in kinds if not turns]
     made = record_board(
-        source, known["board"], known["eye"], lens, joints_file, camera,
-        about.joint_names, about.degrees if degrees is None else degrees, sliding,
+        source, known["board"], known["eye"], lens, joints_file, camera, about.joint_names,
+        degrees=about.degrees if degrees is None else degrees,
+        prismatic=sliding,
     )  # fmt: skip
     with TemporaryDirectory() as folder:
         path = str(Path(folder) / f"{Path(source).name}.csv")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 from typer import Option
 
@@ -49,8 +49,9 @@ class Shooting:
     def setting(self, output: str) -> Setup:
         """Make the setting; a lens that is calibrated is written beside the log."""
         from calib.recording.board import Board, parse_length
-        from calib.recording.setting import Setup, load_lens
-        from calib.recording.watch import read_layout
+        from calib.recording.lens import load_lens
+        from calib.recording.reference import MarkLayout
+        from calib.recording.setting import Setup
 
         if self.tag is None or self.joints_file is None:
             missing = "--tag ID" if self.tag is None else "--joints-file FILE"
@@ -67,7 +68,7 @@ class Shooting:
             tag=self.tag,
             dictionary=self.dictionary,
             board=board,
-            tags_at=read_layout(self.tags_at) if self.tags_at is not None else None,
+            tags_at=MarkLayout.read(self.tags_at) if self.tags_at is not None else None,
             lens=lens,
             tag_size=parse_length(self.tag_size, "`tag_size`") if self.tag_size else None,
             tag_height=parse_length(self.tag_height or "0", "`tag_height`", signed=True),
@@ -81,14 +82,22 @@ class Shooting:
         joints: Sequence[str] | None,
         degrees: bool,
         prismatic: Sequence[str],
-        **of_videos: float | None,
+        max_gap: float,
+        still: float | None,
+        time_offset: float | None,
     ) -> Recorded:
         """Make a log of pictures or a video, and draw what was seen if that is wanted."""
+        first, source = Path(sources[0]), sources[0] if len(sources) == 1 else sources
+        film = first.is_file() and first.suffix.lower() not in PICTURES
+        if len(sources) > 1 and (film or self.eye is not None):
+            raise BadOption(f"{len(sources)} names: expected one video or dataset, or pictures")
+        if not film and (still is not None or time_offset is not None):
+            raise BadOption("--still and --time-offset are for videos and bags, not pictures")
         if self.eye is not None:
-            if len(sources) > 1:
-                raise BadOption(f"{len(sources)} names: expected a folder, a pattern or a dataset")
-            given = (self.board, self.eye, self.lens, self.joints_file, self.camera)
-            return record_board(sources[0], *given, joints, degrees, prismatic)
+            return record_board(
+                sources[0], self.board, self.eye, self.lens, self.joints_file, self.camera, joints,
+                degrees=degrees, prismatic=prismatic,
+            )  # fmt: skip
         from calib.recording.from_pictures import log_pictures
         from calib.recording.from_video import log_video
         from calib.recording.joint_table import read_joints
@@ -96,28 +105,22 @@ class Shooting:
         from calib.recording.pictures import list_pictures
 
         setting = self.setting(output)
-        first, source = Path(sources[0]), sources[0] if len(sources) == 1 else sources
-        chosen = list(joints) if joints else None
-        table = read_joints(str(self.joints_file), chosen, degrees=degrees, prismatic=prismatic)
-        if first.is_file() and first.suffix.lower() not in PICTURES:
-            if len(sources) > 1:
-                raise BadOption(f"{len(sources)} names: expected one video, or pictures alone")
-            turns = tuple(name not in prismatic for name in table.names)
-            how: dict[str, Any] = of_videos
-            made = log_video(first, table, setting, **how, revolute=turns)
-        else:
-            if of_videos["still"] is not None or of_videos["time_offset"] is not None:
-                raise BadOption("--still and --time-offset are for videos and bags, not pictures")
-            made = log_pictures(source, table, setting)
-        say(made.notes)
-        # named in the log, so that train can draw the map over it
+        table = read_joints(str(self.joints_file), joints, degrees=degrees, prismatic=prismatic)
         path = first
-        if made.pictures is not None:
+        if film:
+            made = log_video(
+                first, table, setting, time_offset=time_offset, still=still, max_gap=max_gap,
+                revolute=[name not in prismatic for name in table.names],
+            )  # fmt: skip
+        else:
+            made = log_pictures(source, table, setting)
             named = {each.name: each for each in list_pictures(source)}
-            path = named[made.pictures[len(made) // 2]]
+            path = named[(made.pictures or ())[len(made) // 2]]
+        say(made.notes)
         folder = Path(output).resolve().parent
         if output != "-" and path.resolve().is_relative_to(folder):
-            name = path.resolve().relative_to(folder).as_posix()  # train finds it there
+            # named in the log, so that train can draw the map over it
+            name = path.resolve().relative_to(folder).as_posix()
             made = replace(made, source={**made.source, "photo": name})
         if self.picture is not None:
             write_seen(self.picture, read_photo(path), setting, made.pixels)

@@ -19,15 +19,15 @@ Text = str | None
 Many = list[Any] | None
 
 
-def option(usage: str, help: str, reader: read.Reader[Any] | None = None) -> Any:  # noqa: A002
+def option(usage: str, told: str, reader: read.Reader[Any] | None = None, **limits: Any) -> Any:
     """Declare an option of a value as a usage line has it, such as "--output -o FILE"."""
     *flags, metavar = usage.split()
-    return Option(*flags, metavar=metavar, parser=reader, help=help)
+    return Option(*flags, metavar=metavar, parser=reader, help=told, **limits)
 
 
-def flag(name: str, help: str) -> Any:  # noqa: A002
+def flag(name: str, told: str) -> Any:
     """Declare an option without a value, or one that is a choice or a number of Typer's own."""
-    return Option(name, help=help)
+    return Option(name, help=told)
 
 
 # files that commands work on

@@ -111,13 +111,6 @@ def whole_number(text: str) -> int:
     return int(finite_number(text, int))
 
 
-def any_number(text: str) -> float:
-    """Read a finite number; an option that does not exist is told as one."""
-    if text.startswith("-") and not text[1:2].isdigit() and not text.startswith("-."):
-        raise BadOption(f"no such option or number: {text!r}")
-    return reader("a finite number", finite_number)(text)
-
-
 def one_of(choices: Sequence[str]) -> Reader[str]:
     """Return a reader of a word out of several."""
 

@@ -146,9 +146,9 @@ def measured_samples(
         turns = dict(zip(arm.joint_names, arm.revolute, strict=True))
     glass = None
     if lens is not None:
-        from calib.recording.lens import read_lens
+        from calib.recording.lens import load_lens
 
-        glass = read_lens(lens).to_json()
+        glass = load_lens(lens)[0].to_json()
     log = calib.read_log(
         source,
         arm,

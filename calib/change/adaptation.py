@@ -217,8 +217,8 @@ def settled_model(
     seen, predictor = (u, x), None
     if found is not None:
         smooth = BodyInBox(found.body, scale)
-        selected = select(motor, u[some], x[some], smooth, found.held_out)
-        predictor, rows, errors = selected.predictor, selected.rows * some.step, selected.errors
+        predictor, left = select(motor, u[some], x[some], smooth, found.held_out)
+        rows, errors = np.arange(len(u))[some], np.linalg.norm(left, axis=1)
         if len(u) < _FEW_ROWS:
             drawn = np.random.default_rng(model.about.seed).random((_IMAGINED, u.shape[1]))
             seen = drawn, predictor.value(drawn)

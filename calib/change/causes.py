@@ -144,11 +144,11 @@ def _of_change(found: Comparison) -> list[Cause]:
     groups, beta, deviation = best.hypothesis, best.beta, best.deviation
     if not found.changed:
         above = (g.change for g in fired(found.tested.groups) if g.name.startswith(own))
-        if (told := next(above, None)) is None:
+        if (by_test := next(above, None)) is None:
             return []
-        ix, step, deviation = told[0], *np.zeros((2, len(old)))
+        ix, step, deviation = by_test[0], *np.zeros((2, len(old)))
         groups = tuple(dict.fromkeys(structure.label(k).group for k in ix.tolist()))
-        step[ix], deviation[ix] = told[1:]
+        step[ix], deviation[ix] = by_test[1:]
         beta = structure.retract(old, step)
     elif not groups:
         words = "the joints have waves that the model does not know: gears, or their sensors"

@@ -10,8 +10,9 @@ from typing import Literal
 import numpy as np
 
 from ..common.arrays import Array, Index
+from ..common.choices import MAPS
 from ..errors import OptionError
-from ..maps.density import GAINS
+from ..maps.density import gain_of
 from ..maps.lattice import Lattice
 from ..maps.links import without_weak
 from ..maps.map import Map
@@ -89,7 +90,7 @@ class OnlineAdapter:
         if horizon < 1:
             raise OptionError(f"horizon {horizon}: expected one or more samples")
         rule, maps = str(model.about.options.get("map", "vdsom")), (model.motor, model.sensory)
-        gain = GAINS.get(rule, GAINS["vdsom"])  # a model file keeps no function
+        gain = gain_of(rule if rule in MAPS else "vdsom")  # a model file keeps no function
         self._model, self._horizon, self._force = model, horizon, force
         layers = [
             Layer(part.units, part.lattice, part.scale, gain)

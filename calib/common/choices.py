@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import Literal, get_args
 
-# networks: :data:`calib.maps.density.GAINS` has the same, with the gain that each trains with
+# networks: `calib.maps.density.gain_of` has the gain that each trains with
 MAPS = (
     "som", "vdsom", "vdsom:residual", "vdsom:border", "vdsom:rho", "vdsom:printed", "vdsom:error",
     "dsom", "gng", "gng:error", "gng:border", "gas", "grid", "random", "rows",

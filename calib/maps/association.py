@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any, cast
@@ -122,9 +121,9 @@ class Association:
 
     def inverse(self, v: Array, near: Array, readout: str) -> Array:
         """Joints (n, dof) for positions `v` (n, 2), see :meth:`inverses`."""
-        return self.inverses(v, near, (readout,))[readout]
+        return self.inverses(v, near)[readout]
 
-    def inverses(self, v: Array, near: Array, readouts: Sequence[str]) -> dict[str, Array]:
+    def inverses(self, v: Array, near: Array) -> dict[str, Array]:
         """Joints in the unit box (n, dof) for positions `v` (n, 2) in theirs, by readout.
 
         Of the winner's branches the one closest to `near` (n, dof) answers: ``winner`` with its
@@ -132,17 +131,12 @@ class Association:
         with a regression on the sensory nodes' mean activity positions.
         """
         scale, clusters = self.motor.scale, self.clusters
-        winner = self.sensory.nearest(v)[1][:, 0]
-        away = np.linalg.norm(scale.difference(clusters.center[winner], near[:, None]), axis=2)
-        branch = np.where(clusters.strength[winner] > 0, away, np.inf).argmin(axis=1)
-        found: dict[str, Array] = {}
-        if "winner" in readouts:
-            found["winner"] = self.motor.units[clusters.core[winner, branch]]
-        if not set(readouts) - {"winner"}:
-            return found
         a = self.wiring.activity(self.sensory, v)
         n, k = len(v), a.nnz // max(len(v), 1)
         nodes, weight = a.indices.reshape(n, k), a.data.reshape(n, k)
+        winner = self.sensory.nearest(v)[1][:, 0]
+        away = np.linalg.norm(scale.difference(clusters.center[winner], near[:, None]), axis=2)
+        branch = np.where(clusters.strength[winner] > 0, away, np.inf).argmin(axis=1)
         anchor = clusters.center[winner, branch]
         gap = scale.difference(clusters.center[nodes], anchor[:, None, None])
         far = np.linalg.norm(gap, axis=3) + np.where(clusters.strength[nodes] > 0, 0.0, np.inf)
@@ -152,14 +146,14 @@ class Association:
         weight = np.where(close, weight * strength, 0.0)
         weight[:, 0] += 1e-300
         step = np.take_along_axis(gap, best[..., None], 2)[:, :, 0]
-        if "linear" in readouts:
-            places = _places(self.sensory, self.sensory_shifts)
-            middle, mean, slope = regress(places[nodes] - v[:, None], step, weight)
-            found["linear"] = anchor + mean - np.einsum("nd,ndo->no", middle, slope)
-        if "activity" in readouts:
-            mean = np.einsum("nk,nkd->nd", weight, step) / weight.sum(axis=1, keepdims=True)
-            found["activity"] = anchor + mean
-        return found
+        places = _places(self.sensory, self.sensory_shifts)
+        middle, value, slope = regress(places[nodes] - v[:, None], step, weight)
+        mean = np.einsum("nk,nkd->nd", weight, step) / weight.sum(axis=1, keepdims=True)
+        return {
+            "linear": anchor + value - np.einsum("nd,ndo->no", middle, slope),
+            "activity": anchor + mean,
+            "winner": self.motor.units[clusters.core[winner, branch]],
+        }
 
     @cached_property
     def linear(self) -> LinearModels:
@@ -216,28 +210,23 @@ class Association:
         graph = csr_array((np.ones(len(place[met])), place[met], indptr), shape=(len(key),) * 2)
         label = connected_components(graph)[1].astype(np.intp)
 
-        # strongest link of each cluster, clusters of each sensory node by strength
         order = np.lexsort((-links.data, label))
-        first = order[np.append(True, np.diff(label[order]) > 0)]
+        first = order[np.append(True, np.diff(label[order]) > 0)]  # strongest link of each cluster
         core = first[label]  # the strongest link of the same cluster
         gap = motor.scale.difference(motor.units[i], motor.units[i[core]])
         weight = np.where(np.linalg.norm(gap, axis=1) <= _CORE * motor.spacing, links.data, 0.0)
-        count = len(first)
-        total = np.bincount(label, weight, minlength=count)
-        shift = np.stack([np.bincount(label, weight * g, minlength=count) for g in gap.T], axis=1)
+        total = np.bincount(label, weight)
+        shift = np.stack([np.bincount(label, weight * g) for g in gap.T], axis=1)
         center = motor.units[i[first]] + shift / total[:, None]
+        # clusters of each sensory node, the strongest first
         rank = np.lexsort((-links.data[first], j[first]))
         owner = j[first][rank]
-        place_in_row = np.arange(count) - np.searchsorted(owner, owner)
-        keep = place_in_row < _MOST
-        width = int(place_in_row[keep].max()) + 1
-        centers = np.zeros((ns, width, motor.units.shape[1]))
-        strength = np.zeros((ns, width))
-        centers[owner[keep], place_in_row[keep]] = center[rank][keep]
-        strength[owner[keep], place_in_row[keep]] = total[rank][keep]
-        cores = np.zeros((ns, width), dtype=np.intp)
-        cores[owner[keep], place_in_row[keep]] = i[first][rank][keep]
-        return Clusters(centers, strength, cores)
+        column = np.arange(len(owner)) - np.searchsorted(owner, owner)
+        kept = column < _MOST
+        table = np.full((ns, int(column[kept].max()) + 1), -1)
+        table[owner[kept], column[kept]] = rank[kept]
+        strength = np.where(table >= 0, total[table], 0.0)
+        return Clusters(center[table], strength, i[first][table])
 
 
 def _sums(network: Map, activity: csr_array, u: Array) -> Array:

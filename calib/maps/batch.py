@@ -1,8 +1,7 @@
 """Kohonen's batch map: it goes to the fixed points of eq. 2, some fifty times sooner.
 
-Each epoch puts every node at the mean of all samples, weighted by h of eq. 3, and coarse lattices
-come first.  `python benchmarks/map_readouts.py rules --samples 20000`: sample by sample 17.1 s,
-from a random start 0.60 s, coarse to fine 0.21 s.
+`python benchmarks/map_readouts.py rules --samples 20000`: sample by sample 17.1 s, from a random
+start 0.60 s, coarse lattices first 0.21 s; with the gain of the border 20.8, 0.40 and 0.34 s.
 """
 
 from __future__ import annotations

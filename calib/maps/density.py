@@ -1,9 +1,7 @@
-"""Varying density: what eq. 7 and 8 can mean, one gain each; none but `as_printed` is eq. 8 itself.
+"""Varying density: what eq. 7 and 8 can mean, each as a factor g on a sample's update.
 
-A gain g is a factor on each sample's update, 1 at the start, so that the map orders itself.  The
-batch rule goes to the fixed points of eq. 2 with eq. 8 as that factor, where each node is the mean
-of all samples weighted by g h.  `python benchmarks/map_readouts.py rules --samples 20000`, 30x30
-nodes, maps and links: border 0.34 s, sample by sample 20.8 s, 60 times as long.
+g is 1 at the start, so that the map orders itself.  The batch rule goes to the fixed points of
+eq. 2 with it, where each node is the mean of all samples weighted by g h.
 """
 
 from __future__ import annotations
@@ -14,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..common.arrays import Array, Index
+from ..common.choices import MAPS
 from ..common.wording import one_line
 from ..errors import OptionError
 from .lattice import Graph, Lattice
@@ -74,8 +73,6 @@ Gain = Callable[[Visit], Array]
 
 _FULL = 2 / 3  # share of the training after which the gain at the border is full
 _LEAST, _MOST = 0.05, 50.0  # of the residual's share in the gain
-_OWN = 5.0  # samples that each node keeps
-_ROUNDS = 20  # after which a cap on the density stands
 
 
 def border(visit: Visit, share: float = 1.0) -> Array:
@@ -133,36 +130,15 @@ def rho(visit: Visit) -> Array:
 def residual(visit: Visit) -> Array:
     """Gain of samples where a smooth model is wrong, times that of the border: the default.
 
-    g = border (r / mean r)^(min(1, 3/2 t/T)), r of `model_selection.misfit`, rationed by
-    :func:`rationed`; "concentration of nodes in regions with large transformation errors".  The
-    border's gain has two thirds of its strength; without residuals it is all there is.
+    g = border (r / mean r)^(min(1, 3/2 t/T)), r of `model_selection.misfit`: "concentration of
+    nodes in regions with large transformation errors".  The border's gain has two thirds of its
+    strength; without residuals it is all there is.
     """
     gain = border(visit, 2 / 3)
     if visit.residual is None:
         return gain
-    share = rationed(visit.residual, visit.per_node, visit.weights.shape[1])
+    share = np.clip(visit.residual / max(float(visit.residual.mean()), 1e-300), _LEAST, _MOST)
     return np.asarray(gain * share ** min(1.0, visit.progress / _FULL))
-
-
-def rationed(residual: Array, per_node: float, dim: int) -> Array:
-    """The residual's share in the gain (n,), so that each node keeps samples of its own.
-
-    Samples with a gain g get a density of nodes in proportion to g^(d / (d + 2)) in d dimensions
-    (Zador, IEEE Trans. Inf. Theory 28, 1982).  The largest densities are capped where a node would
-    have fewer than 5 samples: more nodes than samples in a bump left one in ten of them with
-    too few rows to choose a local model by.
-
-    residual : (n,), how wrong the smooth model is around each sample
-    per_node : samples per node of the whole map
-    """
-    if per_node <= _OWN:
-        return np.ones(len(residual))
-    share = np.clip(residual / max(float(residual.mean()), 1e-300), _LEAST, _MOST)
-    power = dim / (dim + 2.0)
-    dense = share**power
-    for _ in range(_ROUNDS):  # what is capped lowers the mean that the cap is a multiple of
-        dense = np.minimum(dense, per_node / _OWN * dense.mean())
-    return np.asarray(dense ** (1.0 / power))
 
 
 def checked_gain(gain: Gain) -> Gain:
@@ -193,22 +169,12 @@ READINGS: dict[str, Gain] = {
 }
 """What a varying density can mean, by the name that follows the colon in ``--map``."""
 
-GAINS: dict[str, Gain | None] = {
-    "som": None,
-    "vdsom": border,
-    **{f"vdsom:{name}": gain for name, gain in READINGS.items()},
-    **dict.fromkeys(("dsom", "gng")),
-    **{f"gng:{name}": READINGS[name] for name in ("error", "border")},
-    **dict.fromkeys(("gas", "grid", "random", "rows")),
-}
-"""Networks by their name in ``--map`` and the gain that each trains with."""
-
 
 def gain_of(name: str) -> Gain | None:
     """Gain of a network by its name in ``--map``, None where there is none."""
-    if name not in GAINS:
-        raise OptionError(f"map {name!r} is unknown, choose one of {', '.join(GAINS)}")
-    return GAINS[name]
+    if name not in MAPS:
+        raise OptionError(f"map {name!r} is unknown, choose one of {', '.join(MAPS)}")
+    return border if name == "vdsom" else READINGS.get(name.partition(":")[2])
 
 
 def kind_of(network: str | Gain) -> str:

@@ -1,6 +1,5 @@
 """Growing neural gas (Fritzke, NIPS 1995): nodes and edges that grow where errors are.
 
-A gain weighs the errors that a node accumulates, which decide where the next node is inserted.
 With blocks of one sample :func:`present_gng` is the source's algorithm to the letter.  Within a
 longer block, of at most a tenth of the nodes, the winners are those at its start.
 """

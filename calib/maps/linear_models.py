@@ -1,8 +1,7 @@
 """Linear models of maps and links: what the readout ``linear`` regresses.
 
-At the border, where the active nodes stand on one side of a query, the mean of their partners is
-the value at their middle.  A regression of the partners on the nodes' mean activity positions
-continues to the query.
+At the border active nodes stand on one side of a query, and the mean of their partners is the value
+at their middle; a regression on the nodes' mean activity positions continues to the query.
 """
 
 from __future__ import annotations

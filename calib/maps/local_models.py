@@ -8,9 +8,8 @@ from functools import lru_cache
 from typing import Annotated
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..common.arrays import Array, Index, Shape
+from ..common.arrays import Array, Index, Mask, Shape
 from ..common.frozen import ReadOnly
 from .map import Map, nearest_points
 
@@ -20,7 +19,6 @@ MOST_DEGREE = 5
 SILENT, FULL = 0.3, 0.5
 """Shares of the weight at which speaking nodes are not heard, and in full."""
 
-_REACH = 0.7  # of the diagonal of a cell of a node's spacing: so far it speaks in full
 _RING = 16  # places around a node where its polynomial has to be firm
 _FIRM = 10.0  # variance of an answer there, over that of one sample
 _CHUNK = 20_000_000  # numbers held at once while fitting
@@ -43,14 +41,14 @@ NO_MODELS = LocalModels(-1, 0, np.zeros(0), np.zeros((0, 0, 2)))
 
 
 @lru_cache(maxsize=32)
-def exponents(dim: int, degree: int) -> NDArray[np.intp]:
+def exponents(dim: int, degree: int) -> Index:
     """Exponents of all terms of total degree <= `degree`, (terms, dim), lowest first."""
     every = itertools.product(range(degree + 1), repeat=dim)
     terms = sorted((t for t in every if sum(t) <= degree), key=lambda t: (sum(t), t))
     return np.array(terms, dtype=np.intp).reshape(-1, dim)
 
 
-def monomials(z: Array, terms: NDArray[np.intp]) -> Array:
+def monomials(z: Array, terms: Index) -> Array:
     """Products of powers of `z` (..., d) by their exponents (terms, d), (..., terms)."""
     found = np.ones((*z.shape[:-1], len(terms)))
     for k, column in enumerate(terms.T):
@@ -118,51 +116,33 @@ def blend(motor: Map, u: Array, m: int, *, slope: bool = False) -> tuple[Index, 
     distance, index = motor.nearest(u, m + 1)
     last = np.maximum(distance[:, -1:], 1e-300)
     ratio = (distance[:, :-1] / last) ** 2
-    raw = (1.0 - ratio) ** 2
+    raw = np.maximum((1.0 - ratio) ** 2, 1e-30)  # all at the same distance weigh the same
     total = raw.sum(axis=1, keepdims=True)
-    even = total <= 0.0  # all at the same distance
-    total = np.where(even, 1.0, total)
-    weight = np.where(even, 1.0 / m, raw / total)
+    weight = raw / total
     if not slope:
         return index[:, :-1], weight, np.empty(0)
     # ratio_k = d_k^2 / d_last^2, in which both distances move with the point; then the quotient
     # rule for raw_k / total
     gap = motor.scale.difference(u[:, None], motor.units[index])
     tilt = 2.0 * (gap[:, :-1] - ratio[..., None] * gap[:, -1:]) / (last * last)[..., None]
-    tilt *= np.where(even, 0.0, -2.0 * (1.0 - ratio))[..., None]
+    tilt *= -2.0 * (1.0 - ratio)[..., None]
     tilt = (tilt - weight[..., None] * tilt.sum(axis=1, keepdims=True)) / total[..., None]
     return index[:, :-1], weight, tilt
 
 
 def speaking(motor: Map, u: Array) -> tuple[Index, Array, Array]:
-    """Nodes that speak for each point, their weights (n, m), and the offsets (n, m, d) from them.
-
-    A node's say ends between once and twice its reach, so that the nodes of a dense region do not
-    speak for the coarse one beside it.  The others share it; where none is left weights are zero.
-    """
+    """Nodes that speak for each point, their weights (n, m), and offsets (n, m, d) from them."""
     index, weight, _ = blend(motor, u, blend_size(u.shape[1]))
-    gap = motor.scale.difference(u[:, None], motor.units[index])
-    ratio = np.sqrt(np.einsum("nmd,nmd->nm", gap, gap)) / reach_of(motor)[index]
-    share = (1.0 - np.clip(ratio - 1.0, 0.0, 1.0) ** 2) ** 2
-    weight = weight * share
-    total = weight.sum(axis=1, keepdims=True)
-    left = share.max(axis=1, keepdims=True)
-    return index, np.where(total > 0.0, weight * left / np.where(total > 0.0, total, 1.0), 0.0), gap
+    return index, weight, motor.scale.difference(u[:, None], motor.units[index])
 
 
-def reach_of(motor: Map) -> Array:
-    """How far each node speaks in full, (nodes,), in the unit box."""
-    return np.asarray(_REACH * np.sqrt(motor.units.shape[1]) * motor.spacings)
-
-
-def heard(weight: Array, talks: NDArray[np.bool_]) -> Array:
+def heard(weight: Array, talks: Mask) -> Array:
     """Weights (n, m) of the nodes that talk, by their share beside silent ones.
 
     The edge of a sharp defect then lies between nodes, and neither side dilutes the other.
     """
     own = np.where(talks, weight, 0.0)
     share = own.sum(axis=1, keepdims=True)
-    share /= np.maximum(weight.sum(axis=1, keepdims=True), 1e-300)
     t = np.clip((share - SILENT) / (FULL - SILENT), 0.0, 1.0)
     return np.asarray(own * (t * t * (3.0 - 2.0 * t) / np.maximum(share, SILENT)))
 

@@ -73,30 +73,27 @@ class Map:
         return frozen(self.lattice.edges())
 
     @cached_property
-    def _lengths(self) -> Array:
-        """Distance of the two nodes of each edge in the unit box, (m,)."""
-        a, b = self.edges.T
-        gap = self.scale.difference(self.units[a], self.units[b])
-        return frozen(np.linalg.norm(gap, axis=1))
-
-    @cached_property
     def spacing(self) -> float:
         """Mean distance of joined nodes in the unit box: the unit of every radius."""
-        return float(self._lengths.mean())
+        return float(self._lengths(1.0).mean())
 
     @cached_property
     def spacings(self) -> Array:
         """Mean distance of each node to those it is joined to, (nodes,), in the unit box."""
-        own = self._node_means(self._lengths)
+        own = self._node_means(self._lengths(1.0))
         # a node on top of its neighbours, or joined to none, has the spacing of the map
         return frozen(np.where(own > 1e-6 * self.spacing, own, max(self.spacing, 1e-300)))
 
     @property
     def u_matrix(self) -> Array:
         """Mean distance of each node to its neighbours [unit], shaped like the lattice."""
+        return self._node_means(self._lengths(self.scale.span)).reshape(self.lattice.shape)
+
+    def _lengths(self, span: Array | float) -> Array:
+        """Distance of the two nodes of each edge, (m,), where the unit box is so large."""
         a, b = self.edges.T
-        gap = self.scale.difference(self.units[a], self.units[b]) * self.scale.span
-        return self._node_means(np.linalg.norm(gap, axis=1)).reshape(self.lattice.shape)
+        gap = self.scale.difference(self.units[a], self.units[b])
+        return np.asarray(np.linalg.norm(gap * span, axis=1))
 
     def _node_means(self, lengths: Array) -> Array:
         """Means (nodes,) over the edges of each node, 0 of a node without one."""

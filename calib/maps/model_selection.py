@@ -1,12 +1,10 @@
 """Which nodes carry local models, and of which shape: by held-out errors, silent within noise.
 
-Folds are contiguous blocks of rows, because neighbouring rows of a real log can be
-near-repeats that would flatter a model split row by row.  ``docs/maps.md`` has the figures.
+Folds are contiguous: neighbouring rows of a real log can be near-repeats.  Figures: docs/maps.md.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from math import comb
 from typing import Any
 
@@ -29,29 +27,12 @@ _CALM = 2.0  # times the noise's mean square, below which that median is calm
 _HARM = 30.0  # weight of a calm row: what mends a defect must not spoil what is right beside it
 _SPEAKS = 0.5  # of a node's weight on wrong rows, above which it may speak
 _PARTS = 20  # parts of a log: a gain has to come from several, near-repeats are no evidence
-# standard errors beyond zero, of a node's gain and of the sum: with 1.0 for a node, rows beside a
-# ripple were up to 1.9 times as wrong as without it, with 1.2 1.45 times, and UR10 A .2019 -> .2034
-_GAINS, _BEYOND = 1.2, 3.0
+_GAINS, _BEYOND = 1.0, 3.0  # standard errors beyond zero, of a node's gain and of the sum
 _ALONG, _SURE = 0.1, 5.0  # see `follows_the_motion`
-_MOST = 1_000  # rows whose held-out errors are told
 
 _MEANS = 30  # rows whose residuals are averaged
 _CHANCE = 4.0  # standard errors by which a mean square must exceed the common one
 _SPREADS = 6.0  # standard deviations of the calm mean squares, the same
-
-
-@dataclass(frozen=True)
-class Selected:
-    """A predictor and what cross-validation found of it."""
-
-    predictor: Predictor  # fitted to all samples
-    rows: Index  # (k,), rows that were held out in turn
-    residual: Array  # (k, m), their positions less predictions that had not seen them
-
-    @property
-    def errors(self) -> Array:
-        """Distances (k,) between positions and predictions."""
-        return np.asarray(np.linalg.norm(self.residual, axis=1))
 
 
 def blocks(n: int, folds: int = 10) -> list[Index]:
@@ -82,7 +63,7 @@ def follows_the_motion(x: Array, residual: Array) -> bool:
     return bool(abs(np.median(means)) > max(_SURE * chance, _ALONG * size))
 
 
-def select(motor: Map, u: Array, x: Array, smooth: Smooth, held: Array) -> Selected:
+def select(motor: Map, u: Array, x: Array, smooth: Smooth, held: Array) -> tuple[Predictor, Array]:
     """Give nodes local models of one shape where that mends what a smooth part leaves over.
 
     Nodes that stand among wrong rows may speak; those that mend held-out rows do.  Cost of a row is
@@ -92,10 +73,10 @@ def select(motor: Map, u: Array, x: Array, smooth: Smooth, held: Array) -> Selec
     u, x : (n, dof), (n, m), joints of the samples in the unit box, in their order, and positions
     smooth : the smooth part, fitted to all samples
     held : (n, m), what smooth parts leave over that have not seen the row's fold
+    Returns the predictor, and what is left of `held` where local models have not seen the row.
     """
     n, dof, residual = *u.shape, x - smooth.value(u)
-    told = np.arange(0, n, max(1, n // _MOST))
-    plain = Selected(Predictor(motor, smooth, NO_MODELS), told, held[told])
+    plain = Predictor(motor, smooth, NO_MODELS), held
     shapes = [s for s in _SHAPES if 1.2 * comb(dof + s[0], dof) <= s[1] < n // 4]
     if not shapes or follows_the_motion(x, held):
         return plain
@@ -139,7 +120,7 @@ def select(motor: Map, u: Array, x: Array, smooth: Smooth, held: Array) -> Selec
     mended = held.copy()
     mended[rows] = left
     models = local.fit(motor, nodes, u, residual, shape)
-    return Selected(Predictor(motor, smooth, models), told, mended[told])
+    return Predictor(motor, smooth, models), mended
 
 
 def _square(residual: Array) -> Array:

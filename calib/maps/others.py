@@ -1,12 +1,7 @@
-"""Networks beside SOM and VDSOM: a dynamic map, a neural gas, and nodes that no rule has moved.
+"""Networks beside SOM and VDSOM: a dynamic map, neural gas, and nodes that no rule has moved.
 
-The dynamic map (Rougier and Boniface, Neurocomputing 74, 2011): learning rate and neighbourhood
-follow the distance between a sample and its winner, not time.
-
-Batch neural gas, for four joints and more: a lattice of two or three axes folds into a space of six
-and quantizes it worse than random rows do.  Samples pull their nearest nodes by rank (Martinetz and
-Schulten 1991), in batches (Cottrell, Hammer, Hasenfuss and Villmann, Neural Networks 19, 2006), and
-nodes that are the two nearest of a sample are joined (competitive Hebbian learning).
+DSOM: Rougier and Boniface, Neurocomputing 74, 2011.  Batch neural gas, for four joints and more,
+which a lattice folds into: Cottrell, Hammer, Hasenfuss and Villmann, Neural Networks 19, 2006.
 """
 
 from __future__ import annotations
@@ -32,7 +27,7 @@ _JITTER = 1e-7  # of the unit box: repeated rows make no two nodes in one place
 def learn_dsom(
     u: Array, lattice: Lattice, epochs: int, rng: np.random.Generator
 ) -> Iterator[Epoch]:
-    """Train a dynamic map, sample by sample; yields after each pass over the samples (n, d)."""
+    """Train a dynamic map, whose rate and radius follow the distance of a sample to its winner."""
     # from one place it unfolds; scattered nodes are close to every sample and stay put
     weights = 0.5 + 0.01 * (rng.random((lattice.size, u.shape[1])) - 0.5)
     for _ in range(epochs):
@@ -76,7 +71,7 @@ def _widths(lattice: Lattice, distance: float, dim: int, elasticity: float) -> t
 
 
 def learn_gas(u: Array, nodes: int, epochs: int, rng: np.random.Generator) -> Iterator[Epoch]:
-    """Train a batch neural gas from rows; yields after each pass over the samples (n, d)."""
+    """Train a neural gas: samples pull their nearest nodes by rank, and join the two nearest."""
     weights, k = _rows(u, nodes, rng), min(_NEAREST, nodes)
     columns = np.column_stack([u, np.ones(len(u))]).T
     for reach in decay(*_RANGE, epochs):

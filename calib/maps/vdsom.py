@@ -1,13 +1,7 @@
 """The paper's algorithm, one sample at a time, in its own symbols: two maps and their links.
 
-`VDSOM.show` is the algorithm: eq. 1, 3, 7, 8, 2 form the maps and eq. 5 (11) the links, at rates
-that fall by eq. 4 while a model is trained and by eq. 10 and 12 while it follows a change.  Eq. 9,
-the distortion, is `zeta`.  The readings of eq. 7 and 8 that are factors on a sample's update stand
-in `density.py`.
-
-`calib train --rule online`, `calib.SOM(rule="online")`, `calib adapt --method online` and
-`calib reproduce adaptation` run this loop.  The batch rule (`batch.py`) goes to where eq. 2
-comes to rest, some fifty times sooner.
+`VDSOM.show` is the algorithm, `Rates` has its schedules, `zeta` its distortion; the readings of
+eq. 7 and 8 that are factors on a sample's update stand in `density.py`.
 """
 
 from __future__ import annotations

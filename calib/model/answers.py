@@ -75,8 +75,8 @@ def unit_joints(model: Parts, x: Array, near: Array, readouts: Sequence[str]) ->
     linked = [r for r in readouts if r not in found]
     if linked:
         v = model.sensory.scale.to_unit(seen)
-        answered = model.association.inverses(v, near, linked)
-        found |= {r: model.solver.clip(u) for r, u in answered.items()}
+        answered = model.association.inverses(v, near)
+        found |= {r: model.solver.clip(answered[r]) for r in linked}
     return found
 
 

@@ -20,7 +20,7 @@ from ..errors import CalibError, OptionError
 from ..kernel.arm import KernelArm
 from ..kernel.compiled import Compiled, braces, c_number, c_source, compile_source, source, table
 from ..kernel.posterior import CompactPosterior
-from ..maps.local_models import FULL, SILENT, blend_size, exponents, reach_of
+from ..maps.local_models import FULL, SILENT, blend_size, exponents
 from ..samples.roles import ROUNDING
 from .answers import SURE
 from .nominal import nominal_for_kernel
@@ -210,15 +210,15 @@ class Header:
     @property
     def _local_tables(self) -> dict[str, NDArray[Any]]:
         """Local models of the nodes, and how their monomials are made of each other."""
-        models, motor = self.model.predictor.models, self.model.motor
-        terms = exponents(motor.units.shape[1], models.degree)
+        models = self.model.predictor.models
+        terms = exponents(self.model.motor.units.shape[1], models.degree)
         place = {tuple(term): k for k, term in enumerate(terms.tolist())}
         along = [int(np.flatnonzero(term)[0]) if term.any() else 0 for term in terms]
         unit = np.eye(terms.shape[1], dtype=int)
         below = [[place.get(tuple((t - e).tolist()), 0) for e in unit] for t in terms]
         flat = models.coefficients.reshape(len(models.coefficients), -1)
         return {
-            "radius": models.radius, "says": reach_of(motor), "local_terms": flat,
+            "radius": models.radius, "local_terms": flat,
             "talks": flat.any(axis=1).astype(int), "along": np.array(along),
             "parent": np.array([row[k] for row, k in zip(below, along, strict=True)]),
             "power": terms.ravel().astype(int), "below": np.ravel(below),

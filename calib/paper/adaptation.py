@@ -30,20 +30,16 @@ _RULE = "activity, eq. 11 alone"  # the links as the rule has made them, step by
 class Episode:
     """One change and what came of it."""
 
-    # the model as it was trained and as it is at the end of the stream
-    before: Model
-    after: Model
+    before: Model  # as it was trained
+    after: Model  # as it is at the end of the stream
     steps: tuple[Step, ...]  # distortion, error and schedules along the stream
-    # (n, dof), (n, 2) [m], exact test points of the changed arm
-    q: Array
-    x: Array
-    # {readout: {"trained", "changed", "adapted"}}: mean and largest forward error [m] of the model
-    # on the old arm, on the changed arm, and after it has followed.  The readout "rule" is
-    # ``activity`` with the links that eq. 11 made on the way, which the delivered model replaces by
-    # those at which it comes to rest.
+    q: Array  # (n, dof), joints of exact test points of the changed arm
+    x: Array  # (n, 2) [m]
+    # {readout: {"trained", "changed", "adapted"}}: mean and largest forward error [m].  The readout
+    # "rule" is ``activity`` with the links that eq. 11 made on the way, which the delivered model
+    # replaces by those at which it comes to rest.
     errors: dict[str, dict[str, dict[str, float]]]
-    # {"trained", "changed", "adapted"}: zeta of the sensory map (eq. 9) in the unit box.
-    distortion: dict[str, float]
+    distortion: dict[str, float]  # in these states, of the sensory map in the unit box (eq. 9)
 
 
 def _episode(setting: Setting, change: str) -> Episode:

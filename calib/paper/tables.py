@@ -90,7 +90,7 @@ def table1(setting: Setting) -> Result:
         trial, searched[network] = best_trial(setting, network)
         best[network] = trial.row(setting)
     same = {n: NetworkTrial(n, SAME_SCHEDULE, setting.side).row(setting) for n in NETWORKS}
-    paper = printed(TABLE1)
+    paper = _printed(TABLE1)
     setting.report(1.0, "the default varying density")
     default = NetworkTrial("vdsom:residual", Schedule(), setting.side).row(setting)
     schedules = {n: str(found[0].schedule) for n, found in searched.items()}
@@ -107,7 +107,7 @@ def table1(setting: Setting) -> Result:
             "default_linear": _ratios(best["som"]["linear"], default["linear"]),
             "paper": _ratios(paper["som"], paper["vdsom"]),
         },
-        **_conditions(setting),
+        **_size_of(setting),
     }
     size = f"{setting.side}x{setting.side}"
     # another arm or small lattices are not the paper's
@@ -116,7 +116,7 @@ def table1(setting: Setting) -> Result:
     lines |= {f"{n.upper()}, same: {SAME_SCHEDULE}": (same[n], beside[n]) for n in NETWORKS}
     lines["VDSOM:residual, the default"] = (default, beside["vdsom"])
     tables = [
-        _comparison("table1", f"Table 1, {size} nodes, {conditions(setting)}", lines),
+        _comparison("table1", f"Table 1, {size} nodes, {_conditions(setting)}", lines),
         _ratio_table(data["ratios"]),
         Table(
             "schedules",
@@ -139,9 +139,9 @@ def table2(setting: Setting) -> Result:
         data[f"{side}x{side}"] = row
         paper = TABLE2.get(side) if setting.printed else None
         lines[f"VDSOM {side}x{side}"] = (row, paper)
-    data |= {"paper": printed({f"{n}x{n}": columns for n, columns in TABLE2.items()})}
-    data |= {"schedule": str(trial.schedule), **_conditions(setting)}
-    title = f"Table 2, {trial.schedule}, {conditions(setting)}"
+    data |= {"paper": _printed({f"{n}x{n}": columns for n, columns in TABLE2.items()})}
+    data |= {"schedule": str(trial.schedule), **_size_of(setting)}
+    title = f"Table 2, {trial.schedule}, {_conditions(setting)}"
     return Result(data, (_comparison("table2", title, lines),))
 
 
@@ -172,9 +172,9 @@ def _ratios(columns: _Columns, others: _Columns) -> dict[str, dict[str, float]]:
     }
 
 
-def columns_of(row: Row) -> tuple[str, ...]:
+def columns_of(row: Row) -> list[str]:
     """Columns of a row: x, y and the joints by their names."""
-    return tuple(c for c in next(iter(row.values())) if not c.endswith("_distance"))
+    return [c for c in next(iter(row.values())) if not c.endswith("_distance")]
 
 
 def unit_of(column: str) -> str:
@@ -200,22 +200,22 @@ def _ratio_table(found: Mapping[str, Mapping[str, Mapping[str, float]]]) -> Tabl
     return Table("ratios", "errors of the VDSOM over those of the SOM", header, rows)
 
 
-def conditions(setting: Setting) -> str:
+def _conditions(setting: Setting) -> str:
     """How large an experiment was, in words."""
     size = f"{setting.samples:,} samples, {len(setting.seeds)} seeds"
     return f"{size}, 10,000 exact test points for each"
 
 
-def _conditions(setting: Setting) -> dict[str, Any]:
+def _size_of(setting: Setting) -> dict[str, Any]:
     return {"samples": setting.samples, "seeds": list(setting.seeds), "quick": setting.quick}
 
 
-def printed(table: Mapping[str, Mapping[str, Printed]]) -> dict[str, Any]:
+def _printed(table: Mapping[str, Mapping[str, Printed]]) -> dict[str, Any]:
     """A table of the paper for JSON, in SI units."""
     return {
         name: {
-            c: {"mean": p.mean / FACTORS[UNITS[c]], "max": p.max / FACTORS[UNITS[c]]}
-            for c, p in columns.items()
+            column: {key: value / FACTORS[UNITS[column]] for key, value in cell._asdict().items()}
+            for column, cell in columns.items()
         }
         for name, columns in table.items()
     }

@@ -10,15 +10,14 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..common.arrays import Array
-from ..common.choices import MAP_READOUTS
 from ..common.parallel import one_blas_thread
-from ..common.scale import Scale
 from ..maps.association import Association
 from ..maps.density import Gain
 from ..samples.samples import Samples
 from ..training.evaluate import Residuals, fresh_points, summarise
 from ..training.learn import associate
 from ..training.options import TrainingOptions
+from ..training.smooth import unit_box
 from .setting import Setting
 
 Row = dict[str, dict[str, dict[str, float]]]
@@ -62,14 +61,13 @@ class NetworkTrial:
         simulation = samples.simulation
         assert simulation is not None  # noqa: S101
         q, x = fresh_points(simulation, seed)
-        motor, sensory = pair.motor.scale, pair.sensory.scale
-        u, v = motor.to_unit(q), sensory.to_unit(x)
-        found = Residuals(q, x, {}, {}, {}, samples.joint_names, 0)
-        for readout in MAP_READOUTS:
-            found.forward[readout] = sensory.from_unit(pair.forward(u, readout)) - x
-            answer = np.clip(pair.inverse(v, u, readout), 0.0, 1.0)
-            found.inverse[readout] = motor.difference(answer, u) * motor.span
-            there = simulation.exact(motor.from_unit(answer))
+        scale, found = pair.motor.scale, Residuals(q, x, {}, {}, {}, samples.joint_names)
+        u = scale.to_unit(q)
+        for readout, answer in pair.inverses(pair.sensory.scale.to_unit(x), u).items():
+            answer = np.clip(answer, 0.0, 1.0)
+            found.forward[readout] = pair.predict(q, readout) - x
+            found.inverse[readout] = scale.difference(answer, u) * scale.span
+            there = simulation.exact(scale.from_unit(answer))
             found.distance[readout] = np.linalg.norm(there - x, axis=1)
         # widths of what the samples cover, and of the joints' limits
         widths = *np.ptp(samples.x, axis=0).tolist(), *(samples.upper - samples.lower).tolist()
@@ -92,10 +90,9 @@ def joined(results: list[dict[str, Any]]) -> Row:
                 cell = {k: float(np.mean([f[k] for f in found])) for k in ("mean", "max", "p99")}
                 for k in ("mean", "max"):
                     cell[f"{k}_spread"] = float(np.std([f[k] for f in found]))
-                if column != "distance":
-                    width = float(np.mean([r["ranges"][column] for r in results]))
-                    cell["mean_of_range"] = cell["mean"] / width
-                    cell["max_of_range"] = cell["max"] / width
+                    if column != "distance":
+                        width = float(np.mean([r["ranges"][column] for r in results]))
+                        cell[f"{k}_of_range"] = cell[k] / width
                 row[readout][name] = cell
     return row
 
@@ -104,11 +101,9 @@ def association(
     samples: Samples, network: str | Gain, schedule: Schedule, side: int, seed: int
 ) -> Association:
     """Both maps and their links alone, as ``calib train`` would learn them."""
-    scale = Scale.of_range(samples.lower, samples.upper, samples.revolute)
-    options = TrainingOptions(
-        side, map=network, rule=schedule.rule, epochs=schedule.epochs, sigma=schedule.radii(side),
-        seed=seed, links=schedule.links,
-    )  # fmt: skip
+    scale, s = unit_box(samples), schedule
+    how: dict[str, Any] = {"rule": s.rule, "epochs": s.epochs, "links": s.links}
+    options = TrainingOptions(side, map=network, sigma=s.radii(side), seed=seed, **how)
     with one_blas_thread():
         return associate(scale, scale.to_unit(samples.q), samples.x, options)
 
@@ -127,9 +122,7 @@ SAME_SCHEDULE = Schedule(20, 2.0)
 
 _EPOCHS = (20, 40)
 _SIGMAS = (0.4, 0.7, 1.0, 1.5, 2.0)
-_LINKS = ("reciprocal", "oja")
-_FINALISTS = 4
-"""So many candidates are judged on every seed: one seed alone is one map's luck."""
+_FINALISTS = 4  # candidates that every seed judges: one seed alone is one map's luck
 
 
 class Found(NamedTuple):
@@ -139,22 +132,20 @@ class Found(NamedTuple):
     score: float
 
 
-def best_schedule(setting: Setting, network: str, side: int | None = None) -> list[Found]:
+def best_schedule(setting: Setting, network: str) -> list[Found]:
     """Schedules of one network by their validation error, the best first.
 
-    The readout is ``activity``.  Successive halving (Jamieson and Talwalkar, AISTATS 2016):
-    each seed, with samples and validation points of its own, judges the better half of what
-    the seeds before it left, down to a few finalists, which every seed judges.  A candidate
-    that stayed longer comes before one that was dropped earlier.
+    The readout is ``activity``.  Successive halving (Jamieson and Talwalkar, AISTATS 2016): each
+    seed judges the better half of what the seeds before it left, down to a few finalists.  A
+    candidate that stayed longer comes before one that was dropped earlier.
     """
-    side = side or setting.side
     kept, dropped = schedules(setting), list[Found]()
     scores: dict[Schedule, list[float]] = {schedule: [] for schedule in kept}
     for k, seed in enumerate(setting.seeds):
         samples = setting.babble(seed)
         q, x = setting.validation(samples, seed)
         for n, schedule in enumerate(kept):
-            pair = association(samples, network, schedule, side, seed)
+            pair = association(samples, network, schedule, setting.side, seed)
             scores[schedule].append(float(activity_errors(pair, q, x).mean()))
             share = (k + (n + 1) / len(kept)) / len(setting.seeds)
             setting.report(share, f"{network}: {schedule}")
@@ -169,12 +160,9 @@ def schedules(setting: Setting) -> list[Schedule]:
     """The schedules that are compared, the same for every network."""
     if setting.quick:
         return [Schedule(), Schedule(10, 1.0)]
-    radii = [Schedule(epochs, sigma) for epochs in _EPOCHS for sigma in _SIGMAS]
-    plain = [Schedule(), *radii]
+    found = [Schedule(), *(Schedule(epochs, sigma) for epochs in _EPOCHS for sigma in _SIGMAS)]
     # one bandwidth and one-sided links for the shortest of each: they are behind everywhere
-    others = [Schedule(None, None, _LINKS[1])]
-    others += [Schedule(_EPOCHS[0], sigma, _LINKS[1]) for sigma in _SIGMAS]
-    return plain + others
+    return [*found, Schedule(links="oja"), *(Schedule(_EPOCHS[0], s, "oja") for s in _SIGMAS)]
 
 
 @lru_cache(maxsize=8)

@@ -12,9 +12,8 @@ import numpy as np
 from ..common.arrays import Array
 from ..common.scale import METRES
 from ..errors import OptionError
-from .opencv import Picture, opencv
-from .patterns import lay_corners
-from .tags import find_dictionary
+from .pictures import Picture, opencv
+from .tags import find_dictionary, lay_corners
 
 LEAST_CORNERS = 8
 """Corners of a board that a picture must show."""
@@ -35,25 +34,19 @@ class Board:
     dictionary: str = "5x5_100"  # the tags'
 
     def __post_init__(self) -> None:
-        name = f"board {self.columns}x{self.rows}"
         inner, need = (self.columns - 1) * (self.rows - 1), self.columns * self.rows // 2
         known = len(find_dictionary(self.dictionary).bytesList)
-        refusals = {
-            f"{name} has {inner} inner corners, expected {LEAST_CORNERS} or more, of at most 100 "
-            "squares each way: such as 5x4": (
-                inner < LEAST_CORNERS or max(self.columns, self.rows) > 100
-            ),
-            f"board: tags of {1e3 * self.marker:g} mm do not fit squares of "
-            f"{1e3 * self.square:g} mm; expected COLSxROWS:SQUARE:MARKER:DICT": not (
-                0.0 < self.marker < self.square
-            ),
-            f"{name} needs {need} tags, {self.dictionary} has {known}: take a larger dictionary": (
-                need > known
-            ),
-        }
-        for message, wrong in refusals.items():
-            if wrong:
-                raise OptionError(message)
+        if inner < LEAST_CORNERS or max(self.columns, self.rows) > 100 or need > known:
+            raise OptionError(
+                f"board {self.columns}x{self.rows} has {inner} inner corners and {need} tags: "
+                f"expected {LEAST_CORNERS} corners or more, at most 100 squares each way, and at "
+                f"most the {known} tags of {self.dictionary}; such as 7x5:24mm:18mm:5x5_100"
+            )
+        if not 0.0 < self.marker < self.square:
+            raise OptionError(
+                f"board: tags of {1e3 * self.marker:g} mm do not fit squares of "
+                f"{1e3 * self.square:g} mm; expected COLSxROWS:SQUARE:MARKER:DICT"
+            )
 
     @classmethod
     def parse(cls, text: str) -> Board:
@@ -107,21 +100,12 @@ class BoardFinder:
 
     def find(self, grey: Picture) -> dict[int, Array]:
         """Return the corners that a picture shows: number to place (2,) [px]."""
-        best = self._detect(grey)
-        if len(best) < LEAST_CORNERS:  # cells of two pixels are read at twice the size
-            cv2 = opencv()
-            large = cv2.resize(grey, None, fx=2.0, fy=2.0, interpolation=cv2.INTER_CUBIC)
-            # pixel centres have whole coordinates: doubling puts them half a pixel off
-            larger = {n: 0.5 * (place - 0.5) for n, place in self._detect(large).items()}
-            best = max(best, larger, key=len)
-        return lay_corners(grey, best, self._printed)
-
-    def _detect(self, grey: Picture) -> dict[int, Array]:
         corners, numbers = self._detector.detectBoard(grey)[:2]
         if numbers is None:
             return {}
         places = np.asarray(corners, float).reshape(-1, 2)
-        return dict(zip(np.ravel(numbers).tolist(), places, strict=True))
+        found = dict(sorted(zip(np.ravel(numbers).tolist(), places, strict=True)))
+        return lay_corners(grey, found, self._printed)
 
 
 def parse_length(text: str, what: str = "length", *, signed: bool = False) -> float:
@@ -129,11 +113,8 @@ def parse_length(text: str, what: str = "length", *, signed: bool = False) -> fl
 
     Raises OptionError if the text has no number, or no unit.
     """
-    match = re.fullmatch(r"\s*(-?[0-9.]+(?:[eE][+-]?[0-9]+)?)\s*(mm|cm|m|in)?\s*", text)
-    try:
-        value = float(match[1]) if match else math.nan
-    except ValueError:
-        value = math.nan
+    match = re.fullmatch(r"\s*(-?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(mm|cm|m|in)?\s*", text)
+    value = float(match[1]) if match else math.nan
     if signed and value == 0.0:
         return 0.0  # of any unit
     if match is None or not match[2] or not (-1e6 if signed else 0.0) < value < 1e6:

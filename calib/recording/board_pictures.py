@@ -8,18 +8,17 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..arm.rotations import cross_matrix, exponential, logarithm, quaternion_of
-from ..common.arrays import Array, Mask
+from ..common.arrays import Array, Index, Mask
 from ..common.wording import listed
-from ..errors import LogError
+from ..errors import LogError, OptionError
 from ..samples.recorded import Recorded
 from .board import LEAST_CORNERS, Board, BoardFinder
-from .joint_table import JointTable
+from .joint_table import JointTable, match_rows, read_joints
 from .lens import Lens, calibrate_lens
-from .opencv import Picture
-from .pictures import list_pictures, match_rows, read_series
+from .lerobot import is_dataset, read_dataset
+from .pictures import Picture, list_pictures, read_series
 from .reference import find_pose
 
 LEAST = 6
@@ -28,6 +27,9 @@ LEAST = 6
 _LOOKED = 4  # pictures in which another board, or a mirrored one, is looked for
 _AHEAD = 2.0  # diagonals of the board; a picture tells where the camera looks ten times better than
 # where it is: of 24 rendered pictures .2 mm instead of .5, of which tilt and place are one
+
+Source = str | os.PathLike[str] | Sequence[Picture]
+"""A folder or pattern of pictures, a LeRobotDataset, or grey pictures (height, width)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,16 +44,14 @@ class BoardPictures:
     size: tuple[int, int]  # width and height [px]
     count: int  # pictures, with those that do not show the board
     notes: tuple[str, ...]
-    episodes: NDArray[np.intp] | None = None  # (p,), the series that each is of
+    episodes: Index | None = None  # (p,), the series that each is of
 
     def seen(self, lens: Lens, in_hand: bool) -> BoardViews:
         """Where the board is in each picture, seen through a lens."""
         # OpenCV's frame of the board: x to the right, y down, z into it
         world = np.asarray(self.board.opencv().getChessboardCorners(), float)
-        numbers = [sorted(found) for found in self.corners]
-        places = [
-            np.array([c[n] for n in own]) for c, own in zip(self.corners, numbers, strict=True)
-        ]
+        numbers = [list(found) for found in self.corners]
+        places = [np.array([*found.values()]) for found in self.corners]
         poses = [find_pose(lens, world[n], at) for n, at in zip(numbers, places, strict=True)]
         views = BoardViews(
             self.names,
@@ -79,15 +79,21 @@ class BoardPictures:
         views, (width, height) = self.seen(lens, in_hand), self.board.size
         ahead = np.array([0.0, 0.0, _AHEAD * float(np.hypot(width, height))])
         at = ahead if in_hand else np.array([width / 2, height / 2, 0.0])
-        x, covariance = views.positions(at)
+        turns = exponential(views.poses[:, 3:])
+        arm = turns @ at
+        # a turn moves the point by w x arm; the log has the place before the turn
+        change = np.zeros((len(arm), 6, 6))
+        change[:, :3, :3], change[:, :3, 3:] = -cross_matrix(arm), np.eye(3)
+        change[:, 3:, :3] = np.eye(3)
+        covariance = change @ views.covariance @ np.swapaxes(change, 1, 2)
         source = {
             "source": "board", "eye": "hand" if in_hand else "base", "board": self.board.text,
             "point": at.tolist(), "size": list(self.size), "lens": lens.to_json(),
         }  # fmt: skip
         return Recorded(
-            self.joint_names, self.q, x, source=source, covariance=covariance,
+            self.joint_names, self.q, views.poses[:, :3] + arm, source=source,
             noise=float(np.sqrt(np.einsum("njj->n", covariance[:, :3, :3]).mean() / 3)),
-            quaternion=quaternion_of(exponential(views.poses[:, 3:])), pictures=self.names,
+            quaternion=quaternion_of(turns), covariance=covariance, pictures=self.names,
             notes=self.notes,
             episodes=None if self.episodes is None else self.episodes.astype(float),
         )  # fmt: skip
@@ -101,10 +107,15 @@ class BoardViews:
     q: Array  # (p, dof) [rad or m]
     poses: Array  # (p, 6), shift [m] and rotation vector
     covariance: Array  # (p, 6, 6), of a small turn about the sensor's axes and of the shift
-    rows: NDArray[np.intp]  # (n,), the picture of each corner
+    rows: Index  # (n,), the picture of each corner
     corners: Array  # (n, 3), in the board's frame [m]
     pixels: Array  # (n, 2), where a lens without distortion shows them
     in_hand: bool  # whether the camera is
+
+    @property
+    def each(self) -> Array:
+        """Joints and corner (n, dof + 3) of each pixel, as the fit takes them."""
+        return np.column_stack([self.q[self.rows], self.corners])
 
     def other_way(self) -> BoardViews:
         """The same with camera and board exchanged."""
@@ -118,14 +129,6 @@ class BoardViews:
         covariance = change @ self.covariance @ np.swapaxes(change, 1, 2)
         return replace(self, poses=poses, covariance=covariance, in_hand=not self.in_hand)
 
-    def positions(self, at: Array) -> tuple[Array, Array]:
-        """Places (p, 3) [m] of a point (3,) in the hand, and covariances (p, 6, 6) with a turn."""
-        arm = exponential(self.poses[:, 3:]) @ at
-        change = np.zeros((len(arm), 6, 6))
-        change[:, :3, :3], change[:, :3, 3:] = -cross_matrix(arm), np.eye(3)
-        change[:, 3:, :3] = np.eye(3)
-        return self.poses[:, :3] + arm, change @ self.covariance @ np.swapaxes(change, 1, 2)
-
     def take(self, kept: Mask) -> BoardViews:
         """The pictures of a mask (p,)."""
         own = kept[self.rows]
@@ -138,67 +141,67 @@ class BoardViews:
         )  # fmt: skip
 
 
-def log_board(
-    pictures: str | os.PathLike[str] | Sequence[Picture],
-    table: JointTable,
-    board: Board | str,
-    eye: str,
-    lens: Lens | None = None,
-) -> Recorded:
-    """Make a log from pictures of a board: poses of what is in the hand, which the board tells.
-
-    eye : {"hand", "base"}; what is in the hand is the camera, or the board
-    lens : the camera's; calibrated by the same pictures where it is not known
-    Raises LogError in one line if no log can be made.
-    """
-    shots = find_board(pictures, table, Board.of(board))
-    lens, doubts = shots.lens(lens)
-    made = shots.log(lens, eye == "hand")
-    return replace(made, notes=(*made.notes, *doubts))
-
-
 def find_board(
-    pictures: str | os.PathLike[str] | Sequence[Picture], table: JointTable, board: Board
+    pictures: Source,
+    joints: str | os.PathLike[str] | JointTable | None,
+    board: Board | str,
+    names: Sequence[str] | None = None,
+    *,
+    camera: str | None = None,
+    degrees: bool = False,
+    prismatic: Sequence[str] = (),
 ) -> BoardPictures:
     """Find a board in pictures.
 
-    pictures : folder or pattern; or grey pictures (height, width) themselves
-    table : joints, one row for each picture
-    Raises LogError if too few show it; what they show instead is told.
+    joints : a table or its file, one row for each picture; a dataset brings them
+    names, degrees, prismatic : see `read_joints`
+    camera : of a dataset with several
+    Raises LogError if too few pictures show the board; what they show instead is told.
     """
     notes, damaged = list[str](), list[str]()
+    board = Board.of(board)
+    if is_dataset(pictures):
+        joints, pictures, notes = read_dataset(str(pictures), names, camera)
+    elif joints is None:
+        raise OptionError("pictures need the joints beside them: expected `joints`")
+    if not isinstance(joints, JointTable):
+        joints = read_joints(joints, names, degrees=degrees, prismatic=prismatic)
     if isinstance(pictures, (str, os.PathLike)):
-        pairs, notes = match_rows(table, list_pictures(pictures))
+        pairs, notes = match_rows(joints, list_pictures(pictures))
         series = read_series([path for _, path in pairs], damaged)
         shots = ((pairs[k][1].name, pairs[k][0], grey) for k, grey in series)
+    elif len(pictures) == len(joints.q):
+        known = joints.pictures or [f"picture {k + 1}" for k in range(len(pictures))]
+        shots = ((known[k], k, grey) for k, grey in enumerate(pictures))
     else:
-        if len(pictures) != len(table.q):
-            raise LogError(f"{len(pictures)} pictures and {len(table.q)} rows of joints")
-        shots = ((f"picture {k + 1}", k, grey) for k, grey in enumerate(pictures))
-    finder, looked = BoardFinder(board), list[Picture]()
-    seen: list[tuple[str, int, dict[int, Array]]] = []
-    size = (0, 0)
+        raise LogError(f"{len(pictures)} pictures and {len(joints.q)} rows of joints")
+    finder, looked, size = BoardFinder(board), list[Picture](), (0, 0)
+    found, missing = list[tuple[str, int, dict[int, Array]]](), list[str]()
+    most = 0
     for name, row, grey in shots:
-        seen.append((name, row, finder.find(grey)))
+        corners = finder.find(grey)
         size = (grey.shape[1], grey.shape[0])
-        if len(seen[-1][2]) < LEAST_CORNERS and len(looked) < _LOOKED:
-            looked.append(grey)
-    notes += [f"{text}; left out" for text in damaged[:5]]
-    found = [each for each in seen if len(each[2]) >= LEAST_CORNERS]
+        most = max(most, len(corners))
+        if len(corners) >= LEAST_CORNERS:
+            found.append((name, row, corners))
+        else:
+            missing.append(name)
+            looked += [grey] * (len(looked) < _LOOKED)
+    count = len(found) + len(missing)
     if len(found) < LEAST:
-        most = max((len(each[2]) for each in seen), default=0)
         raise LogError(
-            f"the board is in {len(found)} of {len(seen)} pictures (at most {most} corners found, "
+            f"the board is in {len(found)} of {count} pictures (at most {most} corners found, "
             f"{LEAST_CORNERS} expected in each): {LEAST} are needed, 20 are better; "
             + _instead(looked, board)
         )
-    if missing := [name for name, _, corners in seen if len(corners) < LEAST_CORNERS]:
+    notes += damaged[:5]
+    if missing:
         notes.append(f"no board in {len(missing)} pictures, left out: {listed(missing)}")
     rows = [row for _, row, _ in found]
     return BoardPictures(
-        board, table.names, tuple(name for name, _, _ in found), table.q[rows],
-        tuple(corners for *_, corners in found), size, len(seen), tuple(notes),
-        None if table.episodes is None else table.episodes[rows],
+        board, joints.names, tuple(name for name, _, _ in found), joints.q[rows],
+        tuple(corners for *_, corners in found), size, count, tuple(notes),
+        None if joints.episodes is None else joints.episodes[rows],
     )  # fmt: skip
 
 

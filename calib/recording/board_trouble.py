@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -11,7 +10,6 @@ from ..arm.rotations import exponential, logarithm, nearest_rotation
 from ..body.belief import Body
 from ..body.corners import fit_corners
 from ..body.fitting import BodyFit
-from ..body.parameters import Indices
 from ..body.spatial import SpatialStructure
 from ..common.arrays import Array, Mask
 from ..common.rows import thinned
@@ -29,8 +27,7 @@ _FINE, _WORSE = 0.05, 3.0  # px, and times that: an arm that bends explains pict
 _LEAST_SHARE = 0.4  # of the pictures that must agree
 _CLEAR = 0.4  # of the misfit: another reading of the joints explains the pictures better
 _FAR = 2e-2  # m, of poses, beyond which other readings are tried
-_SIZED = 0.01  # of the board's size, beyond which it is wrong where that is clear
-_SURE = 5.0  # standard deviations
+_SIZED, _SURE = 0.01, 5.0  # of the board's size, and sd: beyond both it is wrong
 _BUILT = 1e-3  # m, that an arm's origins are off at least where a size is doubted
 _TRIED = 10  # pictures that other readings are tried on
 
@@ -52,9 +49,9 @@ def explain(structure: SpatialStructure, views: BoardViews, board: Board) -> Exp
     """Fit pictures; raises in one line if another reading of them explains them, or none."""
     _refuse_readings(structure, views, board)
     count = len(views.q)
-    halves = ((0, count), (0, count // 2), (count // 2, count))
     found: list[Explained] = []
-    for first, last in halves:  # a board that was moved once leaves one half whole
+    # a board that was moved once leaves one half whole
+    for first, last in ((0, count), (0, count // 2), (count // 2, count)):
         kept = (np.arange(count) >= first) & (np.arange(count) < last)
         if kept.sum() >= LEAST:
             found += _fitted(structure, views, kept)
@@ -68,7 +65,7 @@ def explain(structure: SpatialStructure, views: BoardViews, board: Board) -> Exp
             "no place of camera and board explains the pictures: check that each row of joints is "
             "of its picture, whether it is this robot, and that camera and board were not moved"
         )
-    return replace(best, notes=_left_out(structure, views, best))
+    return replace(best, notes=_left_out(views, best.kept))
 
 
 def _fitted(structure: SpatialStructure, views: BoardViews, kept: Mask) -> list[Explained]:
@@ -81,71 +78,46 @@ def _fitted(structure: SpatialStructure, views: BoardViews, kept: Mask) -> list[
             )
         except (LogError, np.linalg.LinAlgError):
             return []
-        rows = np.column_stack([views.q[views.rows], views.corners])
-        off = np.linalg.norm(views.pixels - fit.body.predict(rows), axis=1)
+        off = np.linalg.norm(views.pixels - fit.body.predict(views.each), axis=1)
         by_picture = np.array([np.median(off[views.rows == k]) for k in range(len(views.q))])
         usual = float(np.median(by_picture[kept]))
         now = by_picture < max(_ASTRAY * usual, _NEAR)
         if (now == kept).all() or now.sum() < LEAST:
             break
         kept = now
-    return [Explained(fit, body, views.take(kept), kept, off[kept[views.rows]], usual)]
+    return [Explained(fit, body, part, kept, off[kept[views.rows]], usual)]
 
 
-def _left_out(structure: SpatialStructure, views: BoardViews, found: Explained) -> tuple[str, ...]:
-    """Say which pictures contradict the others, and why: what moved, or the focus."""
-    gone = np.flatnonzero(~found.kept)
+def _left_out(views: BoardViews, kept: Mask) -> tuple[str, ...]:
+    """Say which pictures contradict the others."""
+    gone = np.flatnonzero(~kept)
     if not len(gone):
         return ()
     names = [views.names[k] for k in gone]
-    still, hand = ("board", "camera") if views.in_hand else ("camera", "board")
-    why = f"the {still} stood elsewhere, or the joints are not theirs"
-    at_end = gone[-1] == len(views.q) - 1
-    if len(gone) > 1 and gone[-1] - gone[0] + 1 == len(gone) and (at_end or gone[0] == 0):
-        groups, rest = structure.groups, views.take(~found.kept)
-        ways = {
-            "the camera was refocused or zoomed": groups["lens"][:1],
-            f"the {still} was moved": np.append(groups["view.rotation"], groups["view.shift"]),
-            f"the {hand} was moved in the hand": np.append(groups["tool.rotation"], groups["tool"]),
-        }
-        left = {words: _left(found.fit.body, rest, index) for words, index in ways.items()}
-        best = min(left, key=lambda words: left[words])
-        if left[best] < _NEAR:
-            why = f"{best} " + (f"from {names[0]} on" if at_end else f"after {names[-1]}")
-    told = f"{len(gone)} pictures contradict the others and are left out ({listed(names)}): {why}"
+    where = "in them"
+    if 1 < len(gone) == gone[-1] - gone[0] + 1 and gone[-1] == len(kept) - 1:
+        where = f"from {names[0]} on"
+    told = (
+        f"{len(gone)} pictures contradict the others and are left out ({listed(names)}): {where} "
+        "camera or board was moved, the camera refocused or zoomed, or the joints are not theirs"
+    )
     return (told,)
-
-
-def _left(body: Body, views: BoardViews, index: Indices) -> float:
-    """Median distance [px] of corners from a fit of which some parameters are fitted to them."""
-    camera: Any = body.structure
-    beta, rows = body.beta, np.column_stack([views.q[views.rows], views.corners])
-    for _ in range(12):
-        seen, x = camera.linearise(rows, beta, index)
-        miss = views.pixels - seen
-        weight = 1.0 / (1.0 + np.linalg.norm(miss, axis=1) / 50.0)
-        pulled = (x.reshape(len(rows), 2, -1) * weight[:, None, None]).reshape(-1, len(index))
-        step = np.zeros(len(beta))
-        step[index] = np.linalg.lstsq(pulled, (miss * weight[:, None]).ravel(), rcond=1e-9)[0]
-        beta = camera.retract(beta, step)
-    left = np.linalg.norm(views.pixels - camera.predict(rows, beta), axis=1)
-    return float(np.median(left))
 
 
 def _refuse_readings(structure: SpatialStructure, views: BoardViews, board: Board) -> None:
     """Refuse joints, an eye or a board of which another reading explains the poses far better."""
-    own, inverse, sd = _closed_form(structure, views.q, views)
+    q, names = views.q, structure.joint_names
+    own, inverse, sd = _closed_form(structure, q, views)
     if own > _FAR:
-        other, back = "base" if views.in_hand else "hand", views.other_way()
-        where = "stands still" if views.in_hand else "is in the hand"
-        if _closed_form(structure, views.q, back)[0] < _CLEAR * own:
+        other = "base" if views.in_hand else "hand"
+        if _closed_form(structure, q, views.other_way())[0] < _CLEAR * own:
+            where = "stands still" if views.in_hand else "is in the hand"
             raise OptionError(
                 f"the pictures are explained where the camera {where}: give eye={other!r}",
                 parameter="eye", value=other,
             )  # fmt: skip
-        some = np.zeros(len(views.q), bool)
-        some[thinned(len(views.q), _TRIED)] = True
-        few, q, names = views.take(some), views.q, structure.joint_names
+        some = np.isin(np.arange(len(q)), thinned(len(q), _TRIED))
+        few = views.take(some)
         late = (
             (np.roll(q, k, axis=0), Finding("late", words, "check which row is of which picture"))
             for k in (-2, -1, 1, 2)
@@ -154,9 +126,8 @@ def _refuse_readings(structure: SpatialStructure, views: BoardViews, board: Boar
         units, orders, *signs = readings(
             q, names, structure.revolute, any_order=len(names) <= MOST_ORDERED
         )
-        # the simplest first
-        for others in (units, late, *signs, orders):
-            tried = [(_closed_form(structure, q[some], few)[0], r) for q, r in others]
+        for others in (units, late, *signs, orders):  # the simplest first
+            tried = [(_closed_form(structure, each[some], few)[0], r) for each, r in others]
             left, best = min(tried, key=lambda each: each[0], default=(np.inf, None))
             if best is not None and left < _CLEAR * own:
                 hint = "correct the header of the joints" if best.kind == "exchanged" else best.hint

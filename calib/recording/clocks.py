@@ -1,15 +1,16 @@
-"""The camera's clock against the joints': offset and rate, or a refusal.
+"""A sensor's clock against the joints': offset and rate, or a refusal.
 
-A correlation of speeds alone is wrong by many seconds where an arm repeats itself. It only
-names candidates. Each is judged by how well held-out blocks of joints predict the pixels; the best
-must be clearly better than its rival.
+A correlation of speeds alone is wrong by many seconds where an arm repeats itself. It only names
+candidates. Each is judged by how well joints predict what was seen; the best must be clearly better
+than its rival. How late it is tells the one estimator of delays, :mod:`calib.samples.delays`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from operator import attrgetter
+from typing import Any
 
 import numpy as np
 
@@ -19,19 +20,21 @@ from ..common.rows import thinned
 from ..errors import CalibError, LogError
 from ..samples.delays import estimate_delay
 from ..samples.joint_values import joints_at
-from .track import SOFT, Judge, jumps, softness
+from .track import SOFT, Judge, jumps
 
 _CANDIDATES = 15  # peaks of the correlation of speeds that are judged
+_FITTED = 3  # of them that are fitted to the end
 _GRID = 50.0  # [1/s]
 _OVERLAP = 0.8  # of the shorter recording must have a counterpart
-_ROWS = (120, 300, 160)  # that judge candidates, refine the best, and fit a chain
-_STEP = 0.01  # over which the fit's velocity is taken [s]
+_ROWS = (120, 300)  # that judge candidates, and refine the best
+_STEPS = (4, 12)
+_SOFTS = (1e-2 * SOFT, SOFT, 1e2 * SOFT)
+_STEP = 0.01  # over which a velocity is taken [s]
+_FARTHEST_STEP = 0.08  # [s]: far from the solution the velocity is a poor guide
 _FARTHEST = 0.15  # that a candidate moves from its peak [s]
 SURE = 1.5e-3
 """The standard deviation of the offset that is accepted [s]."""
 
-_CHAINS = 3  # candidates to which a chain is fitted
-_CHAIN_STEPS, _FARTHEST_STEP = 12, 0.08  # [s]: far from the solution the velocity is a poor guide
 _RATE_SD = 4e-3  # how much rates of clocks differ
 _SHOWS_RATE = 0.9  # share of the error that is left where the rows show a rate
 _CHAIN_FITS = 0.03  # a planar chain that leaves more of the track's spread is none
@@ -42,20 +45,24 @@ _PICTURE = 200.0  # standard deviation of a track that fills a picture [px]
 _APART = 0.3  # candidates further apart than this are rivals [s]
 
 
+class ClockError(LogError):
+    """Clocks of a sensor and of joints that no offset, or more than one, brings together."""
+
+
 @dataclass(frozen=True)
 class Clocks:
-    """Joints' time of camera time `t`: `t + offset + rate (t - middle)`."""
+    """Joints' time of the sensor's time `t`: `t + offset + rate (t - middle)`."""
 
-    offset: float  # joints' clock less the camera's in the middle of the recording [s]
+    offset: float  # joints' clock less the sensor's in the middle of the recording [s]
     rate: float = 0.0  # how much faster it runs
-    middle: float = 0.0  # that middle, by the camera's clock [s]
-    error: float = np.nan  # median distance that held-out blocks are predicted to [unit]
+    middle: float = 0.0  # that middle, by the sensor's clock [s]
+    error: float = np.inf  # median distance that rows are predicted to [unit]
     rival: float = np.inf  # and with the best other offset
     unit: str = "px"
-    doubt: float = np.nan  # standard deviation of the joints' time, at the recording's ends [s]
+    doubt: float = np.inf  # standard deviation of the joints' time, at the recording's ends [s]
 
     def joints_time(self, time: Array) -> Array:
-        """Return the joints' times of camera times [s]."""
+        """Return the joints' times of the sensor's times [s]."""
         return np.asarray(time + self.offset + self.rate * (time - self.middle))
 
     def words(self) -> str:
@@ -68,9 +75,65 @@ class Clocks:
         )
 
 
+class _Waves:
+    """What joints predict without a chain: blocks of rows by the others'."""
+
+    def __init__(self, q: Array | None = None, seen: Array | None = None) -> None:
+        self._soft = SOFT
+        if q is not None and seen is not None:  # the ridge that predicts best
+            self._soft = min(_SOFTS, key=lambda soft: _median(Judge(q, soft).miss(seen)))
+
+    def look(self, q: Array, ahead: Array, behind: Array, seen: Array, since: Array) -> Any:
+        """What `estimate_delay` takes, with the clocks' rate last.
+
+        Were the joints late, held-out blocks would miss by the tip's motion, less what the fit
+        would have made of that: the same linear map takes both.
+        """
+        judge, none = Judge(q, self._soft), np.empty(0)
+        speed = (judge.predict(ahead, seen) - judge.predict(behind, seen)) / (2.0 * _STEP)
+        velocity, apart = (judge.miss(each) for each in (speed, speed * since))
+        return judge.miss(seen), velocity, apart[:, :, None], none, none
+
+    def take(self, change: Array) -> None:
+        """Nothing to take: each look is a fit of its own."""
+
+
+class _Chain:
+    """A planar chain under a tilted camera, which is fitted with the clocks.
+
+    It has a dozen parameters, so ten postures say what three hundred must say to a fit without one:
+    of half a minute of a planar arm 3 ms instead of 38.
+    """
+
+    def __init__(self, q: Array, seen: Array, revolute: tuple[bool, ...]) -> None:
+        from ..body.planar import planar_structure
+        from ..body.starts import best_starts  # both bring SciPy's linear algebra
+
+        names = tuple(f"q{k}" for k in range(q.shape[1]))
+        template = planar_structure(seen, names, revolute, None, "homography", "px", False)
+        members = dict(template.members())["chain"]
+        begin = best_starts(template, q, seen, members)[0]
+        self._structure, self._beta = begin.structure, begin.beta.copy()
+        self._prior = begin.structure.prior((*members, "lens"))
+        self._active = np.flatnonzero(self._prior.sd > 0)
+
+    def look(self, q: Array, ahead: Array, behind: Array, seen: Array, since: Array) -> Any:
+        """What `estimate_delay` takes, with the clocks' rate last."""
+        structure, beta, speed = self._structure, self._beta, (ahead - behind) / (2.0 * _STEP)
+        predicted, columns = structure.linearise(q, beta, self._active)
+        velocity = np.einsum("nmd,nd->nm", structure.slope(q, beta), speed)
+        columns = np.concatenate([columns, (velocity * since)[:, :, None]], axis=2)
+        pull = (self._prior.mean - beta)[self._active]
+        return seen - predicted, velocity, columns, self._prior.sd[self._active] ** -2.0, pull
+
+    def take(self, change: Array) -> None:
+        """Move the chain's parameters."""
+        self._beta[self._active] += change
+
+
 @dataclass(frozen=True, eq=False)
-class ClockPair:
-    """A track (n, 2) at times (n,), and joints (m, joints) at times (m,) of another clock."""
+class _Pair:
+    """A track (n, m) at times (n,), and joints (m, joints) at times (m,) of another clock."""
 
     t: Array
     x: Array
@@ -78,19 +141,19 @@ class ClockPair:
     q: Array
 
     def joints(self, when: Array) -> Array:
-        """Return joints (k, joints) at their clock's times (k,)."""
+        """Joints (k, joints) at their clock's times (k,)."""
         return joints_at(when, self.joint_time, self.q)
 
     def peaks(self) -> list[float]:
-        """Return the offsets of the highest peaks of the correlation of speeds [s]."""
+        """The offsets of the highest peaks of the correlation of speeds [s]."""
         from scipy.ndimage import maximum_filter1d
         from scipy.signal import correlate, correlation_lags
 
-        camera = np.arange(self.t[0], self.t[-1], 1.0 / _GRID)
+        sensor = np.arange(self.t[0], self.t[-1], 1.0 / _GRID)
         joints = np.arange(self.joint_time[0], self.joint_time[-1], 1.0 / _GRID)
-        if min(len(camera), len(joints)) < 2 * _GRID:
+        if min(len(sensor), len(joints)) < 2 * _GRID:
             return []
-        a = _speed(joints_at(camera, self.t, self.x))
+        a = _speed(joints_at(sensor, self.t, self.x))
         b = _speed(self.joints(joints) / np.maximum(self.q.std(0), 1e-9))
         a, b = a - a.mean(), b - b.mean()
         # the correlation coefficient of what overlaps, from sums over each overlap: those of
@@ -104,139 +167,76 @@ class ClockPair:
         # peaks within 0.2 s of a higher one are its shoulders
         top = np.flatnonzero(c >= maximum_filter1d(c, 21, mode="nearest"))
         top = top[np.argsort(-c[top], kind="stable")][:_CANDIDATES]
-        return [float(joints[0] - camera[0] + lags[k] / _GRID) for k in top]
+        return [float(joints[0] - sensor[0] + lags[k] / _GRID) for k in top]
 
-    def matched(self, clocks: Clocks, rows: int) -> tuple[Array, Array, Array]:
-        """Return joints (n, joints), pixels (n, 2) and joints' times (n,) of some frames."""
+    def some(self, clocks: Clocks, rows: int) -> tuple[Array, Array]:
+        """Joints' times (n,), and what was seen (n, m), of some rows."""
         when = clocks.joints_time(self.t)
         inside = np.flatnonzero((when >= self.joint_time[0]) & (when <= self.joint_time[-1]))
         some = inside[thinned(len(inside), rows)] if len(inside) else inside
-        return self.joints(when[some]), self.x[some], when[some]
+        return when[some], self.x[some]
 
     def candidate(self, peak: float) -> Clocks:
-        """Move a peak to the offset near it that fits best, and judge it."""
-        return self._fitted(Clocks(peak, 0.0, float(0.5 * (self.t[0] + self.t[-1]))), _ROWS[0], 4)
+        """A peak moved to the offset near it that fits best."""
+        return self._fitted(_Waves(), Clocks(peak, middle=float(self.t[[0, -1]].mean())), 0)
 
-    def refined(self, start: Clocks) -> Clocks:
-        """Fit the offset, and the rate where the rows show one."""
-        there, seen, _ = self.matched(start, _ROWS[1])
-        soft = softness(there, seen)
-        plain, free = (self._fitted(start, _ROWS[1], 8, soft, rate=r) for r in (False, True))
-        return _better(plain, free)
+    def refined(self, start: Clocks, revolute: tuple[bool, ...] | None) -> Clocks | None:
+        """Fit the offset, and the rate where the rows show one: noise would spoil both ends.
 
-    def _fitted(
-        self, start: Clocks, rows: int, steps: int, soft: float = SOFT, *, rate: bool = False
-    ) -> Clocks:
-        """Move clocks to where held-out blocks are predicted best, by Gauss and Newton's method."""
-        clocks, best = start, replace(start, error=np.inf)
-        for _ in range(steps):
-            there, seen, when = self.matched(clocks, rows)
-            if len(there) < 16:
-                break
-            judge = Judge(there, soft=soft)
-            step, sd = self._step(judge, seen, when, rate=rate)
-            doubt = float(np.hypot(sd[0], 0.5 * sd[1] * np.ptp(self.t)))  # at the track's ends
-            clocks = replace(clocks, error=judge.error(seen), doubt=doubt)
-            if abs(step[0]) < 2e-5 and abs(step[1]) * np.ptp(self.t) < 4e-5:
-                return clocks
-            best = min(best, clocks, key=attrgetter("error"))
-            # the tip's velocity is a guide over a few hundredths of a second only
-            offset = clocks.offset + float(np.clip(step[0], -0.06, 0.06))
-            offset = float(np.clip(offset, start.offset - _FARTHEST, start.offset + _FARTHEST))
-            clocks = replace(clocks, offset=offset, rate=clocks.rate + step[1])
-        return best
-
-    def chain(self, start: Clocks, revolute: tuple[bool, ...]) -> Clocks | None:
-        """Fit a planar chain under a tilted camera, and the clocks with it; None where none fits.
-
-        A chain has a dozen parameters, so ten postures say what three hundred must say to a fit
-        without one: of half a minute of a planar arm 3 ms instead of 38.
+        revolute : of a planar chain's joints; None fits without a chain
         """
-        from ..body.planar import planar_structure
-        from ..body.starts import best_starts  # both bring SciPy's linear algebra
-
-        q, seen, when = self.matched(start, _ROWS[2])
+        when, seen = self.some(start, _ROWS[1])
         if len(when) < 16:
             return None
-        names = tuple(f"q{k}" for k in range(q.shape[1]))
         try:
-            template = planar_structure(seen, names, revolute, None, "homography", "px", False)
-            members = dict(template.members())["chain"]
-            begin = best_starts(template, q, seen, members)[0]
-            structure, prior = begin.structure, begin.structure.prior((*members, "lens"))
+            there = self.joints(when)
+            model = _Chain(there, seen, revolute) if revolute else _Waves(there, seen)
+            plain = self._fitted(model, start, 1)
+            free = self._fitted(model, plain, 1, rate=True)
         except (CalibError, np.linalg.LinAlgError):
             return None
-        active = np.flatnonzero(prior.sd > 0)
-        since, beta = when - (start.middle + start.offset), begin.beta.copy()
+        return free if free.error < _SHOWS_RATE * plain.error else plain
 
-        def fitted(clocks: Clocks, rate_sd: float) -> Clocks | None:
-            precision = np.r_[prior.sd[active], rate_sd] ** -2.0
-            for _ in range(_CHAIN_STEPS):
-                at = when + clocks.offset - start.offset + clocks.rate * since
-                q, ahead, behind = (self.joints(at + h) for h in (0.0, _STEP, -_STEP))
-                speed = (ahead - behind) / (2.0 * _STEP)
-                predicted, columns = structure.linearise(q, beta, active)
-                velocity = np.einsum("nmd,nd->nm", structure.slope(q, beta), speed)
-                apart = velocity * since[:, None]
-                columns = np.concatenate([columns, apart[:, :, None]], axis=2)
-                pull = np.r_[(prior.mean - beta)[active], -clocks.rate]
-                miss = seen - predicted
+    def _fitted(
+        self, model: _Waves | _Chain, start: Clocks, end: int, *, rate: bool = False
+    ) -> Clocks:
+        """Move clocks to where rows are predicted best, by Gauss and Newton's method."""
+        clocks, best = start, replace(start, error=np.inf)
+        prior = np.array([_RATE_SD if rate else 1e-12]) ** -2.0
+        for _ in range(_STEPS[end]):
+            when, seen = self.some(clocks, _ROWS[end])
+            if len(when) < 16:
+                break
+            there, ahead, behind = (self.joints(when + h) for h in (0.0, _STEP, -_STEP))
+            since = (when - when.mean())[:, None]
+            with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+                miss, velocity, columns, known, pull = model.look(there, ahead, behind, seen, since)
+                precision, pull = np.append(known, prior), np.append(pull, -clocks.rate)
                 found = estimate_delay(miss, velocity, columns, precision, pull)
-                if found is None or not np.isfinite(found[0].value):
-                    return None
-                late, change = found
-                step = np.r_[change, -late.value]
-                step *= min(1.0, _FARTHEST_STEP / max(abs(late.value), 1e-12))
-                beta[active] += step[:-2]
-                clocks = replace(
-                    clocks, offset=clocks.offset + step[-1], rate=clocks.rate + step[-2],
-                    error=float(np.median(np.linalg.norm(miss, axis=1))),
-                    # three neighbouring rows say as much as one; at the ends of a line twice the sd
-                    doubt=np.sqrt(3.0) * late.sd * (2.0 if rate_sd == _RATE_SD else 1.0),
-                )  # fmt: skip
-            return clocks
-
-        with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-            plain = fitted(start, 1e-12)
-            return None if plain is None else _better(plain, fitted(plain, _RATE_SD))
-
-    def _step(self, judge: Judge, seen: Array, when: Array, *, rate: bool) -> tuple[Array, Array]:
-        """Return the change of offset and rate that the held-out misses ask for, and their sd.
-
-        Were the joints late by d, held-out blocks would miss by d times the tip's velocity, less
-        what the fit would have made of that: the same linear map takes both.
-        """
-        ahead, behind = (judge.predict(self.joints(when + h), seen) for h in (_STEP, -_STEP))
-        velocity = (ahead - behind) / (2.0 * _STEP)
-        miss = judge.miss(seen).ravel()
-        terms = [velocity, velocity * (when - when.mean())[:, None]][: 2 if rate else 1]
-        A = np.stack([judge.miss(term).ravel() for term in terms], axis=1)
-        weight: Array = np.ones(len(miss))
-        for _ in range(4):
-            B = A * weight[:, None]
-            found = np.asarray(np.linalg.lstsq(B, miss * weight, rcond=None)[0], float)
-            residual = np.abs(miss - A @ found)
-            scale = 1.48 * float(np.median(residual)) + 1e-9
-            weight = np.sqrt(np.minimum(1.0, 2.0 * scale / np.maximum(residual, 1e-12)))
-        B = A * weight[:, None]
-        # neighbouring rows err alike: about three of them say as much as one
-        sd = np.sqrt(3.0 * scale**2 * np.diag(np.linalg.pinv(B.T @ B)))
-        return np.r_[found, 0.0][:2], np.r_[sd, 0.0][:2]
-
-
-def _better(plain: Clocks, free: Clocks | None) -> Clocks:
-    """Clocks with a rate of their own where the rows show it: noise would spoil both ends."""
-    return plain if free is None or free.error > _SHOWS_RATE * plain.error else free
+            if found is None or not np.isfinite(found[0].value):
+                break
+            late, change = found
+            # three neighbouring rows say as much as one; at the ends of a line twice the sd
+            doubt = np.sqrt(3.0) * late.sd * (2.0 if rate else 1.0)
+            error = _median(miss)
+            settled = max(abs(late.value), abs(change[-1]) * np.ptp(self.t)) < 4e-5
+            settled &= abs(error - clocks.error) < 1e-3 * error
+            clocks = replace(clocks, error=error, doubt=doubt)
+            best = min(best, clocks, key=attrgetter("error"))
+            if settled:
+                break
+            scale = min(1.0, _FARTHEST_STEP / max(abs(late.value), 1e-12))
+            model.take(scale * change[:-1])
+            low, high = start.offset - _FARTHEST, start.offset + _FARTHEST
+            offset = float(np.clip(clocks.offset - scale * late.value, low, high))
+            clocks = replace(clocks, offset=offset, rate=clocks.rate + float(scale * change[-1]))
+        return best
 
 
 def _speed(values: Array) -> Array:
     along = np.gradient(values, 1.0 / _GRID, axis=0)
     window = np.hanning(15)[1:-1]
     return np.convolve(np.linalg.norm(along, axis=1), window / window.sum(), "same")
-
-
-class ClockError(LogError):
-    """Clocks of a video and its joints that no offset, or more than one, brings together."""
 
 
 @one_blas_thread()
@@ -260,52 +260,54 @@ def align_clocks(
     factor = 1.0 if unit == "px" else _PICTURE / max(float(np.nanmax(np.nanstd(seen, 0))), 1e-12)
     pixels = factor * seen
     there = np.isfinite(pixels[:, 0]) & ~jumps(pixels)
-    t, x = time[there], pixels[there]
-    pair = ClockPair(t, x, joint_time, q)
-    if len(t) < 20 or not (peaks := pair.peaks()):
+    pair = _Pair(time[there], pixels[there], joint_time, q)
+    if len(pair.t) < 20 or not (peaks := pair.peaks()):
         raise ClockError(
-            f"the recordings are too short to match the clocks: the tip is in {len(t)} frames, "
-            "expected at least 5 s of motion"
+            f"the recordings are too short to match the clocks: the tip is in {len(pair.t)} "
+            "frames, expected at least 5 s of motion"
         )
-    spread = float(np.sqrt(((x - x.mean(0)) ** 2).sum(1).mean()))
+    spread = float(np.sqrt(pair.x.var(axis=0).sum()))
     if spread < 5.0 or np.ptp(q, axis=0).max() < 0.02:
         raise ClockError("the arm never moves, so the clocks cannot be matched; give `time_offset`")
-    judged = sorted(map(pair.candidate, peaks), key=attrgetter("error"))
-    apart = [c for k, c in enumerate(judged) if all(_apart(c, d) for d in judged[:k])]
+    judged = _by_error(map(pair.candidate, peaks))
+    apart = [c for k, c in enumerate(judged) if all(_apart(c, d) for d in judged[:k])][:_FITTED]
     kinds = tuple(revolute) if revolute is not None else (True,) * q.shape[1]
-    planar = x.shape[1] == 2
-    chains = [pair.chain(c, kinds) for c in apart[:_CHAINS]] if planar else []
-    # a chain needs fewer rows, so it goes first; an arm in space has none that fits
-    fitted = sorted((c for c in chains if c is not None), key=attrgetter("error"))
+    # a planar chain needs fewer rows, so it goes first; an arm in space has none that fits
+    fitted = _by_error(pair.refined(c, kinds) for c in apart) if seen.shape[1] == 2 else []
     if not fitted or not fitted[0].error < _CHAIN_FITS * spread:
-        fitted = sorted(map(pair.refined, apart[:_CHAINS]), key=attrgetter("error"))
+        fitted = _by_error(pair.refined(c, None) for c in apart) or judged
     clocks = fitted[0]
     rival = min((c.error for c in fitted[1:] if _apart(c, clocks)), default=np.inf)
     left, other, extent = (f"{v / factor:.3g} {unit}" for v in (clocks.error, rival, spread))
-    if not clocks.error < _FITS * spread:
-        raise ClockError(
-            f"no offset between the clocks fits: the best leaves {left} of {extent}; are these the "
-            "joints of this recording? else give `time_offset`"
-        )
-    if not clocks.error < _CLEARLY * rival:
-        raise ClockError(
-            f"the offset between the clocks is ambiguous: {clocks.offset:.2f} s leaves {left}, "
-            f"another leaves {other}; record a motion that does not repeat itself, or give "
-            "`time_offset`"
-        )
-    if abs(clocks.rate) > _FASTEST:
-        raise ClockError(
-            f"the clocks' rates differ by {100 * clocks.rate:.1f} %, at most "
-            f"{100 * _FASTEST:.1f} % expected: is the frame rate the true one, are these the "
-            "joints of this recording? else give `time_offset`"
-        )
-    if not clocks.doubt < SURE:
-        raise ClockError(
-            f"the offset between the clocks is {clocks.offset:.3f} s but sure to "
-            f"{1e3 * clocks.doubt:.2g} ms only, {1e3 * SURE:.2g} ms expected: record half a minute "
-            "or more with varied motion, or give `time_offset`"
-        )
+    sure = f"{1e3 * clocks.doubt:.2g} ms"
+    refusals = {
+        f"no offset between the clocks fits: the best leaves {left} of {extent}; are these the "
+        "joints of this recording?": not clocks.error < _FITS * spread,
+        f"the offset between the clocks is ambiguous: {clocks.offset:.2f} s leaves {left}, another "
+        f"leaves {other}; record a motion that does not repeat itself": (
+            not clocks.error < _CLEARLY * rival
+        ),
+        f"the clocks' rates differ by {100 * clocks.rate:.1f} %, at most {100 * _FASTEST:.1f} % "
+        "expected: is the frame rate the true one, are these the joints of this recording?": (
+            abs(clocks.rate) > _FASTEST
+        ),
+        f"the offset between the clocks is {clocks.offset:.3f} s but sure to {sure} only, "
+        f"{1e3 * SURE:.2g} ms expected: record half a minute or more with varied motion": (
+            not clocks.doubt < SURE
+        ),
+    }
+    for message, wrong in refusals.items():
+        if wrong:
+            raise ClockError(f"{message}; else give `time_offset`")
     return replace(clocks, error=clocks.error / factor, rival=float(rival) / factor, unit=unit)
+
+
+def _median(miss: Array) -> float:
+    return float(np.median(np.linalg.norm(miss, axis=1)))
+
+
+def _by_error(fits: Iterable[Clocks | None]) -> list[Clocks]:
+    return sorted((c for c in fits if c is not None), key=attrgetter("error"))
 
 
 def _apart(one: Clocks, other: Clocks) -> bool:

@@ -13,14 +13,14 @@ from ..common.arrays import Array
 from ..common.parallel import one_blas_thread
 from ..errors import LogError
 from ..samples.recorded import Recorded, told
-from .joint_table import JointTable
-from .pictures import list_pictures, match_rows, read_series
-from .reference import PlaneReference, PositionReference, square_pose
-from .setting import Setup
-from .sight import LOOKS, sight
+from .joint_table import JointTable, match_rows
+from .pictures import list_pictures, read_series
+from .reference import PlaneReference, square_pose, watch
+from .setting import LOOKS, Setup, Sightings, sight
 from .tags import Tag
-from .track import check_motion, row_shift, stuck
-from .watch import watch
+from .track import row_shift
+
+_STILL = 2.0  # [px]; a tag that moves less over a recording does not move
 
 
 def log_pictures(
@@ -39,16 +39,14 @@ def log_pictures(
     damaged: list[str] = []
     series = read_series([path for _, path in pairs], damaged)
     frames = ((number, names[number], grey) for number, grey in series)
-    seen = sight(frames, setting, "pictures", max(1, len(pairs) // LOOKS))
-    notes += [f"{text}; left out" for text in damaged[:5]]
-    reasons = seen.reasons
-    reasons["cut off or damaged"] = len(damaged)
-    q, pixels = joints.q[[pairs[number][0] for number in seen.numbers]], seen.pixels
+    seen = sight(frames, setting, "pictures", max(1, len(pairs) // LOOKS), 1)
+    seen.reasons["cut off or damaged"] = len(damaged)
+    q = joints.q[[pairs[number][0] for number in seen.numbers]]
     if len(q) > 1:
-        check_motion(q, pixels, setting.tag, f"{len(q)} pictures")
-    reference, off = watch(setting.layout, seen.marks, setting.lens, setting.tag_height)
+        check_motion(q, seen, setting.tag, f"{len(q)} pictures")
+    reference, off = reference_of(setting, seen)
     with one_blas_thread():
-        start, shift, own, other = row_shift(q, pixels)
+        start, shift, own, other = row_shift(q, seen.pixels)
     if shift:
         where = f"{abs(shift)} row{'s' * (abs(shift) > 1)} further {'down' if shift > 0 else 'up'}"
         raise LogError(
@@ -56,30 +54,48 @@ def log_pictures(
             f"those {where} predict the tag to {other:.2g} px, a picture's own to {own:.2g} px; is "
             "one missing there?"
         )
-    # single rows that contradict the others are found by those who learn from the log
-    twin, bumped = stuck(q, pixels), np.isin(seen.numbers, list(off))
-    reasons["at one place while the joints move: a second tag?"] = int(twin.sum())
-    reasons["the reference is elsewhere in them: camera bumped, shaken, refocused?"] = int(
-        (bumped & ~twin).sum()
+    # rows that contradict the others, as a second tag makes them, are found by who learns from them
+    bumped = np.isin(seen.numbers, list(off))
+    seen.reasons["the reference is elsewhere in them: camera bumped, shaken, refocused?"] = int(
+        bumped.sum()
     )
-    rows = np.flatnonzero(~twin & ~bumped)
+    rows = np.flatnonzero(~bumped)
     return assemble(
         setting,
         reference,
         [seen.tags[k] for k in rows],
-        reasons,
+        seen.reasons,
         "pictures",
         joint_names=joints.names,
         q=q[rows],
         source={"source": "pictures", "size": list(seen.size)},
         pictures=tuple(names[number] for number in seen.numbers[rows]),
-        notes=notes,
+        notes=[*notes, *damaged[:5]],
     )
+
+
+def check_motion(q: Array, seen: Sightings, tag: int, what: str) -> None:
+    """Raise LogError for a recording in which the arm, or the tag alone, stands still."""
+    if np.ptp(q, axis=0).max() < 2e-3:
+        raise LogError(f"the arm never moves in {what}: nothing to learn from")
+    if np.linalg.norm(np.ptp(seen.pixels, axis=0)) < _STILL:
+        u, v = np.median(seen.pixels, axis=0)
+        raise LogError(
+            f"tag {tag} stays at ({u:.0f}, {v:.0f}) px in all of {what} while the joints move: "
+            "check that it is on the tip and that no second tag of this id is in view"
+        )
+
+
+def reference_of(setting: Setup, seen: Sightings) -> tuple[PlaneReference | None, frozenset[int]]:
+    """What positions are told in, None for pixels; and the pictures in which it is elsewhere."""
+    if setting.layout is None or setting.lens is None:
+        return None, frozenset()
+    return watch(setting.layout, seen.marks, setting.lens, setting.tag_height)
 
 
 def assemble(
     setting: Setup,
-    reference: PositionReference,
+    reference: PlaneReference | None,
     tags: Sequence[Tag],
     reasons: Mapping[str, int],
     what: str,
@@ -90,12 +106,26 @@ def assemble(
     `more` are further fields of the log; its source and notes are completed.
     """
     pixels = np.array([tag.centre for tag in tags])
-    x, (scale, common) = reference.positions(pixels), reference.noise(pixels)
-    unit, quaternion = "px" if setting.layout is None else "m", None
-    noise = np.array([tag.noise for tag in tags]) * scale
-    if setting.pose:
-        x, quaternion, unit = *_poses(setting, tags, reference), "m"
+    x, unit, quaternion, scale, common = pixels, "px", None, np.ones(1), np.zeros(1)
+    about: dict[str, Any] = {"tag": setting.tag, "dictionary": setting.dictionary}
+    about["reference"] = {"kind": "pixels"}
+    if reference is not None:
+        x, unit, (scale, common) = reference.positions(pixels), "m", reference.noise(pixels)
+        about["reference"] = reference.told()
+    lens, size = setting.lens, setting.tag_size
+    if lens is not None:
+        about["lens"] = lens.to_json()
+    if setting.pose and lens is not None and size is not None:
+        poses = [square_pose(lens, tag.corners, size) for tag in tags]
+        turns, x = np.array([p.rotation for p in poses]), np.array([p.shift for p in poses])
+        if reference is None:
+            scale = x[:, 2] / lens.focal.mean()
+        else:
+            frame = reference.pose.rotation
+            turns, x = frame.T @ turns, (x - reference.pose.shift) @ frame
+        quaternion, unit = quaternion_of(turns), "m"
     shared = float(np.sqrt(np.mean(common**2)))
+    noise = np.array([tag.noise for tag in tags]) * scale
     notes = [*more.pop("notes"), *told(reasons, what)]
     if steep := sum(tag.upright < 0.5 for tag in tags):
         notes.append(f"the tag is seen at more than 60 deg in {steep} rows: let it face the camera")
@@ -105,23 +135,9 @@ def assemble(
         noise=float(np.hypot(np.sqrt(np.mean(noise**2)), shared)),
         common=shared,
         pixels=pixels,
-        source={**more.pop("source"), **setting.about(reference)},
+        source={**more.pop("source"), **about},
         quaternion=quaternion,
         dropped={why: count for why, count in reasons.items() if count},
         notes=tuple(notes),
         **more,
     )
-
-
-def _poses(
-    setting: Setup, tags: Sequence[Tag], reference: PositionReference
-) -> tuple[Array, Array]:
-    """Places (n, 3) [m] and quaternions (n, 4) of tags, by the reference, else the camera."""
-    lens, size = setting.lens, setting.tag_size
-    assert lens is not None and size is not None  # noqa: S101, PT018 - the setting was checked
-    poses = [square_pose(lens, tag.corners, size) for tag in tags]
-    turns, places = np.array([p.rotation for p in poses]), np.array([p.shift for p in poses])
-    if isinstance(reference, PlaneReference):
-        frame = reference.pose.rotation
-        turns, places = frame.T @ turns, (places - reference.pose.shift) @ frame
-    return places, quaternion_of(turns)

@@ -7,22 +7,18 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..common.arrays import Array, Mask
+from ..common.arrays import Array, Index, Mask
 from ..errors import LogError
 from ..samples.joint_values import MAX_GAP, SETTLE, check_limits, covered, joint_speed, joints_at
 from ..samples.recorded import Recorded
 from .clocks import Clocks, align_clocks
-from .from_pictures import assemble
+from .from_pictures import assemble, check_motion, reference_of
 from .joint_table import JointTable
-from .opencv import Picture
-from .pictures import Video
-from .setting import Setup
-from .sight import LOOKS, sight
+from .pictures import Picture, Video
+from .setting import LOOKS, Setup, sight
 from .tags import LEAST_NOISE, Tag
-from .track import check_motion, jumps
-from .watch import watch
+from .track import jumps
 
 _REST = 0.01  # a joint that moves slower rests [rad/s or m/s]
 _LEAST = 3  # frames that a rest must have
@@ -62,15 +58,15 @@ def log_video(
             "column 'time' [s]"
         )
     q = joints.q[first]
-    video, times = Video(path), list[float]()
+    video, times, notes = Video(path), list[float](), list[str]()
     every = max(1, video.claimed // LOOKS) if 0 < video.claimed < 10**7 else 100
-    seen = sight(_frames(video, times), setting, "frames", every, looks=every)
-    notes, time = list[str](), np.array(times)
+    seen = sight(_frames(video, times), setting, "frames", every, every)
+    time, reasons = np.array(times), seen.reasons
     if video.claimed > 1.05 * len(time) + 2:
         notes.append(
             f"{video.name} claims {video.claimed} frames, {len(time)} can be read: it is cut off"
         )
-    check_motion(q, seen.pixels, setting.tag, video.name)
+    check_motion(q, seen, setting.tag, video.name)
     pixels = np.full((len(time), 2), np.nan)
     pixels[seen.numbers] = seen.pixels
     clocks = Clocks(time_offset or 0.0)
@@ -78,7 +74,7 @@ def log_video(
         clocks = align_clocks(time, pixels, joint_time, q, revolute)
         notes.append(clocks.words())
     when = clocks.joints_time(time)
-    usable, reasons = np.isfinite(pixels[:, 0]), seen.reasons
+    usable = np.isfinite(pixels[:, 0])
     doubts = {"a jump of the track": jumps(pixels)} | covered(when, joint_time, max_gap)
     for why, wrong in doubts.items():
         reasons[why] = int((usable & wrong).sum())
@@ -90,15 +86,13 @@ def log_video(
             "`time_offset`, or none to have it found"
         )
     speed = joint_speed(when, joint_time, q)
+    slow = usable & (speed < (_REST if still is None else still))
+    groups = [np.array([k]) for k in np.flatnonzero(slow)]
     if still is None:
-        groups = _rests(when, pixels, usable & (speed < _REST))
-        reasons["the arm moves"] = int(usable.sum() - sum(map(len, groups)))
-        if groups:
-            notes.append(f"{len(groups)} rests of {np.mean([*map(len, groups)]):.0f} frames")
-    else:
-        slow = usable & (speed < still)
-        reasons[f"a joint moves faster than {still:g}"] = int((usable & ~slow).sum())
-        groups = [np.array([k]) for k in np.flatnonzero(slow)]
+        groups = _rests(when, pixels, slow)
+        notes.append(f"{len(groups)} rests of {np.mean([0, *map(len, groups)]):.0f} frames")
+    kind = "the arm moves" if still is None else f"a joint moves faster than {still:g}"
+    reasons[kind] = int(usable.sum() - sum(map(len, groups)))
     if not groups:
         raise LogError(
             f"the arm never rests for {_LEAST} frames of {video.name}, or moves as slowly as "
@@ -107,16 +101,20 @@ def log_video(
     tag_of = dict(zip(seen.numbers.tolist(), seen.tags, strict=True))
     tags = [_middle([tag_of[k] for k in group.tolist()]) for group in groups]
     if still is not None:
-        late = _late(when, pixels, np.concatenate(groups), seen.size[1])
+        # a rolling shutter sees lower rows later; the clocks' offset takes the mean of that
+        there = np.isfinite(pixels[:, 0])
+        pace = np.linalg.norm(np.gradient(pixels[there], when[there], axis=0), axis=1)
+        late = _SHUTTER * float(pixels[there, 1].std()) / seen.size[1] * pace / np.sqrt(2.0)
+        more = np.interp(when[slow], when[there], late)
         tags = [
-            replace(tag, noise=float(np.hypot(tag.noise, more)))
-            for tag, more in zip(tags, late, strict=True)
+            replace(tag, noise=float(np.hypot(tag.noise, each)))
+            for tag, each in zip(tags, more, strict=True)
         ]
         notes.append(
             f"frames in motion: the noise allows for a rolling shutter of {1e3 * _SHUTTER:g} ms, "
             "which would shift the tag; rests have no such error"
         )
-    reference, _ = watch(setting.layout, seen.marks, setting.lens, setting.tag_height)
+    reference, _ = reference_of(setting, seen)
     there = joints_at(when, joint_time, q)
     rows = np.array([np.median(when[g]) for g in groups])
     return assemble(
@@ -146,29 +144,17 @@ def _frames(video: Video, times: list[float]) -> Iterator[tuple[int, str, Pictur
         )
 
 
-def _late(when: Array, pixels: Array, frames: NDArray[np.intp], height: int) -> Array:
-    """Return what a rolling shutter may shift frames in motion by (n,), along an axis [px].
-
-    It sees lower rows later.  The clocks' offset takes the mean of that, not its spread.
-    """
-    seen = np.isfinite(pixels[:, 0])
-    speed = np.linalg.norm(np.gradient(pixels[seen], when[seen], axis=0), axis=1) / np.sqrt(2.0)
-    late = _SHUTTER * float(pixels[seen, 1].std()) / height
-    return np.asarray(np.interp(when[frames], when[seen], late * speed))
-
-
-def _rests(when: Array, pixels: Array, still: Mask) -> list[NDArray[np.intp]]:
+def _rests(when: Array, pixels: Array, still: Mask) -> list[Index]:
     """Return the frames of each rest: joints and tag stand still for `_LEAST` frames or more."""
     frames = np.flatnonzero(still)
     moved = np.linalg.norm(np.diff(pixels[frames], axis=0), axis=1) > _SHAKE
     rests = []
     for run in np.split(frames, np.flatnonzero(moved | (np.diff(when[frames]) > _PAUSE)) + 1):
-        settled = run[
-            (when[run] >= when[run[:1]] + SETTLE) & (when[run] <= when[run[-1:]] - SETTLE)
-        ]
-        if len(settled) < _LEAST:
+        inside = (when[run] >= when[run[:1]] + SETTLE) & (when[run] <= when[run[-1:]] - SETTLE)
+        if inside.sum() < _LEAST:
             continue
         # the arm may still swing where its joints stand: only frames near the median count
+        settled = run[inside]
         away = np.linalg.norm(pixels[settled] - np.median(pixels[settled], axis=0), axis=1)
         if (away < _SHAKE).sum() >= _LEAST:
             rests.append(settled[away < _SHAKE])
@@ -178,12 +164,7 @@ def _rests(when: Array, pixels: Array, still: Mask) -> list[NDArray[np.intp]]:
 def _middle(tags: Sequence[Tag]) -> Tag:
     if len(tags) == 1:
         return tags[0]
-    centres = np.array([tag.centre for tag in tags])
-    scatter = float(np.sqrt(np.mean(np.var(centres, axis=0, ddof=1))))
-    return replace(
-        tags[0],
-        corners=np.median([tag.corners for tag in tags], axis=0),
-        centre=np.median(centres, axis=0),
-        # a median scatters by 1.25 times what a mean does (normal noise)
-        noise=max(LEAST_NOISE, 1.25 * scatter / float(np.sqrt(len(tags)))),
-    )
+    scatter = float(np.sqrt(np.mean(np.var([tag.centre for tag in tags], axis=0, ddof=1))))
+    # a median scatters by 1.25 times what a mean does (normal noise)
+    noise = max(LEAST_NOISE, 1.25 * scatter / float(np.sqrt(len(tags))))
+    return replace(tags[0], corners=np.median([tag.corners for tag in tags], axis=0), noise=noise)

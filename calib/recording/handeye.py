@@ -6,7 +6,6 @@ Arm, what is in its hand, what stands still and the lens are one fit (:mod:`cali
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -23,11 +22,10 @@ from ..common.wording import listed
 from ..errors import OptionError
 from ..samples.samples import Samples
 from .board import Board
-from .board_pictures import BoardPictures, BoardViews, find_board
+from .board_pictures import BoardPictures, BoardViews, Source, find_board
 from .board_trouble import explain
-from .joint_table import JointTable, read_joints
+from .joint_table import JointTable
 from .lens import Lens
-from .opencv import Picture
 
 _TURNED = np.radians(7.5)  # least spread of the hand's turns about each axis
 _FOCAL_SD, _CENTRE_SD, _K1_SD = 0.3, 0.05, 0.3  # of a lens to be found, shares of its width
@@ -70,24 +68,26 @@ class HandEye:
 
 def handeye(
     arm: Arm,
-    pictures: str | os.PathLike[str] | Sequence[Picture] | BoardPictures,
+    pictures: Source | BoardPictures,
     joints: str | os.PathLike[str] | JointTable | None,
     board: Board | str | None,
     eye: str,
     *,
     lens: Lens | None = None,
     degrees: bool = False,
+    camera: str | None = None,
 ) -> HandEye:
     """Find camera and board from pictures of a board that an arm took, or held.
 
     arm : an arm that moves in space, as `load_arm` returns it
-    pictures : folder or pattern; or grey pictures (height, width) themselves; or the corners that
-        they show, with their joints and the board
-    joints : table of joints, one row for each picture
+    pictures : folder, pattern or LeRobotDataset; or grey pictures (height, width) themselves; or
+        the corners that they show, with their joints and the board
+    joints : table of joints, one row for each picture; a dataset brings them
     board : ``"7x5:24mm:18mm:5x5_100"``: columns, rows, square, marker, dictionary
     eye : {"hand", "base"}
     lens : the camera's lens where it is known; by default it is fitted to the same pictures
     degrees : whether the table's turning joints are in degrees
+    camera : of a dataset with several
     Raises LogError in one line if the pictures tell nothing, OptionError if an option is wrong.
     """
     if eye not in EYES:
@@ -97,59 +97,70 @@ def handeye(
             f"{arm.name} moves in a plane: a camera that it carries needs an arm in space"
         )
     if not isinstance(pictures, BoardPictures):
-        if joints is None or board is None:
-            raise OptionError("pictures need `joints` and `board`")
-        if not isinstance(joints, JointTable):
-            kinds = zip(arm.joint_names, arm.revolute, strict=True)
-            sliding = [name for name, turns in kinds if not turns]
-            joints = read_joints(joints, arm.joint_names, degrees=degrees, prismatic=sliding)
-        pictures = find_board(pictures, joints, Board.of(board))
+        if board is None:
+            raise OptionError("pictures need the board that they show: expected `board`")
+        kinds = zip(arm.joint_names, arm.revolute, strict=True)
+        pictures = find_board(
+            pictures, joints, board, arm.joint_names, camera=camera, degrees=degrees,
+            prismatic=[name for name, turns in kinds if not turns],
+        )  # fmt: skip
     with one_blas_thread():
         return _solved(arm, pictures, eye == "hand", lens)
 
 
-def _solved(arm: SpatialArm, shots: BoardPictures, in_hand: bool, lens: Lens | None) -> HandEye:
-    known = lens is not None
-    lens, doubts = shots.lens(lens)
-    structure = _structure(arm, lens, known)
-    views = shots.seen(lens, in_hand)
-    found = explain(structure, views, shots.board)
-    body, own = found.body, structure.groups["lens"]
+def _solved(arm: SpatialArm, shots: BoardPictures, in_hand: bool, known: Lens | None) -> HandEye:
+    lens, doubts = shots.lens(known)
+    structure = _structure(arm, lens, known is not None)
+    found = explain(structure, shots.seen(lens, in_hand), shots.board)
+    body, own, views = found.body, structure.groups["lens"], found.views
     f, u, v, k1 = (float(value) for value in body.beta[own])
-    corners = found.fit.body
-    focal_95 = _Z95 * body.kappa * float(corners.deviations[own[0]])
+    focal_95 = _Z95 * body.kappa * float(found.fit.body.deviations[own[0]])
     sensor, held = SensorPose.of(body), held_of(body)
     assert sensor is not None  # noqa: S101 - the arm has a drawing
-    off = float(found.off.mean())
-    depth = float(np.median(np.linalg.norm(found.views.poses[:, :3], axis=1)))
     hand = _placed(held, body.kappa)
+    off = float(found.off.mean())
+    depth = float(np.median(np.linalg.norm(views.poses[:, :3], axis=1)))
     # corners were fitted without the distortion that was known: what was found comes on top
     glass = replace(
         lens, focal=lens.focal * f / lens.focal.mean(), centre=np.array([u, v]),
         distortion=lens.distortion + k1 * np.eye(5)[0],
     )  # fmt: skip
-    told = {"focal": f, "centre": [u, v], "k1": float(glass.distortion[0]), "focal_95": focal_95}
+    first, last = arm.joint_names[0], arm.joint_names[-1]
+    turn, shift = np.degrees(max(hand["rotation_95"])), 1e3 * max(hand["position_95"])
+    gauge = (
+        f"no picture tells a turn about {first} and a shift along it from where the base stands, "
+        f"nor a turn about {last} and a shift along it from what is in the hand: both joints count "
+        f"as their encoders say. Of a tip that the true {last} carries, the place in the hand is "
+        f"sure to {turn:.2g} deg and {shift:.2g} mm"
+    )
     return HandEye(
-        "hand" if in_hand else "base", shots.count, len(found.views.q), hand,
-        _placed(sensor, body.kappa),
-        {"mean": off, "max": float(found.off.max())},
-        1e3 * off * depth / f,
-        {**told, "known": known},
-        _limit(found.views, structure.joint_names, focal_95 / f, off, hand),
-        (*shots.notes, *doubts, *found.notes, *_gauge(arm, hand)),
-        _samples(arm, shots, glass, in_hand, found.kept), body,
+        eye="hand" if in_hand else "base",
+        pictures=shots.count,
+        used=len(views.q),
+        hand=hand,
+        base=_placed(sensor, body.kappa),
+        reprojection={"mean": off, "max": float(found.off.max())},
+        millimetres=1e3 * off * depth / f,
+        lens={
+            "focal": f, "centre": [u, v], "k1": float(glass.distortion[0]), "focal_95": focal_95,
+            "known": known is not None,
+        },
+        limited_by=_limit(views, listed(arm.joint_names[-2:]), focal_95 / f, off, shift),
+        notes=(*shots.notes, *doubts, *found.notes, gauge),
+        poses=_samples(arm, shots.log(glass, in_hand), found.kept),
+        body=body,
     )  # fmt: skip
 
 
 def _structure(arm: SpatialArm, lens: Lens, known: bool) -> SpatialStructure:
     """The arm before a camera, with what is known of its lens."""
-    focal, (u, v), width = float(lens.focal.mean()), lens.centre, lens.size[0]
-    told = np.sqrt(np.maximum(np.diag(lens.covariance), 0.0))
-    sd = (told[:2].mean(), told[2], told[3], told[4]) if known else (
-        _FOCAL_SD * focal, _CENTRE_SD * width, _CENTRE_SD * width, _K1_SD
-    )  # fmt: skip
-    f, u, v = focal, float(u), float(v)
-    return structure_of(arm, "pose", lens=(f, u, v, 0.0), lens_sd=tuple(float(s) for s in sd))
+    focal, width = float(lens.focal.mean()), lens.size[0]
+    sd = [_FOCAL_SD * focal, _CENTRE_SD * width, _CENTRE_SD * width, _K1_SD]
+    if known:
+        told = np.sqrt(np.maximum(np.diag(lens.covariance), 0.0))
+        sd = [told[:2].mean(), *told[2:5]]
+    u, v = map(float, lens.centre)
+    return structure_of(arm, "pose", lens=(focal, u, v, 0.0), lens_sd=tuple(map(float, sd)))
 
 
 def _placed(place: SensorPose | Held, kappa: float) -> dict[str, Any]:
@@ -165,23 +176,10 @@ def _placed(place: SensorPose | Held, kappa: float) -> dict[str, Any]:
     }
 
 
-def _gauge(arm: SpatialArm, hand: dict[str, Any]) -> list[str]:
-    """What no picture tells."""
-    first, last = arm.joint_names[0], arm.joint_names[-1]
-    turn, shift = np.degrees(max(hand["rotation_95"])), 1e3 * max(hand["position_95"])
-    return [
-        f"no picture tells a turn about {first} and a shift along it from where the base stands, "
-        f"nor a turn about {last} and a shift along it from what is in the hand: both joints count "
-        f"as their encoders say. Of a tip that the true {last} carries, the place in the hand is "
-        f"sure to {turn:.2g} deg and {shift:.2g} mm"
-    ]
-
-
-def _limit(views: BoardViews, joints: Sequence[str], focal: float, off: float, hand: Any) -> str:
+def _limit(views: BoardViews, wrist: str, focal: float, off: float, hand: float) -> str:
     """What limits the accuracy, and what would help most."""
     turns = np.linalg.svd(views.poses[:, 3:] - views.poses[:, 3:].mean(axis=0))[1]
     spread = float(turns[-1]) / np.sqrt(len(views.q))
-    wrist = listed(joints[-2:])
     if spread < _TURNED:
         return (
             f"few turns of the wrist: they spread by {np.degrees(spread):.1f} deg about one axis; "
@@ -192,29 +190,19 @@ def _limit(views: BoardViews, joints: Sequence[str], focal: float, off: float, h
             f"the lens: its focal length is known to {100 * focal:.1f} %; add pictures with "
             "the board tilted, nearer and further away, or give a calibrated lens"
         )
-    if len(views.q) < 15:
-        return f"few pictures: {len(views.q)}; 20 to 30 are better, with the wrist turned each way"
     if off > 0.5:
-        return (
-            f"the arm's own errors, or blurred pictures: corners miss by {off:.2g} px; "
-            "let the arm stand still before each picture"
-        )
-    worst = 1e3 * max(hand["position_95"])
+        return f"blurred pictures: corners miss by {off:.2g} px; let the arm stand still for each"
     return (
-        f"the arm's own errors (hand known to {worst:.1f} mm); more pictures with {wrist} turned "
-        "help most"
+        f"{len(views.q)} pictures and the arm's own errors (hand known to {hand:.1f} mm); more "
+        f"pictures with {wrist} turned help most"
     )
 
 
-def _samples(
-    arm: SpatialArm, shots: BoardPictures, lens: Lens, in_hand: bool, kept: Any
-) -> Samples:
-    """The pictures as a log of poses."""
-    log = shots.log(lens, in_hand)
+def _samples(arm: SpatialArm, log: Any, kept: Any) -> Samples:
+    """The pictures that agree as a log of poses."""
     q = log.q[kept]
     return Samples(
         q, log.x[kept], arm.joint_names, np.minimum(arm.lower, q.min(axis=0)),
         np.maximum(arm.upper, q.max(axis=0)), arm.revolute, arm=arm,
-        orientation=None if log.quaternion is None else log.quaternion[kept],
-        source=log.about(),
+        orientation=log.quaternion[kept], source=log.about(),
     )  # fmt: skip

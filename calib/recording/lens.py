@@ -18,10 +18,10 @@ from numpy.typing import ArrayLike
 
 from ..common.arrays import Array
 from ..common.atomic import atomic_write
-from ..errors import LogError
+from ..errors import LogError, OptionError
 from ..samples.camera import bent
-from .board import LEAST_CORNERS, Board
-from .opencv import opencv
+from .board import LEAST_CORNERS, Board, BoardFinder
+from .pictures import list_pictures, opencv, read_series
 
 _LEAST_PICTURES = 4  # of a board that a calibration needs
 _DOUBT = 0.03  # share of the focal length that its sd may be
@@ -85,43 +85,27 @@ class Lens:
         Raises KeyError, TypeError, ValueError if it is none.
         """
         width, height = (int(side) for side in told["size"])
-        focal, centre, distortion = (
-            np.array(told[name], float).reshape(count)
-            for name, count in (("focal", 2), ("centre", 2), ("distortion", 5))
-        )
-        rms, pictures = float(told.get("rms", 0.0)), int(told.get("pictures", 0))
-        covariance = np.array(told.get("covariance", np.zeros((9, 9))), float).reshape(9, 9)
-        lens = cls((width, height), focal, centre, distortion, rms, pictures, covariance)
-        known = np.isfinite(lens.parameters).all() and np.isfinite(lens.covariance).all()
-        if not known or (lens.focal <= 0).any() or min(lens.size) <= 0:
+        known = {"covariance": np.zeros((9, 9)), **told}
+        shapes = {"focal": 2, "centre": 2, "distortion": 5, "covariance": (9, 9)}
+        values = {name: np.array(known[name], float).reshape(n) for name, n in shapes.items()}
+        finite = all(np.isfinite(each).all() for each in values.values())
+        if not finite or min(width, height, *values["focal"]) <= 0:
             raise ValueError("the lens has impossible values")
-        return lens
+        rms, pictures = float(told.get("rms", 0.0)), int(told.get("pictures", 0))
+        return cls((width, height), **values, rms=rms, pictures=pictures)
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write it as JSON."""
         atomic_write(path, (json.dumps(self.to_json(), indent=2) + "\n").encode())
 
 
-def read_lens(path: str | os.PathLike[str]) -> Lens:
-    """Read a lens that `Lens.save` wrote.
-
-    Raises LogError if the file is none.
-    """
-    try:
-        return Lens.from_json(json.loads(Path(path).read_text(encoding="utf-8")))
-    except OSError as error:
-        raise LogError(f"cannot read {str(path)!r}: {error.strerror}") from None
-    except (ValueError, KeyError, TypeError):
-        raise LogError(
-            f"{path} is no lens: expected the lens.json of an earlier run, or a folder of "
-            "pictures of the board"
-        ) from None
-
-
 def calibrate_lens(
     corners: Sequence[Mapping[int, Array]], board: Board, size: tuple[int, int]
 ) -> tuple[Lens, tuple[str, ...]]:
     """Fit a lens to pictures of a board held at different angles; notes say what makes it doubtful.
+
+    Of lenses of one, two and four terms the one by Schwarz's criterion: what the pictures do not
+    need is free near the border, where no board was.
 
     corners : places (2,) [px] by number that each picture shows, as of `BoardFinder.find`
     size : width and height of the pictures [px]
@@ -137,11 +121,19 @@ def calibrate_lens(
             "more, 10 are better, near and tilted, and check the board's numbers"
         )
     world = board.corners().astype(np.float32)
-    objects = [world[sorted(c)] for c in usable]
-    images = [np.array([c[k] for k in sorted(c)], np.float32).reshape(-1, 1, 2) for c in usable]
-    lens, doubt = None, np.inf
-    with suppress(cv2.error):
-        lens, doubt = _fit(objects, images, size)
+    objects = [world[list(c)] for c in usable]
+    images = [np.array([*c.values()], np.float32).reshape(-1, 1, 2) for c in usable]
+    one = cv2.CALIB_FIX_K3 | cv2.CALIB_ZERO_TANGENT_DIST | cv2.CALIB_FIX_K2
+    choices = [(one, 1), (one & ~cv2.CALIB_FIX_K2, 2), (cv2.CALIB_FIX_K3, 4)]
+    count, fits = 2 * sum(map(len, images)), []
+    for flags, terms in choices[: 3 if len(images) >= _TANGENTIAL else 2]:
+        with suppress(cv2.error):
+            fit = cv2.calibrateCameraExtended(objects, images, size, None, None, flags=flags)
+            # below 0.001 px the misfit is rounding, and its logarithm would decide
+            score = count * np.log(max(fit[0], 1e-3) ** 2) + terms * np.log(count)
+            fits.append((float(score), terms, fit))
+    best = min(fits, key=lambda each: each[0], default=None)
+    lens, doubt = (None, np.inf) if best is None else _made(objects, size, *best[1:])
     if lens is None or not doubt <= _DOUBT or not lens.focal.max() <= 50 * max(size):
         raise LogError(
             f"the pictures of the board determine the focal length to {100 * doubt:.2g} % only, "
@@ -155,33 +147,20 @@ def calibrate_lens(
     )
 
 
-def _fit(
-    objects: Sequence[Any], images: Sequence[Any], size: tuple[int, int]
+def _made(
+    objects: Sequence[Any], size: tuple[int, int], terms: int, fit: Sequence[Any]
 ) -> tuple[Lens, float]:
-    """Fit lenses of one, two and four terms; the best, and the sd of its focal length, a share.
-
-    Terms that the pictures do not need are free near the border, where no board was: a further term
-    must lower Schwarz's criterion.
-    """
-    cv2 = opencv()
-    one = cv2.CALIB_FIX_K3 | cv2.CALIB_ZERO_TANGENT_DIST | cv2.CALIB_FIX_K2
-    choices = [(one, 1), (one & ~cv2.CALIB_FIX_K2, 2), (cv2.CALIB_FIX_K3, 4)]
-    count = 2 * sum(map(len, images))
-    fits = []
-    for flags, terms in choices[: 3 if len(images) >= _TANGENTIAL else 2]:
-        fit = cv2.calibrateCameraExtended(objects, images, size, None, None, flags=flags)
-        # below 0.001 px the misfit is rounding, and its logarithm would decide
-        score = count * np.log(max(fit[0], 1e-3) ** 2) + terms * np.log(count)
-        fits.append((float(score), terms, fit))
-    _, terms, (rms, matrix, distortion, turns, shifts, spread, *_) = min(fits, key=lambda f: f[0])
+    """The lens of a fit with its covariance; and the sd of its focal length, a share."""
+    rms, matrix, distortion, turns, shifts, spread, *_ = fit
     bent = np.zeros(5)
     bent[: min(np.size(distortion), 5)] = np.ravel(distortion)[:5]
     # of each picture's normal equations what remains once its pose is eliminated
     free, precision = 4 + terms, np.zeros((4 + terms, 4 + terms))
     for points, turn, shift in zip(objects, turns, shifts, strict=True):
-        J = cv2.projectPoints(points, turn, shift, matrix, bent)[1]
+        J = opencv().projectPoints(points, turn, shift, matrix, bent)[1]
         pose, lens = J[:, :6], J[:, 6 : 6 + free]
         precision += lens.T @ (lens - pose @ np.linalg.lstsq(pose, lens, rcond=None)[0])
+    count = 2 * sum(map(len, objects))
     # rms is of distances: half of its square along each axis
     variance = 0.5 * rms**2 * count / max(count - 6 * len(objects) - free, 1)
     covariance = np.zeros((9, 9))
@@ -189,3 +168,42 @@ def _fit(
     focal = np.array([matrix[0, 0], matrix[1, 1]])
     made = Lens(size, focal, matrix[:2, 2].copy(), bent, float(rms), len(objects), covariance)
     return made, float(np.ravel(spread)[0] / focal[0])
+
+
+def load_lens(
+    path: str | os.PathLike[str],
+    board: Board | None = None,
+    output: str | os.PathLike[str] | None = None,
+) -> tuple[Lens, tuple[str, ...]]:
+    """Read the `lens.json` of an earlier run, or calibrate by a folder or pattern of pictures.
+
+    board : that the pictures show
+    output : where a lens that was calibrated is written
+    Returns notes too. Raises LogError if the file is no lens.
+    """
+    if not Path(path).is_dir() and not any(mark in str(path) for mark in "*?["):
+        try:
+            return Lens.from_json(json.loads(Path(path).read_text(encoding="utf-8"))), ()
+        except OSError as error:
+            raise LogError(f"cannot read {str(path)!r}: {error.strerror}") from None
+        except (ValueError, KeyError, TypeError):
+            raise LogError(
+                f"{path} is no lens: expected the lens.json of an earlier run, or a folder of "
+                "pictures of the board"
+            ) from None
+    if board is None:
+        raise OptionError("`lens` is a folder of pictures: expected `board` too, which they show")
+    finder, pictures, notes = BoardFinder(board), list_pictures(path), list[str]()
+    corners, size = [], (0, 0)
+    for _, grey in read_series(pictures, notes):
+        size = (grey.shape[1], grey.shape[0])
+        corners.append(finder.find(grey))
+    lens, doubts = calibrate_lens(corners, board, size)
+    notes.append(
+        f"lens of {lens.pictures} of {len(pictures)} pictures: focal length "
+        f"{lens.focal[0]:.1f} px, corners miss their places by {lens.rms:.2f} px rms"
+    )
+    if output is not None:
+        lens.save(output)
+        notes.append(f"lens written to {os.fspath(output)}")
+    return lens, (*notes, *doubts)

@@ -1,8 +1,7 @@
 """A LeRobotDataset v3 folder: frames in which the arm stands nearly still, with their joints.
 
 Layout (huggingface/lerobot, src/lerobot/datasets): `meta/info.json` names features and files,
-`data/*.parquet` hold a row for each frame, `meta/episodes/*.parquet` say where each episode begins
-in the videos, which hold several.
+`data/` has a row for each frame, `meta/episodes/` says where each episode begins in the videos.
 """
 
 from __future__ import annotations
@@ -10,40 +9,40 @@ from __future__ import annotations
 import json
 import os
 from collections import defaultdict
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from ..common.arrays import Array
+from ..common.arrays import Array, Index
+from ..common.rows import thinned
 from ..common.wording import listed
 from ..errors import LogError
-from .opencv import opencv
-from .pictures import Video
+from .joint_table import JointTable
+from .pictures import Picture, Video
 
-JOINTS = "joints.csv"
 _STATE = "observation.state"
 _SHARE = "gripper"  # always a share of its range, and no joint of the arm
 _WINDOW = 0.2  # s, of which the slowest frame is taken
 _STILL = 0.05  # rad/s; blur and a late frame stay below a pixel
-_APART = np.radians(1.0)  # of two rests
+_APART = np.radians(1.0)  # of two rests: those of one place tell no more than one of them
 _MOST, _LEAST = 80, 12  # frames that are taken, and that are needed although the arm moves
 _TURN = 2 * np.pi + 0.1  # values beyond it are no radians
 _BOUND = 100.0  # of normalised values, which LeRobot clips there
 
 
-def is_dataset(path: str | os.PathLike[str]) -> bool:
-    """Whether a folder is a LeRobotDataset."""
-    return (Path(path) / "meta" / "info.json").is_file()
+def is_dataset(path: object) -> bool:
+    """Whether this is the folder of a LeRobotDataset."""
+    return isinstance(path, (str, os.PathLike)) and (Path(path) / "meta" / "info.json").is_file()
 
 
-def unpack(
-    source: str | os.PathLike[str], folder: str | os.PathLike[str], camera: str | None = None
-) -> list[str]:
-    """Write still frames of a dataset as pictures, and their joints as `joints.csv` [rad].
+def read_dataset(
+    source: str | os.PathLike[str], joints: Sequence[str] | None = None, camera: str | None = None
+) -> tuple[JointTable, list[Picture], list[str]]:
+    """Read still frames of a dataset, and their joints; notes say what was taken, in which unit.
 
+    joints : their names; all but the gripper where not given
     camera : the feature or the end of its name, such as ``"wrist"``; by default the only one
-    Returns notes: what was taken, and in which unit the joints were.
     Raises LogError in one line if the dataset is of another version, or its videos cannot be read.
     """
     import polars as pl
@@ -54,7 +53,7 @@ def unpack(
         version, features = str(info["codebase_version"]), info["features"]
         named = features[_STATE]["names"]  # a list, or in older datasets the only one of a mapping
         named = next(iter(named.values())) if isinstance(named, dict) else named
-        names = [str(name).removesuffix(".pos") for name in named]
+        columns = {str(name).removesuffix(".pos"): k for k, name in enumerate(named)}
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         raise LogError(
             f"{root}: meta/info.json is not that of a LeRobotDataset: {error!r}"
@@ -65,40 +64,39 @@ def unpack(
     found = [name for name in cameras if camera is None or name.endswith(camera)]
     if len(found) != 1:
         raise LogError(f"the dataset has the videos {listed(cameras)}: name one with `camera`")
-    key = found[0]
-    columns = [_STATE, "timestamp", "episode_index"]
-    rows = pl.read_parquet(root / "data" / "**" / "*.parquet", columns=columns)
-    state = np.array(rows[_STATE].to_list(), float)
-    time, episode = (rows[name].to_numpy() for name in columns[1:])
-    arm = [k for k, name in enumerate(names) if name != _SHARE]
-    names = [names[k] for k in arm]
-    q, unit = _radians(state[:, arm])
+    names = tuple(joints or (name for name in columns if name != _SHARE))
+    if missing := [name for name in names if name not in columns]:
+        raise LogError(f"{root} has no joint {missing[0]!r}; its joints: {listed(columns)}")
+    wanted = [_STATE, "timestamp", "episode_index"]
+    rows = pl.read_parquet(root / "data" / "**" / "*.parquet", columns=wanted)
+    state = np.array(rows[_STATE].to_list(), float)[:, [columns[name] for name in names]]
+    time, episode = (rows[name].to_numpy() for name in wanted[1:])
+    q, unit = _radians(state)
     taken, moving = _still(q, time, episode)
-    notes = [f"joints of {root} are read as {unit}"]
-    notes += ["the arm hardly stands still: let it rest at each picture"] * moving
-    episodes = pl.read_parquet(root / "meta" / "episodes" / "**" / "*.parquet")
-    wanted: dict[str, list[tuple[float, int]]] = defaultdict(list)
-    for one in episodes.iter_rows(named=True):
-        place = {part: one[f"videos/{key}/{part}"] for part in ("chunk_index", "file_index")}
-        name = info["video_path"].format(video_key=key, **place)
-        begin = float(one[f"videos/{key}/from_timestamp"])
+    frames = defaultdict[Path, list[tuple[float, int]]](list)
+    key = f"videos/{found[0]}"
+    for one in pl.read_parquet(root / "meta/episodes" / "**" / "*.parquet").iter_rows(named=True):
+        place = {part: one[f"{key}/{part}"] for part in ("chunk_index", "file_index")}
+        path = root / info["video_path"].format(video_key=found[0], **place)
         own = taken[episode[taken] == one["episode_index"]]
-        wanted[name] += [(begin + float(time[k]), int(k)) for k in own]
-    lines = [",".join([*names, "picture", "episode"])]
-    for name, frames in wanted.items():
-        for row, grey in _frames(root / name, frames, 0.5 / float(info["fps"])):
-            picture = f"episode{episode[row]:04d}_{time[row]:08.3f}s.png"
-            opencv().imwrite(str(Path(folder) / picture), grey)
-            lines.append(",".join([*map(repr, q[row].tolist()), picture, str(episode[row])]))
-    if len(lines) == 1:
-        codec = features[key].get("info", {}).get("video.codec", "unknown")
+        begin = float(one[f"{key}/from_timestamp"])
+        frames[path] += [(begin + float(time[k]), int(k)) for k in own]
+    near = 0.5 / float(info["fps"])
+    seen = [each for path, asked in frames.items() for each in _frames(path, asked, near)]
+    if not seen:
+        codec = features[found[0]].get("info", {}).get("video.codec", "unknown")
         raise LogError(
             f"OpenCV reads no frame of {root}'s videos (codec {codec}): convert them, such as by "
             "`ffmpeg -i file-000.mp4 -c:v mpeg4 -q:v 2 new.mp4`"
         )
-    (Path(folder) / JOINTS).write_text("\n".join(lines) + "\n", encoding="utf-8")
-    notes.append(f"{len(lines) - 1} of {len(rows)} frames of {key}, where the arm is slowest")
-    return notes
+    notes = [f"joints of {root} are read as {unit}"]
+    notes += ["the arm hardly stands still: let it rest at each picture"] * moving
+    notes.append(f"{len(seen)} of {len(rows)} frames of {found[0]}, where the arm is slowest")
+    kept = [row for row, _ in seen]
+    pictures = tuple(f"episode {episode[k]} at {time[k]:.3f} s" for k in kept)
+    episodes = episode[kept].astype(np.intp)
+    table = JointTable(str(root), names, q[kept], None, pictures, episodes=episodes)
+    return table, [grey for _, grey in seen], notes
 
 
 def _radians(state: Array) -> tuple[Array, str]:
@@ -118,7 +116,7 @@ def _radians(state: Array) -> tuple[Array, str]:
     return np.radians(state), "degrees (were they shares of each motor's range, nothing would fit)"
 
 
-def _still(q: Array, time: Array, episode: Array) -> tuple[Array, bool]:
+def _still(q: Array, time: Array, episode: Array) -> tuple[Index, bool]:
     """Frames (k,) in which the arm is slowest, and whether it moves in most of them."""
     step = np.maximum(np.diff(time, prepend=-np.inf), 1e-3)
     speed = np.abs(np.diff(q, axis=0, prepend=q[:1])).max(axis=1) / step
@@ -128,32 +126,26 @@ def _still(q: Array, time: Array, episode: Array) -> tuple[Array, bool]:
     order = np.lexsort((speed, window))
     slowest = order[np.unique(window[order], return_index=True)[1]]
     still = slowest[speed[slowest] < _STILL]
-    moving = len(still) < min(_LEAST, len(slowest))
-    if moving:
-        still = slowest[np.argsort(speed[slowest])[:_MOST]]
-    still = np.sort(still)
-    # rests of one place tell no more than one of them
+    if moving := len(still) < min(_LEAST, len(slowest)):
+        still = np.sort(slowest[np.argsort(speed[slowest])[:_MOST]])
     kept = [still[0]]
     for k in still[1:]:
         if np.abs(q[k] - q[kept[-1]]).max() > _APART:
             kept.append(k)
-    every = np.linspace(0, len(kept) - 1, min(len(kept), _MOST)).round().astype(int)
-    return np.array(kept)[every], moving
+    return np.array(kept)[thinned(len(kept), _MOST)], moving
 
 
-def _frames(path: Path, wanted: list[tuple[float, int]], near: float) -> Any:
-    """Yield the rows and grey frames that stand within `near` [s] of the wanted times."""
-    left = sorted(wanted)
-    if not left:
-        return
+def _frames(path: Path, wanted: list[tuple[float, int]], near: float) -> list[tuple[int, Picture]]:
+    """Rows and grey frames that stand within `near` [s] of the wanted times; none of no video."""
+    left, found = sorted(wanted), []
     try:
-        frames = Video(path).frames()
-        for stamp, grey in frames:
+        for stamp, grey in Video(path).frames():
             while left and stamp > left[0][0] + near:
                 left.pop(0)
             if not left:
-                return
+                break
             if abs(stamp - left[0][0]) <= near:
-                yield left.pop(0)[1], grey
+                found.append((left.pop(0)[1], grey))
     except LogError:
-        return
+        pass
+    return found

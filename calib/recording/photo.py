@@ -15,9 +15,8 @@ from ..common.atomic import atomic_write
 from ..common.choices import PICTURES
 from ..errors import LogError
 from ..model.about import Photo
-from .opencv import Picture, opencv
-from .pictures import Video, read_picture
-from .reference import PICTURE, PositionReference, read_reference
+from .pictures import Picture, Video, opencv, read_picture
+from .reference import PlaneReference
 from .setting import Setup
 from .tags import TagFinder
 
@@ -37,34 +36,46 @@ def take_photo(
 
     path : a picture or a video, whose first frame is taken, by the camera that made the log
     x : (n, 2), positions that should be in it, in "px" or "m"
-    about : what the log tells of its source (`read_about`): for metres where its camera was
+    about : what the log tells of its source (`Source.about`): for metres where its camera was
     Raises LogError if it cannot be read, is of another camera, or shows none of the positions.
     """
     about = about or {}
     picture, name = read_photo(Path(path)), Path(path).name
-    size = about.get("size")
-    if size is not None and size != [picture.shape[1], picture.shape[0]]:
-        were = "x".join(map(str, size)) if isinstance(size, list) else size
+    height, width = picture.shape[:2]
+    if about.get("size") not in (None, [width, height]):
         raise LogError(
-            f"{name} is {picture.shape[1]}x{picture.shape[0]}, the log's pictures were {were}: "
-            "expected one by the same camera"
+            f"{name} is {width}x{height}, the log's pictures were {about['size']!r:.40}: expected "
+            "one by the same camera"
         )
-    if x.shape[1] != 2:
-        raise LogError("positions in space are not drawn over a photo: expected x and y")
-    reference = PICTURE if unit == "px" else read_reference(about)
-    if reference.unit != unit:
-        raise LogError(f"positions in {unit}: expected px, or m with a board")
-    seen = reference.pixels(x)
-    inside = ((seen > -0.5) & (seen < np.array(picture.shape[1::-1]) - 0.5)).all(axis=1)
+    if x.shape[1] != 2 or unit not in ("px", "m"):
+        raise LogError(
+            f"positions in {unit}, {x.shape[1]} coordinates, are not drawn over a photo: expected "
+            "x and y in px, or in m with a board"
+        )
+    reference = None if unit == "px" else PlaneReference.of(about)
+    seen = x if reference is None else reference.pixels(x)
+    inside = ((seen > -0.5) & (seen < np.array([width, height]) - 0.5)).all(axis=1)
     if inside.mean() < 0.25:
         raise LogError(
             f"{name} shows {100 * inside.mean():.0f} % of the positions only: expected a picture "
             "by the camera that made the log"
         )
-    if unit == "px":
-        height, width = picture.shape[:2]
+    if reference is None:
         return Photo(_packed(picture), (-0.5, width - 0.5, height - 0.5, -0.5))
-    return _from_above(picture, reference, x[inside])
+    # the plane of the positions as a camera straight above would see it
+    low, high = x[inside].min(axis=0), x[inside].max(axis=0)
+    margin = _AROUND * (high - low).max()
+    low, high = low - margin, high + margin
+    step = (high - low).max() / WIDEST
+    along, up = (np.arange(low[k] + 0.5 * step, high[k], step) for k in range(2))
+    plane = np.stack(np.meshgrid(along, up[::-1]), axis=-1)
+    at = reference.pixels(plane.reshape(-1, 2)).reshape(plane.shape).astype(np.float32)
+    cv2 = opencv()
+    white = {"borderMode": cv2.BORDER_CONSTANT, "borderValue": (255, 255, 255)}
+    above = cv2.remap(picture, at[..., 0], at[..., 1], cv2.INTER_LINEAR, **white)
+    left, bottom = low
+    right, top = low + step * np.array([len(along), len(up)])
+    return Photo(_packed(np.asarray(above, np.uint8)), (left, right, bottom, top))
 
 
 def read_photo(path: Path) -> Picture:
@@ -94,33 +105,13 @@ def _packed(picture: Picture) -> bytes:
     return buffer.getvalue()
 
 
-def _from_above(picture: Picture, reference: PositionReference, x: Array) -> Photo:
-    """Return the plane of the positions as a camera straight above would see it."""
-    low, high = x.min(axis=0), x.max(axis=0)
-    margin = _AROUND * (high - low).max()
-    low, high = low - margin, high + margin
-    step = (high - low).max() / WIDEST
-    along, up = (np.arange(low[k] + 0.5 * step, high[k], step) for k in range(2))
-    plane = np.stack(np.meshgrid(along, up[::-1]), axis=-1)
-    seen = reference.pixels(plane.reshape(-1, 2)).reshape(plane.shape).astype(np.float32)
-    cv2 = opencv()
-    white = {"borderMode": cv2.BORDER_CONSTANT, "borderValue": (255, 255, 255)}
-    above = cv2.remap(picture, seen[..., 0], seen[..., 1], cv2.INTER_LINEAR, **white)
-    (left, right), (bottom, top) = (
-        side[[0, -1]] + [-0.5 * step, 0.5 * step] for side in (along, up)
-    )
-    box = (float(left), float(right), float(bottom), float(top))
-    return Photo(_packed(np.asarray(above, np.uint8)), box)
-
-
 def write_seen(path: str | os.PathLike[str], photo: Picture, setting: Setup, places: Array) -> None:
     """Write as PNG what a photo shows, and where the tag was in all rows of a log.
 
-    The photo is grey or red, green, blue; `places` (n, 2) [px] are where the tag's centre was seen.
+    The photo is red, green, blue; `places` (n, 2) [px] are where the tag's centre was seen.
     """
     cv2 = opencv()
-    grey = photo if photo.ndim == 2 else cv2.cvtColor(photo, cv2.COLOR_RGB2GRAY)
-    canvas = cv2.cvtColor(photo, cv2.COLOR_GRAY2BGR if photo.ndim == 2 else cv2.COLOR_RGB2BGR)
+    grey, canvas = (cv2.cvtColor(photo, code) for code in (cv2.COLOR_RGB2GRAY, cv2.COLOR_RGB2BGR))
     thick = max(1, round(max(canvas.shape) / 640))
 
     def circles(places: Array, radius: int, colour: tuple[int, int, int], line: int) -> None:
@@ -128,21 +119,15 @@ def write_seen(path: str | os.PathLike[str], photo: Picture, setting: Setup, pla
             cv2.circle(canvas, (u, v), radius * thick, colour, line, cv2.LINE_AA)
 
     circles(places, 3, _PLACES, -1)
-    wanted = {setting.tag, *(setting.tags_at.points if setting.tags_at is not None else ())}
-    found = setting.finder.find(grey)  # and what else of the dictionary is there
-    others = TagFinder(setting.dictionary).find(grey)
-    for tag in [*found, *(t for t in others if not any(t.same(known) for known in found))]:
-        colour = _BOARD if tag.number in wanted else _OTHER
-        colour = _TIP if tag.number == setting.tag else colour
+    wanted = setting.tags_at.points if setting.tags_at is not None else {}
+    for tag in TagFinder(setting.dictionary).find(grey):
+        known = tag.number in wanted or tag.number == setting.tag
+        colour = _TIP if tag.number == setting.tag else _BOARD if known else _OTHER
         corners = np.round(tag.corners).astype(np.int32)
         cv2.polylines(canvas, [corners], True, colour, thick + 1, cv2.LINE_AA)
-        words = f"{tag.number}" if tag.number in wanted else f"{tag.number} ignored"
-        for shade, width in (((20, 20, 20), 4 * thick), (colour, thick)):
-            at = (corners.max(axis=0) + 4).tolist()
-            cv2.putText(canvas, words, at, 0, 0.55 * thick, shade, width, cv2.LINE_AA)
-        if tag.number == setting.tag:
-            at = np.round(tag.centre).astype(int).tolist()
-            cv2.drawMarker(canvas, at, colour, 0, 14 * thick, thick)
+        words = f"{tag.number}" if known else f"{tag.number} ignored"
+        at = (corners.max(axis=0) + 4).tolist()
+        cv2.putText(canvas, words, at, 0, 0.55 * thick, colour, thick, cv2.LINE_AA)
     if setting.board is not None:
         circles(np.array([*setting.marks(grey, ()).values()]).reshape(-1, 2), 4, _BOARD, thick)
     atomic_write(path, cv2.imencode(".png", canvas)[1].tobytes())

@@ -6,28 +6,52 @@ import io
 import os
 import re
 import warnings
-from collections import Counter
 from collections.abc import Iterator, Sequence
 from glob import glob
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..common.choices import PICTURES
-from ..common.wording import listed
+from ..common.wording import INSTALL
 from ..errors import LogError
-from .joint_table import JointTable
-from .opencv import Picture, opencv
+
+Picture = NDArray[np.uint8]
+"""Grey (height, width), or with three colours (height, width, 3)."""
+
+_INSTALL = f"reading pictures needs OpenCV: {INSTALL.format('camera')}"
+
+
+def opencv() -> Any:
+    """Import OpenCV and silence what it and FFmpeg write to standard error.
+
+    Raises LogError if it is missing or older than 4.11.
+    """
+    os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")
+    os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # read when a video is opened
+    try:
+        cv2: Any = import_module("cv2")
+    except ImportError:
+        raise LogError(_INSTALL) from None
+    if tuple(int(part) for part in cv2.__version__.split(".")[:2]) < (4, 11):
+        raise LogError(f"OpenCV {cv2.__version__} is too old, expected 4.11 or later: {_INSTALL}")
+    if hasattr(cv2, "setLogLevel"):  # 4.x
+        cv2.setLogLevel(0)
+    else:
+        cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
+    return cv2
 
 
 class UnreadableError(LogError):
     """A picture that is damaged, cut off or none."""
 
 
-def _natural(name: str) -> list[tuple[int, int | str]]:
-    """Return a key that sorts `img_10` after `img_9`."""
-    parts = re.split(r"(\d+)", name)
+def _natural(path: Path) -> list[tuple[int, int | str]]:
+    """A key that sorts `img_10` after `img_9`."""
+    parts = re.split(r"(\d+)", path.name)
     return [(0, int(p)) if p.isdigit() else (1, p.lower()) for p in parts if p]
 
 
@@ -37,8 +61,7 @@ def list_pictures(source: str | os.PathLike[str] | Sequence[str]) -> list[Path]:
     Raises LogError if there is no such folder, or no picture in it.
     """
     if not isinstance(source, (str, os.PathLike)):
-        every = {path for each in source for path in list_pictures(each)}
-        return sorted(every, key=lambda path: _natural(path.name))
+        return sorted({path for each in source for path in list_pictures(each)}, key=_natural)
     text = os.fspath(source)
     folder = Path(text)
     if folder.is_dir():
@@ -53,7 +76,7 @@ def list_pictures(source: str | os.PathLike[str] | Sequence[str]) -> list[Path]:
     found = [p for p in found if not p.name.startswith(".")]
     if not found:
         raise LogError(f"no pictures in {text!r}: expected {', '.join(PICTURES)}")
-    return sorted(found, key=lambda p: _natural(p.name))
+    return sorted(found, key=_natural)
 
 
 def read_picture(path: str | os.PathLike[str], *, colour: bool = False) -> Picture:
@@ -96,7 +119,7 @@ def read_series(paths: Sequence[Path], damaged: list[str]) -> Iterator[tuple[int
         try:
             grey = read_picture(path)
         except UnreadableError as error:
-            damaged.append(str(error))
+            damaged.append(f"{error}; left out")
             continue
         now = grey.shape[1::-1]
         if size not in (None, now):
@@ -109,44 +132,6 @@ def read_series(paths: Sequence[Path], damaged: list[str]) -> Iterator[tuple[int
     if size is None:
         folder = os.fspath(paths[0].parent)
         raise LogError(f"no picture in {folder!r} can be read: {damaged[0]}")
-
-
-def match_rows(
-    table: JointTable, pictures: Sequence[Path]
-) -> tuple[list[tuple[int, Path]], list[str]]:
-    """Pair rows of the joints with their pictures, in the rows' order; notes say what is left.
-
-    Raises LogError if their names do not fit, or without names their counts.
-    """
-    if table.pictures is None:
-        rows = len(table.q) + table.dropped
-        if rows != len(pictures) or table.dropped:
-            why = f", {table.dropped} of them with a missing value" if table.dropped else ""
-            raise LogError(
-                f"{len(pictures)} pictures and {rows} rows of joints in {table.label}{why}: "
-                "expected one row for each picture in the order of names, or a column 'picture'"
-            )
-        return list(enumerate(pictures)), []
-    by_name = {path.stem: path for path in reversed(pictures)}
-    by_name |= {path.name: path for path in pictures}
-    pairs = [(row, by_name[n]) for row, n in enumerate(table.pictures) if n in by_name]
-    twice = [path.name for path, rows in Counter(path for _, path in pairs).items() if rows > 1]
-    if twice:
-        raise LogError(
-            f"{table.label} names picture {min(twice)!r} in more than one row: expected one row "
-            "for each picture"
-        )
-    if not pairs:
-        raise LogError(
-            f"{table.label} names none of the pictures: it has "
-            f"{listed(table.pictures, 3)}, there are {listed((p.name for p in pictures), 3)}"
-        )
-    notes = []
-    if missing := len(table.pictures) - len(pairs):
-        notes.append(f"{missing} rows of joints left out: their pictures are not there")
-    if more := len(pictures) - len(pairs):
-        notes.append(f"{more} pictures left out: no row of joints names them")
-    return pairs, notes
 
 
 class Video:

@@ -1,23 +1,35 @@
-"""What positions are told in: pixels, or metres in a frame on the desk, whose pose is fitted."""
+"""What positions are told in: metres in a frame on the desk, whose pose a recording tells anew.
+
+Its marks are a board's corners, or tags at known places. A camera that was bumped between
+recordings changes where they appear and leaves positions as they were, but for their noise.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import os
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arm.rotations import cross_matrix, exponential, logarithm
+from ..arm.rotations import cross_matrix, exponential, similarity
 from ..common.arrays import Array
 from ..errors import LogError
+from ..samples.tables import open_source, read_columns
+from .board import LEAST_CORNERS, Board
 from .lens import Lens
-from .opencv import opencv
+from .pictures import opencv
 
 _LEAST_NOISE = 0.01  # [px]; corners are credited with no less
-_STEPS, _SOFT = 40, 0.5  # of a pose; [px], misses beyond it count by their size, not its square
 _HALF = np.array([[0.5, 0.0], [0.0, 0.5]])  # [px], steps of a finite difference
+_MOVED = 0.7  # [px]; marks further off than this are elsewhere
+_STRETCH = 1.5e-3  # growth of the marks that a new focus is told by
+_MOST_OFF = 0.3  # share of the pictures in which the marks may be elsewhere
+
+Marks = Mapping[int, Array]
+"""Places (2,) by number: of corners, or of tags' centres."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,11 +48,6 @@ class Pose:
         """The camera's place in the frame [m]."""
         return -self.rotation.T @ self.shift
 
-    def moved(self, change: Array) -> Pose:
-        """Return the pose after a small turn and shift (6,)."""
-        turned = exponential(change[:3]) @ self.rotation
-        return replace(self, rotation=turned, shift=self.shift + change[3:])
-
     @property
     def doubt(self) -> tuple[float, float]:
         """Standard deviations of the turn [rad] and of the camera's place [m], all axes."""
@@ -53,47 +60,30 @@ class Pose:
 def find_pose(lens: Lens, points: Array, pixels: Array) -> Pose:
     """Fit the pose of a flat frame to points (n, 3) [m] of it and their pixels (n, 2), n >= 4.
 
-    Of the two poses of a plane seen from afar the better one; outliers are weighed down.
+    Of the two poses of a plane seen from afar the better one. Raises LogError if none fits.
     """
-    cv2 = opencv()
-    flat = lens.undistort(pixels)
+    cv2, camera = opencv(), (lens.matrix, lens.distortion)
+    flat = lens.undistort(pixels).reshape(-1, 1, 2)
     found, turns, shifts, _ = cv2.solvePnPGeneric(
-        points, flat.reshape(-1, 1, 2), np.eye(3), None, flags=cv2.SOLVEPNP_IPPE
+        points, flat, np.eye(3), None, flags=cv2.SOLVEPNP_IPPE
     )
     if not found:
         raise LogError("the reference's points lie on a line or in one place: no pose fits them")
-
-    def refined(turn: Array, shift: Array) -> tuple[float, Array, Array, Array, Array, Array]:
-        """Cost, rotation, shift, miss (n, 2), derivatives by the pose and by the lens."""
-        rotation = exponential(np.ravel(turn))
-        shift = np.ravel(shift)
-        for _ in range(_STEPS):
-            seen, slopes = cv2.projectPoints(
-                points, logarithm(rotation), shift, lens.matrix, lens.distortion
-            )
-            miss = pixels - seen.reshape(-1, 2)
-            by = slopes[:, 3:6].reshape(-1, 2, 3)
-            own = np.concatenate([-by @ cross_matrix(points @ rotation.T), by], axis=2)
-            square = (miss / _SOFT) ** 2
-            root = (1.0 + square.ravel()) ** -0.25  # of soft L1's weights
-            J = own.reshape(-1, 6)
-            step = np.linalg.lstsq(J * root[:, None], miss.ravel() * root, rcond=None)[0]
-            rotation, shift = exponential(step[:3]) @ rotation, shift + step[3:]
-            if np.abs(step).max() < 1e-8:
-                break
-        cost = float((np.sqrt(1.0 + square) - 1.0).sum())
-        return cost, rotation, shift, miss, J * root[:, None], slopes[:, 6:15] * root[:, None]
-
-    fits = [refined(turn, shift) for turn, shift in zip(turns, shifts, strict=True)]
-    _, rotation, shift, miss, slopes, bent = min(fits, key=lambda fit: fit[0])
-    rms = float(np.sqrt((miss**2).sum(1).mean()))
-    variance = float((miss**2).sum()) / max(miss.size - 6, 1)
+    fits = []
+    for start in zip(turns, shifts, strict=True):
+        turn, shift = cv2.solvePnPRefineLM(points, pixels, *camera, *start)
+        seen, slopes = cv2.projectPoints(points, turn, shift, *camera)
+        miss = pixels - seen.reshape(-1, 2)
+        fits.append((float((miss**2).sum()), exponential(turn.ravel()), shift.ravel(), slopes))
+    square, rotation, shift, slopes = min(fits, key=lambda fit: fit[0])
+    by = slopes[:, 3:6].reshape(-1, 2, 3)
+    own = np.concatenate([-by @ cross_matrix(points @ rotation.T), by], axis=2).reshape(-1, 6)
     # where the lens is not as it was taken to be, the pose follows it
-    jacobian = np.vstack([-np.linalg.lstsq(slopes, bent, rcond=None)[0], np.eye(9)])
-    covariance = jacobian @ lens.covariance @ jacobian.T
-    spread = np.linalg.pinv(slopes.T @ slopes) * max(variance, _LEAST_NOISE**2)
-    covariance[:6, :6] += spread
-    return Pose(rotation, shift, covariance, rms)
+    follows = np.vstack([-np.linalg.lstsq(own, slopes[:, 6:15], rcond=None)[0], np.eye(9)])
+    covariance = follows @ lens.covariance @ follows.T
+    variance = max(square / max(len(own) - 6, 1), _LEAST_NOISE**2)
+    covariance[:6, :6] += np.linalg.pinv(own.T @ own) * variance
+    return Pose(rotation, shift, covariance, float(np.sqrt(square / len(points))))
 
 
 def square_pose(lens: Lens, corners: Array, size: float) -> Pose:
@@ -112,7 +102,6 @@ class PlaneReference:
     lens: Lens
     pose: Pose
     height: float = 0.0  # z of the tag's plane in the frame [m]
-    unit: str = "m"
 
     def positions(self, pixels: ArrayLike) -> Array:
         """Return x and y (n, 2) [m] where rays of pixels (n, 2) meet the plane, else NaN."""
@@ -133,18 +122,20 @@ class PlaneReference:
             return self.lens.distort(seen[:, :2] / seen[:, 2:])
 
     def noise(self, pixels: Array) -> tuple[Array, Array]:
-        """Return the scale of a pixel (n,), and the sd (n,) [m] that pose and lens make for all."""
+        """Return the scale of a pixel (n,), and the sd (n,) that pose and lens make for all [m]."""
         base = self.positions(pixels)
+        x, y = (self.positions(pixels + step) - base for step in _HALF)
         variance = np.zeros(len(base))
         values, vectors = np.linalg.eigh(self.pose.covariance)
         for d in (vectors * np.sqrt(np.maximum(values, 0.0))).T:
-            if d.any():
-                moved = replace(self, lens=self.lens.moved(d[6:]), pose=self.pose.moved(d[:6]))
-                variance += ((moved.positions(pixels) - base) ** 2).sum(1) / 2.0
-        return _scale(self, pixels), np.asarray(np.sqrt(variance))
+            turned = exponential(d[:3]) @ self.pose.rotation
+            pose = replace(self.pose, rotation=turned, shift=self.pose.shift + d[3:6])
+            moved = replace(self, lens=self.lens.moved(d[6:]), pose=pose).positions(pixels)
+            variance += ((moved - base) ** 2).sum(1) / 2.0
+        return np.sqrt(2.0 * (x**2 + y**2).sum(1)), np.sqrt(variance)
 
     def told(self) -> dict[str, Any]:
-        """Return the camera's pose over the frame."""
+        """Return the camera's pose over the frame, as plain values."""
         return {
             "kind": "plane",
             "rotation": self.pose.rotation.tolist(),
@@ -153,97 +144,106 @@ class PlaneReference:
             "height": self.height,
         }
 
+    @classmethod
+    def of(cls, about: Mapping[str, Any]) -> PlaneReference:
+        """Return the reference that a log tells of itself, without its doubt; see `told`.
+
+        Raises LogError if it tells none.
+        """
+        try:
+            told, lens = about["reference"], Lens.from_json(about["lens"])
+            rotation = np.array(told["rotation"], float).reshape(3, 3)
+            shift = -rotation @ np.array(told["camera"], float).reshape(3)
+            return cls(lens, Pose(rotation, shift, np.zeros((15, 15)), 0.0), float(told["height"]))
+        except (KeyError, TypeError, ValueError):
+            raise LogError(
+                "the log does not say where its camera was: expected one that calib log made"
+            ) from None
+
 
 @dataclass(frozen=True, eq=False)
-class FlatReference:
-    """A flat frame seen by an unknown camera: a homography between tags around the arm."""
+class MarkLayout:
+    """Marks at known places of a flat frame: a board's corners, or tags on a desk."""
 
-    matrix: Array  # pixels to positions (3, 3)
-    residual: float  # of the tags that it was fitted to (standard deviation) [unit]
-    unit: str = "m"
+    what: str  # what messages call it
+    points: Marks  # places by number (2,) [m]
+    least: int  # marks that must be seen
 
-    def positions(self, pixels: ArrayLike) -> Array:
-        """Map pixels (n, 2) to the plane (n, 2)."""
-        return _mapped(self.matrix, pixels)
+    @staticmethod
+    def of_board(board: Board) -> MarkLayout:
+        """The corners of a board."""
+        return MarkLayout("the board", dict(enumerate(board.corners()[:, :2])), LEAST_CORNERS)
 
-    def pixels(self, positions: Array) -> Array:
-        """Map the plane (n, 2) to pixels (n, 2)."""
-        return _mapped(np.linalg.inv(self.matrix), positions)
+    @staticmethod
+    def read(path: str | os.PathLike[str]) -> MarkLayout:
+        """Read tags at known places: a table with the columns `tag`, `x`, `y` [m].
 
-    def noise(self, pixels: Array) -> tuple[Array, Array]:
-        """Return the scale of a pixel, and the tags' own misfit."""
-        return _scale(self, pixels), np.full(len(pixels), self.residual)
-
-    def told(self) -> dict[str, Any]:
-        """Return what a later recording compares itself with, as plain values."""
-        if self.unit == "px":
-            return {"kind": "pixels"}
-        return {"kind": "flat", "matrix": self.matrix.tolist()}
-
-
-def _mapped(matrix: ArrayLike, places: ArrayLike) -> Array:
-    """Map places (n, 2) by a homography (3, 3)."""
-    p = np.asarray(places, float)
-    mapped = np.c_[p, np.ones(len(p))] @ np.asarray(matrix, float).T
-    return np.asarray(mapped[:, :2] / mapped[:, 2:])
-
-
-PICTURE = FlatReference(np.eye(3), 0.0, "px")
-"""Pixels of the picture as they are: x to the right, y down."""
-
-PositionReference = PlaneReference | FlatReference
-"""Turns pixels into positions and back, and says how well it is known."""
+        Raises LogError if there are fewer than four, or a tag has two places.
+        """
+        source = open_source(path)
+        rows = read_columns(source, ["tag", "x", "y"])
+        ids = rows[:, 0]
+        whole = np.isfinite(rows).all() and (ids % 1 == 0).all() and (ids >= 0).all()
+        if (
+            not whole
+            or len(rows) < 4
+            or len(set(ids)) < len(rows)
+            or np.abs(rows[:, 1:]).max() > 20
+        ):
+            raise LogError(
+                f"{source.label} has {len(rows)} rows: expected four tags or more around the "
+                "workspace, each once, with a whole id under 'tag' and metres under 'x' and 'y', "
+                "at most 20"
+            )
+        return MarkLayout("the frame of tags", {int(row[0]): row[1:] for row in rows}, 4)
 
 
-def _scale(reference: PositionReference, pixels: Array) -> Array:
-    """Return the standard deviation (n,) along each axis that one pixel's makes."""
-    x, y = (reference.positions(pixels + d) - reference.positions(pixels) for d in _HALF)
-    return np.asarray(2.0 * np.sqrt((x**2 + y**2).sum(1) / 2.0))
+def watch(
+    layout: MarkLayout, seen: Sequence[tuple[int, Marks]], lens: Lens, height: float = 0.0
+) -> tuple[PlaneReference, frozenset[int]]:
+    """Find the reference in a recording, and the pictures in which it is elsewhere.
 
-
-def fit_flat(pixels: Array, points: Array) -> FlatReference:
-    """Fit the plane-to-plane map from pixels (n, 2) to points (n, 2) [m], n >= 4.
-
-    Normalised direct linear transform (Hartley and Zisserman, section 4.4).  OpenCV's
-    `findHomography` answers for points on a line too.
+    seen : numbers of pictures, in order, and what they show
+    height : of the tag's plane over the layout's [m]
+    Raises LogError if the reference is not there, or elsewhere in many pictures.
     """
-    maps = []
-    for values in (pixels, points):
-        middle, spread = values.mean(0), float(np.sqrt(2.0) / max(values.std(), 1e-12))
-        maps.append(np.vstack([np.c_[spread * np.eye(2), -spread * middle], [0.0, 0.0, 1.0]]))
-    one = np.ones(len(pixels))
-    p, (x, y, _) = np.c_[pixels, one] @ maps[0].T, maps[1] @ np.stack([*points.T, one])
-    none = np.zeros_like(p)
-    rows = np.block([[p, none, -x[:, None] * p], [none, p, -y[:, None] * p]])
-    values, vectors = np.linalg.svd(rows)[1:]
-    if values[7] < 1e-9 * values[0]:
-        raise LogError("three of the reference's tags lie on a line: spread them as a rectangle")
-    matrix = np.asarray(np.linalg.inv(maps[1]) @ vectors[8].reshape(3, 3) @ maps[0])
-    miss = _mapped(matrix, pixels) - points
-    return FlatReference(matrix, float(np.sqrt((miss**2).sum() / max(miss.size - 8, 1))))
-
-
-def read_reference(about: Mapping[str, Any]) -> PositionReference:
-    """Return the reference that a log tells of itself; see `PositionReference.told`.
-
-    Raises LogError if it tells none.
-    """
-    try:
-        told = about["reference"]
-        if told["kind"] == "pixels":
-            return PICTURE
-        if told["kind"] == "flat":
-            flat = FlatReference(np.array(told["matrix"], float).reshape(3, 3), 0.0)
-            flat.pixels(np.zeros((1, 2)))  # it has an inverse
-            return flat
-        rotation = np.array(told["rotation"], float).reshape(3, 3)
-        shift = -rotation @ np.array(told["camera"], float).reshape(3)
-        turn, place = (float(sd) for sd in told.get("doubt", (0.0, 0.0)))
-        covariance = np.zeros((15, 15))
-        covariance[:3, :3], covariance[3:6, 3:6] = turn**2 / 3 * np.eye(3), place**2 / 3 * np.eye(3)
-        pose = Pose(rotation, shift, covariance, 0.0)
-        return PlaneReference(Lens.from_json(about["lens"]), pose, float(told["height"]))
-    except (KeyError, TypeError, ValueError):
+    # a hand in the picture hides some marks
+    looked = {number: marks for number, marks in seen if len(marks) >= layout.least}
+    if not looked:
+        most = max((len(marks) for _, marks in seen), default=0)
         raise LogError(
-            "the log does not say where its camera was: expected one that calib log made"
-        ) from None
+            f"{layout.what} is too small, hidden or not there: at most {most} found in a "
+            f"picture, {layout.least} expected"
+        )
+    middle = _middle([*looked.values()])
+    off = frozenset(number for number, marks in looked.items() if _elsewhere(middle, marks))
+    if len(off) > _MOST_OFF * len(looked):
+        raise LogError(
+            f"{layout.what} is elsewhere, or of another size, in {len(off)} of {len(looked)} "
+            "pictures: was the camera bumped, is it loose, or does it refocus? fix it and switch "
+            "its autofocus off, or make a log of each part"
+        )
+    kept = _middle([marks for number, marks in looked.items() if number not in off])
+    numbers = [n for n in kept if n in layout.points]
+    points = np.array([[*layout.points[n], 0.0] for n in numbers])
+    pose = find_pose(lens, points, np.array([kept[n] for n in numbers]))
+    return PlaneReference(lens, pose, height), off
+
+
+def _middle(group: Sequence[Marks]) -> dict[int, Array]:
+    numbers = sorted({n for marks in group for n in marks})
+    return {n: np.median([m[n] for m in group if n in m], axis=0) for n in numbers}
+
+
+def _elsewhere(one: Marks, other: Marks) -> bool:
+    """Whether the marks that both show moved, by the median of them, or grew by a new focus.
+
+    A focus moves marks near the picture's middle by little; a pose would take most of that, and be
+    off by a millimetre away from the board.
+    """
+    both = [n for n in one if n in other]
+    if len(both) < 3:
+        return False
+    a, b = (np.array([marks[n] for n in both]) for marks in (one, other))
+    moved, growth = np.linalg.norm(b - a, axis=1), similarity(a, b)[2] - 1.0
+    return bool(np.median(moved) > _MOVED or (abs(growth) > _STRETCH and moved.max() > _MOVED))

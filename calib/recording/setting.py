@@ -1,23 +1,28 @@
-"""What a recording is made with: the tag, the reference, the lens."""
+"""What a recording is made with: the tag, the reference, the lens; and what pictures show of it."""
 
 from __future__ import annotations
 
-import os
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from pathlib import Path
-from typing import Any
 
+import numpy as np
+
+from ..common.arrays import Array
 from ..common.choices import DICTIONARY
+from ..common.wording import listed
 from ..errors import LogError, OptionError
 from .board import Board, BoardFinder
-from .lens import Lens, calibrate_lens, read_lens
-from .opencv import Picture
-from .pictures import list_pictures, read_series
-from .reference import PositionReference
+from .lens import Lens
+from .pictures import Picture
+from .reference import MarkLayout, Marks
 from .tags import Tag, TagFinder
-from .watch import MarkLayout, Marks, board_layout
+
+LOOKS = 12
+"""Looks at the reference over a video, and pictures that are kept, about."""
+
+_MOST_TWICE = 0.1  # share of the pictures that may show two tags of the tip's id
 
 
 @dataclass(frozen=True)
@@ -37,22 +42,23 @@ class Setup:
 
     def __post_init__(self) -> None:
         at = self.tags_at.points if self.tags_at is not None else {}
-        board, height = self.board, self.tag_height
+        board, height, metric = self.board, self.tag_height, self.board or self.tags_at
         printed = 0  # tags of this dictionary on the board
         if board is not None and board.dictionary.lower() == self.dictionary.lower():
             printed = board.columns * board.rows // 2
         refusals = {
             "`board` and `tags_at` are both given: expected one of them": board and self.tags_at,
-            "`board` is given without `lens`: positions in metres may be off by centimetres away "
-            "from the board; take 10 pictures of the board and give their folder as `lens`": (
-                board and self.lens is None
+            "`board` or `tags_at` is given without `lens`: positions in metres may be off by "
+            "centimetres; take 10 pictures of a board and give their folder as `lens`": (
+                metric and self.lens is None
             ),
             f"`tag_height={height:g}`: expected less than 10 m": not abs(height) <= 10.0,
             "`tag_height` is given without `board` or `tags_at`, above which it is measured": (
-                height and self.layout is None
+                height and not metric
             ),
-            "the tag's pose needs `lens`": self.pose and self.lens is None,
-            "the tag's pose needs `tag_size`": self.pose and self.tag_size is None,
+            "the tag's pose needs `lens` and `tag_size`": (
+                self.pose and (self.lens is None or self.tag_size is None)
+            ),
             f"tag {self.tag} is on the tip and in `tags_at`: expected another id": self.tag in at,
             f"tag {self.tag} is printed on the board too, which has 0 to {printed - 1} of "
             f"{self.dictionary}: take another id": self.tag < printed,
@@ -62,19 +68,10 @@ class Setup:
                 raise OptionError(message)
         object.__setattr__(self, "finder", TagFinder(self.dictionary, {self.tag, *at}))
 
-    @property
+    @cached_property
     def layout(self) -> MarkLayout | None:
         """What positions are told in, if not pixels."""
-        return board_layout(self.board) if self.board is not None else self.tags_at
-
-    def check_size(self, name: str, size: tuple[int, int]) -> None:
-        """Refuse pictures of another size than the lens."""
-        if self.lens is not None and self.lens.size != size:
-            raise LogError(
-                f"{name} is {size[0]}x{size[1]}, the lens was calibrated with "
-                f"{self.lens.size[0]}x{self.lens.size[1]}: record with the same settings, or "
-                "calibrate again"
-            )
+        return MarkLayout.of_board(self.board) if self.board is not None else self.tags_at
 
     @cached_property
     def _boards(self) -> BoardFinder | None:
@@ -85,41 +82,71 @@ class Setup:
         if self._boards is not None:
             return self._boards.find(grey)
         at = self.tags_at.points if self.tags_at is not None else {}
-        counts = [t.number for t in tags]
-        return {t.number: t.centre for t in tags if t.number in at and counts.count(t.number) == 1}
-
-    def about(self, reference: PositionReference) -> dict[str, Any]:
-        """Return what a log tells of its source, as plain values."""
-        told: dict[str, Any] = {"tag": self.tag, "dictionary": self.dictionary}
-        told["reference"] = reference.told()
-        if self.lens is not None:
-            told["lens"] = self.lens.to_json()
-        return told
+        counts = Counter(tag.number for tag in tags)
+        return {t.number: t.centre for t in tags if t.number in at and counts[t.number] == 1}
 
 
-def load_lens(
-    path: str | os.PathLike[str], board: Board | None, output: str | os.PathLike[str] | None = None
-) -> tuple[Lens, tuple[str, ...]]:
-    """Read the `lens.json` of an earlier run, or calibrate by a folder or pattern of pictures.
+@dataclass(frozen=True, eq=False)
+class Sightings:
+    """What pictures show."""
 
-    Returns notes too; a calibrated lens is written to `output`.
+    numbers: Array  # pictures in which the tag is sharp (n,)
+    tags: tuple[Tag, ...]  # the tag in each of them
+    marks: tuple[tuple[int, Marks], ...]  # what some pictures show of the reference, by number
+    reasons: Counter[str]  # why pictures have no tag, and how many
+    size: tuple[int, int]  # width and height of the pictures [px]
+    pixels: Array  # places of the tag's centre (n, 2) [px]
+
+
+def sight(
+    frames: Iterable[tuple[int, str, Picture]], setting: Setup, what: str, every: int, looks: int
+) -> Sightings:
+    """Find the tag of a setting, and the reference, in pictures with their numbers and names.
+
+    what : what messages call the pictures
+    every : one of so many is kept, to tell which tags are there should this one not be
+    looks : the reference is looked for in one of so many
+    Raises LogError if the tag is there twice in more than a tenth, or nowhere.
     """
-    if not Path(path).is_dir() and not any(mark in str(path) for mark in "*?["):
-        return read_lens(path), ()
-    if board is None:
-        raise OptionError("`lens` is a folder of pictures: expected `board` too, which they show")
-    finder, pictures, damaged = BoardFinder(board), list_pictures(path), list[str]()
-    corners, size = [], (0, 0)
-    for _, grey in read_series(pictures, damaged):
+    found, marks, sample, twice = dict[int, Tag](), list[tuple[int, Marks]](), list[Picture](), []
+    reasons, size, count = Counter[str](), (0, 0), 0
+    for number, name, grey in frames:
+        count += 1
         size = (grey.shape[1], grey.shape[0])
-        corners.append(finder.find(grey))
-    lens, doubts = calibrate_lens(corners, board, size)
-    notes = [f"lens: {text}; it was left out" for text in damaged]
-    notes.append(
-        f"lens of {lens.pictures} of {len(pictures)} pictures: focal length "
-        f"{lens.focal[0]:.1f} px, corners miss their places by {lens.rms:.2f} px rms"
-    )
-    if output is not None:
-        lens.save(output)
-        notes.append(f"lens written to {os.fspath(output)}")
-    return lens, (*notes, *doubts)
+        if setting.lens is not None and setting.lens.size != size:
+            raise LogError(
+                f"{name} is {size[0]}x{size[1]}, the lens was calibrated with "
+                f"{setting.lens.size[0]}x{setting.lens.size[1]}: record with the same settings, "
+                "or calibrate again"
+            )
+        tags = setting.finder.find(grey)
+        if setting.layout is not None and number % looks == 0:
+            marks.append((number, setting.marks(grey, tags)))
+        if number % every == 0 and len(sample) < LOOKS:
+            sample.append(grey)
+        tips = [tag for tag in tags if tag.number == setting.tag]
+        if len(tips) == 1 and tips[0].sharp:
+            found[number] = tips[0]
+        elif len(tips) > 1:
+            twice.append(name)
+            reasons[f"tag {setting.tag} is there twice"] += 1
+        else:
+            reasons["blurred" if tips else f"tag {setting.tag} not seen"] += 1
+    if len(twice) > _MOST_TWICE * count:
+        raise LogError(
+            f"tag {setting.tag} is there twice in {len(twice)} of {count} {what} "
+            f"({listed(twice, 3)}): cover one, or print another id for the tip"
+        )
+    if not found:
+        finder, seen = TagFinder(setting.dictionary), Counter[int]()
+        for grey in sample:
+            seen.update({tag.number for tag in finder.find(grey)})
+        shown = listed([f"{number} ({times} times)" for number, times in seen.most_common()], 6)
+        raise LogError(
+            f"tag {setting.tag} is in none of {count} {what}: {len(sample)} of them show "
+            f"{shown or 'no tag'} of {setting.dictionary}; check the id, the dictionary, that it "
+            "is sharp and has a white border"
+        )
+    pixels = np.array([tag.centre for tag in found.values()])
+    numbers = np.array(list(found))
+    return Sightings(numbers, tuple(found.values()), tuple(marks), reasons, size, pixels)

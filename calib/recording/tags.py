@@ -1,8 +1,13 @@
-"""Printed tags in a picture: which, and where to a few hundredths of a pixel."""
+"""Printed tags in a picture: which, and where to a few hundredths of a pixel.
+
+What is printed is known to its last cell: OpenCV's `findTransformECC` (Evangelidis and Psarakis,
+2008) moves it over the picture. In benchmarks/camera.py tags are found to .010 px, .012 where
+blurred; OpenCV's contours leave .093 and .113. Its board's corners have .06 px, laid over .011.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any
@@ -14,14 +19,23 @@ from ..common.arrays import Array
 from ..common.choices import DICTIONARY
 from ..common.wording import suggestion
 from ..errors import OptionError
-from .opencv import Picture, opencv
-from .patterns import crossing, lay_square
+from .pictures import Picture, opencv
 
 LEAST_NOISE = 0.03
 """Least standard deviation that a tag's centre is credited with, along each axis [px]."""
 
 _SHARP = 0.8  # correlation with the print, below which a tag is not sharp
-_MARGINS = (0.13, 0.3)  # of a cell that is not read; OpenCV 4 reads small tags with the second
+# share of a cell that is not read, and pixels that a cell is read by: of 60 tags of some 20 px 40
+# are found, 25 with OpenCV's 4 pixels, 32 by those and a margin of .3 together
+_MARGIN, _READ = 0.2, 10
+_BLUR = 3  # [px], Gaussian window over print and picture
+_STEPS, _SETTLED = 30, 1e-5
+_LEAST_CELL = 3  # [px]; a coarser pattern has no edges
+_SQUARES = (8, 96)  # [px], least and largest side of a board's square in its picture
+_DENSE = 1.5  # of a board's pattern over the picture: .011 px for .016 with 1, .012 with 3
+_FINER = (2, 6)  # times as fine a board is drawn, and then shrunk
+_AROUND = 0.7  # squares around a corner that are laid over the picture
+_FARTHEST = 2.5  # [px]; a corner that goes further was none
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,19 +44,20 @@ class Tag:
 
     number: int  # its id
     corners: Array  # of the black square, clockwise in print from the top left (4, 2) [px]
-    centre: Array  # where its diagonals cross (2,) [px]
     noise: float = LEAST_NOISE  # standard deviation of the centre along each axis [px]
     sharp: bool = True  # whether the print can be laid over it
+
+    @property
+    def centre(self) -> Array:
+        """Where the diagonals cross (2,) [px]: the middle under any perspective."""
+        a, b, c, d = np.c_[self.corners - self.corners[0], np.ones(4)]
+        p = np.cross(np.cross(a, c), np.cross(b, d))
+        return np.asarray(self.corners[0] + p[:2] / p[2])
 
     @property
     def side(self) -> float:
         """Mean length of its sides [px]."""
         return float(_sides(self.corners).mean())
-
-    def same(self, other: Tag) -> bool:
-        """Whether both are one tag, found twice: their centres are within a third of a side."""
-        near = float(np.linalg.norm(self.centre - other.centre)) < 0.3 * other.side
-        return self.number == other.number and near
 
     @property
     def upright(self) -> float:
@@ -55,12 +70,6 @@ def _sides(corners: Array) -> Array:
     return np.asarray(np.linalg.norm(np.roll(corners, -1, 0) - corners, axis=1))
 
 
-def dictionary_names() -> tuple[str, ...]:
-    """Return the names of the dictionaries of tags, such as `apriltag_36h11` and `5x5_100`."""
-    found = [name[5:].lower() for name in dir(opencv().aruco) if name.startswith("DICT_")]
-    return tuple(sorted(name for name in found if not name.startswith("arucomip")))
-
-
 @cache
 def find_dictionary(name: str) -> Any:
     """Return OpenCV's dictionary of a name; case, `DICT_` and `apriltag_` may be left out.
@@ -68,57 +77,56 @@ def find_dictionary(name: str) -> Any:
     Raises OptionError if there is none.
     """
     aruco = opencv().aruco
+    known = {key[5:].lower(): key for key in dir(aruco) if key.startswith("DICT_")}
     plain = name.strip().lower().removeprefix("dict_").replace("-", "_")
-    names = dictionary_names()
     for candidate in (plain, f"apriltag_{plain}", plain.replace("apriltag", "apriltag_")):
-        if candidate in names:
-            key = next(k for k in dir(aruco) if k.lower() == f"dict_{candidate}")
-            return aruco.getPredefinedDictionary(getattr(aruco, key))
-    raise OptionError(f"dictionary {name!r}: {suggestion(plain, names)}")
+        if candidate in known:
+            return aruco.getPredefinedDictionary(getattr(aruco, known[candidate]))
+    raise OptionError(f"dictionary {name!r}: {suggestion(plain, sorted(known))}")
 
 
 class TagFinder:
     """Finds tags of one dictionary: wanted ids, or all, which takes ten times as long."""
 
     def __init__(self, dictionary: str = DICTIONARY, wanted: Collection[int] | None = None) -> None:
-        cv2 = opencv()
-        known = find_dictionary(dictionary)
+        aruco, known = opencv().aruco, find_dictionary(dictionary)
         count = len(known.bytesList)
         self.numbers = tuple(range(count) if wanted is None else sorted(set(wanted)))
         if bad := [number for number in self.numbers if not 0 <= number < count]:
             raise OptionError(f"tag {bad[0]}: expected 0 to {count - 1}, the ids of {dictionary}")
         if wanted is not None:
             some = np.ascontiguousarray(known.bytesList[list(self.numbers)])
-            known = cv2.aruco.Dictionary(some, known.markerSize, known.maxCorrectionBits)
+            known = aruco.Dictionary(some, known.markerSize, known.maxCorrectionBits)
         self.dictionary = dictionary
-        self._detectors = []
-        for margin in _MARGINS:
-            settings = cv2.aruco.DetectorParameters()
-            settings.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_CONTOUR
-            settings.perspectiveRemoveIgnoredMarginPerCell = margin
-            self._detectors.append(cv2.aruco.ArucoDetector(known, settings))
+        settings = aruco.DetectorParameters()
+        settings.cornerRefinementMethod = aruco.CORNER_REFINE_CONTOUR
+        settings.perspectiveRemoveIgnoredMarginPerCell = _MARGIN
+        settings.perspectiveRemovePixelPerCell = _READ
+        self._detector = aruco.ArucoDetector(known, settings)
 
     def find(self, grey: Picture) -> list[Tag]:
         """Find the tags of a picture."""
-        tags: list[Tag] = []
-        for detector in self._detectors:
-            squares, places, _ = detector.detectMarkers(grey)
-            for square, k in zip(squares, () if places is None else np.ravel(places), strict=True):
-                corners = np.asarray(square, float).reshape(4, 2)
-                tag = self._measured(grey, self.numbers[k], corners)
-                if not any(tag.same(other) for other in tags):
-                    tags.append(tag)
-            if tags and (len(self.numbers) > 20 or {t.number for t in tags} >= {*self.numbers}):
-                break
-        return tags
+        squares, found, _ = self._detector.detectMarkers(grey)
+        numbers = [self.numbers[k] for k in (() if found is None else np.ravel(found))]
+        corners = [np.asarray(square, float).reshape(4, 2) for square in squares]
+        return [self._measured(grey, *each) for each in zip(numbers, corners, strict=True)]
 
     def _measured(self, grey: Picture, number: int, corners: Array) -> Tag:
-        refined, likeness = lay_square(grey, tag_cells(number, self.dictionary), corners)
-        side = _sides(corners).max()
+        cells = tag_cells(number, self.dictionary)
+        tag, n = Tag(number, corners, 0.5, sharp=False), len(cells)
+        k = max(_LEAST_CELL, round(tag.side / n))
+        pattern = np.pad(np.kron(cells, np.ones((k, k))), k // 2 + 1, constant_values=1.0)
+        low, high = k // 2 + 0.5, k // 2 + 0.5 + n * k  # pixels have whole centres
+        square = np.array([[low, low], [high, low], [high, high], [low, high]])
+        start = opencv().getPerspectiveTransform(
+            square.astype(np.float32), corners.astype(np.float32)
+        )
+        found, likeness = _laid(grey, (255.0 * pattern).astype(np.uint8), np.asarray(start))
+        refined = mapped(found, square)
         moved = np.linalg.norm(refined - corners, axis=1).max()
-        if likeness < _SHARP or moved > 0.1 * side + 2.0:
-            return Tag(number, corners, crossing(corners), 0.5, sharp=False)
-        tag = Tag(number, refined, crossing(refined))
+        if likeness < _SHARP or moved > 0.1 * _sides(corners).max() + 2.0:
+            return tag
+        tag = Tag(number, refined)
         # short sides cross at a sharp angle: rendered at 60 to 80 deg the miss is 4 to 13 times as
         # large (benchmarks/camera_real.py)
         return replace(tag, noise=tag.noise * max(1.0, 0.9 / tag.upright) ** 1.5)
@@ -136,3 +144,80 @@ def tag_cells(number: int, dictionary: str = DICTIONARY) -> NDArray[np.bool_]:
     size = int(known.markerSize) + 2
     picture = opencv().aruco.generateImageMarker(known, int(number), size)
     return np.asarray(picture) > 127
+
+
+def lay_corners(grey: Picture, corners: Mapping[int, Array], board: Any) -> dict[int, Array]:
+    """Lay the surroundings of a board's corners over its picture.
+
+    corners : places (2,) [px] by number, within a pixel or so; `board` is OpenCV's
+    """
+    if len(corners) < 4:
+        return {}
+    seen = np.array([*corners.values()])
+    flat = np.asarray(board.getChessboardCorners())[list(corners), :2] / board.getSquareLength()
+    over = opencv().findHomography(flat, seen, opencv().RANSAC, 3.0)[0]
+    if over is None:
+        return {}
+    side = np.linalg.norm(mapped(over, flat + 0.5) - mapped(over, flat - 0.5), axis=1)
+    k = int(np.clip(round(_DENSE * np.median(side) / np.sqrt(2)), *_SQUARES))
+    page, refined = _page(board, k), {}
+    for number, place, there in zip(corners, flat, seen, strict=True):
+        at = np.maximum(np.round((place - _AROUND) * k).astype(int), 0)
+        end = np.round((place + _AROUND) * k).astype(int)
+        # of the patch's pixels, via squares, to the picture; the lens shifts it by little
+        scale = np.array([[1 / k, 0, (at[0] + 0.5) / k], [0, 1 / k, (at[1] + 0.5) / k], [0, 0, 1]])
+        shift = np.eye(3)
+        shift[:2, 2] = there - mapped(over, place[None])[0]
+        found, likeness = _laid(grey, page[at[1] : end[1], at[0] : end[0]], shift @ over @ scale)
+        moved = mapped(found, (place * k - 0.5 - at)[None])[0]
+        if likeness > 0.0 and np.linalg.norm(moved - there) < _FARTHEST:
+            refined[number] = moved
+    return refined
+
+
+def _laid(grey: Picture, pattern: Picture, start: Array) -> tuple[Array, float]:
+    """Move a pattern over a picture from a homography (3, 3) of its pixels to the best one.
+
+    Returns that, and the correlation; the start and 0 where none is found.
+    """
+    cv2 = opencv()
+    high, wide = pattern.shape
+    outline = mapped(start, np.array([[0, 0], [wide, 0], [wide, high], [0, high]]) - 0.5)
+    if not np.isfinite(outline).all() or np.abs(outline).max() > 1e5:
+        return start, 0.0
+    low = np.maximum(np.floor(outline.min(0)).astype(int) - 8, 0)
+    end = np.maximum(np.ceil(outline.max(0)).astype(int) + 9, low + 1)
+    back = np.array([[1.0, 0.0, -low[0]], [0.0, 1.0, -low[1]], [0.0, 0.0, 1.0]])
+    stop = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, _STEPS, _SETTLED)
+    guess = back @ start
+    try:
+        likeness, found = cv2.findTransformECC(
+            pattern, grey[low[1] : end[1], low[0] : end[0]],
+            np.ascontiguousarray(guess / guess[2, 2], np.float32),
+            cv2.MOTION_HOMOGRAPHY, stop, None, _BLUR,
+        )  # fmt: skip
+    except cv2.error:  # it did not converge, or the part is empty
+        return start, 0.0
+    return np.linalg.inv(back) @ np.asarray(found, float), float(likeness)
+
+
+@cache
+def _page(board: Any, k: int) -> Picture:
+    """The picture of a board whose squares have sides of k pixels."""
+    columns, rows = board.getChessboardSize()
+    share = board.getMarkerLength() / board.getSquareLength()
+    cells = board.getDictionary().markerSize + 2
+    # drawn finer and shrunk, at a size at which tags and their cells begin on whole pixels
+    sizes = np.arange(_FINER[0] * k, _FINER[1] * k)
+    ends = np.stack([0.5 * (1.0 - share) * sizes, share / cells * sizes])
+    fine = int(sizes[np.argmin(np.abs(ends - np.round(ends)).sum(axis=0).round(6))])
+    drawn = board.generateImage((columns * fine, rows * fine), marginSize=0, borderBits=1)
+    size = (columns * k, rows * k)
+    return np.asarray(opencv().resize(drawn, size, interpolation=opencv().INTER_AREA))
+
+
+def mapped(homography: Array, places: Array) -> Array:
+    """Map places (n, 2) by a homography (3, 3)."""
+    p = np.c_[places, np.ones(len(places))] @ homography.T
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.asarray(p[:, :2] / p[:, 2:])

@@ -30,6 +30,7 @@ _PLACED = 10  # rows that tell where a frame is
 _FAR_NEARER = 0.5  # of the median error: a frame that moved explains so much
 _SAMPLES = 10_000
 _STREAM = 4  # the same as in training: the tables agree
+_NOT_LEARNED = "no row of the log lies within what the model has learned: measure others"
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,7 +87,7 @@ def evaluate_residuals(
     scale, readouts = model.motor.scale, model.readouts
     known = model.trust.covers(scale.to_unit(q))
     if not known.any():
-        raise LogError("no row of the log lies within what the model has learned: measure others")
+        raise LogError(_NOT_LEARNED)
     left_out, q, x = int(np.count_nonzero(~known)), q[known], x[known]
     # the answers' bounds, of which `Model.solve` takes most of the time, are not asked for
     forward, answers = side_by_side(
@@ -116,11 +117,8 @@ def summarise(residuals: Residuals) -> dict[str, Any]:
 def error_sizes(error: Array) -> dict[str, float]:
     """Mean, largest and 99th percentile of the absolute errors (n,)."""
     size = np.abs(error)
-    return {
-        "mean": float(size.mean()),
-        "max": float(size.max()),
-        "p99": float(np.quantile(size, 0.99)),
-    }
+    found = {"mean": size.mean(), "max": size.max(), "p99": np.quantile(size, 0.99)}
+    return {name: float(value) for name, value in found.items()}
 
 
 def answered_within(model: Model, residuals: Residuals) -> dict[str, float]:
@@ -152,9 +150,8 @@ class Evaluation:
     notes : tuple of str
         What the user should be told of the samples.
     touch : dict
-        Of touches: "scatter" of the tips about their sockets' means, and the share of it that the
-        expected error covers, by "points", and stated and
-        predicted "distances" [m]. Empty for other samples.
+        Of touches: "scatter" of the tips about their sockets' means, in all and by "points", and
+        stated and predicted "distances" [m]. Empty for other samples.
     residuals : Residuals or None
         The errors row by row; None for those of the training.
     """
@@ -262,26 +259,26 @@ def in_sockets(model: Model, samples: Samples, touch: Touches) -> tuple[Samples,
     some = touch.take(known)
     known = known[~some.strays(some.about_medians(tip[known]))]
     samples, touch, tip = samples.take(known), touch.take(known), tip[known]
-    touched = touch.number >= 0
+    touched, means = touch.number >= 0, touch.means(tip)
     if not touched.any():
-        raise LogError("no row of the log lies within what the model has learned: measure others")
-    means = touch.means(tip)
-    x = np.where(touched[:, None], means[touch.number], samples.x)
+        raise LogError(_NOT_LEARNED)
     off = np.linalg.norm(tip - means[touch.number], axis=1)
     points = [
         {"setup": setup, "point": point, "rows": int(own.sum()), "scatter": float(off[own].mean())}
         for k, (setup, point) in enumerate(touch.sockets)
         if (own := touch.number == k).any()
     ]
+    stated = [(each, means[list(each.points)]) for each in touch.known if each.value is not None]
     distances = [
         {
             "points": [list(touch.sockets[k]) for k in each.points],
             "stated": each.value,
-            "predicted": float(np.linalg.norm(means[each.points[0]] - means[each.points[1]])),
+            "predicted": float(np.linalg.norm(ends[0] - ends[1])),
         }
-        for each in touch.known
-        if each.value is not None and np.isfinite(means[list(each.points)]).all()
+        for each, ends in stated
+        if np.isfinite(ends).all()
     ]
+    x = np.where(touched[:, None], means[touch.number], samples.x)
     off, bound = off[touched], model.expected_error(samples.q[touched])
     size = {"mean": off.mean(), "rms": np.sqrt((off**2).mean()), "p95": np.quantile(off, 0.95)}
     size |= {"max": off.max(), "covered": np.mean(off <= bound)}

@@ -1,8 +1,7 @@
 """Learning: which maps samples get, both of them and their links.
 
-Without a body a log's held-out blocks choose between a lattice and a gas.  A lattice is a sheet:
-over a log of a few paths, which cross in the workspace, it folds; a gas has nothing to fold.  Where
-rows cover both spaces the lattice is as good or better, and it can follow a stream.
+Without a body a log's held-out blocks choose between a lattice, a sheet that folds over a few paths
+which cross in the workspace, and a gas.  A lattice can follow a stream.
 """
 
 from __future__ import annotations

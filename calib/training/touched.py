@@ -44,17 +44,14 @@ def fit_sockets(samples: Samples, seed: int) -> tuple[Samples, SmoothPart, list[
     if not isinstance(arm, SpatialArm):
         raise LogError("touches need the robot in space that made them: give its URDF")
     touched = touch.number >= 0
-    spans = [np.ptp(samples.q[touch.number == k], axis=0) for k in np.unique(touch.number[touched])]
-    counts = np.bincount(touch.number[touched])
-    if counts.sum() < _FEW or counts.max() < 4:
+    own, counts = np.unique(touch.number[touched], return_counts=True)
+    spans = [np.ptp(samples.q[touch.number == k], axis=0).max() for k in own]
+    alike = max(spans, default=0.0) < _ALIKE
+    if alike or counts.sum() < _FEW or counts.max() < 4:
         raise LogError(
-            f"{counts.sum()} touches of {len(spans)} sockets tell nothing of the arm: expected "
-            "20 postures and more in each socket, with the wrist turned each way"
-        )
-    if np.max(spans) < _ALIKE:
-        raise LogError(
-            "the postures in each socket are all alike, which tells nothing of the arm: touch it "
-            "from other sides, with the elbow up and down and the wrist turned each way"
+            f"{counts.sum()} touches of {len(own)} sockets"
+            f"{', all alike,' if alike else ''} tell nothing of the arm: expected 20 postures and "
+            "more in each socket, from other sides, with the wrist turned each way"
         )
     seen = bool((touch.number < 0).any())
     structure = structure_of(arm, "rigid" if seen else "base")
@@ -87,25 +84,24 @@ def fit_sockets(samples: Samples, seed: int) -> tuple[Samples, SmoothPart, list[
     notes: list[str] = []
     gone = np.flatnonzero(~kept)
     if len(gone):
-        near = np.linalg.norm(tip[gone, None] - found.points, axis=2)
-        away = np.nanmin(near, axis=1) > max(5.0 * scatter, 1e-9)
         named = row_numbers(samples, gone)
         notes.append(f"{len(gone)} rows were in no socket of theirs and are left out: {named}")
-        if not away.all():
-            k = int(np.argmin(away))
+        near = np.linalg.norm(tip[gone, None] - found.points, axis=2)
+        k = int(np.nanmin(near, axis=1).argmin())
+        if np.nanmin(near[k]) <= max(5.0 * scatter, 1e-9):
             name = " ".join(touch.sockets[int(np.nanargmin(near[k]))]).strip()
             named = row_numbers(samples, gone[k : k + 1])
             notes.append(f"{named} was in the socket {name!r}: a wrong name?")
-    if not seen and not any(each.value is not None for each in touch.known):
-        notes.append(
-            "touches alone do not tell how large the arm is: its size stays as drawn; state the "
-            "distance of two points, as in `distance='A,B=50mm'`"
-        )
     if not seen:
         notes.append(
             "no touch tells where the base stands and how it is turned about the first axis: both "
             "stay as drawn and are left out of intervals"
         )
+        if not any(each.value is not None for each in touch.known):
+            notes.append(
+                "touches alone do not tell how large the arm is: its size stays as drawn; state "
+                "the distance of two points, as in `distance='A,B=50mm'`"
+            )
     x = np.where(touched[:, None], found.points[touch.number], samples.x)
     samples = replace(samples, x=x).take(kept)
     smooth = BodyInBox(found.fit.body, unit_box(samples))

@@ -125,11 +125,10 @@ def _learned(samples: Samples, options: TrainingOptions, progress: Progress) -> 
 
     begin(0.7, "local models")
     motor, u = association.motor, scale.to_unit(samples.q)
-    selected, predictor = None, Predictor(motor, association.linear, NO_MODELS)
+    predictor, left = Predictor(motor, association.linear, NO_MODELS), None
     if part is not None:
-        its = part.rows
-        selected = select(motor, u[its], samples.x[its], part.smooth, part.fit.held_out)
-        predictor = selected.predictor
+        own = u[part.rows], samples.x[part.rows]
+        predictor, left = select(motor, *own, part.smooth, part.fit.held_out)
 
     begin(0.8, "evaluation")
     empty, visited = np.zeros(motor.size), np.zeros(motor.size, dtype=bool)
@@ -144,7 +143,7 @@ def _learned(samples: Samples, options: TrainingOptions, progress: Progress) -> 
         )
         model = replace(model, bounds=bounds, model_bounds=bounds)
     else:  # by blocks of the log's rows that were held out
-        tested = held_out_residuals(model, samples, part, selected, options)
+        tested = held_out_residuals(model, samples, part, left, options)
         known_u, known_x = scale.to_unit(tested.q), tested.x
         reading, position = node_bounds(model, known_u, tested.errors[model.default_readout])
         model = replace(model, bounds=reading, model_bounds=position)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import cached_property, partial
+from functools import cached_property, partial, reduce
 from typing import Any
 
 import numpy as np
@@ -17,7 +17,6 @@ from ..arm.rotations import logarithm
 from ..body.covariance import radius_95, spread_of
 from ..body.planar import PlanarStructure
 from ..body.settings import SHARED
-from ..body.spatial import SpatialStructure
 from ..common.arrays import Array
 from ..common.frozen import frozen
 from ..common.rows import checked_rows, each_joint
@@ -71,21 +70,12 @@ _POSITIONS = (
 class _Wanted:
     """Where the nominal arm would be, in the sensor's frame."""
 
-    predict: Callable[[Array], Array]  # of joint values (n, dof), positions (n, m)
-    moved: list[Any] = field(default_factory=list)  # what moves these into the sensor's frame
+    target: Callable[[Array], Array]  # of joint values (n, dof), positions (n, m)
     free: bool = False  # whether the sensor's frame was fitted
     drawn: Array | None = None  # (d,), of a body in space its nominal arm's behind a fitted frame
     # where more than what the sensor reads has to be met: the tool's pose, or before a camera,
     # whose pixel does not say how far away the tip is, its place
     space: Space | None = None
-    based: Array | None = None  # (d,), then the nominal arm's parameters in the base frame
-
-    def target(self, q: Array) -> Array:
-        """Positions (n, m) for joint values (n, dof)."""
-        target = self.predict(q)
-        for frame in self.moved:
-            target = frame.apply(target)
-        return target
 
     @property
     def posed(self) -> bool:
@@ -94,9 +84,9 @@ class _Wanted:
 
     def pose(self, q: Array) -> tuple[Array, Array]:
         """Place (n, 3) and orientation (n, 3, 3) of the nominal tool in the base frame."""
-        assert self.space is not None and self.based is not None  # noqa: S101, PT018
+        assert self.space is not None  # noqa: S101
         structure: Any = self.space.body.structure
-        place, turn = structure.pose(q, self.based)
+        place, turn = structure.pose(q, nominal_in_space(structure, self.space.body.beta))
         return place, turn
 
 
@@ -259,11 +249,9 @@ def _quick(model: Model, q: ArrayLike) -> Corrected | None:
 
 def _notes(model: Model, wanted: _Wanted, cause: str) -> tuple[str, ...]:
     turned = any(abs(frame.angle) > _TURNED for frame in frames(model, cause))
-    return (
-        *(frame_notes(model, cause) if wanted.free else ()),
-        *([_POSITIONS] if moves_in_space(model) and not wanted.posed else []),
-        *([_MOVED] if turned else []),
-    )
+    notes = list(frame_notes(model, cause)) if wanted.free else []
+    notes += [_POSITIONS] * (moves_in_space(model) and not wanted.posed)
+    return (*notes, *[_MOVED] * turned)
 
 
 def frame_notes(model: Model, cause: str) -> tuple[str, ...]:
@@ -334,25 +322,30 @@ def _wanted(model: Model, view: str, cause: str) -> _Wanted:
 def _found(model: Model, view: str, cause: str) -> _Wanted:
     free, moved, body = frame_is_free(model, view), frames(model, cause), model.body
     own: Any = None if body is None else body.structure
+    in_space, drawn, space = moves_in_space(model), None, None
+    predict: Callable[[Array], Array]
     if isinstance(own, PlanarStructure):
         if free:
             # the body knows the sensor's frame as it is after all adaptations; if the sensor
             # stayed, what they found of its frame is the arm's
             back = [frame.inverse() for frame in reversed(frames(model))]
             moved = back if cause == "joints" else []
-        structure, beta = nominal_in_plane(model, based=not free)
-        return _Wanted(partial(structure.predict, beta=frozen(beta)), moved, free)
-    in_space = moves_in_space(model)
-    if not in_space or is_simulated(model):
-        seen = fit_geometry(model, view=view, cause=cause).frame if free and not in_space else None
-        return _Wanted(nominal_arm(model).forward, [*([seen] if seen else []), *moved], free)
-    informed = body is not None and isinstance(own, SpatialStructure) and own.informed
-    if body is not None and informed and (free or own.view == "base"):
-        beta, space = frozen(nominal_in_space(own, body.beta)), None
-        if own.dof >= _POSED or own.camera:
-            space = Space.of(model)
-        based: Any = space and frozen(nominal_in_space(space.body.structure, space.body.beta))  # type: ignore[arg-type]
-        return _Wanted(partial(own.predict, beta=beta), [], free, beta, space, based)
-    fit = fit_geometry(model, view=view, cause=cause)
-    beta = frozen(nominal_in_space(fit.structure, fit.beta))
-    return _Wanted(partial(fit.structure.predict, beta=beta), moved, free)
+        structure, nominal = nominal_in_plane(model, based=not free)
+        predict = partial(structure.predict, beta=frozen(nominal))
+    elif not in_space or is_simulated(model):
+        predict = nominal_arm(model).forward
+        if free and not in_space and (seen := fit_geometry(model, view=view, cause=cause).frame):
+            moved = [seen, *moved]
+    elif body is not None and own.informed and (free or own.view == "base"):
+        drawn, moved = frozen(nominal_in_space(own, body.beta)), []
+        predict = partial(own.predict, beta=drawn)
+        space = Space.of(model) if own.dof >= _POSED or own.camera else None
+    else:
+        fit = fit_geometry(model, view=view, cause=cause)
+        beta = frozen(nominal_in_space(fit.structure, fit.beta))
+        predict = partial(fit.structure.predict, beta=beta)
+
+    def target(q: Array) -> Array:
+        return reduce(lambda x, frame: frame.apply(x), moved, predict(q))
+
+    return _Wanted(target, free, drawn, space)

@@ -7,7 +7,9 @@ from __future__ import annotations
 
 import re
 import warnings
+from contextlib import suppress
 from io import BytesIO
+from pathlib import Path
 from typing import TYPE_CHECKING
 from xml.parsers import expat
 from xml.sax.saxutils import quoteattr
@@ -165,12 +167,9 @@ def check_output(path: str, nominal: str) -> None:
 
     Raises OptionError if the file at `path` is that URDF.
     """
-    from pathlib import Path
-
-    try:
+    same = False
+    with suppress(OSError, UnicodeDecodeError):
         same = Path(path).read_text(encoding="utf-8-sig").strip() == nominal.strip()
-    except (OSError, ValueError):
-        return
     if same:
         raise OptionError(
             f"{path} is the URDF that the model was made with, which is never overwritten",

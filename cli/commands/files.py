@@ -4,12 +4,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Annotated, Any
 
-from typer import Option
-
 from calib.common.wording import for_people
 
 from .. import options as opt
-from ..options import Text, option
+from ..options import Text, flag, option
 from ..output import NO, Outcome, TextTable, fixed, note, number, say, sized
 from ..parsing import BadOption, check_file
 from ..units import units_of
@@ -32,8 +30,8 @@ def urdf(
     output: Annotated[str, option("--output -o URDF", "The corrected description.")],
     view: opt.LogView = "auto",
     cause: opt.FrameOrJoints = "sensor",
-    move_base: Annotated[bool, Option("--move-base", help="Fit the first joint's place.")] = False,
-    move_tip: Annotated[bool, Option("--move-tip", help="The tip is sensed, no probe.")] = False,
+    move_base: Annotated[bool, flag("--move-base", "Fit the first joint's place.")] = False,
+    move_tip: Annotated[bool, flag("--move-tip", "The tip is sensed, no probe.")] = False,
 ) -> Outcome:
     """Write a copy of the URDF with the joint offsets and link placements that fit the model best.
 
@@ -107,7 +105,7 @@ def export(
     model: opt.ModelFile,
     *,
     output: Annotated[Text, option("--output -o FILE", "C header; JSON of --lerobot.")] = None,
-    single: Annotated[bool, Option("--float", help="Single precision.")] = False,
+    single: Annotated[bool, flag("--float", "Single precision.")] = False,
     prefix: Annotated[str, option("--prefix NAME", "Prefix of every name in C.")] = "calib_",
     camera: Annotated[Text, option("--camera FILE.yaml", "The lens as ROS camera_info.")] = None,
     transform: Annotated[Text, option("--transform FILE.json", "The sensor in the base.")] = None,

@@ -10,7 +10,7 @@ from typer import Argument
 from calib.common.choices import Eye
 
 from .. import options as opt
-from ..boards import pictures_of
+from ..boards import need_joints
 from ..options import Text, flag, option
 from ..output import Outcome, note, say
 from ..parsing import check_file
@@ -43,17 +43,17 @@ def handeye(
     check_file(transform, (".json",), option="--transform")
     import calib
     from calib.recording.board import Board
-    from calib.recording.setting import load_lens
+    from calib.recording.lens import load_lens
 
     arm = Selection(joints=joints, tip=tip, lock=lock, degrees=degrees).load(robot)
-    printed = Board.parse(board)
+    need_joints(pictures, joints_file)
     known = None
     if lens is not None:
-        known, said = load_lens(lens, printed)
+        known, said = load_lens(lens, Board.parse(board))
         say(said)
-    with pictures_of(pictures, joints_file, camera) as (folder, table):
-        own = degrees and table == joints_file  # those of a dataset are converted
-        found = calib.handeye(arm, folder, table, printed, eye, lens=known, degrees=own)
+    found = calib.handeye(
+        arm, pictures, joints_file, board, eye, lens=known, degrees=degrees, camera=camera
+    )
     say(found.notes)
     carried, standing = ("camera", "board") if eye == "hand" else ("board", "camera")
     if output is not None:

@@ -19,6 +19,9 @@ if TYPE_CHECKING:
     from calib import Evaluation
 
 
+Kept = Literal["kept", "free"]
+
+
 def robots() -> Outcome:
     """List the bundled robots."""
     import calib
@@ -78,18 +81,14 @@ def evaluate(
     data: opt.Data = None,
     reading: Reading,
     sockets: Sockets,
-    frame: Annotated[
-        Literal["kept", "free"],
-        opt.flag("--frame", "free: of the log, the sensor's frame is found anew."),
-    ] = "kept",
+    frame: Annotated[Kept, opt.flag("--frame", "free: the sensor's frame is found anew.")] = "kept",
 ) -> Outcome:
     """Print the errors of a model, on fresh samples or on a log."""
     import calib
 
     loaded = calib.load(model)
     log = log_of(loaded, data, reading)
-    if log is not None:
-        log = sockets.of(log)
+    log = None if log is None else sockets.of(log)
     started = time.perf_counter()
     result = calib.evaluate(loaded, log, frame=frame)
     say(result.notes)

@@ -5,18 +5,18 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Annotated, Any
 
-from typer import Argument, Option
+from typer import Argument
 
 from .. import options as opt
-from ..options import option
+from ..options import flag, option
 from ..output import NO, Outcome, note
-from ..parsing import BadOption, any_number, height, reader, reals
+from ..parsing import BadOption, height, reader, reals
 
 if TYPE_CHECKING:
     from ..answers import Query
 
 _FAR = 10.0  # extents of the workspace: so far off, positions in mm were typed as m
-_quaternion = reader(
+_turn = reader(
     "4 numbers of length 1, qx,qy,qz,qw",
     reals,
     lambda q: len(q) == 4 and abs(math.hypot(*q) - 1.0) <= 0.01,
@@ -26,24 +26,15 @@ _angles = reader("3 numbers: roll, pitch and yaw", reals, lambda angles: len(ang
 
 def inverse(
     model: opt.ModelFile,
-    target: Annotated[
-        list[float] | None,
-        Argument(
-            metavar="X Y [Z]", parser=any_number, help="Position [m, sensor's unit or --unit]."
-        ),
-    ] = None,
+    target: Annotated[list[float] | None, Argument(metavar="X Y [Z]", help="A position.")] = None,
     *,
     near: Annotated[Any, option("--near Q1,Q2", "The branch nearest to these.", reals)] = None,
-    every: Annotated[bool, Option("--all", help="Answer with every branch.")] = False,
+    every: Annotated[bool, flag("--all", "Answer with every branch.")] = False,
     readout: opt.ReadoutKind = None,
     frame: opt.InFrame = "sensor",
-    quaternion: Annotated[
-        Any, option("--quaternion QX,QY,QZ,QW", "The orientation wanted, in space.", _quaternion)
-    ] = None,
+    quaternion: Annotated[Any, option("--quaternion QX,QY,QZ,QW", "Orientation.", _turn)] = None,
     rpy: Annotated[Any, option("--rpy R,P,Y", "Roll, pitch, yaw as in a URDF.", _angles)] = None,
-    keep: Annotated[
-        bool, Option("--keep-orientation", help="Turn the tool little from --near.")
-    ] = False,
+    keep: Annotated[bool, flag("--keep-orientation", "Turn the tool little from --near.")] = False,
     on: Annotated[Any, option("--on z=H", "The pixel X Y lies on this plane [m].", height)] = None,
     asking: opt.Asking,
 ) -> Outcome:
@@ -181,19 +172,19 @@ def _batch(query: Query, in_space: bool, how: dict[str, Any]) -> Outcome:
     """Answer a table; columns near_JOINT choose the branch, qx to qw ask for an orientation."""
     import numpy as np
 
-    from ..answers import TURN, over_all_rows
+    from ..answers import TURN, beside
 
     joints, axes = query.joints, query.axes
-    beside = [f"near_{name}" for name in joints.names]
+    nearby = [f"near_{name}" for name in joints.names]
     # fewer than six joints reach almost no pose that is given: its columns go along unread
     turns = TURN if len(joints.names) >= 6 and len(axes) == 3 else ()
-    batch = query.read(axes, (beside, turns))
+    batch = query.read(axes, (nearby, turns))
     valid: Any = np.isfinite(batch.values).all(axis=1)
     given = dict(zip(batch.names, batch.values[valid].T, strict=True))
     posed = bool(turns) and "qw" in given
     turn = np.stack([given[name] for name in TURN], axis=1) if posed else None
-    if beside[0] in given:
-        near = np.stack([given[name] for name in beside], axis=1) / joints.typed
+    if nearby[0] in given:
+        near = np.stack([given[name] for name in nearby], axis=1) / joints.typed
         how = {**how, "near": near}
     found = _solve(query, batch.values[valid, : len(axes)], turn, in_space or posed, how)
     # with every branch a target has several answers
@@ -204,9 +195,10 @@ def _batch(query: Query, in_space: bool, how: dict[str, Any]) -> Outcome:
         found.pop(name, None)
     # rows without numbers stand where they stood, between the answers of the others
     index = np.sort(np.concatenate([rows, np.flatnonzero(~valid)]))
-    answers = over_all_rows(valid[index], {**dict(zip(joints.names, q.T, strict=True)), **found})
-    n = len(valid)
-    if how["every"]:
-        answers, batch = {"row": index + 1, **answers}, batch.take(index)
+    added = dict(zip(joints.names, q.T, strict=True)) | found
+    every = how["every"]
+    columns = beside(batch.take(index) if every else batch, valid[index], added)
+    columns |= {"row": index + 1} if every else {}
     missed = np.unique(rows[~reachable] + 1).tolist()
-    return query.answer(batch, answers, missed, "out of reach", n)
+    failures = {"out_of_reach": (missed, "out of reach")}
+    return query.answer(batch, columns, failures)

@@ -16,7 +16,7 @@ from calib.common.wording import for_people
 
 from .. import options as opt
 from .. import parsing
-from ..options import Text, option
+from ..options import Text, flag, option
 from ..output import Outcome, TextTable, fields, note, number, progress_bar, say
 from ..parsing import TABLES, BadOption, check_file, several
 from ..samples import Logged, Selection, check_sources, measured_samples
@@ -118,7 +118,7 @@ def reproduce(
     ] = "all",
     *,
     output: Annotated[str, option("--output -o DIR", "Folder of tables, figures.")] = "reproduced",
-    quick: Annotated[bool, Option("--quick", help="Small lattices and few samples.")] = False,
+    quick: Annotated[bool, flag("--quick", "Small lattices and few samples.")] = False,
     robot: Annotated[Text, option("--robot ROBOT", "Another arm, two revolute joints.")] = None,
     joints: opt.JointNames = None,
     seed: opt.Seed = 0,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Annotated, Any
 
-from typer import Argument, Option
+from typer import Argument
 
 from calib.common.choices import Eye
 
@@ -25,9 +25,7 @@ def plan(
     robot: Annotated[str, Argument(metavar="ROBOT|MODEL", help="To measure, or to improve.")],
     *,
     output: Annotated[str, option("--output -o FILE", "CSV, or Parquet by its name (- stdout).")],
-    poses: Annotated[
-        int, Option("--poses", "-n", metavar="N", min=1, max=1000, help="How many poses.")
-    ] = 60,
+    poses: Annotated[int, option("--poses -n N", "How many poses.", min=1, max=1000)] = 60,
     selection: Selection,
     margin: Annotated[
         Any, option("--margin M", "From limits [rad, m] (1 deg).", not_negative)

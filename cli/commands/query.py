@@ -10,7 +10,7 @@ from typer import Argument
 from .. import options as opt
 from ..options import option
 from ..output import NO, Outcome, TextTable, fields, fixed, note, say, sized
-from ..parsing import above_zero, any_number, finite_number, reader, reals
+from ..parsing import above_zero, finite_number, reader, reals
 
 if TYPE_CHECKING:
     from calib.common.arrays import Array
@@ -26,10 +26,7 @@ _step = reader(
 
 def forward(
     model: opt.ModelFile,
-    values: Annotated[
-        list[float] | None,
-        Argument(metavar="Q1 Q2", parser=any_number, help="Joint values, base to tip [rad or m]."),
-    ] = None,
+    values: Annotated[list[float] | None, Argument(metavar="Q1 Q2", help="Joint values.")] = None,
     *,
     readout: opt.ReadoutKind = None,
     frame: opt.InFrame = "sensor",
@@ -38,7 +35,7 @@ def forward(
     """Position of the tip for joint values; exit code 3 outside of what was learned."""
     import numpy as np
 
-    from ..answers import TURN, Query, over_all_rows, say_size
+    from ..answers import TURN, Query, beside, say_size
 
     query = Query(model, asking, frame, values or ())
     joints, about = query.joints, query.model.about
@@ -51,9 +48,10 @@ def forward(
         ranges = (about.joint_names, about.lower, about.upper, about.revolute)
         check_joint_values(q, *ranges, degrees=asking.degrees, error=QueryError)
         valid = np.isfinite(q).all(axis=1)
-        answers = over_all_rows(valid, _told(query, q[valid], readout))
-        unknown = (np.flatnonzero(valid & np.isnan(answers["x"])) + 1).tolist()
-        return query.answer(batch, answers, unknown, "outside of what was learned", len(q))
+        answers = beside(batch, valid, _told(query, q[valid], readout))
+        unknown = np.flatnonzero(valid & np.isnan(answers["x"])) + 1
+        failures = {"out_of_reach": (unknown.tolist(), "outside of what was learned")}
+        return query.answer(batch, answers, failures)
     one = joints.one_each("Q1 Q2", values or ()) or []
     told: dict[str, Any] = {
         name: column[0].item() for name, column in _told(query, np.array([one]), readout).items()
@@ -114,7 +112,7 @@ def path(
     """
     import numpy as np
 
-    from ..answers import Query, say_rows
+    from ..answers import Query
 
     query = Query(model, asking)
     asked, joints, positions = query.model, query.joints, query.positions
@@ -130,28 +128,15 @@ def path(
         "reachable": found.reachable.astype(np.int64),
         "jump": np.isin(np.arange(len(found.q)), found.jumps).astype(np.int64),
     }
-    n, out, held = len(found.q), *(np.flatnonzero(x) for x in (~found.reachable, found.held))
-    say_rows(batch.invalid, len(batch.values), "not all numbers, left out of the path")
-    jumps, left_out = (found.jumps + 1).tolist(), (held + 1).tolist()
-    say_rows(jumps, n, "a jump cannot be avoided, the branch ends before")
-    say_rows(left_out, n, "left out, far beyond all that the arm reaches: the joints stay")
-    if len(out):
-        note(
-            f"{len(out)} of {n} rows are out of reach, the furthest by "
-            f"{positions.said(float(found.distance[out].max()))}: they hold attainable points "
-            "close by"
-        )
-    return query.write(
-        table,
-        key="path",
-        code=1 if batch.invalid else NO if jumps or len(out) else 0,
-        rows=n,
-        invalid=batch.invalid,
-        jumps=jumps,
-        left_out=left_out,
-        out_of_reach=(out + 1).tolist(),
-        **query.meaning,
-    )
+    out, held = (np.flatnonzero(rows) + 1 for rows in (~found.reachable, found.held))
+    furthest = positions.said(float(found.distance[out - 1].max(initial=0.0)))
+    failures = {
+        "jumps": (found.jumps + 1, "a jump cannot be avoided, the branch ends before"),
+        "left_out": (held, "left out, far beyond all that the arm reaches: the joints stay"),
+        "out_of_reach": (out, f"out of reach, by {furthest} at most: attainable points close by"),
+    }
+    failures = {name: (rows.tolist(), why) for name, (rows, why) in failures.items()}
+    return query.answer(batch, table, failures, n=len(found.q), key="path")
 
 
 def correct(
@@ -171,12 +156,12 @@ def correct(
 
     import calib
 
-    from ..answers import Query, over_all_rows, say_rows
+    from ..answers import Query, beside
 
     query = Query(model, asking)
     loaded, joints = query.model, query.joints
     batch = query.read(joints.names)
-    n, factors = len(batch.values), np.array(joints.typed)
+    factors = np.array(joints.typed)
     valid: Any = np.isfinite(batch.values).all(axis=1)
     most: Any = None if limit is None else limit / factors
     found = calib.correct(loaded, batch.values[valid] / factors, limit=most, view=view, cause=cause)
@@ -187,36 +172,24 @@ def correct(
     table |= dict(zip(loaded.axes, found.target.T, strict=True))
     told = fields(found, "distance expected_error reachable angle placement_error")
     table |= {name: column for name, column in told.items() if column is not None}  # in space
-    say(batch.notes(list(table)))
     rows = np.flatnonzero(valid) + 1
-    beyond, missed = rows[found.exceeded].tolist(), rows[~found.reachable].tolist()
-    say_rows(batch.invalid, n, "not all values are numbers, no answer")
-    say_rows(missed, n, "out of reach for the real arm, no answer")
     limits = ", ".join(joints.change(k, most) for k, most in enumerate(found.limit))
-    say_rows(
-        beyond,
-        n,
+    beyond = (
         f"a joint would change by more than the limit ({limits}), no answer; if the change is "
-        "right, give a larger --limit",
+        "right, give a larger --limit"
     )
+    failures = {
+        "out_of_reach": (rows[~found.reachable].tolist(), "out of reach for the real arm"),
+        "beyond_limit": (rows[found.exceeded].tolist(), beyond),
+    }
     changes, lines = dict[str, Any](), []
     if len(size := np.abs(found.change[found.reachable])):
         each = zip(size.mean(axis=0), size.max(axis=0), found.limit, strict=True)
-        for name, kind, values in zip(
-            joints.names, loaded.about.units_of_joints, each, strict=True
-        ):
+        parts = zip(joints.names, loaded.about.units_of_joints, each, strict=True)
+        for name, kind, values in parts:
             changes[name] = dict(zip(("mean", "max", "limit"), values, strict=True))
             lines.append(f"{name} {sized(values[0], kind)} (largest {sized(values[1], kind)})")
-    answered = bool((found.reachable & ~found.exceeded).any())
-    return query.write(
-        batch.answered(over_all_rows(valid, table)) if answered or not beyond else None,
-        code=1 if batch.invalid and not beyond else NO if missed or beyond else 0,
-        lines=[f"mean change: {', '.join(lines)}"] if lines else [],
-        rows=n,
-        invalid=batch.invalid,
-        out_of_reach=missed,
-        beyond_limit=beyond,
-        change=changes or None,
-        unit=query.meaning["unit"],
-        units=query.meaning["units"],
-    )
+    answered = (found.reachable & ~found.exceeded).any() or not found.exceeded.any()
+    written = beside(batch, valid, table) if answered else None
+    line = [f"mean change: {', '.join(lines)}"] if lines else []
+    return query.answer(batch, written, failures, lines=line, change=changes or None)

@@ -6,10 +6,8 @@ import time
 from pathlib import Path
 from typing import Annotated, Any
 
-from typer import Option
-
 from .. import options as opt
-from ..options import Text, option
+from ..options import Text, flag, option
 from ..output import Outcome, note, say
 from ..parsing import BadOption, check_file
 from ..photo import Drawn
@@ -27,20 +25,19 @@ def report(
         raise BadOption("nothing to write: expected -o FILE.html, or --png DIR, or both")
     check_file(output, (".html", ".htm"))
     loaded, log = drawn.load(model)
+    import calib
     from calib.common.atomic import atomic_write
     from calib.show.report.drawing import to_png
-    from calib.show.report.page import figures
-    from calib.show.report.page import report as write_report
 
     lines = []
     if output is not None:
-        write_report(loaded, output, log)
+        calib.report(loaded, output, log)
         size = Path(output).stat().st_size / 1e6
         lines.append(f"{output}: {size:.2f} MB, open it in a browser")
     if png is not None:
         folder = Path(png)
         folder.mkdir(parents=True, exist_ok=True)
-        for name, figure in figures(loaded, log).items():
+        for name, figure in calib.figures(loaded, log).items():
             path = folder / f"{name}.png"
             atomic_write(path, to_png(figure))
             lines.append(str(path))
@@ -52,21 +49,19 @@ def preview(
     *,
     html: Annotated[Text, option("--html FILE", "Write the page for any browser.")] = None,
     drawn: Drawn,
-    port: Annotated[
-        int, Option("--port", metavar="N", min=0, max=65535, help="Port of the page (0: any).")
-    ] = 0,
-    no_open: Annotated[bool, Option("--no-open", help="Print the address alone.")] = False,
-    live: Annotated[bool, Option("--live", help="Drag a target, see all its solutions.")] = False,
+    port: Annotated[int, option("--port N", "Of the page (0: any).", min=0, max=65535)] = 0,
+    no_open: Annotated[bool, flag("--no-open", "Print the address alone.")] = False,
+    live: Annotated[bool, flag("--live", "Drag a target, see all its solutions.")] = False,
 ) -> Outcome:
     """Show the arm and its learned maps in a browser, with meshcat."""
-    from calib.show.preview.server import preview as show
+    import calib
 
     if live and html is not None:
         raise BadOption("--live needs a running preview: expected it without --html")
     check_file(html, (".html", ".htm"), option="--html")
     loaded, log = drawn.load(model)
     how: dict[str, Any] = {"live": live, "port": port, "browse": not no_open}
-    with show(loaded, html, log, **how) as shown:
+    with calib.preview(loaded, html, log, **how) as shown:
         say(shown.notes)
         if html is not None:
             size = Path(html).stat().st_size

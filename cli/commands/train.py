@@ -8,12 +8,12 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from typer import Argument, Option
+from typer import Argument
 
 from calib.model.facts import size_in_words
 
 from .. import options as opt
-from ..options import Text, option
+from ..options import Text, flag, option
 from ..output import Outcome, progress_bar, say
 from ..parsing import BadOption, check_file
 from ..photo import photo_of_log, with_photo
@@ -31,7 +31,7 @@ def train(
     *,
     data: opt.Data = None,
     output: Annotated[Text, option("--output -o MODEL", "Default ROBOT.calib, LOG.calib.")] = None,
-    force: Annotated[bool, Option("--force", help="Replace a model of another robot.")] = False,
+    force: Annotated[bool, flag("--force", "Replace a model of another robot.")] = False,
     selection: Selection,
     map: opt.MapName = None,  # noqa: A002
     size: opt.MapSize = None,
@@ -47,7 +47,7 @@ def train(
     logged: Logged,
     sockets: Sockets,
     lens: Annotated[Text, option("--lens lens.json", "Of a camera in space (fitted).")] = None,
-    no_rows: Annotated[bool, Option("--no-rows", help="Keep no rows of the log.")] = False,
+    no_rows: Annotated[bool, flag("--no-rows", "Keep no rows of the log.")] = False,
     photo: opt.PhotoFile = None,
     no_photo: opt.NoPhoto = False,
 ) -> Outcome:

@@ -16,13 +16,14 @@ import calib
 from calib.errors import CalibError
 from calib.recording.board import Board
 from calib.recording.lens import Lens
-from calib.recording.watch import board_layout, watch
+from calib.recording.reference import MarkLayout, watch
 
 NAMES = ("shoulder", "elbow", "wrist")
 LOWER, UPPER = np.array([-0.2, 0.0, -1.2]), np.array([1.3, 1.4, 1.2])
 DESK = Desk(lengths=(0.186, 0.1335, 0.0945), offsets=(0.03, -0.045, 0.02))
 BUMPED = Camera(position=(0.215, -0.24, 0.905), roll=0.035)
 BOARD = Board.parse("7x5:24mm:18mm:5x5_100")
+LAYOUT = MarkLayout.of_board(BOARD)
 BENT = np.array([DESK.camera.k1, 0.0, 0.0, 0.0, 0.0])
 SPREAD = np.diag([0.4, 0.4, 0.6, 0.6, 1e-3, 0, 0, 0, 0]) ** 2  # of a lens of ten pictures
 LENS = Lens(DESK.camera.size, np.full(2, DESK.camera.focal), DESK.camera.centre, BENT, 0.02, 10)
@@ -51,7 +52,7 @@ def by_board(desk, q, seed):
     points = BOARD.corners()
     corners = desk.camera.project(points) + rng.normal(0, 0.01, (len(points), 2))
     lens = replace(LENS, covariance=SPREAD).moved(rng.normal(0, np.sqrt(np.diag(SPREAD))))
-    found, _ = watch(board_layout(BOARD), [(0, dict(enumerate(corners)))], lens)
+    found, _ = watch(LAYOUT, [(0, dict(enumerate(corners)))], lens)
     pixels = seen(desk, q, rng)
     x, common = found.positions(pixels), found.noise(pixels)[1]
     return samples(q, x, "m", float(np.sqrt(np.mean(common**2)))), found, lens
@@ -142,21 +143,19 @@ def marks(count=10, place=lambda k: DESK.camera):
 def test_a_camera_that_refocuses_or_is_bumped_is_refused(scale):
     refocused = marks(place=lambda k: replace(DESK.camera, focal=DESK.camera.focal * scale(k)))
     with pytest.raises(CalibError, match=r"of another size, .*autofocus"):
-        watch(board_layout(BOARD), refocused, LENS)
+        watch(LAYOUT, refocused, LENS)
     bumped = marks(place=lambda k: BUMPED if k > 5 else DESK.camera)
     with pytest.raises(CalibError, match="in 4 of 10 pictures: was the camera bumped"):
-        watch(board_layout(BOARD), bumped, LENS)
+        watch(LAYOUT, bumped, LENS)
 
 
 def test_pictures_of_a_shaken_camera_are_left_out():
     """They were placed by the board as the others saw it."""
     shaken = replace(DESK.camera, target=(0.2025, 0.08, 0.0))
-    still = watch(board_layout(BOARD), [m for m in marks() if m[0] not in (3, 7)], LENS)[0]
-    found, off = watch(
-        board_layout(BOARD), marks(place=lambda k: shaken if k in (3, 7) else DESK.camera), LENS
-    )
+    still = watch(LAYOUT, [m for m in marks() if m[0] not in (3, 7)], LENS)[0]
+    found, off = watch(LAYOUT, marks(place=lambda k: shaken if k in (3, 7) else DESK.camera), LENS)
     assert off == {3, 7}
     assert np.abs(found.pose.camera - still.pose.camera).max() < 1e-3
     cameras = [replace(DESK.camera, target=(0.2 + 0.002 * k, 0.08, 0.0)) for k in range(10)]
     with pytest.raises(CalibError, match="is it loose"):
-        watch(board_layout(BOARD), marks(place=lambda k: cameras[k]), LENS)
+        watch(LAYOUT, marks(place=lambda k: cameras[k]), LENS)

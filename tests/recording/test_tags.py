@@ -14,9 +14,8 @@ from rendering import Camera, Desk, board, board_shots, tag
 
 from calib.errors import OptionError
 from calib.recording.board import Board, BoardFinder
-from calib.recording.lens import Lens, calibrate_lens, read_lens
+from calib.recording.lens import Lens, calibrate_lens, load_lens
 from calib.recording.printing import print_board, print_tag
-from calib.recording.setting import load_lens
 from calib.recording.tags import TagFinder, find_dictionary, tag_cells
 
 SMALL = Camera(size=(640, 480), focal=600.0)
@@ -119,11 +118,11 @@ def test_lens_round_trip(tmp_path):
     theirs = cv2.undistortPoints(pixels.reshape(-1, 1, 2), lens.matrix, lens.distortion)
     assert np.abs(mine - theirs.reshape(-1, 2)).max() < 1e-4  # OpenCV stops early
     lens.save(tmp_path / "lens.json")
-    again = read_lens(tmp_path / "lens.json")
+    again = load_lens(tmp_path / "lens.json")[0]
     assert (again.distort(mine) == lens.distort(mine)).all()
     known = replace(lens, covariance=np.diag(np.arange(9.0)))
     known.save(tmp_path / "lens.json")
-    assert (read_lens(tmp_path / "lens.json").covariance == known.covariance).all()
+    assert (load_lens(tmp_path / "lens.json")[0].covariance == known.covariance).all()
     assert again.size == lens.size
 
 
@@ -158,7 +157,7 @@ def test_a_folder_of_pictures_becomes_a_lens_that_is_kept(tmp_path):
     (tmp_path / "cut.png").write_bytes((tmp_path / "0.png").read_bytes()[:2000])
     lens, notes = load_lens(tmp_path, BOARD, tmp_path / "lens.json")
     assert abs(lens.focal[0] / desk.camera.focal - 1) < 0.01
-    assert notes[0] == "lens: cut.png is cut off; it was left out"
+    assert notes[0] == "cut.png is cut off; left out"
     assert notes[1].startswith("lens of 5 of 6 pictures")
     again, none = load_lens(tmp_path / "lens.json", None)
     assert none == ()

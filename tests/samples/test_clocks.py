@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from calib.recording.clocks import SURE, ClockError, align_clocks, joints_at
-from calib.recording.track import row_shift, stuck
+from calib.recording.track import row_shift
 
 LENGTHS = np.array([0.18, 0.14, 0.09])
 
@@ -103,13 +103,3 @@ def test_a_picture_that_is_missing_in_the_middle_is_noticed(lost):
     assert row_shift(q[:57], x)[:2] == (lost, 1)
     more = np.insert(pixels(q), lost, pixels(q[:1] + 0.5), axis=0)[:58]  # one that came on top
     assert row_shift(q, more)[1] == -1
-
-
-def test_a_second_tag_is_told_from_the_tip():
-    rng = np.random.default_rng(9)
-    q = rng.uniform(-1, 1, (50, 3))
-    x = pixels(q) + rng.normal(0, 0.05, (50, 2))
-    assert not stuck(q, x).any()
-    hidden = [3, 17, 30, 44]
-    x[hidden] = rng.normal([100.0, 200.0], 0.05, (4, 2))
-    assert np.flatnonzero(stuck(q, x)).tolist() == hidden

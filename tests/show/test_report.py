@@ -81,16 +81,6 @@ def test_words_of_other_models():
     assert "<script>" not in report(evil)
 
 
-@pytest.mark.usefixtures("unrendered")
-def test_a_report_tells_the_distortion_of_a_log():
-    model = trained("two_link", n=3000, size=20)
-    bent = calib.babble(calib.load_arm("two_link"), 120, seed=1, changes=["elbow.length=+20%"])
-    adapted = calib.adapt(model, bent).model
-    page = report(adapted, bent)
-    assert {"motor", "sensory", "links"} <= set(Reader(page).cells)
-    assert "It has drifted." in report(model, bent)
-
-
 def test_figures_on_paper():
     drawn = calib.figures(noisy())
     assert list(drawn) == FLAT

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -84,13 +85,10 @@ def packed_links(model: Model) -> dict[str, Any]:
     """
     links = model.links.T.tocsr()
     width = min(_MOST, max(_FEWEST, _LINKS // links.shape[0]))
-    rows = np.repeat(np.arange(links.shape[0]), np.diff(links.indptr))
-    # sorted within each row by strength; `rank` counts from the row's start
-    order = np.lexsort((-links.data, rows))
-    rank = np.arange(len(rows)) - links.indptr[rows]
-    keep = rank < width
     partners = np.full((links.shape[0], width), -1, dtype=np.int64)
-    partners[rows[keep], rank[keep]] = links.indices[order][keep]
+    for row, (start, end) in zip(partners, pairwise(links.indptr), strict=True):
+        best = np.argsort(-links.data[start:end], kind="stable")[:width]
+        row[: len(best)] = links.indices[start:end][best]
     return {"each": width, "partners": packed(partners.astype(np.uint32), np.uint32)}
 
 

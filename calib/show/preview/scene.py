@@ -6,8 +6,7 @@ import base64
 import json
 from dataclasses import dataclass
 from functools import cached_property
-from importlib.util import find_spec
-from pathlib import Path
+from importlib.resources import files
 from typing import Any
 
 import numpy as np
@@ -16,7 +15,6 @@ from ...common.arrays import Array
 from ...common.rows import thinned
 from ...common.templates import filled
 from ...common.wording import length_in_words
-from ...errors import CalibError
 from ...model.model import Model
 from ...samples.samples import Samples
 from ...training.evaluate import simulation_of
@@ -76,12 +74,7 @@ class Scene:
 
     def html(self, *, live: bool = False) -> str:
         """Return the page; `live` where a server answers inverse queries."""
-        found = find_spec("meshcat")
-        if found is None or found.origin is None:
-            raise CalibError(
-                "the preview needs meshcat, which is not installed: pip install meshcat"
-            )
-        viewer = Path(found.origin).parent / "viewer" / "dist" / "main.min.js"
+        viewer = files("meshcat") / "viewer" / "dist" / "main.min.js"
         text = json.dumps({**self.data, "live": live}, separators=(",", ":"), allow_nan=False)
         # a name that holds a closing tag must not end the script; the page's policy lets a browser
         # load nothing that is not in it, except from its own server

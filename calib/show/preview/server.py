@@ -113,10 +113,6 @@ class Preview:
     def __repr__(self) -> str:
         return f"Preview({self.url})"
 
-    def _repr_html_(self) -> str:
-        """The page in a frame, for notebooks on this computer."""
-        return f'<iframe src="{self.url}" width="100%" height="600" style="border:0"></iframe>'
-
 
 class _Server(ThreadingHTTPServer):
     """Serves one page on the loopback interface until it is closed."""

@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 
-from ...change.check import check
 from ...common.atomic import atomic_write
 from ...common.choices import READOUTS
 from ...common.templates import filled
@@ -93,8 +92,6 @@ def report(model: Model, path: str | os.PathLike[str], log: Samples | None = Non
         _soft(source),
         _errors(model, found.errors),
     ]
-    if log is not None:
-        parts += ["<h2>Does the log still fit?</h2>", _drift(model, log)]
     for name, figure in _drawn(model, found, SECTIONS, paper=False).items():
         heading, text, _ = SECTIONS[name]
         caption = f"<figcaption>{escape(text)}</figcaption>"
@@ -200,16 +197,3 @@ def _errors(model: Model, errors: Mapping[str, Any]) -> str:
         for direction, name, unit, found in shown_errors(model.about, errors)
     ]
     return _table(["mean (largest)", *readouts], rows)
-
-
-def _drift(model: Model, log: Samples) -> str:
-    found = check(model, log)
-    verdict = "It has drifted." if found.drifted else "No drift was found."
-    rows = [
-        [name, f"{signal.value:.3g}", f"{signal.threshold:.3g}", f"{signal.score:.2f}"]
-        for name, signal in found.distortion.items()
-    ]
-    header = ["distortion", "value", "threshold", "value over threshold"]
-    told = "".join(map(_soft, found.explanations))
-    counted = f"{found.samples:,} rows were compared, {found.outliers:,} outliers were left out."
-    return f"<p>{verdict} {counted}</p>{told}{_table(header, rows)}"
