@@ -10,8 +10,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..body.belief import Body
-from ..body.covariance import root_of
+from ..body.belief import Body, Second
+from ..body.covariance import radius_95, root_of
 from ..body.normal import Factor
 from ..body.parameters import Indices
 from ..common.arrays import Array
@@ -29,6 +29,8 @@ from .settings import CHANGED, CREEP, REFINED, SIMULATED_KAPPA, SURE, UNSURE
 _ROWS = 600  # that an update takes: linear in them
 _BLOCKS = 5  # contiguous ones that are held out in turn, each of which tells a gain
 _STEPS = 4
+_ENOUGH = 30  # rows that tell a quantile
+_OUTLIER = 2.5  # 95 % radii from which a row is an outlier
 _LOUD = ("mirror", "scale", "sign", "lost")
 
 
@@ -124,6 +126,21 @@ def _updated(
         covariance += share * np.outer((other - beta)[active], (other - beta)[active])
     own = np.sqrt(sum(share * e.factor**2 for share, e in chosen)) * reference.own_sd
     noise = np.sqrt(sum(share * e.noise**2 for share, e in chosen)) * reference.sizes
+    # Student weights find the noise of the calm rows; the bound on a reading needs that of all
+    places = slice(old.structure.blocks[0])
+    radius = float(radius_95(np.diag(noise[places] ** 2)[None])[0])
+    away = np.linalg.norm(held[:, places], axis=1)
+    calm = away[away < _OUTLIER * radius]
+    if len(calm) >= _ENOUGH:
+        noise[places] *= max(1.0, float(np.quantile(calm, 0.95)) / radius)
+    second = old.second
+    if second is not None:  # after the same log, under the most likely explanation
+        e, apart = chosen[0][1], second.beta - old.beta
+        wide = replace(old, beta=second.beta, active=second.active, root=second.root, kappa=1.0)
+        there = replace(reference, body=wide, beta=reference.beta + apart)
+        e = replace(e, origin=e.origin + apart, beta=e.beta + apart)
+        wider, known, spread, _ = _posterior(there, e, log)
+        second = Second(wider, known, root_of(spread), np.maximum(noise, second.noise))
     body = replace(
         old,
         beta=beta,
@@ -133,7 +150,7 @@ def _updated(
         kappa=max(old.kappa, SIMULATED_KAPPA) if old.simulated else old.kappa,
         noise=noise,
         residual=np.maximum(old.residual, own),
-        second=None,  # the rows have shown what waves there are, as far as they reach
+        second=second,
     )
     return body, held
 
