@@ -10,7 +10,6 @@ import os
 import sys
 from functools import cache
 from importlib import import_module
-from textwrap import shorten
 from typing import Annotated, Any
 
 import typer
@@ -89,11 +88,8 @@ class CalibGroup(TyperGroup):
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:  # noqa: ARG002
         """Write what each command does, without importing any."""
-        room = formatter.width - 6 - max(map(len, COMMANDS))
         with formatter.section("Commands"):
-            formatter.write_dl(
-                [(name, shorten(text, room, placeholder="...")) for name, text in COMMANDS.items()]
-            )
+            formatter.write_dl(list(COMMANDS.items()))
 
     def main(  # type: ignore[override]
         self, args: Any = None, *, standalone_mode: bool = True, **more: Any
@@ -153,14 +149,6 @@ def describe_error(error: BaseException) -> tuple[int, dict[str, Any]]:
     return code, told
 
 
-def _print_version(wanted: bool) -> None:
-    if wanted:
-        import calib
-
-        print(f"calib {calib.__version__}")
-        raise typer.Exit
-
-
 app = typer.Typer(
     cls=CalibGroup,
     # Click wraps help at 80 columns otherwise, wherever it is printed
@@ -174,16 +162,15 @@ app = typer.Typer(
 @app.callback()
 def start(
     context: typer.Context,
-    _version: Annotated[
-        bool,
-        typer.Option(
-            "--version", callback=_print_version, is_eager=True, help="Print the version and exit."
-        ),
-    ] = False,
+    version: Annotated[bool, typer.Option("--version", help="Print the version.")] = False,
 ) -> None:
     """Calibrate a robot arm from its own motions, with self-organizing maps.
 
     Start with: calib train two_link, then calib query inverse two_link.calib 0.1 0.4
     """
-    if context.invoked_subcommand is None:
+    if version:
+        import calib
+
+        print(f"calib {calib.__version__}")
+    elif context.invoked_subcommand is None:
         print(context.get_help())

@@ -30,11 +30,12 @@ _WIDTH = 100  # of lines of words and of tables
 _TINY = 1e-6  # what is below a nanometre or a millionth of a degree is rounding
 
 _QUOTED = re.compile(r"`([A-Za-z_]\w*)(?:=([^`]*))?`")
-_WORDS = "adapt calib check expected_error ffmpeg homing_offset measured model_error names time"
+_WORDS = "adapt calib check expected_error homing_offset model_error names point time"
 """What stands in backquotes without being a parameter that an option sets."""
 _RENAMED = {
     "changes": "--change",
     "log": "--data",
+    "measured": "--data",
     "n": "--samples",
     "ranges": "--range",
     "robot": "ROBOT",
@@ -261,16 +262,8 @@ def fixed(value: float, decimals: int) -> str:
 
 
 @contextmanager
-def progress_bar(unit: str) -> Iterator[Callable[[float, str, float], None] | None]:
-    """Show how far a training is, on standard error."""
-
-    def report(share: float, stage: str, error: float) -> None:
-        shown = f", error {error:.3g} {unit}" if math.isfinite(error) else ""
-        print(f"\r{100 * share:3.0f} % {stage}{shown}\033[K", end="", file=sys.stderr, flush=True)
-
-    shows = sys.stderr.isatty() and not _Spoken.quiet
-    try:
-        yield report if shows else None
-    finally:
-        if shows:
-            print("\r\033[K", end="", file=sys.stderr, flush=True)
+def progress_bar() -> Iterator[Callable[..., None]]:
+    """Show how far a training is, on standard error: called with the share that is done."""
+    hidden = _Spoken.quiet or not sys.stderr.isatty()
+    with typer.progressbar(length=100, file=sys.stderr, hidden=hidden) as bar:
+        yield lambda share, *_: bar.update(round(100 * share) - bar.pos)

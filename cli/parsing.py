@@ -50,7 +50,7 @@ def reader(
         try:
             if good(value := read(text)):
                 return value
-        except ValueError:
+        except (ValueError, OverflowError):  # of a whole number that no float holds
             pass
         raise ValueError(expected)
 

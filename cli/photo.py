@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from . import options as opt
-from .measurements import Reading, log_of
 from .output import say
 from .parsing import BadOption
+from .samples import Reading, log_of
 
 if TYPE_CHECKING:
     from calib.model.model import Model

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING
 
 from . import options as opt
-from .measurements import refuse
 from .output import say
 from .parsing import BadOption
 from .units import in_si, kinds_of_joints
@@ -15,6 +14,7 @@ from .units import in_si, kinds_of_joints
 if TYPE_CHECKING:
     from calib import Samples
     from calib.arm.arm import Arm
+    from calib.model.model import Model
     from calib.samples.tables import Source
 
 _SAMPLES = 20_000  # that are babbled where nobody says how many
@@ -137,14 +137,13 @@ def measured_samples(
     import calib
     from calib.samples.tables import open_source
 
-    arm = None
+    arm, glass = None, None
     turns = {name: name not in (logged.prismatic or ()) for name in selection.joints or ()}
     source = open_source(path)  # once: it may be a pipe
     if robot is not None:
         arm = _arm_of_log(robot, selection, source, logged.columns or {})
         say(arm.notes)
         turns = dict(zip(arm.joint_names, arm.revolute, strict=True))
-    glass = None
     if lens is not None:
         from calib.recording.lens import load_lens
 
@@ -170,7 +169,7 @@ def _arm_of_log(
     robot: str, selection: Selection, source: Source, columns: Mapping[str, str]
 ) -> Arm:
     """Load the arm with its other joints where the log says that they stood."""
-    from calib.samples.log_joints import locked_from_log
+    from calib.samples.joint_values import locked_from_log
 
     header = {*source.header, *columns}
     arm = selection.load(robot, columns=header)
@@ -182,12 +181,92 @@ def _arm_of_log(
     if not others:
         return arm
     turns = kinds_of_joints(robot)
+    sliding = [name for name in others if not turns.get(name, True)]
     held, told = locked_from_log(
-        source,
-        others,
-        columns={name: column for name, column in columns.items() if name in others},
-        degrees=selection.degrees,
-        prismatic=[name for name in others if not turns.get(name, True)],
+        source, others, columns=columns, degrees=selection.degrees, prismatic=sliding
     )
     say(told)
     return selection.load(robot, held, header) if held else arm
+
+
+@dataclass(frozen=True, kw_only=True)
+class Reading:
+    """How a log is read, as typed; what is None is as in the log that a model was made from."""
+
+    columns: opt.Columns = None
+    unit: opt.Unit = None
+    time_offset: opt.TimeOffset = None
+    degrees: opt.LogDegrees = None
+
+
+def refuse(typed: Mapping[str, object], why: str) -> None:
+    """Refuse the first of some options that was given; None is not given."""
+    for name, value in typed.items():
+        if value is not None:
+            raise BadOption(f"--{name.replace('_', '-')} {why}")
+
+
+def log_for(model: Model, path: str, reading: Reading) -> Samples:
+    """Read a log of a model's joints, in the model's unit where that is known."""
+    import calib
+    from calib.common.scale import METRES
+    from calib.errors import LogError
+    from calib.samples.joint_values import check_joint_values
+    from calib.samples.tables import open_source
+
+    about = model.about
+    source = open_source(path)  # once: it may be a pipe
+    unit = reading.unit or source.unit
+    # pixels and metres have no factor between them, and the plane of a camera model is another
+    if unit is not None and (unit == "px") != (about.unit == "px"):
+        raise LogError(
+            f"{path} is in {unit}, the model in {about.unit}",
+            hint="record it with the same reference as the model's log, or train a model of it",
+        )
+    degrees = about.degrees if reading.degrees is None else reading.degrees
+    log = calib.read_log(
+        source,
+        joints=list(about.joint_names),
+        columns=reading.columns,
+        time_offset=reading.time_offset,
+        usual=about.columns,
+        outputs=len(model.axes),
+        degrees=degrees,
+        unit=unit or about.unit,
+        prismatic=[n for n, t in zip(about.joint_names, about.revolute, strict=True) if not t],
+    )
+    say(log.notes)
+    ranges = (about.joint_names, about.lower, about.upper, about.revolute)
+    check_joint_values(log.q, *ranges, degrees=degrees, label=path)
+    if unit is not None and unit != about.unit and {unit, about.unit} <= set(METRES):
+        factor = METRES[about.unit] / METRES[unit]
+        say([f"positions converted from {unit} to {about.unit}"])
+        # that noise is a length too, in the unit of the log that states it
+        shared = {"noise_of_reference": log.shared * factor}
+        log = replace(log, x=log.x * factor, unit=about.unit, source={**log.source, **shared})
+    return log
+
+
+def log_of(model: Model, path: str | None, reading: Reading) -> Samples | None:
+    """Read a log to look at, with a note where it does not fit the model; None for none."""
+    import numpy as np
+
+    from calib.samples.diagnosis import spread, unit_hint
+
+    if path is None:
+        typed = {field.name: getattr(reading, field.name) for field in fields(Reading)}
+        refuse(typed, "applies to a log: expected --data LOG too")
+        return None
+    log = log_for(model, path, reading)
+    predicted = model.forward(log.q)
+    known = np.isfinite(predicted[:, 0])
+    if log.touch is not None or not known.any():
+        return log
+    # medians: single wrong rows decide nothing; the bound of an ideal arm is rounding
+    gap = float(np.nanmedian(np.linalg.norm(predicted - log.x, axis=1)))
+    bound, size = float(np.nanmedian(model.expected_error(log.q))), spread(predicted)
+    if gap > max(3.0 * bound, 0.02 * size):
+        hint = unit_hint(spread(log.x[known]) / max(size, 1e-300))
+        far = f"{gap / size:.2g} times their spread{hint}; calib check names the cause"
+        say([f"the log does not fit the model: measured positions are off by {far}"])
+    return log

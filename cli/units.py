@@ -83,7 +83,7 @@ class JointFormat:
 
     def beyond(self, model: Model, q: Sequence[float]) -> str | None:
         """Say which joint of q (dof,) [rad or m] is outside of its learned range, None if none."""
-        from calib.model.trust import ROUNDED
+        from calib.model.parts import ROUNDED
 
         about, turns_round = model.about, model.motor.scale.periodic
         for k, (value, low, high) in enumerate(zip(q, about.lower, about.upper, strict=True)):

@@ -22,8 +22,8 @@ from ..maps.model_selection import blocks, select
 from ..maps.predictor import BodyInBox, Predictor
 from ..model.about import Rows
 from ..model.alignment import Alignment
+from ..model.baseline import learn_baseline
 from ..model.model import Model
-from ..model.trust import learn_baseline
 from ..training.bounds import node_bounds
 from ..training.evaluate import error_sizes, evaluate_residuals, summarise
 from .causes import Cause

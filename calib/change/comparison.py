@@ -17,8 +17,7 @@ from ..body.belief import Body, knows_orientation
 from ..common.arrays import Array, Mask
 from ..errors import LogError, ModelError
 from ..model.model import Model
-from ..samples.alignment import rows_behind
-from ..samples.diagnosis import diagnose, readings, refuse_mistakes
+from ..samples.diagnosis import diagnose, readings, refuse_mistakes, rows_behind
 from ..samples.samples import Samples
 from ..training.sound_rows import sound_log
 from ..training.touched import as_positions

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..body.covariance import root_of
-from ..body.fit import Fit, maximise
+from ..body.fit import maximise
 from ..body.likeness import lengths_of, matern
 from ..body.parameters import Indices, Prior
 from ..body.settings import SIMULATED_FLOOR, STUDENT
@@ -23,8 +23,8 @@ from .frame import Reference
 from .hypotheses import creep, freedom, hypotheses_of
 from .settings import CREEP, OUTLIER, PSEUDO
 
-_SETTLED = 30  # steps of that fit at most
-_ROBUST_ROWS = 400  # of the fit that finds outliers: enough for every parameter
+_SETTLED = 60  # steps of the fit that finds outliers: 12 took exact rows of a longer link for some
+_ROBUST_ROWS = 400  # of that fit: enough for every parameter
 _NODES = 40  # of the log's own residual; more did not change a verdict on A and C
 _NOISES = 64  # sizes of the noise that are compared
 
@@ -55,10 +55,10 @@ def weighted(
     body, structure = reference.body, reference.structure
     sd = np.hypot(freedom(body, hypotheses_of(structure, cause)[-1], cause), creep(body))
     rows, size = thinned(len(q), _ROBUST_ROWS), reference.sizes
-    some, prior = (structure, q[rows], z[rows]), Prior(reference.beta, sd)
-    # steps of a known noise alone took exact rows of a longer link for outliers
-    start = Fit(*some, reference.beta, prior, STUDENT, size).settle(_SETTLED)[0]
-    fit = maximise(*some, start, prior, nu=STUDENT, floor=size)
+    fit = maximise(
+        structure, q[rows], z[rows], reference.beta, Prior(reference.beta, sd), nu=STUDENT,
+        floor=size, steps=_SETTLED,
+    )  # fmt: skip
     r = structure.residual(z, structure.predict(q, fit.beta)) / size
     m, e2 = r.shape[1], (r**2).sum(axis=1)
     noise = max(float(np.median(e2[rows])) / (m - 2 / 3), 1.0)

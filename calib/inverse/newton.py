@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Protocol
 
 import numpy as np
@@ -13,12 +12,10 @@ from numpy.typing import NDArray
 from ..common.arrays import Array, Index
 from ..common.scale import Scale
 
-_ROUNDING = 1e-15
-"""Share of the extent below which a target is met as well as numbers allow."""
-
 CLOSE = 1e-9
 """Share of the extent below which joints may slide along a self-motion."""
 
+_ROUNDING = 1e-15  # of the extent: a target is met as well as numbers allow
 _STEPS = 40  # most iterations
 _CALM = 1e-3  # damping of a single step, as a share of the Jacobian's power
 _CHUNK = 4096  # rows at once: what is held of them fits into the cache
@@ -30,9 +27,6 @@ _LONGEST = 0.25  # of the joints' range: no step and no slide is longer
 # the nearest point out of reach, shares of the joints' range: step of second derivatives, longest
 # and last step; share of the largest curvature that every direction has at least
 _PROBE, _FAR, _STILL, _FLAT = 1e-4, 0.2, 1e-10, 1e-6
-
-#: Position (n, 3) [m], orientation (n, 3, 3) and geometric Jacobian (n, 6, dof) at joints (n, dof).
-Evaluate = Callable[[Array], tuple[Array, Array, Array]]
 
 
 class Task(Protocol):
@@ -56,16 +50,6 @@ class Positions:
     def gap(self, target: Array, value: Array) -> Array:
         """Residuals (n, m)."""
         return target - value
-
-    @staticmethod
-    def of_chain(evaluate: Evaluate, scale: Scale) -> Positions:
-        """Positions (n, 3) [m] of a chain in its base frame."""
-
-        def value_and_slope(u: Array) -> tuple[Array, Array]:
-            place, _, slope = evaluate(scale.from_unit(u))
-            return place, slope[:, :3] * scale.span
-
-        return Positions(value_and_slope)
 
 
 @dataclass(frozen=True)
@@ -109,12 +93,8 @@ class Newton:
             moved = np.abs(trial - u).max(axis=0)
             better = now < distance
             stalled = (distance - now < 1e-9 * distance) & (better | (distance < rounding))
-            if better.all():  # most steps are: nothing has to be chosen row by row
-                u, gap, distance, slope = trial, new_gap, now, new_slope
-            else:
-                u, gap = np.where(better, trial, u), np.where(better, new_gap, gap)
-                distance = np.where(better, now, distance)
-                slope = np.where(better, new_slope, slope)
+            u, gap = np.where(better, trial, u), np.where(better, new_gap, gap)
+            distance, slope = np.minimum(now, distance), np.where(better, new_slope, slope)
             damping = np.where(better, damping / 30, np.maximum(damping * 30, 1e-6))
             damping = np.maximum(damping, 1e-12)
             found[:, rows], left[rows] = u, distance
@@ -157,9 +137,8 @@ class Newton:
             trial, after = self.refine(at + move, x[rows], CLOSE)
             wish = self.scale.difference(near[rows], at)
             wish_now = self.scale.difference(near[rows], trial)
-            good = (after <= CLOSE * self.extent) & (
-                np.linalg.norm(wish_now, axis=1) < np.linalg.norm(wish, axis=1)
-            )
+            closer = np.linalg.norm(wish_now, axis=1) < np.linalg.norm(wish, axis=1)
+            good = (after <= CLOSE * self.extent) & closer
             pull_now = self.tangent(trial, wish_now)
             moved = self.scale.difference(trial, at)
             turned = np.einsum("nd,nd->n", moved, pull - pull_now)
@@ -245,21 +224,14 @@ class Newton:
 
     def _clip(self, u: Array) -> Array:
         inside = np.minimum(np.maximum(u, 0.0), 1.0)
-        if self._round:
-            for k in np.flatnonzero(self.scale.periodic):
-                inside[k] = u[k] % 1.0
+        for k in np.flatnonzero(self.scale.periodic):
+            inside[k] = u[k] % 1.0
         return inside
 
     def _outward(self, u: Array, push: Array, slack: float = 0.0) -> NDArray[np.bool_]:
         """Which joints stand at a limit and are pushed over it, (dof, n)."""
         stuck = (u <= slack) & (push < 0.0) | (u >= 1.0 - slack) & (push > 0.0)
-        if self._round:
-            stuck &= ~self.scale.periodic[:, None]
-        return np.asarray(stuck)
-
-    @cached_property
-    def _round(self) -> bool:
-        return bool(self.scale.periodic.any())
+        return np.asarray(stuck & ~self.scale.periodic[:, None])
 
     def _left(self, u: Array, x: Array) -> tuple[Array, Array]:
         """Residuals (m, n) and Jacobian (dof, m, n) at the points `u` (dof, n)."""

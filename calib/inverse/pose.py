@@ -1,12 +1,12 @@
 """Poses: every branch in which an arm reaches a position and an orientation.
 
-A general six-joint arm reaches a pose in up to 16 ways; from many starts, damped Newton steps find
-them, and each branch that is found suggests where others may be: a joint half a turn on, or bent
-the other way.
+A general six-joint arm has up to 16; damped Newton steps find them from many starts, and each
+suggests where others may be: a joint half a turn on, or bent the other way.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from ..arm.rotations import logarithm
 from ..common.arrays import Array
 from ..common.scale import TURN, Scale
-from .newton import Evaluate, Newton
+from .newton import Newton
 
 _ROUND, _QUIET = 96, 2  # random starts of a round; rounds in a row that must find nothing new
 _ROUNDS = 12  # at most
@@ -26,6 +26,10 @@ _TOGETHER = 50  # poses that are searched side by side: one row costs as much as
 #: A pose is reached within this share of the arm's length, and solutions this far apart [rad or m]
 #: are different branches.
 TOLERANCE, APART = 1e-9, 1e-3
+
+
+#: Position (n, 3) [m], orientation (n, 3, 3) and geometric Jacobian (n, 6, dof) at joints (n, dof).
+Evaluate = Callable[[Array], tuple[Array, Array, Array]]
 
 
 @dataclass(frozen=True)
@@ -101,10 +105,9 @@ def pose_branches(
 ) -> list[Array]:
     """Every way (b, dof) in which an arm reaches each of some poses (n, 3), (n, 3, 3) [m].
 
-    Joints are within their ranges and reach the pose to 1e-9 of the arm's length; sorted; empty
-    where nothing does. Of a redundant arm they are some of infinitely many. `starts` (n, dof) were
-    active near each pose and are tried first, then starts that are drawn by `seed`, in at most
-    `_ROUNDS` rounds; the search ends when two in a row find nothing new.
+    Joints are within their ranges; sorted; none where nothing reaches it. Of a redundant arm they
+    are some of infinitely many. `starts` (n, dof) are tried first, then starts that are drawn by
+    `seed`; the search ends when two rounds in a row find nothing new.
     """
     newton = Newton(Poses(evaluate, joints.turning, length), joints.turning, length)
     target, n, dof = Poses.target(position, rotation), len(position), len(joints.lower)

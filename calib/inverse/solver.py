@@ -13,7 +13,7 @@ from ..common.scale import Scale
 from ..maps.association import Association
 from ..maps.predictor import Predictor
 from .newton import CLOSE, Newton, Positions, shortened
-from .starts import Starts, distinct, place_of, twins
+from .starts import Starts, distinct, drawn, place_of, twins
 
 _SAME = 1e-5  # of the joints' range: solutions that are closer are one
 _SHORT = 0.03  # of the joints' range: after a first step so short the start is the joints given
@@ -21,6 +21,8 @@ _BESIDE = 0.005  # of the joints' range: an answer so near is on the same branch
 _ALIKE = 4.0  # node spacings: solutions of redundant joints that are about as close
 _FOLDED, _ACROSS = 0.05, 0.3  # as `twins` has them
 _MANY, _DRAWN = 3, 128  # spare joints of which no lattice holds all families: starts are drawn
+# joints from which what was missed is tried again; what is drawn so far beyond a limit is at it
+_AGAIN, _BEYOND = 32, 0.2
 _WIDE = 8  # sensory nodes whose partners are tried where others have failed
 
 _STEP = 0.03  # of the joints' range: length of a step along a self-motion
@@ -66,12 +68,9 @@ class Solver:
         return self.association.motor.scale
 
     def solve(self, x: Array, near: Array) -> tuple[Array, Array]:
-        """The solution of each target that is nearest to given joints.
+        """Joints (n, dof) for targets `x` (n, m) nearest to `near` (n, dof), what is left (n,).
 
-        x, near : (n, m), (n, dof), targets, and joints in the unit box
-        Returns u : (n, dof), joints in the unit box; of a target out of reach those of the nearest
-            attainable point
-        Returns distance : (n,), what is left to the target
+        Joints are in the unit box; out of reach they are those of the nearest attainable point.
         """
         u, distance = self.clip(near), np.full(len(x), np.inf)
         beside = np.arange(len(x))
@@ -95,8 +94,10 @@ class Solver:
                 self._try(u, distance, x, near, rows[owner], across)
         missed = np.flatnonzero(distance > CLOSE * self.extent)
         if len(missed):  # and from more places
-            for wider in (self.starts.propose(x[missed], _WIDE), self.starts.around(x[missed])):
-                self._try(u, distance, x, near, missed[wider[0]], wider[1])
+            owner, wider = self.starts.propose(x[missed], _WIDE)
+            everywhere = np.tile(drawn(_AGAIN, u.shape[1], _BEYOND), (len(missed), 1))
+            owner = np.append(missed[owner], np.repeat(missed, _AGAIN))
+            self._try(u, distance, x, near, owner, np.concatenate([wider, everywhere]))
             missed = np.flatnonzero(distance > CLOSE * self.extent)
             u[missed], distance[missed] = self.newton.closest(u[missed], x[missed])
         return u, distance
@@ -109,15 +110,10 @@ class Solver:
         self.newton.take_better(u, left, near, owner, *found)
 
     def solve_all(self, x: Array) -> tuple[Index, Array, Array]:
-        """Every distinct solution of each target.
+        """Every distinct solution of targets (n, m): of which it is, joints (k, dof), distance.
 
-        x : (n, m), targets
-        Returns target : (m,), which target each solution belongs to, ascending; of a target out of
-            reach there is one, the nearest attainable point.  Of redundant joints each connected
-            family of solutions has one.
-        Returns u : (m, dof), joints in the unit box; of a target the one nearest to the middle
-            comes first
-        Returns distance : (m,), what is left to the target
+        Sorted by target, the one nearest to the middle of the unit box first.  Of redundant joints
+        each connected family has one; out of reach there is one, the nearest attainable point.
         """
         target, u, distance = self.solutions(x)
         if self.redundant and len(u):
@@ -136,9 +132,8 @@ class Solver:
         target, column = np.nonzero(~np.isnan(start[..., 0]))
         u = start[target, column]
         if u.shape[1] >= x.shape[1] + _MANY:
-            drawn = np.random.default_rng(0).random((_DRAWN, u.shape[1]))
             target = np.append(target, np.repeat(np.arange(len(x)), _DRAWN))
-            u = np.concatenate([u, np.tile(drawn, (len(x), 1))])
+            u = np.concatenate([u, np.tile(drawn(_DRAWN, u.shape[1]), (len(x), 1))])
         u, distance = self.newton.refine(u, x[target])
         if not self.redundant:  # where branches meet they change much between neighbouring nodes
             row, across = twins(self.newton, u, _FOLDED, _ACROSS)
@@ -167,11 +162,10 @@ class Solver:
 def _representatives(newton: Newton, target: Index, u: Array, x: Array) -> tuple[Index, Array]:
     """One solution of each connected family: the one closest to the middle of the ranges.
 
-    Two solutions belong to one family if small steps along the self-motion, on target and inside of
-    the limits, lead from one to the other. Each group of solutions tries the nearest solutions of
-    other groups, more and more of them, until no more can be joined. `target` (m,) says, ascending,
-    to which row of `x` (n, m) each solution of `u` (m, dof, unit box) belongs; returned are the
-    same of what is left.
+    Two solutions are of one family if small steps along the self-motion, on target and inside of
+    the limits, lead from one to the other. Each group tries the nearest solutions of other groups,
+    more and more of them. `target` (k,) says, ascending, of which row of `x` each of `u` (k, dof)
+    is a solution.
     """
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from functools import cached_property
 from typing import Any
 
@@ -12,7 +11,6 @@ from numpy.typing import NDArray
 from ..common.arrays import Array, Index
 from ..common.scale import Scale
 from ..maps.association import Association
-from ..maps.map import search_tree
 from .newton import CLOSE, Newton, shortened
 
 _SENSORY = 3  # sensory nodes whose partners are looked at
@@ -22,8 +20,6 @@ _CELL = 1.5  # proposals closer than so many node spacings count as one
 _APART = 0.3  # solutions of two joints closer than so many spacings are one
 _MISSED = 2.0  # a start may miss its sensory node by so many of its spacings
 _WIDTH, _WIDEST = 8, 32  # most starts of a sensory node, and of redundant arms
-_RANKS = (1, 2, 3, 5, 8, 13, 21, 34, 55, 89, 144)  # nodes that are tried, nearest first
-_CORNERED = 4  # most joints whose corners are tried as well
 _AHEAD = 48  # sensory nodes that a single query makes known
 _FLAT = 1e-2  # of the largest singular value: directions below are left out of a first step
 
@@ -33,9 +29,8 @@ _PROBE = 1e-4  # of the joints' range: step of the derivative of the least singu
 class Starts:
     """For each sensory node the joints that lead there: one start per branch.
 
-    Every motor node that was ever active with a sensory node is linked to it, so every
-    branch is among them.  They are refined and merged when a sensory node is first asked
-    for, and kept: many targets share them.
+    Every motor node that was ever active with it is linked to it.  Starts are refined and merged
+    when a sensory node is first asked for, and kept: many targets share them.
     """
 
     def __init__(self, association: Association, newton: Newton) -> None:
@@ -104,29 +99,18 @@ class Starts:
         keep = keep[(close | ~likely) & (place_of(owner) < most)]
         return target[keep], u[keep]
 
-    def around(self, x: Array) -> tuple[Index, Array]:
-        """Some of the motor nodes whose own positions are near the targets, as `propose`.
-
-        The nearest ones, and fewer and fewer of those further away: of two lobes of the
-        workspace the nearer one can have the further nodes.
-        """
-        motor = self.association.motor
-        ranks = np.array([k for k in _RANKS if k <= motor.size])
-        tree = search_tree(self._nodes[0], self.association.sensory.scale)
-        nodes = np.clip(motor.units[np.asarray(tree.query(x, k=ranks)[1])], 0.0, 1.0)
-        # no node stands in a corner of the joints' range, where the workspace may end
-        dof = nodes.shape[2]
-        corners = list(itertools.product((0.0, 1.0), repeat=dof)) if dof <= _CORNERED else []
-        corner = np.array(corners).reshape(1, -1, dof).repeat(len(x), axis=0)
-        u = np.concatenate([nodes, corner], axis=1)
-        return np.repeat(np.arange(len(x)), u.shape[1]), u.reshape(-1, dof)
-
     @cached_property
     def _nodes(self) -> tuple[Array, Array]:
         """Position (nodes, m) and inverse Jacobian (nodes, dof, m) of each node."""
         units = np.clip(self.association.motor.units, 0.0, 1.0)
         value, slope = self.newton.task.value_and_slope(units)
         return value, np.asarray(np.linalg.pinv(slope, rcond=_FLAT), dtype=float)
+
+
+def drawn(n: int, dof: int, beyond: float = 0.0) -> Array:
+    """Joints (n, dof) at random all over their ranges; those `beyond` a limit stand at it."""
+    u = np.random.default_rng(0).random((n, dof))
+    return np.clip(u * (1.0 + 2.0 * beyond) - beyond, 0.0, 1.0)
 
 
 def place_of(owner: Index) -> Index:

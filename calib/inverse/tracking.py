@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 from numpy.typing import NDArray
 
-from ..common.arrays import Array
+from ..common.arrays import Array, Index
 from .newton import CLOSE
 from .solver import Solver
 
@@ -20,24 +18,18 @@ _FEW = 20  # iterations of a small step: more are of a target out of reach, whic
 _WISHED, _DRIFT = 0.2, 0.5  # of the way to the middle, and of their move: so far joints drift there
 
 
-class Track(NamedTuple):
-    """Joints that follow a target."""
+def follow_targets(
+    solver: Solver, x: Array, start: Array | None
+) -> tuple[Array, Index, NDArray[np.bool_]]:
+    """Joints (k, dof) that follow targets `x` (k, m) in their order, with as few jumps as possible.
 
-    u: Array  # (k, dof), joints in the unit box, one row per target
-    jumps: list[int]  # rows that joints reach only by leaving their branch after the row before
-    # (k,), rows too far from all that the arm reaches to be followed: joints stay where they were
-    held: NDArray[np.bool_]
-
-
-def follow_targets(solver: Solver, x: Array, start: Array | None) -> Track:
-    """Follow the targets `x` (k, m), in order, with as few jumps as possible.
+    Also the rows that joints reach only by leaving their branch, and those (k,) too far from all
+    that the arm reaches to be followed.
 
     Every solution of the first target sets out, of redundant joints the `_FRONT` nearest to their
-    middle, or the one nearest to `start` (dof,); the one that gets furthest without a jump is
-    taken, of several the one that moves least. Where it ends the solutions of the next target set
-    out, and so on: no other choice of branches jumps less often. Where a target is out of reach,
-    joints stay as close to it as they can, which is no jump; where it is further away than
-    `_BEYOND` they stay where they are.
+    middle, or the one nearest to `start` (dof,); the one that gets furthest is taken, of several
+    the one that moves least. Where it ends the solutions of the next target set out, and so on.
+    Out of reach joints stay as close as they can, which is no jump; beyond `_BEYOND` they wait.
     """
     sensory = solver.association.sensory
     away = sensory.nearest(sensory.scale.to_unit(x))[0][:, 0]
@@ -62,7 +54,7 @@ def follow_targets(solver: Solver, x: Array, start: Array | None) -> Track:
         gap = np.linalg.norm(solver.scale.difference(front, rows[-1]), axis=1)
         front = front[np.argsort(gap, kind="stable")]
     last = np.maximum(np.searchsorted(near, np.arange(len(x)), side="right") - 1, 0)
-    return Track(rows[last], near[np.array(jumps, dtype=int)].tolist(), ~close)
+    return rows[last], near[np.array(jumps, dtype=np.intp)], ~close
 
 
 def _everywhere(solver: Solver, x: Array) -> Array:

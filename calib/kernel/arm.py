@@ -23,6 +23,7 @@ from ..common.arrays import Array
 class KernelArm:
     """A chain of m joints and what sees it, as plain numbers; dof joints are logged."""
 
+    structure: Any  # of the body
     chain: SpatialChain
     moved: Deviations
     gain: Array  # (dof,)
@@ -109,7 +110,8 @@ def _spatial(structure: Any, beta: Array) -> KernelArm:
     elastic = beta[groups["elastic"]]
     pull = np.asarray(structure.gravity) / structure.torque if len(elastic) else np.zeros(3)
     return KernelArm(
-        structure.chain, structure.deviations(beta), beta[groups["gain"]], beta[groups["offset"]],
+        structure, structure.chain, structure.deviations(beta),
+        beta[groups["gain"]], beta[groups["offset"]],
         sensor.scale * sensor.rotation, sensor.shift, sensor.rotation, min(structure.outputs, 3),
         sensor.lens, structure.outputs == 2, _curves(structure, beta), bending=elastic,
         gravity=pull,
@@ -148,7 +150,7 @@ def _planar(structure: Any, beta: Array) -> KernelArm:
         linear[:2] += np.outer(start, linear[2])
         shift = np.append(start, 1.0)
     return KernelArm(
-        chain, Deviations.none(dof),
+        structure, chain, Deviations.none(dof),
         beta[groups["gain"]] * way * np.where(turns, 1.0, structure.slide),
         np.where(turns, offset, 0.0), linear, shift, np.eye(3), 2, focal, projective,
         _curves(structure, beta), flex, np.where(turns, way, 0.0),

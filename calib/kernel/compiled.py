@@ -26,24 +26,20 @@ from numpy.typing import NDArray
 from ..common.arrays import Array
 from ..errors import OptionError
 
-OFF = "CALIB_NO_CC"
-"""Environment variable that leaves the compiler alone where it is set to anything but 0."""
+OFF = "CALIB_NO_CC"  # leaves the compiler alone where it is set to anything but 0
 
 _FLAGS = ("-O2", "-std=c99", "-fPIC", "-shared", "-ffp-contract=off", "-fno-math-errno")
+# where the compiler knows them: a bound of six joints takes 20 us for 41
 _QUICKLY = (
     *("-ftree-vectorize", "-fvect-cost-model=dynamic"),
     *("-fno-inline-small-functions", "-fno-tree-pre"),
 )
-"""Where the compiler knows them: a bound of six joints takes 20 us for 41, and the compiler .78 s
-for .81 (1.21 at -O3)."""
-
 _PATIENT = 10  # niceness of a compiler that another thread than the main one calls
-
 _MOST = 120.0  # s that a compiler may take
 _MOST_JOINTS = 16
+# where in a thread's buffer stand what is asked beside joints, `_PART` numbers each, and what
+# answers, as in ``c/calls.h``
 _ASKED, _PART, _FOUND, _SIZE = 16, 4, 32, 128
-"""Where in a thread's buffer stand what is asked, `_PART` numbers each, and what answers; given
-joints are first.  As in ``c/calls.h``."""
 
 _CHOICE = re.compile(
     r"^#if @(\w+)@\n((?:(?!#if @|#endif\n|#else\n).*\n)*)(?:#else\n((?:(?!#if @|#endif\n).*\n)*))?"
@@ -69,13 +65,13 @@ def c_source(text: str, words: Mapping[str, object], prefix: str, single: bool) 
     """
     while "#if @" in text:  # the innermost first
         text = _CHOICE.sub(lambda found: (found[2] if words[found[1]] else found[3]) or "", text)
-    text = re.sub(r"@(\w+)@", lambda found: _word(words[found.group(1)], single), text)
+    filled = {
+        name: c_number(value, single) if isinstance(value, float) else str(value)
+        for name, value in words.items()
+    }
+    text = re.sub(r"@(\w+)@", lambda found: filled[found[1]], text)
     text = _FUNCTIONS.sub(r"\1f(", text) if single else text
     return text.replace("calib_", prefix).replace("CALIB_", prefix.upper())
-
-
-def _word(value: object, single: bool) -> str:
-    return c_number(value, single) if isinstance(value, float) else str(value)
 
 
 def c_number(value: float, single: bool) -> str:

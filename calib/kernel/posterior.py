@@ -1,10 +1,8 @@
 """The posterior of an arm of more than three joints, small enough to be asked one row at a time.
 
-The whole covariance of 600 parameters would take a megabyte.  Kept are the covariance of the
-geometry, of each joint's curve by itself (one function of the joint's value), and of what couples
-them the `_WAYS` directions that move positions most: on the UR10 the bound is within a thirtieth of
-that of the whole, of a planar chain that 120 rows tell of within a tenth.  Parameters are told
-through what they move (`KernelArm.derivatives`), so that any body has the same form.
+Kept are the covariance of the geometry, of each joint's curve by itself (one function of the
+joint's value), and of what couples them the directions that move positions most.  Parameters are
+told through what they move (`KernelArm.derivatives`), so that any body has the same form.
 """
 
 from __future__ import annotations
@@ -22,9 +20,9 @@ from ..common.arrays import Array
 from ..errors import OptionError
 from .arm import KernelArm
 
+# directions that are kept of what couples curves with each other and with the geometry: on a UR10
+# the bound is within a thirtieth of that of the whole
 _WAYS = 32
-"""Directions that are kept of what couples curves with each other and with the geometry."""
-
 _ASKED = 400  # joint values by whose positions directions are compared
 _TOLD = 1e-6  # of what a parameter moves: more that no part of the arm moves is a parameter of ours
 _STILL = 1e-10  # of the largest motion: what moves less moves nothing

@@ -28,24 +28,19 @@ MOST_ROWS = 5_000
 class About(ReadOnly):
     """Plain facts that travel with a model."""
 
-    # name of the robot and of the frame whose position is sensed ("" without a URDF)
-    robot: str
-    tip: str
+    robot: str  # its name ("" without a URDF)
+    tip: str  # the frame whose position is sensed
     joint_names: tuple[str, ...]  # active joints from base to tip
     revolute: tuple[bool, ...]  # whether each joint turns (rad) or slides (m)
-    # (dof,) [rad or m], learned range of each joint
-    lower: Annotated[Array, Shape("dof")]
+    lower: Annotated[Array, Shape("dof")]  # [rad or m], learned range of each joint
     upper: Annotated[Array, Shape("dof")]
     locked: Mapping[str, float]  # other joints and where they are held [rad or m]
-    # "origin", "x" and "y" of the plane in the root link's frame [m]
-    plane: Mapping[str, Any] | None
+    plane: Mapping[str, Any] | None  # its "origin", "x" and "y" in the root link's frame [m]
     unit: str  # unit of the positions
     bound_of: str  # "true position" or "sensor reading": what the expected error bounds
     source: str  # "simulation" or "log"
-    # whether the maps learned from positions that the body predicts, besides the samples
-    taught: bool
-    # number of training samples, and the seed
-    samples: int
+    taught: bool  # whether the maps learned from positions that the body predicts, too
+    samples: int  # number of training samples
     seed: int
     options: Mapping[str, Any]  # "map", "rule", "epochs", "sigma" of the training
     simulation: Mapping[str, Any] | None  # noise and changes of the simulated arm
@@ -54,16 +49,15 @@ class About(ReadOnly):
     errors: Mapping[str, Any] = field(default_factory=dict)
     # "p95" and "covered" of the answers' distances, see `calib.Evaluation.within`
     within: Mapping[str, float] = field(default_factory=dict)
-    # samples behind those errors, and samples outside of what was learned from the others
-    tested: int = 0
-    left_out: int = 0
+    tested: int = 0  # samples behind those errors
+    left_out: int = 0  # samples outside of what was learned from the others
     notes: tuple[str, ...] = ()  # notes that were printed while the model was made
     # columns of its log that have other names than what they hold
     columns: Mapping[str, str] = field(default_factory=dict)
-    # whether its log has turning joints in degrees; later logs are read alike
-    degrees: bool = False
-    # [px], width and height of the pictures of a camera that sees an arm in space
-    picture: tuple[int, int] | None = None
+    degrees: bool = (
+        False  # whether its log has turning joints in degrees; later logs are read alike
+    )
+    picture: tuple[int, int] | None = None  # [px], width and height of a camera's pictures in space
     frame: str = ""  # the sensor's, as its log names it
 
     @property

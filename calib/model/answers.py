@@ -155,7 +155,7 @@ def approached(
     if own is None:
         return q, np.zeros(len(q)), np.zeros(len(q), dtype=bool)
     moved, noise = own.effective(q, side), model.about.bound_of == "sensor reading"
-    bound = model.trust.bound(own.bounds, model.motor.scale.to_unit(moved), noise=noise)
+    bound = model.blended(own.bounds, model.motor.scale.to_unit(moved), noise=noise)
     return moved, bound, own.known(side)
 
 
@@ -220,9 +220,8 @@ def follow_path(
         raise QueryError(f"step {step!r}: expected a length greater than zero, such as 0.005")
     x, waypoint = _lines(corners, float(step))
     first = None if start is None else anchor(model, start, 1)[0]
-    track = follow_targets(model.solver, in_sight(model, x), first)
-    jumps = np.array(track.jumps, dtype=np.intp)
-    return Path(x, *answer(model, track.u, x), waypoint, jumps, track.held)
+    u, jumps, held = follow_targets(model.solver, in_sight(model, x), first)
+    return Path(x, *answer(model, u, x), waypoint, jumps, held)
 
 
 def _lines(corners: Array, step: float) -> tuple[Array, NDArray[np.intp]]:

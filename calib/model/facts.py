@@ -33,9 +33,8 @@ def facts(model: Parts, *, degrees: bool = True) -> dict[str, str]:
     if about.locked:
         found["locked"] = ", ".join(f"{name}={value:.6g}" for name, value in about.locked.items())
     if about.plane:
-        found["plane"] = ", ".join(
-            f"{name} {vector(about.plane[name])}" for name in ("origin", "x", "y")
-        )
+        axes = ("origin", "x", "y")
+        found["plane"] = ", ".join(f"{name} {vector(about.plane[name])}" for name in axes)
     found["positions in"] = about.unit
     found["learned from"] = _source(about)
     options = about.options
@@ -43,10 +42,7 @@ def facts(model: Parts, *, degrees: bool = True) -> dict[str, str]:
     found["expected error"] = f"95 % bound on the distance to the {about.bound_of}"
     found["model error"] = "95 % bound on the distance to the true position in the sensor's frame"
     if about.source == "log":
-        found["bounds hold"] = (
-            "in the session of the log; a sensor that was set up anew has moved: "
-            "an evaluation with `frame='free'` tells by how much"
-        )
+        found["bounds hold"] = "in the session of the log: see an evaluation with `frame='free'`"
     return found
 
 
@@ -86,9 +82,8 @@ def shown_errors(about: About, errors: Errors) -> Iterator[tuple[str, str, str, 
 
 def size_in_words(model: Parts) -> str:
     """Return the lattices as `motor 70x70, sensory 70x70`."""
-    motor, sensory = (
-        "x".join(map(str, part.lattice.shape)) for part in (model.motor, model.sensory)
-    )
+    maps = (model.motor, model.sensory)
+    motor, sensory = ("x".join(map(str, part.lattice.shape)) for part in maps)
     return f"{motor} nodes" if motor == sensory else f"motor {motor}, sensory {sensory}"
 
 

@@ -24,8 +24,7 @@ from ..maps.local_models import FULL, SILENT, blend_size, exponents
 from ..samples.roles import ROUNDING
 from .answers import SURE
 from .nominal import nominal_for_kernel
-from .parts import Parts
-from .trust import ROUNDED
+from .parts import ROUNDED, Parts
 
 _FILES = ("chain", "nodes", "bound", "local", "answers", "inverse")
 _NO_LIMIT = 3e38  # of corrections
@@ -61,23 +60,15 @@ class Header:
     limit: Array  # (dof,) [rad or m], largest correction that is trusted
 
     @staticmethod
-    def of(model: Parts, limit: Array | None = None) -> Header:
-        """What the C source of a model is made of.
-
-        Raises OptionError if the model has no body, or one that has no C form.
-        """
+    def of(model: Parts) -> Header:
+        """What the C source of a model is made of; OptionError if the model has no body."""
         if model.body is None:
             raise OptionError(
                 "the model has no body, which a C header needs: train it with body='auto'"
             )
         arm = KernelArm.of(model.body.structure, model.body.beta)
-        limit = np.full(len(model.about.lower), _NO_LIMIT) if limit is None else limit
+        limit = np.full(len(model.about.lower), _NO_LIMIT)
         return Header(model, arm, *nominal_for_kernel(model, arm), limit)
-
-    @property
-    def structure(self) -> Any:
-        """The structure of the model's body."""
-        return self.model.body and self.model.body.structure
 
     @property
     def local(self) -> bool:
@@ -102,7 +93,7 @@ class Header:
     def _words(self, single: bool) -> dict[str, object]:
         model, arm, posterior = self.model, self.arm, self.model.posterior
         dof, models, local = len(self.limit), model.predictor.models, self.local
-        trusted, most = model.trust.everywhere, c_number(model.trust.most, single)
+        trusted, most = model.everywhere, c_number(model.most_bound, single)
         blended = f" || !(calib_blended(calib_position_bound, q) <= {most})"
         bound, model_bound = (
             f"calib_blended(calib_{nodes}, inside)" if posterior is None
@@ -111,39 +102,22 @@ class Header:
         )  # fmt: skip
         lengths = np.linalg.norm(np.vstack([arm.links.strides[1:], arm.links.tip]), axis=1)
         return {
-            **_SEARCH,
-            **_PRECISION[single],
-            "posterior": posterior is not None,
-            "bound": bound,
-            "model_bound": model_bound,
+            **_SEARCH, **_PRECISION[single],
+            "posterior": posterior is not None, "bound": bound, "model_bound": model_bound,
             "nodes_asked": local or posterior is None or not trusted,
-            "dof": dof,
-            "out": arm.outputs,
-            "chain": arm.chain.joints,
-            "nodes": model.motor.size,
-            "near": min(blend_size(dof), model.motor.size - 1),
-            "starts": len(self._starts[0]),
-            "harmonics": HARMONICS,
-            "normal": NORMAL_95,
-            "curved": len(arm.curves) > 0,
+            "dof": dof, "out": arm.outputs, "chain": arm.chain.joints, "nodes": model.motor.size,
+            "near": min(blend_size(dof), model.motor.size - 1), "starts": len(self._starts[0]),
+            "harmonics": HARMONICS, "normal": NORMAL_95, "curved": len(arm.curves) > 0,
             "waved": posterior is not None and bool(posterior.waved.any()),
-            "gravity": len(arm.bending) > 0,
-            "flexible": arm.flex is not None,
-            "projective": arm.projective,
-            "placed": arm.outputs == 3,
-            "nearest": LEAST_DEPTH,
-            "trusted": "" if trusted else blended,
-            "local": local,
-            "silent": SILENT,
-            "full": float(FULL),
-            "terms": models.coefficients.shape[1] if local else 1,
-            "slack": -float(ROUNDED),
-            "extent": float(model.solver.extent),
+            "gravity": len(arm.bending) > 0, "flexible": arm.flex is not None,
+            "projective": arm.projective, "placed": arm.outputs == 3, "nearest": LEAST_DEPTH,
+            "trusted": "" if trusted else blended, "local": local, "silent": SILENT,
+            "full": float(FULL), "terms": models.coefficients.shape[1] if local else 1,
+            "slack": -float(ROUNDED), "extent": float(model.solver.extent),
             "lever": max(float(lengths.sum()), 1e-9),
             "scale": float(np.cbrt(abs(np.linalg.det(arm.view)))) if arm.outputs == 3 else 1.0,
-            "corrected": self.nominal is not None,
-            "correcting": self.correcting,
-        }
+            "corrected": self.nominal is not None, "correcting": self.correcting,
+        }  # fmt: skip
 
     @cached_property
     def _starts(self) -> tuple[Array, Array]:
@@ -165,7 +139,7 @@ class Header:
 
     def _tables(self, single: bool) -> str:
         model, arm, motor, kept = self.model, self.arm, self.model.motor, self.model.posterior
-        chain, trusted = arm.chain, model.trust.everywhere
+        chain, trusted = arm.chain, model.everywhere
         tables: dict[str, NDArray[Any]] = {
             "lower": motor.scale.lower, "span": motor.scale.span,
             "periodic": motor.scale.periodic.astype(int), "bends": np.array(chain.revolute, int),
@@ -253,21 +227,16 @@ def _arm(name: str, arm: KernelArm, single: bool, *, own: bool) -> str:
 
 
 def compiled_of(model: Parts) -> tuple[Compiled | None, str]:
-    """The compiled kernel of a model, and a sentence that says what single queries are answered by.
-
-    None where the batch has to: without a compiler, without a body, or with `CALIB_NO_CC=1`.
-    """
+    """A model's compiled kernel, or None, and a sentence on what single queries are answered by."""
     started = time.perf_counter()
     try:
         header = Header.of(model)
         arm = header.arm
         words: dict[str, Any] = {
-            "placed": arm.outputs == 3 and getattr(header.structure, "informed", False),
-            "corrected": header.nominal is not None,
-            "sure": SURE,
+            "placed": arm.outputs == 3 and getattr(arm.structure, "informed", False),
+            "corrected": header.nominal is not None, "sure": SURE, "rounding": ROUNDING,
             "extent": float(model.solver.extent),
-            "rounding": ROUNDING,
-        }
+        }  # fmt: skip
         made = compile_source(header.text()[0], words, len(header.limit), arm.outputs)
     except CalibError as error:
         return None, f"single queries are answered by the batch: {error}"

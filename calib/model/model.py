@@ -13,7 +13,7 @@ from ..common.arrays import Array
 from ..common.rows import checked_rows
 from . import answers
 from .answers import Answer, Path
-from .parts import Parts
+from .parts import MOST_SHARE, Parts
 
 if TYPE_CHECKING:
     import os
@@ -65,11 +65,7 @@ class Model(Parts):
         kernel, told = compiled_of(self)
         object.__setattr__(self, "kernel", kernel)
         if kernel is None:  # what the batch makes once
-            middle = (self.about.lower + self.about.upper) / 2
-            x = self.forward(middle[None])
-            target = np.where(np.isfinite(x), x, self.sensory.weights[:1])
-            self.inverse(target, near=middle[None])
-            self.expected_error(middle)
+            self.solve(self.sensory.weights[:1])
         return told
 
     def _quickly(self, name: str, q: ArrayLike) -> Array | None:
@@ -77,7 +73,7 @@ class Model(Parts):
         if self.kernel is None or (found := self.kernel.ask(name, q)) is None:
             return None
         answer: Array = found[0]
-        return answer if found[1] or self.trust.everywhere else None
+        return answer if found[1] or self.everywhere else None
 
     def forward(
         self, q: ArrayLike, readout: str | None = None, *, approach: ArrayLike | None = None
@@ -87,19 +83,11 @@ class Model(Parts):
         NaN outside of the joints' range, and where the bound on the position exceeds a tenth of
         the reach.
 
-        Parameters
-        ----------
         q : (n, dof) or (dof,) array [rad or m]
-        readout : {"local", "body", "linear", "activity", "winner"}, optional
-            The model's default where not given.
-        approach : (n, dof) or (dof,) array, optional
-            Sign of the last motion of each joint, 0 where it is not known.  It counts
-            where training found backlash (``model.approach``), else it changes nothing.
-
-        Raises
-        ------
-        QueryError
-            If the shape is wrong or a value is not finite.
+        readout : {"local", "body", "linear", "activity", "winner"}, the model's default if None
+        approach : (n, dof) or (dof,), sign of the last motion of each joint, 0 where it is not
+            known.  It counts where training found backlash (``model.approach``).
+        Raises QueryError if the shape is wrong or a value is not finite.
 
         Examples
         --------
@@ -129,16 +117,11 @@ class Model(Parts):
     ) -> Array:
         """Joint values (n, dof) [rad or m] that bring the tip to positions (n, m) [unit].
 
-        Parameters
-        ----------
         x : (n, m) or (m,) array [unit]
-        near : (n, dof) or (dof,) array [rad or m], optional
-            Of several solutions the one closest to these joints answers, distances in
-            units of the joints' ranges; the middle of the ranges where not given.
-        readout : {"local", "body", "linear", "activity", "winner"}, optional
-        nearest : bool
-            Where a target is out of reach, answer with the nearest reachable point
-            instead of NaN.
+        near : (n, dof) or (dof,) array [rad or m]; of several solutions the one closest to these
+            joints answers, in units of the joints' ranges; their middle where not given
+        readout : {"local", "body", "linear", "activity", "winner"}, the model's default if None
+        nearest : whether the nearest reachable point answers a target out of reach instead of NaN
         """
         if self.kernel is not None and readout in (None, "local") and near is not None:
             found = self.kernel.ask("inverse", near, x)
@@ -178,9 +161,8 @@ class Model(Parts):
     def inverse_all(self, x: ArrayLike) -> list[Array]:
         """Joint values (k, dof) of every branch that reaches each target (n, m).
 
-        The solution closest to the middle of the joints' ranges comes first; a target out
-        of reach has none.  A redundant arm reaches a target on curves or surfaces of
-        joints: each connected one is represented by its point closest to the middle.
+        The one closest to the middle of the joints' ranges comes first; a target out of reach has
+        none.  Of a redundant arm each connected family of solutions has one.
         """
         return [a.q[a.reachable] for a in self.solve_all(x)]
 
@@ -220,21 +202,28 @@ class Model(Parts):
     def outside(self, q: ArrayLike) -> str | None:
         """Why the joint values (dof,) are outside of what was learned, None if they are not."""
         rows, _ = checked_rows(q, self.about.joint_names, "joint values")
-        return self.trust.outside(rows, self.about.joint_names)
+        u, about = self.motor.scale.to_unit(rows), self.about
+        if bool(self.covers(u)[0]):
+            return None
+        for k, inside in enumerate(self.in_range(u)[0]):
+            if not inside:
+                return (
+                    f"{about.joint_names[k]} = {rows[0, k]:.6g} is outside of the learned range "
+                    f"{about.lower[k]:.6g} to {about.upper[k]:.6g}"
+                )
+        return (
+            "no row was measured near these joint values: the position may be off by more than "
+            f"{MOST_SHARE:.0%} of the reach"
+        )
 
     def path(self, x: ArrayLike, start: ArrayLike | None = None, step: float | None = None) -> Path:
         """Joint values along straight lines through waypoints, on one branch if there is one.
 
-        Parameters
-        ----------
-        x : (n, m) array [unit]
-            Waypoints, two or more.
-        start : (dof,) array [rad or m], optional
-            Joints that the path should start near; without it the branch that can follow
-            the path furthest, of several the one that moves the joints least.
-        step : float [unit], optional
-            Longest way of the tip between two rows, 1 % of the workspace's extent where not
-            given.  ``math.inf`` gives the waypoints alone.
+        x : (n, m) array [unit], two waypoints or more
+        start : (dof,) array [rad or m], joints that the path should start near; without it the
+            branch that can follow the path furthest, of several the one that moves least
+        step : float [unit], longest way of the tip between two rows, 1 % of the workspace's extent
+            where not given; ``math.inf`` gives the waypoints alone
         """
         return answers.follow_path(self, x, start, step)
 
@@ -250,13 +239,9 @@ class Model(Parts):
 
         NaN out of reach; :func:`calib.model.poses.solve_poses` tells more, and all branches.
 
-        Parameters
-        ----------
         position : (n, 3) or (3,) array [m, or the sensor's unit in its frame]
-        quaternion : (n, 4) or (4,) array, optional
-            qx, qy, qz, qw; free where not given.
-        near : (n, dof) or (dof,) array, optional [rad or m]
-            Of several solutions the nearest to these joints answers.
+        quaternion : (n, 4) or (4,) array qx, qy, qz, qw; free where not given
+        near : (n, dof) or (dof,) array [rad or m]; the nearest to these joints answers
         frame : {"sensor", "base"}
         """
         from .poses import solve_poses
@@ -280,7 +265,7 @@ class Model(Parts):
             return quick
         rows, single = checked_rows(q, self.about.joint_names, "joint values")
         u, scale = self.motor.scale.to_unit(rows), self.motor.scale
-        inside = self.trust.covers(u)
+        inside = self.covers(u)
         slope = np.full((len(rows), len(self.axes), rows.shape[1]), np.nan)
         if inside.any():
             slope[inside] = self.predictor.value_and_slope(u[inside])[1] / scale.span
@@ -292,10 +277,11 @@ class Model(Parts):
         NaN where there is no position.  Raises QueryError if the model is of a planar arm, of
         pixels, or knows no arm in space.
         """
-        from .poses import forward_poses
+        from .space import Space
 
         rows, single = checked_rows(q, self.about.joint_names, "joint values")
-        position, turns = forward_poses(self, rows)
+        position, turns = self.answered(rows), Space.of(self).seen_turns(rows)
+        turns[np.isnan(position[:, 0])] = np.nan
         return (position[0], turns[0]) if single else (position, turns)
 
     def servo(
@@ -307,13 +293,8 @@ class Model(Parts):
         sensor, so that it converges even where the arm differs from the map.  The step stays
         within the joints' range and is at most a tenth of it long.
 
-        Parameters
-        ----------
-        x_measured, target : (n, m) or (m,) array [unit]
-            Where the tip is seen and where it should be.
-        q : (n, dof) or (dof,) array [rad or m]
-            Present joints; next time the joints that this returns.
-        gain : float
-            Share of the way that a step goes: smaller is calmer with a noisy sensor.
+        x_measured, target : (n, m) or (m,) array [unit], where the tip is seen, where it should be
+        q : (n, dof) or (dof,) array [rad or m], present joints; next time what this returns
+        gain : share of the way that a step goes: smaller is calmer with a noisy sensor
         """
         return answers.servo_step(self, x_measured, target, q, gain)

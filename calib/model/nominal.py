@@ -1,8 +1,7 @@
 """The nominal arm in the sensor's frame: where a controller that trusts the URDF wants the tip.
 
-The view (the sensor's frame, scale and lens) is the body's; lengths and offsets are the
-URDF's, gains are 1, elasticity and joint curves are zero.  What a correction compensates is
-therefore in the arm and never in the sensor's frame.
+The sensor's frame, scale and lens are the body's, all else is the URDF's: what a correction
+compensates is in the arm and never in the sensor's frame.
 """
 
 from __future__ import annotations
@@ -17,6 +16,7 @@ from ..body.nominal import nominal_of
 from ..body.planar import PlanarStructure
 from ..body.spatial import SpatialStructure, structure_of
 from ..common.arrays import Array
+from ..common.rows import thinned
 from ..errors import CalibError, OptionError
 from ..kernel.arm import KernelArm
 from .parts import Parts
@@ -26,8 +26,6 @@ def nominal_in_plane(model: Parts, *, based: bool = False) -> tuple[PlanarStruct
     """Structure and parameters (d,) of the nominal arm of a model with a planar body.
 
     Behind the sensor that the body knows, or, where `based`, in the robot's root frame.
-
-    Raises OptionError if the model has no planar body, or knows no URDF.
     """
     body = model.body
     if body is None or not isinstance(body.structure, PlanarStructure):
@@ -64,8 +62,7 @@ def moves_in_space(model: Parts) -> bool:
 def visited_joints(model: Parts, most: int) -> Array:
     """Joints (n, dof) of motor nodes that rows visited, at most so many, within the ranges."""
     nodes = np.flatnonzero(model.visited)
-    if len(nodes) > most:
-        nodes = np.sort(np.random.default_rng(0).choice(nodes, most, replace=False))
+    nodes = nodes[thinned(len(nodes), most)]
     return np.clip(model.motor.weights[nodes], model.about.lower, model.about.upper)
 
 
@@ -84,24 +81,21 @@ def nominal_arm(model: Parts) -> PlanarArm | SpatialArm:
 
 def nominal_for_kernel(model: Parts, arm: KernelArm) -> tuple[KernelArm | None, int]:
     """The nominal arm, and what a correction asks for: a position (0), a place (1), a pose (2)."""
-    body, simulated = model.body, model.about.source == "simulation" and not model.history
-    assert body is not None  # noqa: S101
-    own = body.structure
-    if not model.about.urdf:
+    own, simulated = arm.structure, model.about.source == "simulation" and not model.history
+    if not model.about.urdf or model.body is None:
         return None, 0
     try:
         if isinstance(own, PlanarStructure):
-            nominal, beta = nominal_in_plane(model, based=simulated)
-            same = nominal.signs == own.signs  # of a reversed joint the wiring has to be mended
-            return (KernelArm.of(nominal, beta) if same else None), 0
-        if isinstance(own, SpatialStructure) and own.informed:
-            beta = nominal_in_space(own, body.beta)
+            structure, beta = nominal_in_plane(model, based=simulated)
+            same = structure.signs == own.signs  # of a reversed joint the wiring has to be mended
+            return (KernelArm.of(structure, beta) if same else None), 0
+        if own.informed:
             kind = 2 if own.dof >= 6 else 1 if own.outputs == 2 else 0
-            return KernelArm.of(own, beta), kind
-        drawn = nominal_arm(model) if simulated and moves_in_space(model) else None
+            return KernelArm.of(own, nominal_in_space(own, model.body.beta)), kind
+        drawn = nominal_arm(model) if simulated else None
     except CalibError:
         return None, 0
     if not isinstance(drawn, SpatialArm) or drawn.chain.joints != arm.chain.joints:
         return None, 0
-    structure = structure_of(drawn, "base")
-    return KernelArm.of(structure, structure.neutral()), 0
+    there = structure_of(drawn, "base")
+    return KernelArm.of(there, there.neutral()), 0

@@ -20,18 +20,26 @@ from ..kernel.posterior import CompactPosterior
 from ..maps.association import Association, check_readout
 from ..maps.linear_models import LinearModels
 from ..maps.local_models import NO_MODELS
-from ..maps.map import Map
+from ..maps.map import Map, search_tree
+from ..maps.node_bounds import blend_nodes
 from ..maps.predictor import BodyInBox, Predictor
 from .about import Rows
-from .trust import KNOWN, MOST_BLENDED, MOST_SHARE, STEEP, Trust
+from .baseline import KNOWN, Baseline
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
+    from scipy.spatial import cKDTree
 
     from ..body.approach import Approach
     from ..body.belief import Body
     from .about import About, Photo
-    from .trust import Baseline
+
+MOST_SHARE = 0.1  # of the reach: where the bound on the position exceeds it, there is no answer
+MOST_BLENDED = 3  # joints up to which bounds are blended between the motor map's nodes
+STEEP = 2.0  # extents of the workspace that a position may change by over the range of a joint
+# of a joint's range by which values beyond it are answered: an encoder at its stop reads a hair
+# beyond the limit
+ROUNDED = 1e-5
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -115,15 +123,60 @@ class Parts:
         return Solver(self.association, Predictor(self.motor, smooth, NO_MODELS))
 
     @cached_property
-    def trust(self) -> Trust:
-        """Where answers are given, and how bounds grow away from what was learned."""
-        known, paths = None, None
-        # a file of format 1 has no option `body`, and its bounds hold as they did
-        if self.body is None and self.baseline is not None and "body" in self.about.options:
-            known = np.where(self.visited, KNOWN * np.sqrt(self.baseline.motor), -1.0)
-            paths = self.baseline.paths
-        most, growth = MOST_SHARE * self.reach, STEEP * self.solver.extent
-        return Trust(self.motor, self.model_bounds, most, known, growth, paths, self.body)
+    def most_bound(self) -> float:
+        """Largest bound [unit] with which a position is still an answer."""
+        return MOST_SHARE * self.reach
+
+    @cached_property
+    def _known(self) -> Array | None:
+        """Without a body: how far from each node its bound holds, in the unit box, or -1."""
+        if self.body is not None or self.baseline is None or "body" not in self.about.options:
+            return None
+        return np.where(self.visited, KNOWN * np.sqrt(self.baseline.motor), -1.0)
+
+    @cached_property
+    def everywhere(self) -> bool:
+        """Whether there is an answer wherever joints are within their range."""
+        return self._known is None and bool((self.model_bounds <= self.most_bound).all())
+
+    def in_range(self, u: Array) -> NDArray[np.bool_]:
+        """Which coordinates (n, dof) of the unit box are within the joints' range."""
+        inside = (u >= -ROUNDED) & (u <= 1.0 + ROUNDED)
+        return np.asarray(inside | self.motor.scale.periodic)
+
+    def covers(self, u: Array) -> NDArray[np.bool_]:
+        """Whether points of the unit box (n, dof) are answered, (n,)."""
+        known = np.asarray(self.in_range(u).all(axis=1))
+        if not self.everywhere and known.any():
+            known[known] = self.blended(self.model_bounds, u[known], noise=False) <= self.most_bound
+        return known
+
+    def blended(self, bounds: Array, u: Array, *, noise: bool) -> Array:
+        """Bounds (n,) at points of the unit box (n, dof), from those of the nodes (nodes,).
+
+        `noise` says whether they count the noise of a single reading.
+        """
+        blended, scale = blend_nodes(self.motor, bounds, u), self.motor.scale
+        wide = blended > self.most_bound
+        if self.body is not None and wide.any():
+            # beside a joint that hardly moved the posterior widens within less than a node's
+            # spacing: a blended bound would refuse the measured rows themselves
+            there = self.body.bound(scale.from_unit(u[wide]), noise=noise)
+            blended[wide] = np.minimum(blended[wide], there)
+        if self._known is None or self.baseline is None:
+            return blended
+        distance, nearest = self._holding.query(scale.wrapped(u), k=1)
+        node = np.flatnonzero(self._known >= 0.0)[nearest]
+        away = np.maximum(distance - self._known[node], 0.0)
+        if self.baseline.paths is not None:  # beside these bounds grow at once
+            gap = scale.difference(u, self.motor.units[node])
+            away = np.maximum(away, self.baseline.paths.beside(node, gap))
+        return np.asarray(blended + STEEP * self.solver.extent * away)
+
+    @cached_property
+    def _holding(self) -> cKDTree:
+        """Nodes whose bound holds somewhere."""
+        return search_tree(self.motor.units[np.asarray(self._known) >= 0.0], self.motor.scale)
 
     @cached_property
     def posterior(self) -> CompactPosterior | None:
@@ -174,7 +227,7 @@ class Parts:
         `moved` are the joint values where play is taken up, if it is.
         """
         unit = self.motor.scale.to_unit
-        inside, x = self.trust.covers(unit(q)), np.full((len(q), len(self.axes)), np.nan)
+        inside, x = self.covers(unit(q)), np.full((len(q), len(self.axes)), np.nan)
         if inside.any():
             where = unit((q if moved is None else moved)[inside])
             x[inside] = self.predicted(where, readout or self.default_readout)
@@ -183,7 +236,7 @@ class Parts:
     def bounded(self, q: Array, which: str) -> Array:
         """95 % bound (n,) [unit] at joint values (n, dof), NaN where there is no answer."""
         u = self.motor.scale.to_unit(q)
-        known, bound = self.trust.covers(u), np.full(len(q), np.nan)
+        known, bound = self.covers(u), np.full(len(q), np.nan)
         bound[known] = self.bound_at(u[known], which)
         return bound
 
@@ -199,7 +252,7 @@ class Parts:
             return self.posterior.bound(self.motor.scale.from_unit(u), noise=noise)
         if self.body is not None and u.shape[1] > MOST_BLENDED:
             return self.body.bound(self.motor.scale.from_unit(u), noise=noise)
-        return self.trust.bound(getattr(self, which), u, noise=noise)
+        return self.blended(getattr(self, which), u, noise=noise)
 
     def _readout(self, name: str | None) -> str:
         """The readout that answers; ``local`` where the predictor does."""

@@ -35,14 +35,6 @@ class PoseAnswers(NamedTuple):
     reachable: NDArray[np.bool_]  # (k,)
 
 
-def forward_poses(model: Parts, q: Array) -> tuple[Array, Array]:
-    """Positions (n, m) and quaternions (n, 4) at joints (n, dof); see :meth:`calib.Model.pose`."""
-    space = Space.of(model)
-    position, turns = model.answered(q), space.evaluate(q)[1]
-    known = np.isfinite(position[:, :1])
-    return position, np.where(known, quaternion_of(space.sensor[0] @ turns), np.nan)
-
-
 def solve_poses(
     model: Parts,
     position: ArrayLike,

@@ -27,7 +27,7 @@ from ..errors import QueryError
 from ..inverse.newton import Newton, Positions
 from ..inverse.pose import TOLERANCE, Joints, Poses, pose_branches
 from ..inverse.solver import free_directions
-from ..inverse.starts import twins
+from ..inverse.starts import drawn, twins
 from .parts import Parts
 
 _BESIDE = 0.5  # rad: of joints no further from `near` the other branches are looked for there
@@ -87,7 +87,7 @@ class Space:
         """Position (n, 3) [m] and quaternion (n, 4) of the tip; NaN where the model has none."""
         rows, _ = checked_rows(q, self.model.about.joint_names, "joint values")
         position, rotation, _ = self.evaluate(rows)
-        known = self.model.trust.covers(self._scale.to_unit(rows))[:, None]
+        known = self.model.covers(self._scale.to_unit(rows))[:, None]
         return np.where(known, position, np.nan), np.where(known, quaternion_of(rotation), np.nan)
 
     def bound(self, q: ArrayLike, *, size: bool = True) -> Array:
@@ -126,6 +126,10 @@ class Space:
         """Positions (n, 3) [unit] and orientations (n, 3, 3) in the sensor's frame."""
         turn, shift, scale = self.sensor
         return scale * position @ turn.T + shift, turn @ rotation
+
+    def seen_turns(self, q: Array) -> Array:
+        """Orientations (n, 4) of the tip in the sensor's frame, as quaternions."""
+        return quaternion_of(self.sensor[0] @ self.evaluate(q)[1])
 
     def to_base(self, position: Array, rotation: Array) -> tuple[Array, Array]:
         """Positions (n, 3) [m] and orientations (n, 3, 3) in the base frame."""
@@ -175,8 +179,7 @@ class Space:
 
     def beside(self, p: Array, r: Array | None, near: Array) -> tuple[Array, Array]:
         """Joints (n, dof) beside `near` for places (n, 3), or poses with `r`, and what is left."""
-        newton = self._placing if r is None else self._posing
-        target = p if r is None else Poses.target(p, r)
+        newton, target = (self._placing, p) if r is None else (self._posing, Poses.target(p, r))
         u, left = newton.refine(self._unit(near), target, 1e-3 * TOLERANCE)
         return self._scale.from_unit(u), left
 
@@ -235,8 +238,7 @@ class Space:
         """Answers that missed their target, tried from all over the ranges; in place."""
         owner = np.repeat(np.flatnonzero(left > REACHED * self.length), _STARTS)
         if len(owner):
-            start = np.random.default_rng(0).random((_STARTS, u.shape[1]))
-            tried = np.tile(start, (len(owner) // _STARTS, 1))
+            tried = np.tile(drawn(_STARTS, u.shape[1]), (len(owner) // _STARTS, 1))
             found = newton.settle(tried, target[owner], wish[owner])
             newton.take_better(u, left, wish, owner, *found)
 
@@ -249,8 +251,11 @@ class Space:
 
     @cached_property
     def _placing(self) -> Newton:
-        task = Positions.of_chain(self.evaluate, self._scale)
-        return Newton(task, self._scale, self.length)
+        def value_and_slope(u: Array) -> tuple[Array, Array]:
+            place, _, slope = self.evaluate(self._scale.from_unit(u))
+            return place, slope[:, :3] * self._scale.span
+
+        return Newton(Positions(value_and_slope), self._scale, self.length)
 
     @cached_property
     def _posing(self) -> Newton:

@@ -23,9 +23,9 @@ from ..maps.map import HISTORY, Map
 from ..maps.predictor import BodyInBox, Predictor
 from ..model.about import MOST_ROWS, About, Photo, Rows
 from ..model.alignment import Alignment
+from ..model.baseline import Baseline
 from ..model.facts import shown_errors
 from ..model.parts import Parts
-from ..model.trust import Baseline
 from .fields import Tensors, read, write
 
 _TINY = 1e-300  # the least number above zero
@@ -71,45 +71,26 @@ def kept_of(model: Parts) -> Kept:
     association, models = model.association, model.predictor.models
     links, wiring = association.linked, association.wiring
     same = np.array_equal(model.model_bounds, model.bounds)
+    counts, nodes = np.diff(links.indptr).astype(np.intp), np.asarray(links.indices, np.intp)
     return Kept(
-        model.about,
-        model.motor,
-        model.sensory,
-        association.motor_shifts,
+        model.about, model.motor, model.sensory, association.motor_shifts,
         association.sensory_shifts,
-        Links(
-            np.diff(links.indptr).astype(np.intp),
-            np.asarray(links.indices, dtype=np.intp),
-            links.data,
-            wiring.local,
-            wiring.mutual,
-            wiring.bandwidth,
-        ),
-        model.body,
-        models if models.degree >= 0 else None,
-        model.bounds,
-        None if same else model.model_bounds,
-        model.visited,
-        model.rows,
-        model.baseline,
-        model.approach,
-        model.photo,
-        model.history,
-    )
+        Links(counts, nodes, links.data, wiring.local, wiring.mutual, wiring.bandwidth),
+        model.body, models if models.degree >= 0 else None, model.bounds,
+        None if same else model.model_bounds, model.visited, model.rows, model.baseline,
+        model.approach, model.photo, model.history,
+    )  # fmt: skip
 
 
 def model_of(kept: Kept) -> Parts:
-    """The model that a file keeps; each part makes sense, here they are compared."""
+    """The model that a file keeps; ModelError and others where it makes no sense."""
     motor, sensory, about, links = kept.motor, kept.sensory, kept.about, kept.links
-    linked = Compressed(
-        links.strengths,
-        links.nodes.astype(np.int32),
-        np.concatenate([[0], np.cumsum(links.counts)]).astype(np.int32),
-        (motor.size, sensory.size),
-    )
-    models, body = kept.local or NO_MODELS, kept.body
     if not _fits(kept):
         raise ModelError("its parts do not fit together")
+    models, body = kept.local or NO_MODELS, kept.body
+    first = np.append(0, np.cumsum(links.counts)).astype(np.int32)
+    size = motor.size, sensory.size
+    linked = Compressed(links.strengths, links.nodes.astype(np.int32), first, size)
     for state in kept.history:
         if state.get("frame") is not None:
             Alignment.from_json(state["frame"])
@@ -126,10 +107,9 @@ def model_of(kept: Kept) -> Parts:
     )  # fmt: skip
     middle = np.full((1, len(about.lower)), 0.5)
     tuple(shown_errors(about, about.errors) if about.errors else ())
-    answers = [model.predictor.value(middle)]  # what makes no sense breaks here, if nowhere before
-    if body is not None:
-        answers.append(body.bound(motor.scale.from_unit(middle)))
-    if not all(np.isfinite(answer).all() for answer in answers):
+    answer = model.predictor.value(middle)  # what makes no sense breaks here, if nowhere before
+    bound = 0.0 if body is None else body.bound(motor.scale.from_unit(middle))
+    if not np.isfinite(answer + bound).all():
         raise ModelError("it has no answer in the middle of its range")
     return model
 

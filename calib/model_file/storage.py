@@ -5,12 +5,9 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-import stat
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
-import numpy as np
 from numpy.typing import NDArray
 
 from ..common.atomic import atomic_write
@@ -23,7 +20,6 @@ VERSION = 4
 """Version of the format; ``docs/format.md`` describes it."""
 
 _KEY = "calib"
-_LARGEST = 2_000_000_000  # bytes
 # what building a model from a description without sense raises
 _NONSENSE = (CalibError, ArithmeticError, AttributeError, LookupError, TypeError, ValueError)
 
@@ -31,12 +27,8 @@ _NONSENSE = (CalibError, ArithmeticError, AttributeError, LookupError, TypeError
 def save(model: Parts, path: str | os.PathLike[str]) -> None:
     """Write a model into one file, whole or not at all, once it could be read back.
 
-    The same model gives the same bytes: there are no times, dates or paths inside.
-
-    Raises
-    ------
-    ModelError
-        If the model's numbers make no file that could be read; an older file stays.
+    The same model gives the same bytes: there are no times, dates or paths inside.  Raises
+    ModelError if the model's numbers make no file that could be read; an older file stays.
     """
     data = to_bytes(model)
     try:
@@ -56,8 +48,6 @@ def to_bytes(model: Parts) -> bytes:
     with one_blas_thread():  # a covariance is factored on the way into the file
         header, tensors = described(model)
     header["format"] = VERSION
-    # safetensors writes memory as it lies: a transposed array would come back as another
-    tensors = {name: np.ascontiguousarray(array) for name, array in tensors.items()}
     header["sha256"] = _checksum(tensors, header)
     return bytes(pack(tensors, metadata={_KEY: _canonical(header)}))
 
@@ -80,27 +70,14 @@ def _checksum(tensors: Mapping[str, NDArray[Any]], header: Mapping[str, Any]) ->
     return digest.hexdigest()
 
 
-def content(path: Path) -> bytes:
-    """Content of a file; ModelError of what cannot be a model."""
-    status = path.stat()
-    if stat.S_ISCHR(status.st_mode) or stat.S_ISBLK(status.st_mode):  # some never end
-        raise ModelError(f"{path}: is a device, expected a model written by 'calib train'")
-    if status.st_size > _LARGEST:
-        raise ModelError(f"{path}: {status.st_size:,} bytes are too many for a model")
-    return path.read_bytes()
-
-
 def parts_of(data: bytes, name: str = "model") -> Parts:
     """Read a model from the content of its file; `name` is for messages."""
     header, tensors = _unpack(data, name)
     version = header.get("format")
     if version != VERSION:
-        newer = isinstance(version, int) and version > VERSION
-        remedy = (
-            "a newer program wrote it, upgrade this one with 'pip install -U calib-arm'"
-            if newer
-            else "an older program wrote it, train the model again"
-        )
+        remedy = "an older program wrote it, train the model again"
+        if isinstance(version, int) and version > VERSION:
+            remedy = "a newer program wrote it, upgrade this one with 'pip install -U calib-arm'"
         raise ModelError(f"{name}: model format {version!r}, expected {VERSION}: {remedy}")
     if header.get("sha256") != _checksum(tensors, header):
         raise ModelError(

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 
 from ..common.arrays import Array, Index, Mask
 from ..errors import LogError
-from .alignment import is_path
+from .diagnosis import is_path
 from .samples import Samples
 from .settings import (
     CLEAR_DELAY,

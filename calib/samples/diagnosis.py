@@ -14,18 +14,19 @@ from typing import Any
 import numpy as np
 
 from ..arm.rotations import logarithm, matrix_of, nearest_rotation, similarity
-from ..common.arrays import Array
+from ..common.arrays import Array, Mask
+from ..common.robust import solve_least_squares
 from ..common.rows import thinned
 from ..common.scale import METRES
 from ..common.wording import listed
 from ..errors import LogError
-from .alignment import Predict, agreeing, aligned_misfit
 from .settings import (
     DIAGNOSED_ROWS,
     FAR_BETTER,
     FEWEST_ROWS,
     GOOD,
     MOST_ORDERED,
+    PATH,
     PIXELS_RATIO,
     SAME_UNIT,
     SMALL,
@@ -33,6 +34,9 @@ from .settings import (
     TURNED,
     USUAL_SIZE,
 )
+
+Predict = Callable[[Array], Array]
+"""Positions (n, m) at joint values (n, dof), NaN where none is known."""
 
 PosePredict = Callable[[Array], tuple[Array, Array]]
 """Positions (n, 3) and quaternions (n, 4) at joint values (n, dof)."""
@@ -158,12 +162,12 @@ def diagnose(
             found, affine = np.column_stack([place, matrix_of(turn).reshape(-1, 9)]), True
         return aligned_misfit(found[known], x[known], affine=affine)
 
-    wrong = _unit_of(_spread(x) / max(_spread(predicted), 1e-300)) if unit == "m" else None
+    wrong = _unit_of(spread(x) / max(spread(predicted), 1e-300)) if unit == "m" else None
     if wrong is None and turns is not None and pose is not None:
         wrong = _poses(*pose(q), x, turns)
     if wrong is not None:
         return (wrong,)
-    found, own, size = [], left(q), _spread(x)
+    found, own, size = [], left(q), spread(x)
     any_order = own > GOOD * size and len(names) <= MOST_ORDERED
     # the simplest first; of two that explain the log the first is told
     for others in readings(q, names, revolute, any_order=any_order) if own > SMALL * size else ():
@@ -196,7 +200,7 @@ def unit_hint(ratio: float) -> str:
     return "; if they are pixels, give `unit='px'`" if ratio > PIXELS_RATIO else ""
 
 
-def _spread(x: Array) -> float:
+def spread(x: Array) -> float:
     """Median distance of rows (n, m) from their middle: one wrong row does not move it."""
     x = x[np.isfinite(x).all(axis=1)]
     return float(np.median(np.linalg.norm(x - np.median(x, axis=0), axis=1)))
@@ -246,3 +250,65 @@ def _poses(place: Array, nominal: Array, x: Array, turns: Array) -> Finding | No
         if better[1] and (better[0] or where is x):
             return Finding(kind, words, hint, "columns")
     return None
+
+
+def rows_behind(predict: Predict, q: Array, x: Array, unit: str = "m", most: int = 20) -> int:
+    """Return by how many rows positions follow the joints, 0 where no shift fits far better.
+
+    Rows along a path fit nearly as well a row later; poses in any order fit not at all.
+    """
+    n = len(q)
+    most = min(most, n // 5)
+    if most < 1:
+        return 0
+    predicted = predict(q)
+    if not np.isfinite(predicted).all():
+        return 0
+    rows = np.linspace(most, n - 1 - most, min(n - 2 * most, DIAGNOSED_ROWS)).round()
+    rows = rows.astype(np.intp)
+    found = {
+        shift: aligned_misfit(predicted[rows - shift], x[rows], affine=unit == "px")
+        for shift in range(-most, most + 1)
+    }
+    best = min(found, key=lambda shift: (found[shift], abs(shift)))
+    return best if found[best] < (0.5 if is_path(q) else FAR_BETTER) * found[0] else 0
+
+
+def is_path(q: Array, joined: Mask | slice = slice(None)) -> bool:
+    """Whether rows (n, dof) are those of a motion, by the steps that are `joined` (n - 1,)."""
+    step = np.median(np.abs(np.diff(q, axis=0)[joined]), axis=0)
+    return bool(np.max(step / np.maximum(np.ptp(q, axis=0), 1e-12)) <= PATH)
+
+
+def aligned_misfit(a: Array, b: Array, *, affine: bool = False) -> float:
+    """Median distance of `b` (n, m) from `a` (n, k), turned, shifted and scaled.
+
+    Where `affine`, or the one has more coordinates, the best affine map instead.  No reflection: a
+    mirrored sensor is to be seen as a misfit.  Rows that contradict most others do not count.
+    """
+    return float(np.median(np.linalg.norm(b - aligned(a, b, affine=affine), axis=1)))
+
+
+def aligned(a: Array, b: Array, *, affine: bool = False) -> Array:
+    """`a` (n, k), brought to `b` (n, m) whatever a few rows contradict; see `aligned_misfit`."""
+    affine = affine or a.shape[1] != b.shape[1]
+    features = np.column_stack([a, np.ones(len(a))])
+    # spreads about the median: single wrong rows decide nothing
+    spread = np.linalg.norm(b - np.median(b, axis=0), axis=1)
+    kept = spread <= 5.0 * np.median(spread) + 1e-300
+    for _ in range(4):
+        if affine:
+            moved = features @ solve_least_squares(features[kept], b[kept])
+        else:
+            turn, shift, scale = similarity(a[kept], b[kept])
+            moved = scale * a @ turn.T + shift
+        away = np.linalg.norm(b - moved, axis=1)
+        kept = away <= 3.0 * np.median(away) + 1e-300
+    return np.asarray(moved)
+
+
+def agreeing(a: Array, b: Array) -> tuple[Array, Array]:
+    """Rows of both that one similarity brings together, without those that contradict most."""
+    away = np.linalg.norm(b - aligned(a, b), axis=1)
+    kept = away <= 3.0 * np.median(away) + 1e-300
+    return a[kept], b[kept]

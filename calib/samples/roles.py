@@ -66,7 +66,9 @@ def find_roles(
     names = joint_names(source, arm, joints)
     locked = tuple(arm.locked) if arm is not None else ()  # named for `locked_from_log`
     there = {
-        name for name in (*POSITION, *QUATERNION, *_ANGLES) if called.get(name, name) in source
+        name
+        for name in (*POSITION, *QUATERNION, *_ANGLES)
+        if called.get(name, name) in source.header
     }
     for name, column in called.items():
         if name not in (*names, *POSITION, *QUATERNION, *_ANGLES, *locked):

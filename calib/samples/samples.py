@@ -57,9 +57,8 @@ class Samples:
     dropped: int = 0  # rows of a log that were left out because a value was missing or not finite
     arm: Arm | None = field(default=None, repr=False)  # that the names and the ranges come from
     notes: tuple[str, ...] = ()  # what the user should be told, one line each
-    # for a log of x, y, z the plane that was fitted to it, and the rms distance from it [unit]
+    # for a log of x, y, z the plane that was fitted to it
     plane: Plane | None = field(default=None, repr=False)
-    out_of_plane_rms: float | None = None
     # (n, 4), of an arm that moves in space the tip's orientation as qx, qy, qz, qw
     orientation: Array | None = field(default=None, repr=False)
     # (n, 6, 6), of each pose: position [unit] and a small turn [rad] about the sensor's axes

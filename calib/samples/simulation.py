@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import accumulate
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -62,10 +63,8 @@ class Simulation:
         """The arm with its lengths and its tip as changed."""
         arm = self.arm
         for change in self._of("joint", "length"):
-            length = change.value
-            if change.relative:
-                length *= self.arm.link_lengths[change.joint]
-            arm = arm.with_link_length(change.joint, length)
+            usual = self.arm.link_lengths[change.joint] if change.relative else 1.0
+            arm = arm.with_link_length(change.joint, change.value * usual)
         for change in self._of("tip", "offset"):
             arm = arm.with_tip_offset(*change.values)
         return arm
@@ -121,31 +120,30 @@ class Simulation:
         """Rebuild what `to_json` returned, with the arm as it was described."""
         return cls(arm, noise=data["noise"], changes=parse_changes(data["changes"]))
 
-    def _moved(self, rows: Array, joint_noise: Generator) -> Array:
-        """Where the joints stand one after the other, with backlash and noise."""
-        theta = self._joints(rows)
-        noise = joint_noise.standard_normal(theta.shape) if self._of("joint", "noise") else theta
-        for change in self._of("joint", "backlash"):
-            column = self._column(change)
-            theta[:, column] = _play(theta[:, column], change.value)
-        for change in self._of("joint", "noise"):
-            column = self._column(change)
-            theta[:, column] += change.value * noise[:, column]
-        return self._held(theta)
-
     def _joints(self, q: Array) -> Array:
         """Where the joints stand when their encoders read `q`, without noise and backlash."""
         theta = np.array(q, dtype=np.float64)
-        for change in self._of("joint", "gear"):
-            theta[..., self._column(change)] *= change.value
-        for change in self._of("joint", "offset"):
-            theta[..., self._column(change)] += change.value
+        for k, gear in self._each("gear"):
+            theta[..., k] *= gear
+        for k, offset in self._each("offset"):
+            theta[..., k] += offset
+        return self._held(theta)
+
+    def _moved(self, rows: Array, joint_noise: Generator) -> Array:
+        """Where the joints stand one after the other, with backlash and noise."""
+        theta = self._joints(rows)
+        for k, play in self._each("backlash"):
+            theta[:, k] = _play(theta[:, k], play)
+        if noisy := self._each("noise"):
+            noise = joint_noise.standard_normal(theta.shape)
+            for k, size in noisy:
+                theta[:, k] += size * noise[:, k]
         return self._held(theta)
 
     def _held(self, theta: Array) -> Array:
         """With joints that are locked where they are, against all else."""
-        for change in self._of("joint", "lock"):
-            theta[..., self._column(change)] = change.value
+        for k, value in self._each("lock"):
+            theta[..., k] = value
         return theta
 
     def _see(self, theta: Array) -> Array:
@@ -168,11 +166,12 @@ class Simulation:
         x = self.exact(self.draw(_BOX_SAMPLES, np.random.default_rng(0)))
         return x.min(axis=0), x.max(axis=0)
 
-    def _of(self, part: str, what: str) -> Sequence[Change]:
+    def _of(self, part: str, what: str) -> list[Change]:
         return [c for c in self.changes if c.part == part and c.what == what]
 
-    def _column(self, change: Change) -> int:
-        return list(self.arm.joint_names).index(change.joint)
+    def _each(self, what: str) -> list[tuple[int, float]]:
+        """Columns of the joints that a change concerns, and its values."""
+        return [(self.arm.joint_names.index(c.joint), c.value) for c in self._of("joint", what)]
 
     def _check(self, change: Change) -> None:
         names = tuple(self.arm.joint_names)
@@ -199,9 +198,7 @@ class Simulation:
 def _play(theta: Array, width: float) -> Array:
     """Let a joint (n,) follow its motor (n,), in the order of motion, with play [rad or m]."""
     half = width / 2.0
-    joint = float(theta[0]) if len(theta) else 0.0
-    followed = []
-    for motor in theta.tolist():
-        joint = min(max(joint, motor - half), motor + half)
-        followed.append(joint)
-    return np.array(followed, dtype=np.float64)
+    followed = accumulate(
+        theta.tolist(), lambda at, motor: min(max(at, motor - half), motor + half)
+    )
+    return np.fromiter(followed, dtype=np.float64)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import io
 import json
 import os
-import re
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -38,6 +37,12 @@ ROW = "\0row"
 """Column with the number of each row, counted below the header from 1."""
 
 
+_REMEDIES = {
+    "utf-8": "save it as UTF-8 CSV",
+    "more fields": "write decimals with a point, and quote text that holds a comma",
+}
+
+
 @dataclass(frozen=True, eq=False)
 class Source:
     """A table that is ready to be read, as often as wanted; a file's rows are not in memory."""
@@ -47,10 +52,6 @@ class Source:
     rows: pl.LazyFrame  # with their numbers as `ROW`
     about: Mapping[str, Any]  # what the file says of all its rows; see `write_table`
     text: bool = False  # whether it is a CSV file, whose blank lines at the end are no rows
-
-    def __contains__(self, name: str) -> bool:
-        """Whether there is a column, or an element of a column's lists, of this name."""
-        return self._find(name)[0] in self.header
 
     @property
     def unit(self) -> str | None:
@@ -74,10 +75,9 @@ class Source:
     def read(self, names: Sequence[str]) -> pl.DataFrame:
         """Read some columns as they are, text from CSV.
 
-        Of a Parquet file's lists a name is one element, as in `state[0]`.
         Raises LogError if a column is missing or there twice.
         """
-        return self._collected([self._column(name).alias(name) for name in names]).drop(ROW)
+        return self._collected([self._column(name) for name in names]).drop(ROW)
 
     def numbers(self, names: Sequence[str]) -> tuple[Array, Index]:
         """Read some columns as numbers (n, names), and the numbers of their rows (n,).
@@ -91,9 +91,7 @@ class Source:
         kinds = self.rows.select(**columns).collect_schema()
         for name, kind in kinds.items():
             if not (kind.is_numeric() or isinstance(kind, (pl.String, pl.Null))):
-                hint = f"; name one element, such as {name}[0]" if isinstance(kind, pl.List) else ""
-                words = f"{self.label}, column {name!r} holds {kind}"
-                raise LogError(f"{words}, expected numbers{hint}")
+                raise LogError(f"{self.label}, column {name!r} holds {kind}, expected numbers")
             if isinstance(kind, pl.String):
                 columns[name] = columns[name].str.strip_chars()
         # not as text: Polars would hold the whole file for some cells of it
@@ -113,17 +111,10 @@ class Source:
         there = (~found["\0blank"]).arg_true()
         return found.drop("\0blank").head(there[-1] + 1 if len(there) else 0)
 
-    def _find(self, name: str) -> tuple[str, int | None]:
-        """The column of a name, and which element of its lists; a column goes first."""
-        match = re.fullmatch(r"(.+)\[(0|[1-9][0-9]{0,8})\]", name, re.DOTALL)
-        element = match and name not in self.header and match[1] in self.header
-        return (match[1], int(match[2])) if match and element else (name, None)
-
     def _column(self, name: str) -> pl.Expr:
         import polars as pl
 
-        column, element = self._find(name)
-        if column not in self.header:
+        if name not in self.header:
             near = get_close_matches(name, self.header, n=1)
             meant = f"did you mean {quoted(near[0])}? " if near else ""
             raise LogError(
@@ -133,17 +124,9 @@ class Source:
                 parameter="columns",
                 value=name,
             )
-        if f"{column}_duplicated_0" in self.header:  # as Polars names it
-            raise LogError(f"{self.label} has several columns {quoted(column)}: rename all but one")
-        if element is None:
-            return pl.col(column)
-        kind = self.rows.collect_schema()[column]
-        if isinstance(kind, pl.Array):
-            return pl.col(column).arr.get(element, null_on_oob=True)
-        if isinstance(kind, pl.List):
-            return pl.col(column).list.get(element, null_on_oob=True)
-        words = f"{self.label}, column {name!r} holds {kind}"
-        raise LogError(f"{words}, expected lists, as in Parquet files")
+        if f"{name}_duplicated_0" in self.header:  # as Polars names it
+            raise LogError(f"{self.label} has several columns {quoted(name)}: rename all but one")
+        return pl.col(name)
 
 
 def open_source(path: str | os.PathLike[str] | Source) -> Source:
@@ -166,10 +149,9 @@ def open_source(path: str | os.PathLike[str] | Source) -> Source:
         content = _content(file)
         with file.open("rb") if isinstance(content, Path) else io.BytesIO(content) as opened:
             head = opened.read(1 << 16)
-    except FileNotFoundError:
-        raise LogError(f"there is no file {label!r}") from None
     except (OSError, ValueError) as error:
-        raise LogError(f"cannot read {label!r}: {error}") from None
+        why = getattr(error, "strerror", None) or error
+        raise LogError(f"cannot read {label!r}: {why}") from None
     if not head.startswith(b"PAR1"):
         return _open_csv(label, content, head.decode("utf-8-sig", errors="replace"))
     with _told(label):
@@ -215,7 +197,7 @@ def _said(text: str) -> dict[str, Any]:
     try:
         about = json.loads(text or "{}")
     except ValueError:
-        return {}
+        about = {}
     return about if isinstance(about, dict) else {}
 
 
@@ -228,16 +210,9 @@ def _told(label: str) -> Iterator[None]:
         yield
     except (pl.exceptions.PolarsError, pl.exceptions.PanicException, OSError) as error:
         reason = (str(error).strip().splitlines() or ["unreadable"])[0][:100]
-        if "utf-8" in reason:
-            reason = "it is not UTF-8 text: save it as UTF-8 CSV"
-        elif "more fields" in reason:
-            reason = (
-                "a row has more fields than the header: write decimals with a point, and quote "
-                "text that holds a comma"
-            )
-    else:
-        return
-    raise LogError(f"{label} cannot be read: {reason}")
+        for part, remedy in _REMEDIES.items():
+            reason = f"{reason}: {remedy}" if part in reason else reason
+        raise LogError(f"{label} cannot be read: {reason}") from None
 
 
 def read_columns(source: Source, names: Sequence[str]) -> Array:
@@ -294,8 +269,7 @@ def read_batch(
     values, rows = source.numbers(list(held))
     invalid = ~np.isfinite(values).all(axis=1)
     values[invalid] = np.nan
-    table = source.read(list(dict.fromkeys([*rest, *held]))).rename(held)
-    table = table.with_columns(pl.col(pl.String).fill_null(""))
+    table = source.read(rest).rename(held).with_columns(pl.col(pl.String).fill_null(""))
     return Batch(values, tuple(names), tuple(rows[invalid].tolist()), table)
 
 

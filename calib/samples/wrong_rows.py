@@ -14,7 +14,7 @@ from ..common.arrays import Array, Index, Mask
 from ..common.robust import robust_solve
 from ..common.scale import Scale
 from ..common.wording import for_people
-from .alignment import aligned
+from .diagnosis import aligned
 from .samples import Samples
 from .settings import (
     APART,

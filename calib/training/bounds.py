@@ -34,7 +34,7 @@ def node_bounds(model: Model, u: Array, errors: Array) -> tuple[Array, Array]:
     motor = model.motor
     if model.body is None:
         learned = learn_bounds(motor, u, errors)
-        return learned, learned  # they hold beside the rows, see `calib.model.trust`
+        return learned, learned  # they hold beside the rows, see `calib.model.parts`
     q = motor.scale.from_unit(np.clip(motor.units, 0.0, 1.0))
     reading, position = (model.body.bound(q, noise=noise) for noise in (True, False))
     if model.predictor.models.degree >= 0:
@@ -66,7 +66,7 @@ def simulated_bounds(
     q = np.concatenate([q, limits])
     x, side = simulation.true(q, rng), directions(q)
     u = scale.to_unit(q if play is None else q - play * side)
-    inside = model.trust.covers(u)
+    inside = model.covers(u)
     if not inside.any():
         raise OptionError("no test sample is near the motor map's nodes", hint=UNFOLD)
     errors = np.linalg.norm(model.predictor.value(u) - x, axis=1)

@@ -85,7 +85,7 @@ def evaluate_residuals(
     truth : the true kinematics, see :meth:`Residuals.of`
     """
     scale, readouts = model.motor.scale, model.readouts
-    known = model.trust.covers(scale.to_unit(q))
+    known = model.covers(scale.to_unit(q))
     if not known.any():
         raise LogError(_NOT_LEARNED)
     left_out, q, x = int(np.count_nonzero(~known)), q[known], x[known]

@@ -13,8 +13,8 @@ from ..body.belief import Body
 from ..common.rows import thinned
 from ..errors import LogError
 from ..model.model import Model
-from ..samples.alignment import aligned, rows_behind
 from ..samples.delays import Delay, Trajectory, estimate_delay
+from ..samples.diagnosis import aligned, rows_behind
 from ..samples.joint_values import directions
 from ..samples.samples import Samples
 from ..samples.settings import FAR_BETTER, FEWEST_ROWS

@@ -16,8 +16,8 @@ from ..maps.local_models import NO_MODELS
 from ..maps.model_selection import select
 from ..maps.predictor import Predictor
 from ..model.about import About, Rows
+from ..model.baseline import Paths, learn_baseline
 from ..model.model import Model
-from ..model.trust import Paths, learn_baseline
 from ..samples.joint_values import directions
 from ..samples.samples import Samples
 from ..samples.wrong_rows import screen

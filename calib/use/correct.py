@@ -32,8 +32,7 @@ from ..model.nominal import (
     visited_joints,
 )
 from ..model.space import REACHED, Space
-from ..samples.joint_values import check_joint_values
-from ..samples.log_joints import wrap
+from ..samples.joint_values import check_joint_values, wrap
 from .geometry import fit_geometry, frame_is_free, frames, is_simulated
 
 _USUAL = 3.0  # a correction this many times the 95 % quantile of the model's own is not trusted
@@ -240,7 +239,7 @@ def _quick(model: Model, q: ArrayLike) -> Corrected | None:
     if found is None or found[1] != 1:
         return None
     nearest = found[0]
-    if not model.trust.everywhere and not kernel.ask("forward", nearest[0])[1]:
+    if not model.everywhere and not kernel.ask("forward", nearest[0])[1]:
         return None
     answer = Corrected.__new__(Corrected)  # whose own way of setting fields takes as long as C
     answer.__dict__.update(kept, given=np.array([q], dtype=float), nearest=nearest)

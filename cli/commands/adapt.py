@@ -11,11 +11,11 @@ from calib.common.choices import MethodWord
 from calib.common.wording import for_people
 
 from .. import options as opt
-from ..measurements import Reading, log_for
 from ..options import Text, option
 from ..output import NO, Outcome, TextTable, as_typed, fields, number, progress_bar, say
 from ..parsing import check_file
 from ..photo import photo_of_log
+from ..samples import Reading, log_for
 from ..units import units_of
 
 
@@ -38,7 +38,7 @@ def adapt(
     path = output or adapted_name(model)
     check_file(path, ())  # before the work whose result would be lost
     log = log_for(loaded, data, reading)
-    with progress_bar(loaded.about.unit) as progress:
+    with progress_bar() as progress:
         found = calib.adapt(loaded, log, method=method, cause=cause, progress=progress)
     say(found.notes)
     written = found.model is not loaded  # a better one, or the old one with a wider bound

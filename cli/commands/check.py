@@ -8,9 +8,9 @@ from calib.common.wording import for_people
 
 from .. import options as opt
 from ..boards import log_of_pictures
-from ..measurements import Reading, log_for
 from ..options import option
 from ..output import NO, Outcome, TextTable, number, say
+from ..samples import Reading, log_for
 from ..units import units_of
 
 if TYPE_CHECKING:

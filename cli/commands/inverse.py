@@ -154,7 +154,8 @@ def _single(
             note("the camera's picture does not show the target")
     document |= query.meaning
     shown = ["distance", *(["turned"] if posed else []), *query.bounds]
-    table = query.table(solutions, shown, "" if reachable else "the nearest that is attainable")
+    missed = f"nearest attainable {'pose' if posed else 'point'}"
+    table = query.table(solutions, shown, "" if reachable else missed)
     if reachable:
         alone = [" ".join(joints.cells(list(each["joints"].values()))) for each in solutions]
         return Outcome(document, [table], result=alone)
@@ -164,7 +165,7 @@ def _single(
     told = query.positions.said(away)
     if posed:
         told += f" and {math.degrees(float(found['turned'][0])):.3g} deg"
-    note(f"out of reach{whose}: the nearest that is attainable is {told} away{hint}")
+    note(f"out of reach{whose}: the {missed} is {told} away{hint}")
     return Outcome(document, [table], result=(), code=NO)
 
 

@@ -11,10 +11,10 @@ from calib.common.wording import for_people
 from .. import options as opt
 from .. import parsing
 from ..camera import Shooting, is_picture
-from ..measurements import refuse
 from ..options import Text, option
 from ..output import Outcome, say
 from ..parsing import TABLES, BadOption, above_zero, check_file
+from ..samples import refuse
 
 
 def log(

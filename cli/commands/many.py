@@ -83,7 +83,7 @@ def sweep(
     sources: dict[str, Any] = {  # logs are read here: a worker cannot say what was assumed of one
         path: measured_samples(robot, selection, path, logged) for path in logs
     } or {name: selection.load(name) for name in robots or ()}
-    with progress_bar(logged.unit or "m") as progress:
+    with progress_bar() as progress:
         found = run(sources, tried, seeds=seeds, jobs=jobs, progress=progress)
     for row in found.rows:
         say(row.notes)
@@ -132,12 +132,7 @@ def reproduce(
     started = time.perf_counter()
     document: dict[str, Any] = {}
     shown: list[TextTable] = []
-    with progress_bar("") as bar:
-
-        def report(share: float, stage: str) -> None:
-            if bar is not None:
-                bar(share, stage, float("nan"))
-
+    with progress_bar() as report:
         arm = robot or ROBOT
         setting = Setting.of(seed, quick=quick, report=report, robot=arm, named=joints)
         # the figures bring the adaptation along

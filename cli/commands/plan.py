@@ -9,11 +9,10 @@ from typer import Argument
 from calib.common.choices import Eye
 
 from .. import options as opt
-from ..measurements import Reading, log_for, refuse
 from ..options import flag, option
 from ..output import Outcome, fields, say
 from ..parsing import TABLES, BadOption, check_file, not_negative, reals
-from ..samples import Logged, Selection, measured_samples
+from ..samples import Logged, Reading, Selection, log_for, measured_samples, refuse
 from ..units import JointFormat, in_si
 
 if TYPE_CHECKING:
@@ -27,14 +26,12 @@ def plan(
     output: Annotated[str, option("--output -o FILE", "CSV, or Parquet by its name (- stdout).")],
     poses: Annotated[int, option("--poses -n N", "How many poses.", min=1, max=1000)] = 60,
     selection: Selection,
-    margin: Annotated[
-        Any, option("--margin M", "From limits [rad, m] (1 deg).", not_negative)
-    ] = None,
+    margin: Annotated[Any, option("--margin M", "From limits (1 deg).", not_negative)] = None,
     start: Annotated[Any, option("--from Q1,Q2", "Joints before the first pose.", reals)] = None,
     data: opt.Data = None,
     columns: opt.Columns = None,
     touch: Annotated[Any, option("--touch X,Y,Z", "A point of the base frame [m].", reals)] = None,
-    handeye: Annotated[bool, option("--handeye", "A camera sees --board in all poses.")] = False,
+    handeye: Annotated[bool, flag("--handeye", "A camera sees --board in all poses.")] = False,
     board: opt.BoardSpec = None,
     eye: Annotated[Eye | None, flag("--eye", "Of --handeye (default hand).")] = None,
     seed: opt.Seed = 0,
@@ -46,11 +43,9 @@ def plan(
     are not checked: move slowly the first time.
     """
     is_model, degrees = robot.endswith(".calib"), selection.degrees
-    of_board, of_robot = {"board": board, "eye": eye}, ("joints", "tip", "lock")
-    if not handeye:
-        refuse(of_board, "applies to a camera and a board: expected --handeye too")
-    elif is_model:
-        refuse(of_board, "is for ROBOT: a model knows its board")
+    of_robot = ("joints", "tip", "lock")
+    if not handeye or is_model:
+        refuse({"board": board, "eye": eye}, "is for --handeye of ROBOT: a model knows its board")
     elif board is None:
         raise BadOption("--handeye needs --board, such as 7x5:24mm:18mm:5x5_100")
     check_file(output, TABLES, stream=True)

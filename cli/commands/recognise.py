@@ -9,8 +9,8 @@ from typer import Argument
 from calib.common.wording import for_people
 
 from .. import options as opt
-from ..measurements import Reading, log_for
 from ..output import NO, Outcome, TextTable, number
+from ..samples import Reading, log_for
 
 
 def recognise(

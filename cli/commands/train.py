@@ -69,7 +69,7 @@ def train(
         _check_same_origin(path, log)
     sizes = (size, motor_size, sensory_size)
     how = calib.TrainingOptions(*sizes, map, rule, epochs, sigma, body=body, view=view, seed=seed)
-    with progress_bar(log.unit) as progress:
+    with progress_bar() as progress:
         model = calib.train(log, how, progress=progress)
     say(model.about.notes)
     if no_rows:

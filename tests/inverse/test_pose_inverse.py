@@ -65,7 +65,12 @@ def test_a_position_is_reached_near_given_joints_and_no_nearer_one_exists():
     rng = np.random.default_rng(3)
     target = arm.forward(near + rng.normal(0, 0.1, near.shape))
     scale = Scale.of_range(arm.lower, arm.upper, arm.revolute)
-    newton = Newton(Positions.of_chain(evaluate_of(arm), scale), scale, arm.chain.reach)
+
+    def value_and_slope(u):
+        place, _, slope = evaluate_of(arm)(scale.from_unit(u))
+        return place, slope[:, :3] * scale.span
+
+    newton = Newton(Positions(value_and_slope), scale, arm.chain.reach)
     wish = scale.to_unit(near)
     u, left = newton.settle(wish, target, wish)
     assert left.max() < 1e-8
