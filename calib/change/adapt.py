@@ -20,7 +20,6 @@ from .causes import find_causes, frame_between
 from .comparison import Comparison, compare
 from .decision import decide, kept_model
 from .follow import BLOCK, HORIZON, OnlineAdapter
-from .hypotheses import is_framed
 from .settings import TAIL
 
 
@@ -68,19 +67,18 @@ def adapt(
             return _online(found, report)
         if model.body is None:
             told = "maps without a body learn from a stream alone: give method 'online'"
-            return kept_model(
-                found, found.missed, found.missed, "nothing", find_causes(found)[0], told
-            )
+            missed, causes = found.missed, find_causes(found)[0]
+            return kept_model(found, missed, missed, "nothing", causes, told)
         return _few_shot(found, report)
 
 
 def _few_shot(found: Comparison, report: Progress) -> Adaptation:
     report(0.0, "hypotheses", float("nan"))
-    made, best, body, held_out = decide(found)
+    made, body, held_out, framed = decide(found)
     if not found.explained and not made.improved:
         return replace(made, notes=(*made.notes, found.why_not()))
     report(0.8, "maps", float("nan"))
-    fresh = rebuilt(found, body)
+    fresh, (factor, name) = rebuilt(found, body), for_people(found.unit)
     if not made.improved:
         # noise alone is no error of the model: then rows miss evenly
         missed, bound = found.missed[found.kept], found.model.expected_error(found.q[found.kept])
@@ -88,21 +86,16 @@ def _few_shot(found: Comparison, report: Progress) -> Adaptation:
         beyond = uneven and np.mean(missed > bound) > 0.5
         return _doubted(found, made, fresh) if beyond or found.score > 1.0 else made
     if not np.isfinite(fresh.expected_error(found.q)).any():
-        told = (
-            "the new bound is a tenth of the reach or more at every row: measure more of the range"
-        )
-        return replace(made, improved=False, notes=(*made.notes, told))
+        told = "the new bound is a tenth of the reach or more at every row"
+        return replace(made, improved=False, notes=(*made.notes, f"{told}: measure more"))
     if not found.spans:
-        factor, name = for_people(found.unit)
-        before, after = (factor * e["mean"] for e in (made.before, made.after))
+        known = factor * float(np.median(fresh.model_bounds))
         told = (
-            f"improved at the rows ({before:.3g} to {after:.3g} {name}), which measured "
-            f"{100 * made.coverage:.0f} % of the learned range: unknown elsewhere, where the "
-            f"position is known to {factor * float(np.median(fresh.model_bounds)):.3g} {name} "
-            "(median of the 95 % bound)"
+            f"improved at the rows, {100 * made.coverage:.0f} % of the learned range: unknown "
+            f"elsewhere, where the position is known to {known:.3g} {name} (median of the bound)"
         )
         made = replace(made, notes=(*made.notes, told))
-    frame = frame_between(found, body.beta) if is_framed(best.hypothesis) else None
+    frame = frame_between(found, body.beta) if framed else None
     report(1.0, "done", made.after["mean"])
     return finished(found, made, fresh, *held_out, "few-shot", frame)
 
@@ -113,20 +106,15 @@ def _doubted(found: Comparison, made: Adaptation, fresh: Model) -> Adaptation:
     fresh : what the rows made of the model, although it is no better at them
     """
     model, missed = found.model, found.missed[found.kept]
-    u = np.clip(model.motor.units, 0.0, 1.0)
+    u, (factor, name) = np.clip(model.motor.units, 0.0, 1.0), for_people(found.unit)
     apart = np.linalg.norm(fresh.predictor.value(u) - model.predictor.value(u), axis=1)
     apart = np.maximum(apart + fresh.model_bounds, float(np.quantile(missed, 0.95)))
-    wider = replace(
-        model,
-        bounds=np.maximum(model.bounds, apart),
-        model_bounds=np.maximum(model.model_bounds, apart),
-    )
-    factor, name = for_people(found.unit)
+    bounds, model_bounds = (np.maximum(b, apart) for b in (model.bounds, model.model_bounds))
     told = (
-        f"the rows are missed by {factor * float(missed.mean()):.3g} {name} on average, which is "
-        "more than noise, but they do not show what changed: the prediction stays, known to "
-        f"{factor * float(apart.mean()):.3g} {name} only (mean of the 95 % bound)"
+        f"the rows are missed by {factor * float(missed.mean()):.3g} {name} on average but do not "
+        f"show why: the prediction stays, known to {factor * float(apart.mean()):.3g} {name} only"
     )
+    wider = replace(model, bounds=bounds, model_bounds=model_bounds)
     return replace(made, model=wider, notes=(*made.notes, told))
 
 
@@ -137,16 +125,14 @@ def _online(found: Comparison, report: Progress) -> Adaptation:
     # every tenth block is kept apart to judge by
     held = np.concatenate(blocks(len(u), max(10, len(u) // BLOCK))[4::10])
     learned = np.setdiff1d(np.arange(len(u)), held)
-    adapter = OnlineAdapter(model, max(HORIZON, len(learned)), force=True)
-    shown = 0
+    adapter, shown = OnlineAdapter(model, max(HORIZON, len(learned)), force=True), 0
     while shown < HORIZON:  # a short stream is shown again
         step = adapter.feed(q[learned], x[learned])
         shown += len(learned)
         report(0.9 * min(1.0, shown / HORIZON), "online", step.error)
     fresh = adapter.model()
-    before = found.missed[kept][held]
     residual = x[held] - fresh.predictor.value(u[held])
-    after = np.linalg.norm(residual, axis=1)
+    before, after = found.missed[kept][held], np.linalg.norm(residual, axis=1)
     causes, notes = find_causes(found)
     if shown > len(learned):
         notes = (f"{len(learned)} samples were shown {shown // len(learned)} times", *notes)

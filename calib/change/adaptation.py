@@ -1,34 +1,46 @@
-"""An adaptation: what came of a model and a log, and the new model with its facts."""
+"""What becomes of a model: its adaptation to a log, or the maps that followed a stream."""
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..body.belief import Body
+from ..body.fitting import fit
 from ..common.arrays import Array
 from ..common.rows import thinned
 from ..common.scale import Scale
+from ..errors import CalibError
 from ..maps import local_models
+from ..maps.association import Association
 from ..maps.local_models import NO_MODELS, exponents
 from ..maps.map import Map
+from ..maps.model_selection import blocks, select
 from ..maps.predictor import BodyInBox, Predictor
 from ..model.about import Rows
 from ..model.alignment import Alignment
 from ..model.baseline import learn_baseline
 from ..model.model import Model
+from ..training.bounds import node_bounds
 from ..training.evaluate import error_sizes, evaluate_residuals, summarise
 from .causes import Cause
 from .comparison import Comparison
 from .frame import carried_offset
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
 
 _PER_NODE = 5
 _DEGREE, _SAMPLES = 2, 20  # of local models where there were none
 _NOTHING = 1e-9  # of the extent: less is nothing to keep
 _BASELINE = 6000  # imagined samples that tell what is usual after an adaptation
 _EVALUATED = 500  # rows that the readouts are evaluated on
+_IMAGINED = 20_000  # samples that links are learned from where the stream is short
+_ROWS = 3000  # rows that a body is refitted to: more would tell it hardly more
+_FEW_ROWS = 1000  # fewer have no links of their own
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -38,8 +50,7 @@ class Adaptation:
     Attributes
     ----------
     model : Model
-        The adapted model; where nothing improved, the old one, with wider bounds where most rows
-        lie beyond its own.
+        The adapted model, or the old one, with wider bounds where the rows contradict its own.
     improved : bool
         Whether held-out rows are predicted better than before.
     samples : int
@@ -47,8 +58,8 @@ class Adaptation:
     outliers : int
         Rows that were left out as wrong detections.
     before, after : dict
-        "mean", "max" and "p99" of the distance from measured to predicted position, on
-        the same rows, which neither prediction has seen [unit].
+        "mean", "max" and "p99" [unit] of the distance from measured to predicted position, on
+        rows that neither prediction has seen.
     correction : str
         What was corrected, in words.
     changed : tuple of Cause
@@ -93,8 +104,7 @@ def finished(
 ) -> Adaptation:  # fmt: skip
     """The adaptation with the new model, its facts, its baseline and the history of the old one.
 
-    held, residual : (k, dof) and (k, m) [unit], joints of held-out rows, and how far they are from
-        what the others predict
+    held, residual : (k, dof) and (k, m) [unit], joints and residuals of held-out rows
     """
     old, readout, after = found.model, fresh.default_readout, np.linalg.norm(residual, axis=1)
     some = thinned(len(found.q), _EVALUATED)
@@ -178,3 +188,56 @@ def _moved(model: Model, before: Array, after: Array) -> Map:
     moved[known] += (there - frame.apply(here))[known]
     scale = Scale.of_data(np.concatenate([moved, after]))
     return Map(scale.to_unit(moved), old.lattice, scale, old.history)
+
+
+def settled_model(
+    model: Model, motor: Map, sensory: Map, q: Array, x: Array, links: csr_array | None = None
+) -> Model:
+    """A model with maps as they are now, which have followed some samples.
+
+    q, x : (n, dof), (n, m) [unit], samples since the change
+    links : (motor, sensory) sparse array, links as they are; by default those at which eq. 11 comes
+        to rest for the samples.
+    """
+    scale, wiring, body, found = motor.scale, model.association.wiring, model.body, None
+    # a short stream may have been shown again and again
+    first = np.sort(np.unique(np.hstack([q, x]), axis=0, return_index=True)[1])
+    u, x = scale.to_unit(q[first]), x[first]
+    some = slice(None, None, -(-len(u) // _ROWS))
+    if body is not None:
+        with suppress(CalibError):  # too few rows, or too close to each other
+            found = fit(
+                body.structure, scale.from_unit(u[some]), x[some],
+                simulated=body.simulated, seed=model.about.seed,
+            )  # fmt: skip
+
+    def linked(u: Array, x: Array) -> Association:
+        return Association.learn(motor, u, sensory, sensory.scale.to_unit(x), wiring)
+
+    seen, predictor = (u, x), None
+    if found is not None:
+        smooth = BodyInBox(found.body, scale)
+        predictor, left = select(motor, u[some], x[some], smooth, found.held_out)
+        rows, errors = np.arange(len(u))[some], np.linalg.norm(left, axis=1)
+        if len(u) < _FEW_ROWS:
+            drawn = np.random.default_rng(model.about.seed).random((_IMAGINED, u.shape[1]))
+            seen = drawn, predictor.value(drawn)
+    association = linked(*seen) if links is None else Association(motor, sensory, links, wiring)
+    if predictor is None:  # maps and links alone, their errors from every other block
+        predictor = Predictor(motor, association.linear, NO_MODELS)
+        folds, rows, errors = blocks(len(u)), np.arange(len(u)), np.empty(len(u))
+        for half in (0, 1):
+            held, shown = (np.concatenate(folds[k::2]) for k in (half, 1 - half))
+            away = linked(u[shown], x[shown]).linear.value(u[held]) - x[held]
+            errors[held] = np.linalg.norm(away, axis=1)
+    made = replace(
+        model,
+        association=association,
+        predictor=predictor,
+        body=None if found is None else found.body,
+        visited=np.bincount(motor.nearest(u)[1][:, 0], minlength=motor.size) > 0,
+        rows=Rows.of(scale.from_unit(u), x) if model.rows is not None else None,
+    )
+    reading, position = node_bounds(made, u[rows], errors)
+    true = model.about.bound_of == "true position"
+    return replace(made, bounds=position if true else reading, model_bounds=position)

@@ -86,11 +86,30 @@ def find_causes(found: Comparison) -> tuple[tuple[Cause, ...], tuple[str, ...]]:
         factor, unit = for_people(found.unit_seen)
         words = f"the scatter is {factor * noise:.3g} {unit} per axis, {noise / usual:.2g} times "
         causes.append(Cause("noise", "noise", words + "the usual", noise, None, found.unit_seen))
-    return tuple(causes), tuple(notes)
+    if found.tool.score > 1.0:
+        turn, angle = found.tool.turn, float(np.linalg.norm(found.tool.turn))
+        half = 1.96 * float(np.sqrt(turn @ found.tool.covariance @ turn)) / angle
+        words = (
+            f"the tool is turned by {np.degrees(angle):.3g} deg (its orientation, not its place)"
+        )
+        causes.append(Cause.measured("tool", "tool.rotation", words, angle, half, "rad"))
+    if (board := found.model.about.options.get("board")) is not None:
+        causes = _told_once(causes, "camera" if board["eye"] == "hand" else "board")
+    return tuple(causes), (*notes, *found.tool.notes)
 
 
-def _lost(name: str) -> Cause:
-    return Cause(f"lost:{name}", "gain", f"{name} no longer moves the tip", 0.0, None, "1")
+def _told_once(causes: list[Cause], what: str) -> list[Cause]:
+    """Causes in which a camera or a board that moved in the hand stands once."""
+    moved = [cause for cause in causes if cause.group in ("tool", "tool.rotation")]
+    if not moved:
+        return causes
+    one = next((cause for cause in moved if cause.unit == "rad"), moved[0])
+    factor, unit = for_people(one.unit)
+    low, high = (factor * end for end in one.interval or (0.0, 0.0))
+    how = "turned in its mount by" if unit == "deg" else "moved in its mount, what it sees by"
+    size = f"{abs(low + high) / 2:.3g} ± {(high - low) / 2:.2g} {unit}"
+    told = replace(one, cause="tool", words=f"the {what} has {how} {size}")
+    return [told, *(cause for cause in causes if cause not in moved)]
 
 
 def _of_frame(found: Comparison) -> list[Cause]:
@@ -104,11 +123,11 @@ def _of_frame(found: Comparison) -> list[Cause]:
         if old.shape[1] == 2 and Alignment.between(old, new).swapped:
             words = "x and y of the log are exchanged, compared with the model"
         causes.append(Cause("mirror", "view.mirror", words))
-    for k in reference.turned:
-        causes.append(
-            Cause(f"sign:{names[k]}", "sign", f"{names[k]} turns the other way than before")
-        )
-    causes += [_lost(names[k]) for k in reference.locked]
+    for name in (names[k] for k in reference.turned):
+        causes.append(Cause(f"sign:{name}", "sign", f"{name} turns the other way than before"))
+    for name in (names[k] for k in reference.locked):
+        words = f"{name} no longer moves the tip"
+        causes.append(Cause(f"lost:{name}", "gain", words, 0.0, None, "1"))
     if ratio != 1.0:
         words = f"the log's positions are {ratio:.4g} times the model's{unit_hint(ratio)}"
         causes.append(Cause("scale", "view.scale", words, ratio, None, "1"))
@@ -118,21 +137,18 @@ def _of_frame(found: Comparison) -> list[Cause]:
 def _of_change(found: Comparison) -> list[Cause]:
     """Each parameter that is clearly away from where it was, the largest effect first.
 
-    Of the simplest hypothesis; where none is clearly better than no change, of the most telling
-    test.
+    Of the simplest hypothesis, or of the most telling test where none is clearly better than none.
     """
     structure, old, new = found.reference.structure, found.belief.beta, found.reference
     best, own = simplest(found.explanations), ("sensor", "lens") if found.cause == "sensor" else ""
     groups, beta, deviation = best.hypothesis, best.beta, best.deviation
     if not found.changed:
-        above = [
-            g.change for g in fired(found.tested.groups) if g.change and g.name.startswith(own)
-        ]
-        if not above:
+        above = (g.change for g in fired(found.tested.groups) if g.name.startswith(own))
+        if (by_test := next(above, None)) is None:
             return []
-        ix, step, deviation = above[0][0], *np.zeros((2, len(old)))
+        ix, step, deviation = by_test[0], *np.zeros((2, len(old)))
         groups = tuple(dict.fromkeys(structure.labels[k].group for k in ix.tolist()))
-        step[ix], deviation[ix] = above[0][1:]
+        step[ix], deviation[ix] = by_test[1:]
         beta = structure.retract(old, step)
     elif not groups:
         words = "the joints have waves that the model does not know: gears, or their sensors"
@@ -160,14 +176,6 @@ def _of_change(found: Comparison) -> list[Cause]:
     if FRAME[0] in groups and (other or only or clear[frame].any()):
         moved = math.inf if other else float(np.linalg.norm(effect[frame]))
         causes.append((moved, _moved_sensor(found, beta, deviation)))
-    if not new.locked:  # joints that moved the tip and no longer do
-        before, after = (
-            np.sqrt((structure.slope(found.probes, b) ** 2).sum(axis=1).mean(axis=0))
-            for b in (old, beta)
-        )
-        scale = min(float(np.sum(after) / max(float(np.sum(before)), 1e-300)), 1.0)
-        gone = np.flatnonzero(after < 0.02 * before * scale)
-        causes += [(math.inf, _lost(found.model.about.joint_names[k])) for k in gone]
     causes.sort(key=lambda pair: -pair[0])
     least = _MATTERS * max((moved for moved, _ in causes if math.isfinite(moved)), default=0.0)
     return [cause for moved, cause in causes if moved >= least]
@@ -179,9 +187,8 @@ def _of_parameter(found: Comparison, k: int, change: float, sd: float, most: flo
     most : the largest change of all parameters of its group and joint
     """
     label, old = found.reference.structure.labels[k], float(found.belief.beta[k])
-    group, joint, half = label.group.partition(".")[0], label.joint or "", 1.96 * float(sd)
-    group, change = label.group if group in ("view", "tool") else group, float(change)
-    told = GROUPS[group]
+    group = "curve" if label.group.startswith("curve") else label.group
+    joint, half, change, told = label.joint or "", 1.96 * float(sd), float(change), GROUPS[group]
     words = OFF if label.unit == "rad" and not told.whole else told.changed
     factor = math.degrees(1.0) if label.unit == "rad" else 100.0
     value = math.expm1(change) if group == "view.scale" else change

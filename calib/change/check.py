@@ -18,7 +18,6 @@ from ..samples.samples import Samples
 from .causes import Cause, find_causes
 from .comparison import Comparison, compare
 from .decision import decide
-from .orientation import hand_told_once, turned_tool
 from .score import GroupTest, fired
 from .settings import FALSE_ALARM
 
@@ -48,8 +47,7 @@ class Drift:
     Attributes
     ----------
     drifted : bool or None
-        Whether something changed; None where these rows could not have shown a change of the
-        asked size.
+        Whether something changed; None where the rows are too coarse for what was tolerated.
     samples : int
         Rows that were compared.
     outliers : int
@@ -59,15 +57,13 @@ class Drift:
     groups : tuple of GroupTest
         Every group that was tested.
     smallest : float [unit]
-        Root mean square displacement over the learned range by the smallest change that these
-        rows could have shown, whatever its cause.
+        Displacement (rms over the learned range) by the smallest change that rows could show.
     tolerance : float or None [unit]
         What the user asked for.
     distortion : dict of str to Signal
-        "motor" and "sensory": the distortion zeta of the maps (eq. 9), in the unit box; they
-        say "new region".  "reverse": mean squared distance of the nodes predicted for the
-        log's joints to those that its positions visit.  "links": root mean square of measured
-        less predicted position [unit].
+        "motor" and "sensory": zeta of the maps (eq. 9), in the unit box.  "reverse": mean squared
+        distance of the nodes predicted for the joints to those that the positions visit.
+        "links": root mean square of measured less predicted position [unit].
     noise, usual_noise : float [unit]
         Standard deviation per axis of what is left over, now and in training.
     causes : tuple of Cause
@@ -160,10 +156,8 @@ def check(
         if model.body is None:
             smallest, told = float(np.median(model.expected_error(found.q))), (_NO_BODY,)
         else:
-            tool = turned_tool(found)
-            score, causes = max(score, tool.score), (*causes, *tool.causes)
-            told = (*told, *tool.notes)
-            adapts = score > 1.0 and decide(found).made.improved
+            score = max(score, found.tool.score)
+            adapts = score > 1.0 and decide(found)[0].improved
         drifted: bool | None = score > 1.0
         if not drifted and tolerance is not None and smallest > tolerance:
             drifted = None
@@ -171,7 +165,6 @@ def check(
             noisier = "" if drifted else "a noisier sensor or encoder, "
             words = f"{100 * far:.0f} % of the rows are further from the prediction than its bound"
             told = (*told, f"{words}, where 5 % should be: {noisier}the bound does not hold")
-        causes = hand_told_once(causes, model.about.options.get("board"))
         return Drift(
             drifted, len(found.q), found.wrong + found.strays, score, (*tested.groups, beyond),
             smallest, tolerance, _distortions(found), tested.noise, tested.usual, causes,
@@ -255,8 +248,7 @@ class Recognition:
 def recognise(models: Sequence[Model], log: Samples) -> Recognition:
     """Tell which of some models a log fits; ten to thirty rows do.
 
-    A model fits where `check` calls it still calibrated.  Of those that fit the one nearest to the
-    rows answers.
+    A model fits where `check` calls it still calibrated; of those the nearest to the rows answers.
 
     Parameters
     ----------
@@ -293,7 +285,7 @@ def recognise(models: Sequence[Model], log: Samples) -> Recognition:
         except LogError as error:  # outside of what this one has learned
             why, score, distance = error, np.inf, np.inf
         found.append(ModelFit(index, score <= 1.0, score, distance))
-    if why is not None and all(f.score == np.inf for f in found):
-        raise why
     found.sort(key=lambda f: (not f.fits, f.distance))
+    if why is not None and found[0].distance == np.inf:
+        raise why
     return Recognition(found[0].index if found[0].fits else None, len(log), tuple(found))

@@ -9,25 +9,24 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import combinations
+from typing import Any
 
 import numpy as np
 
-from ..arm.rotations import quaternion_of
 from ..body.belief import Body, knows_orientation
 from ..common.arrays import Array, Mask
 from ..errors import LogError, ModelError
 from ..model.model import Model
-from ..model.space import Space
 from ..samples.diagnosis import diagnose, readings, refuse_mistakes, rows_behind
 from ..samples.samples import Samples
 from ..training.sound_rows import sound_log
 from ..training.touched import as_positions
-from .bound import bound_test
 from .equations import Log, shared_columns, weighted
 from .explain import Explanation, explain, is_changed
 from .frame import Reference, carried_offset, reference_of
 from .hypotheses import as_built
-from .score import GroupTest, Tested, group_tests
+from .orientation import TurnedTool
+from .score import GroupTest, Tested, bound_test, group_tests
 from .settings import FEW_WRONG, OUTLIER, UNEXPLAINED
 
 _LEAST_ROWS = 10  # fewest different rows that a judgement or a correction can rest on
@@ -78,20 +77,14 @@ class Comparison:
 
     @property
     def spans(self) -> bool:
-        """Whether the rows vary in every direction of the joints, as over the learned range.
-
-        Held-out rows of a line or a corner say nothing of a prediction elsewhere.
-        """
+        """Whether the rows vary in every direction of the joints, not along a line alone."""
         spread = np.atleast_2d(np.cov(self.u.T))
         # along each axis the variance of uniform rows is 1 / 12
         return bool(np.linalg.eigvalsh(spread)[0] > _WIDE**2 / 12.0)
 
     @property
     def coverage(self) -> float:
-        """Share of the learned range, in cells of a fifth of each joint's range, that rows visit.
-
-        Six joints have 15,625 cells, which no log visits: it is the mean over all pairs of joints.
-        """
+        """Share of the learned range that rows visit: of cells of a fifth, over pairs of joints."""
         cells = (np.clip(self.u, 0.0, 1.0 - 1e-12) * _CELLS).astype(int)
         some = combinations(range(self.u.shape[1]), min(self.u.shape[1], 2))
         shares = [len(np.unique(cells[:, ix], axis=0)) / _CELLS ** len(ix) for ix in some]
@@ -200,11 +193,8 @@ class Comparison:
 
     @cached_property
     def changed(self) -> bool:
-        """Whether something changed, and a hypothesis explains the log better than no change.
-
-        Evidence alone took what few rows had not told of an unchanged arm for waves of its joints:
-        wherever nothing was measured they did harm.
-        """
+        """Whether something changed, and a hypothesis explains the log better than no change."""
+        # Evidence alone took what few rows had not told for waves of the joints, which did harm.
         changed = self.reference.new or (self.score > 1.0 and is_changed(self.explanations))
         return changed and self.explained
 
@@ -217,16 +207,26 @@ class Comparison:
 
     @cached_property
     def explained(self) -> bool:
-        """Whether any hypothesis comes near the rows: to a part of their spread, or as told.
-
-        A sparse model may be wrong by a tenth of the few millimetres that rows of one place span.
-        """
+        """Whether any hypothesis comes near the rows: to a part of their spread, or as told."""
         left, misfit = (0.0, 0.0) if self.model.body is None else self._left
         if misfit < UNEXPLAINED:
             return True
         # rows that lag or whose joints are exchanged come near too, but for those at each jump
         few = self.wrong + self.strays <= FEW_WRONG * len(self.q)
         return left < float(np.median(self._told[self.kept])) < np.inf and few
+
+    @cached_property
+    def tool(self) -> TurnedTool:
+        """How the tool is turned beside the best explanation of the positions."""
+        if not self.changed:
+            return self.tool_beside(self.body.structure, self.body.beta)
+        beta = self.explanations[0].beta
+        return self.tool_beside(self.reference.structure, beta, framed=True)
+
+    def tool_beside(self, structure: Any, beta: Array, *, framed: bool = False) -> TurnedTool:
+        """How it is turned beside what parameters (d,) predict."""
+        rows = self.q, self.x, self.orientation
+        return TurnedTool.beside(self.body, structure, beta, *rows, framed=framed)
 
     def why_not(self) -> str:
         """One line on a log that nothing explains."""
@@ -247,12 +247,10 @@ def compare(model: Model, log: Samples, cause: str | None = None) -> Comparison:
     log : at least ten different rows of the same arm
     cause : {"sensor", "joints"}, what is known about a change
     Raises LogError if the log is not of this arm, too short, or looks wrong.
-    Raises ModelError if the model is of an older format and keeps no belief.
+    Raises ModelError if the model keeps no baseline.
     """
-    if model.baseline is None or "body" not in model.about.options:
-        raise ModelError(
-            "the model has an older format without a posterior of its body: train it again"
-        )
+    if model.baseline is None:
+        raise ModelError("the model has no baseline of its distortions: train it again")
     notes: list[str] = []
     if log.touch is not None:  # which no sensor saw
         cause = cause or "joints"
@@ -280,14 +278,10 @@ def compare(model: Model, log: Samples, cause: str | None = None) -> Comparison:
     q, x = log.q[rows], log.x[rows]
     turns = None if log.orientation is None else log.orientation[rows]
 
-    def pose(q: Array) -> tuple[Array, Array]:
-        space = Space.of(model)
-        place, rotation = space.to_sensor(*space.evaluate(q)[:2])
-        return place, quaternion_of(rotation)
-
+    pose = model.pose if knows_orientation(model.body) else None
     found = diagnose(
         model.forward, q, x, names, model.about.revolute,
-        unit=model.about.unit, turns=turns, pose=pose if knows_orientation(model.body) else None,
+        unit=model.about.unit, turns=turns, pose=pose,
     )  # fmt: skip
     # units, mirrors, signs and clocks are causes that the comparison itself tells
     told += refuse_mistakes([each for each in found if each.kind in _MISREAD])

@@ -7,7 +7,6 @@ residual of this log alone is a part of the fit; its size stays in the new bound
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 
@@ -24,31 +23,23 @@ from .comparison import Comparison
 from .equations import Log, own_columns, prior_columns, shared_columns
 from .explain import Explanation, weighed
 from .frame import Reference
-from .hypotheses import GROUPS
-from .orientation import turned_tool
-from .settings import CHANGED, CREEP, REFINED, SIMULATED_KAPPA, SURE, SURER, UNSURE
+from .hypotheses import GROUPS, is_framed
+from .settings import CHANGED, CREEP, REFINED, SIMULATED_KAPPA, SURE, UNSURE
 
 _ROWS = 600  # that an update takes: linear in them
 _BLOCKS = 5  # contiguous ones that are held out in turn, each of which tells a gain
+_STEPS = 4
 _ENOUGH = 30  # rows that tell a quantile
 _OUTLIER = 2.5  # 95 % radii from which a row is an outlier
-_STEPS = 4
 _LOUD = ("mirror", "scale", "sign", "lost")
 
 
-class Decision(NamedTuple):
-    """What comes of a log: the word on it, and what a new model would be made of."""
-
-    made: Adaptation  # with the old model
-    best: Explanation
-    body: Body  # the updated belief
-    held_out: tuple[Array, Array]  # joints (n, dof) of held-out rows, and their residuals (n, m)
-
-
-def decide(found: Comparison) -> Decision:
+def decide(found: Comparison) -> tuple[Adaptation, Body, tuple[Array, Array], bool]:
     """Explain a log, update the body by it, and judge by rows that were held out.
 
     `check` asks here too, so that the one promises what the other does.
+    Returns the word on it with the old model, the updated belief, joints (n, dof) of held-out rows
+    and their residuals (n, m), and whether the sensor's frame was free.
     """
     some, changed = found.explanations, found.changed
     if not changed:  # the rows are added to what was known
@@ -64,17 +55,15 @@ def decide(found: Comparison) -> Decision:
     before, after = found.missed[kept], np.linalg.norm(held, axis=1)
     improved = found.explained and _improves(found, body, before, after)
     causes, notes = find_causes(found)
-    tool = turned_tool(found)
-    if tool.causes:
+    if found.tool.score > 1.0:
         if not improved:  # the tool alone
             body, after, held = found.belief, before, (found.x - found.predicted)[kept]
-        body = turned_tool(found, body).of(body)
-        causes, improved = (*causes, *tool.causes), True
+        body, improved = found.tool_beside(body.structure, body.beta).of(body), True
     known = "no single change explains the log" if found.score > 1.0 else "nothing changed"
     # what nobody may miss: another unit, a mirror, a joint that turns round or not at all
     loud = [c.words for c in causes if c.cause.split(":")[0] in _LOUD]
     correction = best.name if changed else f"{known}, rows added"
-    made = kept_model(found, before, after, correction, causes, *loud, *notes, *tool.notes)
+    made = kept_model(found, before, after, correction, causes, *loud, *notes)
     if changed:
         groups = found.reference.structure.groups
         left = {g for g, ix in groups.items() if len(ix)} - {*best.hypothesis}
@@ -82,7 +71,8 @@ def decide(found: Comparison) -> Decision:
             left.discard("lens")
         told = tuple(w.kept for g, w in GROUPS.items() if g in left and w.kept)
         made = replace(made, kept=told)
-    return Decision(replace(made, improved=improved), best, body, (found.q[kept], held))
+    rows = found.q[kept], held
+    return replace(made, improved=improved), body, rows, is_framed(best.hypothesis)
 
 
 def kept_model(
@@ -111,7 +101,7 @@ def _improves(found: Comparison, body: Body, before: Array, after: Array) -> boo
         return False
     old = found.belief
     if float(before.mean()) > float(replace(old, second=None).bound(found.q).mean()):
-        return sure > SURER  # rows that the old belief had not thought possible
+        return sure > 2 * SURE  # rows that the old belief had not thought possible
     # mean square error [unit] that each belief expects of itself over the learned range
     spreads = (np.trace(b.spread(found.probes), axis1=1, axis2=2).mean() for b in (body, old))
     new, usual = (s * old.kappa**2 + (old.tau**2 + old.noise**2).sum() for s in spreads)
@@ -125,7 +115,7 @@ def _updated(
 
     The bound carries what the choice among the explanations, best first with weights, is unsure of.
     """
-    old, (_, best) = reference.body, chosen[0]
+    old = reference.body
     parts = [(share, *_posterior(reference, e, log)) for share, e in chosen]
     _, beta, _, _, held = parts[0]
     active = np.unique(np.concatenate([part[2] for part in parts]))
@@ -145,10 +135,10 @@ def _updated(
         noise[places] *= max(1.0, float(np.quantile(calm, 0.95)) / radius)
     second = old.second
     if second is not None:  # after the same log, under the most likely explanation
-        apart = second.beta - old.beta
+        e, apart = chosen[0][1], second.beta - old.beta
         wide = replace(old, beta=second.beta, active=second.active, root=second.root, kappa=1.0)
         there = replace(reference, body=wide, beta=reference.beta + apart)
-        e = replace(best, origin=best.origin + apart, beta=best.beta + apart)
+        e = replace(e, origin=e.origin + apart, beta=e.beta + apart)
         wider, known, spread, _ = _posterior(there, e, log)
         second = Second(wider, known, root_of(spread), np.maximum(noise, second.noise))
     body = replace(

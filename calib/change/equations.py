@@ -15,18 +15,18 @@ import numpy as np
 from ..body.covariance import root_of
 from ..body.fit import Fit
 from ..body.parameters import Indices, Prior
-from ..body.settings import STUDENT
+from ..body.settings import SIMULATED_FLOOR, STUDENT
 from ..body.telling import lengths_of, matern
 from ..common.arrays import Array, Mask
 from ..common.rows import thinned
 from .frame import Reference
 from .hypotheses import creep, freedom, hypotheses_of
-from .settings import CREEP, LEAST_NOISE, OUTLIER, PSEUDO
+from .settings import CREEP, OUTLIER, PSEUDO
 
-_SETTLED = 30  # steps of that fit at most
-_ROBUST_ROWS = 400  # of the fit that finds outliers: enough for every parameter
+_SETTLED = 60  # steps of the fit that finds outliers: 12 took exact rows of a longer link for some
+_ROBUST_ROWS = 400  # of that fit: enough for every parameter
 _NODES = 40  # of the log's own residual; more did not change a verdict on A and C
-_NOISES = 32  # sizes of the noise: steps of a fifth change a likelihood by .02 nats
+_NOISES = 64  # sizes of the noise that are compared
 
 
 @dataclass(frozen=True)
@@ -55,10 +55,9 @@ def weighted(
     body, structure = reference.body, reference.structure
     sd = np.hypot(freedom(body, hypotheses_of(structure, cause)[-1], cause), creep(body))
     rows, size = thinned(len(q), _ROBUST_ROWS), reference.sizes
-    some, prior = (structure, q[rows], z[rows]), Prior(reference.beta, sd)
-    # steps of a known noise alone took exact rows of a longer link for outliers
-    start = Fit(*some, reference.beta, prior, nu=STUDENT, floor=size).settle(_SETTLED)[0]
-    fit = Fit(*some, start, prior, nu=STUDENT, floor=size).maximise()
+    prior = Prior(reference.beta, sd)
+    fit = Fit(structure, q[rows], z[rows], reference.beta, prior, nu=STUDENT, floor=size)
+    fit.maximise(steps=_SETTLED)
     r = structure.residual(z, structure.predict(q, fit.beta)) / size
     m, e2 = r.shape[1], (r**2).sum(axis=1)
     noise = max(float(np.median(e2[rows])) / (m - 2 / 3), 1.0)
@@ -69,8 +68,6 @@ def weighted(
 class Equations:
     """The columns of a log, whitened, and their eigenvectors.
 
-    reference : the old belief in the frame of the log, where it is linearised
-    log : rows
     factor : times the usual size of the log's own residual
     waves : sd of the joints' curves by which the arm may differ, over their prior's
     crept : times the usual creep of the parameters
@@ -101,7 +98,7 @@ class Equations:
         parts = [own, x @ known, shared_columns(reference, log, seen)]
         self.own = own.shape[2]
         self._decompose(self.whiten(np.concatenate(parts, axis=2)))
-        self.floor = float(np.min(LEAST_NOISE * np.asarray(structure.extents) / self.size))
+        self.floor = float(np.min(SIMULATED_FLOOR * np.asarray(structure.extents) / self.size))
         self.usual = max(float(np.min(body.noise / self.size)), self.floor)
 
     def _decompose(self, columns: Array) -> None:
@@ -125,35 +122,31 @@ class Equations:
         """Whitened residuals (N,) or columns (N, k) by the eigenvectors, times their values."""
         return np.asarray(self._vectors.T @ (self.columns.T @ flat))
 
-    def likelihood(self, y: Array, noise: Array) -> Array:
+    def likelihood(self, y: Array, noise: Array | float) -> Array:
         """Log likelihood (s,) [nats] of whitened residuals (N,) under sizes (s,) of the noise."""
-        square, turned = noise**2, self._turned(y)
+        square, turned = np.atleast_1d(noise) ** 2, self._turned(y)
         total = square[:, None] + self.values
         size = len(y) * np.log(square) + np.log(total / square[:, None]).sum(axis=1)
         rest = (float(y @ y) - (turned**2 / total).sum(axis=1)) / square
         return np.asarray(-0.5 * (size + rest + self.log_determinant))
 
-    def information(self, y: Array, x: Array, noise: Array) -> tuple[Array, Array]:
-        """What rows tell of columns (N, k) whatever else is unknown: (s, k, k), and (s, k)."""
-        inner, moment, c, turned = x.T @ x, x.T @ y, self._turned(x), self._turned(y)
-        power, pull = np.empty((len(noise), *inner.shape)), np.empty((len(noise), len(moment)))
-        for k, square in enumerate(noise**2):
-            weight = 1.0 / (square + self.values)
-            power[k] = (inner - (c * weight[:, None]).T @ c) / square
-            pull[k] = (moment - c.T @ (weight * turned)) / square
-        return power, pull
+    def information(self, y: Array, x: Array, noise: float) -> tuple[Array, Array]:
+        """What rows tell of columns (N, k) whatever else is unknown: (k, k), and moments (k,)."""
+        c, weight = self._turned(x), 1.0 / (noise**2 + self.values)
+        power = (x.T @ x - (c * weight[:, None]).T @ c) / noise**2
+        return power, (x.T @ y - c.T @ (weight * self._turned(y))) / noise**2
 
-    def noises(self, y: Array) -> Array:
-        """Sizes of the noise that are compared, from the usual one."""
-        most = max(2.0 * float(np.sqrt(np.mean(y**2))), 2.0 * self.usual)
-        return np.geomspace(self.usual, most, _NOISES)
+    def most_likely_noise(self, y: Array, least: float | None = None) -> float:
+        """Size of the noise of the greatest likelihood.
 
-    def most_likely_noise(self, y: Array) -> Array:
-        """Size (1,) of the noise of the greatest likelihood; the old noise counts for some rows."""
-        high = 2.0 * max(float(np.sqrt(np.mean(y**2))), 1.0)
-        grid = np.geomspace(max(self.floor, 1e-2), high, 2 * _NOISES)
-        value = self.likelihood(y, grid) - PSEUDO * (np.log(grid) + 0.5 / grid**2)
-        return np.asarray(grid[[int(np.argmax(value))]])
+        It is `least` at least; where that is not given the old noise counts for some rows.
+        """
+        high = 2.0 * max(float(np.sqrt(np.mean(y**2))), least or 1.0)
+        grid = np.geomspace(least or max(self.floor, 1e-2), high, _NOISES)
+        value = self.likelihood(y, grid)
+        if least is None:
+            value -= PSEUDO * (np.log(grid) + 0.5 / grid**2)
+        return float(grid[int(np.argmax(value))])
 
     def rest(self, y: Array, noise: float, x: Array | None = None) -> Array:
         """What neither the unknown nor columns (N, k) follow of the residuals, (n, m) in noises."""
@@ -168,10 +161,7 @@ class Equations:
 
 
 def own_columns(reference: Reference, log: Log, factor: float) -> Array:
-    """A smooth residual of one log: outputs (n, m, p m) [unit] by its values at p of the rows.
-
-    It is a Gaussian process over the joints, `factor` times as large as usual.
-    """
+    """A smooth residual of one log (a Gaussian process): (n, m, p m) by its values at p rows."""
     lengths, nodes = lengths_of(reference.body, log.q), log.q[thinned(len(log.q), _NODES)]
     alike = matern(nodes, nodes, lengths)
     alike[np.diag_indices(len(alike))] += 1e-6

@@ -18,7 +18,7 @@ from ..common.arrays import Array
 from .equations import Equations, Log
 from .frame import Reference
 from .hypotheses import Hypothesis, freedom, hypotheses_of, is_framed, name_of
-from .settings import CREEP, MARGIN, OWN, USUAL
+from .settings import CREEP, MARGIN, OWN
 
 _ROWS = 200  # that hypotheses are compared on
 _STEPS = 12  # of Gauss-Newton at most
@@ -47,7 +47,7 @@ class Explanation:
     @property
     def unchanged(self) -> bool:
         """Whether it says that the arm and its sensor are as they were."""
-        return not self.hypothesis and (self.factor, self.waves) in OWN[:USUAL]
+        return not self.hypothesis and (self.factor, self.waves) in OWN[:3]
 
     @property
     def name(self) -> str:
@@ -100,7 +100,7 @@ def _fitted(
         with np.errstate(all="ignore"):
             return structure.residual(log.z, structure.predict(log.q, beta))
 
-    def cost(y: Array, noise: Array, beta: Array) -> float:
+    def cost(y: Array, noise: float, beta: Array) -> float:
         moved = (beta - origin)[free] / sd[free]
         return -float(equations.likelihood(y, noise)[0]) / temper + 0.5 * float(moved @ moved)
 
@@ -110,8 +110,8 @@ def _fitted(
         noise = equations.most_likely_noise(y)
         _, x = structure.linearise(log.q, beta, free)
         power, pull = equations.information(y, equations.whiten(x * sd[free]), noise)
-        factor = Factor(power[0] / temper + np.eye(len(free)))
-        lead = pull[0] / temper - (beta - origin)[free] / sd[free]
+        factor = Factor(power / temper + np.eye(len(free)))
+        lead = pull / temper - (beta - origin)[free] / sd[free]
         step = factor.solve(lead)
         if not len(free) or float(lead @ step) < _NOTHING_LEFT:
             break
@@ -134,7 +134,7 @@ def _fitted(
     deviation[free] = sd[free] * np.sqrt(factor.variances()) if len(free) else 0.0
     return Explanation(
         hypothesis, *own, origin, beta, deviation, sd, fit - 0.5 * factor.log_determinant(), fit,
-        float(noise[0]), temper, left,
+        noise, temper, left,
     )  # fmt: skip
 
 

@@ -10,15 +10,15 @@ from typing import Literal
 import numpy as np
 
 from ..common.arrays import Array, Index
+from ..common.choices import MAPS
 from ..errors import OptionError
-from ..maps.density import gain_of, kind_of
+from ..maps.density import gain_of
 from ..maps.lattice import Lattice
 from ..maps.links import without_weak
 from ..maps.map import Map
-from ..maps.others import present_dsom
 from ..maps.vdsom import VDSOM, Layer, Rates
 from ..model.model import Model
-from .settled import settled_model
+from .adaptation import settled_model
 
 HORIZON = 10_000
 """Samples over which a re-formed map settles: half of what training takes."""
@@ -40,19 +40,14 @@ class Step:
     """The state after some samples of the stream."""
 
     samples: int  # samples seen so far
-    # distortion of the maps (eq. 9): running mean of the squared distance to the winner, in the
-    # unit box.
+    # running means of the squared distance to the winner, in the unit box (eq. 9)
     zeta_motor: float
     zeta_sensory: float
     threshold: float  # what the sensory distortion exceeds by chance next to never
-    # [unit], running mean of the distance from each sample to what the readout ``activity`` said of
-    # it before it was learned
-    error: float
-    # [nodes], neighbourhood radius of the sensory map (eq. 10), 0 before a change was noticed.
-    sigma: float
-    # learning rate and forgetting factor of the links (eq. 12).
-    eta: float
-    beta: float
+    error: float  # [unit], running mean of the error of ``activity`` before a sample was learned
+    sigma: float  # [nodes], radius of the sensory map (eq. 10), 0 before a change was noticed
+    eta: float  # learning rate of the links (eq. 12)
+    beta: float  # their forgetting factor
     adapting: bool  # whether a change was noticed and the maps are re-forming
 
 
@@ -95,12 +90,8 @@ class OnlineAdapter:
         if horizon < 1:
             raise OptionError(f"horizon {horizon}: expected one or more samples")
         rule, maps = str(model.about.options.get("map", "vdsom")), (model.motor, model.sensory)
-        try:
-            gain, kind = gain_of(rule), kind_of(rule)
-        except OptionError:  # a function that the model file could not keep
-            gain, kind = gain_of("vdsom"), "som"
+        gain = gain_of(rule if rule in MAPS else "vdsom")  # a model file keeps no function
         self._model, self._horizon, self._force = model, horizon, force
-        self._dynamic = kind == "dsom"  # its rate and radius follow the distance, not time
         layers = [
             Layer(part.units, part.lattice, part.scale, gain)
             for part in maps
@@ -182,11 +173,7 @@ class OnlineAdapter:
         """Form maps and links by samples; sigma, eta and beta of the last one."""
         t = self._since + np.arange(len(u))
         rates = Rates.following(t, self._starts, _SIGMA_END, self._horizon)  # eq. 10, 12
-        if self._dynamic:
-            for layer, points in zip(self._net.layers, (u, v), strict=True):
-                layer.weights = layer.weights.copy()
-                present_dsom(layer.weights, layer.lattice, points)
-        self._net.show((u, v), rates, maps=not self._dynamic)
+        self._net.show((u, v), rates)
         # eq. 11 forgets where a_j > 0 alone; a node that no sample visits forgets at the
         # mean pace of all, or a shortened arm would promise its old reach for ever
         b = self._model.association.wiring.activity(self._maps()[1], v)
@@ -203,11 +190,9 @@ class OnlineAdapter:
     def model(self, links: Literal["rest", "rule"] = "rest") -> Model:
         """The model as it stands, with local models of the latest samples.
 
-        links : {"rest", "rule"}, "rest": the links at which eq. 11 comes to rest for the samples
-            since the change, in closed form.  Nodes that the stream has not visited since have
-            none: what is no longer reached is no longer promised.  "rule": the links that eq. 11
-            and 12 have made so far, step by step, which lag behind the maps; the readouts
-            ``activity`` and ``winner`` then show what the rule itself reaches.
+        links : {"rest", "rule"}, "rest": those at which eq. 11 comes to rest for the samples since
+            the change: what is no longer reached is no longer promised.  "rule": those that eq. 11
+            and 12 have made so far, step by step, which lag behind the maps
         """
         if self._since < 0 or sum(map(len, self._x)) < _LEAST:
             return self._model

@@ -113,11 +113,7 @@ def reference_of(body: Body, q: Array, z: Array, unit: str) -> Reference:
 
 
 def carried_offset(old: Body, new: Body, beta: Array, q: Array, offset: Array) -> Array:
-    """What maps add to a body, after the arm or the sensor has changed.
-
-    A displacement (n, m) of the tip is taken as that of the joints that causes it (least squares),
-    and these joints' displacement in the new prediction: a moved sensor turns it exactly.
-    """
+    """What maps add to a body, (n, m), after a change: as the joints that cause it move the tip."""
     before = old.structure.slope(q, old.beta)
     after = new.structure.slope(q, beta)
     joints = np.einsum("ndm,nm->nd", np.linalg.pinv(before, rcond=1e-3), offset)

@@ -15,12 +15,12 @@ import numpy as np
 from ..body.belief import Body
 from ..body.covariance import root_of
 from ..body.parameters import Indices
-from ..body.settings import SHIFT, TURN
+from ..body.settings import LOG_FLOOR, SHIFT, TURN
 from ..body.structure import Structure
 from ..common.arrays import Array
 from ..common.choices import CAUSES
 from ..errors import OptionError
-from .settings import ANYWHERE, BUILT_CURVE, CREEP, OWN_FLOOR
+from .settings import ANYWHERE, BUILT_CURVE, CREEP
 
 FRAME = ("view.rotation", "view.shift")
 """Groups that move when the sensor is put elsewhere; always freed together."""
@@ -130,8 +130,7 @@ def freedom(
 ) -> Array:
     """Standard deviation (d,) by which the freed parameters may have changed.
 
-    found : parameters of a frame that was fitted to the log, of which no prior holds any; a narrow
-        one about that fit would count the rows twice
+    found : parameters of a frame that was fitted to the log: a narrow prior would count rows twice
     """
     sd = _deviations(body, hypothesis, "freed", BUILT_CURVE, cause=cause)
     if is_framed(hypothesis) and found is not None:
@@ -152,13 +151,9 @@ def creep(body: Body, waves: float = CREEP) -> Array:
 
 
 def as_built(body: Body) -> Body:
-    """The belief that a changed arm starts from.
-
-    Exact samples of a simulation say exactly what was drawn.  An arm as it was built is some
-    tenths of a millimetre and of a degree away from that.
-    """
+    """The belief that a changed arm starts from: of a simulation, that of an arm as it is built."""
     structure = body.structure
-    body = replace(body, tau=np.maximum(body.tau, OWN_FLOOR * np.asarray(structure.extents)))
+    body = replace(body, tau=np.maximum(body.tau, LOG_FLOOR * np.asarray(structure.extents)))
     if not body.simulated:
         return body
     metre = float(getattr(structure, "metre", 1.0))
@@ -190,9 +185,8 @@ def _deviations(
     body: Body, groups: Hypothesis, kind: str, curve: float, metre: float | None = None,
     cause: str | None = None,
 ) -> Array:  # fmt: skip
-    """Standard deviation (d,) of the parameters of some groups, 0 elsewhere.
+    """Standard deviation (d,) of the parameters of some groups by a column of `GROUPS`, else 0.
 
-    kind : a column of `GROUPS`
     curve : that of the joints' curves, over their prior's
     metre : [unit], what lengths are told in; their mean where not given
     """

@@ -9,12 +9,13 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..body.settings import SIMULATED_FLOOR
 from ..common.arrays import Array
 from ..errors import ModelError, QueryError
 from ..model.model import Model
 from .equations import affine_columns
 from .score import groups_of
-from .settings import LEAST_NOISE, LONG, MONITOR_ALARM, NUISANCE, WINDOW
+from .settings import FALSE_ALARM, NUISANCE
 
 _WARM = 20  # samples before the first judgement
 _DIRECTIONS = 8  # strongest displacements; further ones are nearly sums of these
@@ -28,8 +29,7 @@ class State(NamedTuple):
     samples: int  # samples seen, without those outside of what the model has learned
     drifted: bool  # whether a signal is above its threshold now
     score: float  # largest value over threshold; 0 while there are too few samples
-    # distortion of the sensory map (eq. 9) over what is expected where the samples lie.
-    zeta: float
+    zeta: float  # distortion of the sensory map (eq. 9) over what is expected there
     links: float  # [unit], root mean square of the systematic part of the recent residuals
     noise: float  # [unit], standard deviation per axis of the rest
     fired: tuple[str, ...]  # ``("links",)`` where the residuals are systematic
@@ -62,7 +62,7 @@ class Monitor:
     False
     """
 
-    def __init__(self, model: Model, window: float = WINDOW) -> None:
+    def __init__(self, model: Model, window: float = 200.0) -> None:
         from scipy.special import fdtri
 
         if model.baseline is None:
@@ -74,14 +74,12 @@ class Monitor:
         axes, p = model.sensory.scale.span.size, self._combined.shape[1]
         self._fade = 1.0 - 1.0 / window
         self._own, self._noise = _own_error(model), model.baseline.noise
-        self._least = LEAST_NOISE * float(np.linalg.norm(model.sensory.scale.span))
+        self._least = SIMULATED_FLOOR * float(np.linalg.norm(model.sensory.scale.span))
         # by numbers of independent samples: what chance explains of noise, in its variances
         free = np.maximum(axes * np.arange(int(2.0 * window) + 2.0) - p, 1.0)
-        self._chance = p * np.asarray(fdtri(p, free, 1.0 - MONITOR_ALARM))
-        # sums that fade: products of directions and residuals; samples, their squared weights,
-        # zeta over what is usual, squared bounds
+        self._chance = p * np.asarray(fdtri(p, free, 1.0 - FALSE_ALARM**2))
+        # sums that fade: products; samples, squared weights, zeta over the usual, squared bounds
         self._moments, self._sums = np.zeros((p + 1, p + 1)), np.zeros(4)
-        self._last, self._lagged, self._long = np.zeros(axes), 0.0, 0.0
         self._state = State(0, False, 0.0, 0.0, 0.0, 0.0, ())
 
     def update(self, q: Sequence[float] | Array, x: Sequence[float] | Array) -> State:
@@ -128,16 +126,7 @@ class Monitor:
         gram[np.diag_indices(p)] += 1e-9 * np.trace(gram) / p + 1e-300
         combined = np.linalg.solve(gram, products)
         explained = max(float(products @ combined), 0.0) / weight
-        # Noise that is like that of the sample before tells less: a process of first order.
-        # A change leaves a rest that lasts: of a long memory and by direction, it counts little.
-        # (directions in the plane are alike by pi/4 of the correlation where that is small)
-        rest = row[:, -1] - row[:, :-1] @ combined
-        rest = rest / max(math.sqrt(float(rest @ rest)), 1e-300)
-        fade = 1.0 - 1.0 / LONG
-        self._lagged = fade * self._lagged + float(rest @ self._last)
-        self._long, self._last = fade * self._long + 1.0, rest
-        alike = min(max(self._lagged / self._long * 4.0 / math.pi, 0.0), 0.98)
-        independent = weight**2 / square * (1.0 - alike) / (1.0 + alike)
+        independent = weight**2 / square
         left = max(float(moments[-1, -1]) / weight - explained, 0.0) / axes
         left /= max(1.0 - p / (axes * independent), 0.1)
         variance, seen = max(left, self._noise**2), self._state.samples + 1
@@ -176,7 +165,6 @@ def _orthonormal(moves: Array) -> Array:
 def _own_error(model: Model) -> Array:
     """95 % bound (nodes,) [unit] of what the model is off by itself around each motor node.
 
-    Of a body the spread of its parameters and what its held-out rows show beyond the noise:
     `model_error` holds the sensor's noise, too, where no pose was repeated, and hides a change.
     """
     body = model.body

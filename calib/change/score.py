@@ -1,4 +1,4 @@
-"""Score tests: which freed group of parameters explains more of a log than chance does.
+"""Tests: which freed group of parameters explains more of a log than chance does; and the bound.
 
 The size of the noise is unknown, and it may be that of one joint's encoder; each is what makes the
 log most likely, with the group freed and without.  The gain has a chance where nothing changed,
@@ -8,7 +8,7 @@ that of an F test, so that a noise of few rows is not taken for known.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -22,25 +22,27 @@ from .equations import Equations, Log
 from .frame import Reference
 from .hypotheses import FRAME, TESTED, indices_of
 from .settings import (
+    BEYOND,
     CREPT,
     DRIFTS,
     FALSE_ALARM,
+    FEW,
     FEW_ROWS,
-    FINER,
     JOINT_NOISES,
     LEFT,
     NOISIER,
     OUTLIER,
+    OWN,
     POWER,
-    WAVES,
 )
 
 _ROWS = 300  # their power grows with the rows, their work with the rows too
 
+_FINER = (0.5, 0.7, 1.0, 1.4, 2.0)  # times the noise of an encoder, once one is found
+_LASTING = 10  # rows over which noise may last
+
 DRIFT = "drift"
 """Name of the hypothesis that a smooth residual is larger than the model told."""
-
-_SAME = "same"
 
 
 @dataclass(frozen=True)
@@ -143,66 +145,84 @@ class _Groups(NamedTuple):
         return _Groups(every, columns, moves, x, structure.residual(log.z, predicted))
 
 
-class _Profile:
-    """Log likelihoods [nats] of all hypotheses over sizes of the noise, for one shape of it."""
+class _Tests:
+    """How much more likely [nats, twice] each group makes the log, for one shape of the noise."""
 
     def __init__(
         self, reference: Reference, log: Log, groups: _Groups,
         noisy: tuple[int, float] | None = None,
     ) -> None:  # fmt: skip
-        self.noisy = noisy
+        self.noisy, self.groups = noisy, groups
         self.equations = e = Equations(reference, log, crept=CREPT, noisy=noisy)
         self.y, self.x = e.whiten(groups.residual), e.whiten(groups.x)
-        self.sizes = e.noises(self.y)  # in `Reference.sizes`
-        self.power, self.pull = e.information(self.y, self.x, self.sizes)
-        told = e.values / (self.sizes[:, None] ** 2 + e.values)
-        self.freedom = len(self.y) - (1.0 - (1.0 - told) ** 2).sum(axis=1)  # of the noise
+        # where nothing changed, in `Reference.sizes`
+        self.noise = e.most_likely_noise(self.y, e.usual)
+        self.power, self.pull = e.information(self.y, self.x, self.noise)
+        self.same = float(e.likelihood(self.y, self.noise)[0])
+        told = e.values / (self.noise**2 + e.values)
+        self.left = len(self.y) - float((1.0 - (1.0 - told) ** 2).sum())
         # a larger smooth residual, or waves of a joint's curve, as of no smooth residual
         others = [e.larger(factor) for factor in DRIFTS]
         if noisy is None and reference.body.rows:
-            others.append(Equations(reference, log, waves=WAVES / CREPT, crept=CREPT))
-        same = e.likelihood(self.y, self.sizes)
-        drift = np.max([other.likelihood(self.y, self.sizes) for other in others], axis=0)
-        self.value = {_SAME: same, DRIFT: drift}
-        self.directions = {_SAME: 0, DRIFT: 1}
+            others.append(Equations(reference, log, waves=OWN[2][1] / CREPT, crept=CREPT))
+        found = (o.likelihood(self.y, o.most_likely_noise(self.y, o.usual))[0] for o in others)
+        self.gains = {DRIFT: (2.0 * max(float(max(found)) - self.same, 0.0), 1)}
         for name, ix in groups.columns.items():
-            gain, self.directions[name] = _explained(self.power, self.pull, ix)
-            self.value[name] = same + 0.5 * gain
+            values, _, turned = self._turned(ix)
+            square, n = float((turned**2 / values).sum()), len(self.y)
+            # as of a regression: what a group explains makes the noise smaller
+            self.gains[name] = -n * math.log(max(1.0 - square / n, 1e-200)), len(values)
 
-
-def _explained(power: Array, pull: Array, ix: Indices) -> tuple[Array, int]:
-    """Quadratic form (s,) of a group's moment, and the directions that the rows tell apart."""
-    a, v = power[:, ix[:, None], ix], pull[:, ix]
-    size = np.sqrt(np.maximum(np.einsum("sii->si", a), 1e-300))
-    values, vectors = np.linalg.eigh(a / size[:, :, None] / size[:, None])
-    turned = np.einsum("sij,si->sj", vectors, v / size)
-    clear = values > 1e-9 * values[:, -1:]
-    square = np.where(clear, turned**2 / np.where(clear, values, 1.0), 0.0).sum(axis=1)
-    return np.asarray(square), int(clear[0].sum())
-
-
-class _Best(NamedTuple):
-    """The most likely size of the noise: of one hypothesis, or of all by Akaike's criterion."""
-
-    value: float
-    profile: _Profile
-    at: int
-
-    @staticmethod
-    def of(profiles: Sequence[_Profile], name: str | None = None) -> _Best:
-        tried = []
-        for p in profiles:
-            for each in p.directions if name is None else (name,):
-                # with its term of few rows (Hurvich 1989)
-                k = 0 if name is not None else p.directions[each]
-                value = p.value[each] - k * (1 + (k + 1) / np.maximum(p.freedom - k - 1, 0.1))
-                tried.append(_Best(float(value.max()), p, int(value.argmax())))
-        return max(tried, key=lambda each: each.value)
+    def _turned(self, ix: Indices) -> tuple[Array, Array, Array]:
+        """Directions that the rows tell apart of a group: values, vectors (p, k), and moments."""
+        size = np.sqrt(np.maximum(self.power[ix, ix], 1e-300))
+        values, vectors = np.linalg.eigh(self.power[np.ix_(ix, ix)] / size[:, None] / size)
+        clear = values > 1e-9 * values[-1]
+        vectors = vectors[:, clear] / size[:, None]
+        return values[clear], vectors, vectors.T @ self.pull[ix]
 
     @property
-    def size(self) -> float:
-        """That size, in `Reference.sizes`."""
-        return float(self.profile.sizes[self.at])
+    def best(self) -> tuple[float, float]:
+        """Likelihood [nats] of the best hypothesis and its noise, by Akaike's criterion.
+
+        With its term of few rows (Hurvich 1989).
+        """
+        tried = [(self.same, self.noise)]
+        for gain, k in self.gains.values():
+            less = k * (1 + (k + 1) / max(self.left - k - 1, 0.1))
+            noise = self.noise * math.exp(-0.5 * gain / len(self.y))
+            tried.append((self.same + 0.5 * gain - less, max(noise, self.equations.usual)))
+        return max(tried)
+
+    def judged(self) -> list[GroupTest]:
+        """Each group's test."""
+        from scipy.special import chndtrinc, fdtrc, fdtri
+
+        # rows that err together count once
+        temper = autocorrelation_time(self.equations.rest(self.y, self.noise, self.x))
+        power, _ = self.equations.information(self.y, self.x, self.best[1])
+        count, found = len(self.y) / temper, []
+        for name, (gain, freedom) in self.gains.items():
+            left = self.left / temper - freedom
+            if not freedom or left < LEFT:
+                continue
+            statistic = gain / temper
+            # a gain of a log likelihood, as the F of a regression with as many rows
+            f = left / freedom * np.expm1(min(statistic / count, 500.0))
+            p = min(1.0, float(fdtrc(freedom, left, f)) * len(self.gains))
+            if name == DRIFT:
+                found.append(GroupTest(name, p, statistic))
+                continue
+            place = self.groups.columns[name]
+            values, vectors, turned = self._turned(place)
+            deviation = np.sqrt((vectors**2 / values).sum(axis=1) * temper)
+            change = self.groups.every[place], vectors @ (turned / values), deviation
+            most = freedom / left * float(fdtri(freedom, left, 1.0 - FALSE_ALARM / len(self.gains)))
+            needed = chndtrinc(count * np.log1p(most), freedom, 1.0 - POWER) * temper
+            told = max(float(power[place[0], place[0]]), 1e-300)
+            smallest = float(np.sqrt(needed / told) * self.groups.moves[place[0]])
+            found.append(GroupTest(name, p, statistic, freedom, change, smallest))
+        return found
 
 
 def group_tests(reference: Reference, log: Log, probes: Array) -> Tested:
@@ -216,32 +236,32 @@ def group_tests(reference: Reference, log: Log, probes: Array) -> Tested:
     if len(log.q) < FEW_ROWS:  # weights of few rows favour what their fit could follow
         log = replace(log, weight=np.where(log.kept, 1.0, log.weight))
     groups = _Groups.of(reference, log, probes)
-    profiles = [calm := _Profile(reference, log, groups)]
-    found, noise = _judged(profiles, groups)
-    noisy, usual, m = None, calm.equations.usual, groups.residual.shape[1]
+    calm = tests = _Tests(reference, log, groups)
+    found, usual, m = calm.judged(), calm.equations.usual, groups.residual.shape[1]
+    noise, noisy = calm.best[1] if any(g.score > 1.0 for g in found) else calm.noise, None
     more = noise > NOISIER * usual or any(g.name == DRIFT and g.score > 1 for g in found)
     if more and not len(reference.forgotten):
         slope = reference.structure.slope(log.q, reference.beta) / reference.sizes[:, None]
         lengths = np.sqrt((slope**2).sum(axis=1).mean(axis=0))
         joints = np.flatnonzero(lengths > 0.0).tolist()
+
+        def likeliest(shapes: Iterable[tuple[int, float]]) -> _Tests:
+            return max((_Tests(reference, log, groups, s) for s in shapes), key=lambda t: t.best)
+
         # so that at the tip both are alike
-        tried = [(joint, times / lengths[joint]) for joint in joints for times in JOINT_NOISES]
-        profiles += [_Profile(reference, log, groups, own) for own in tried]
+        tests = likeliest((k, times / lengths[k]) for k in joints for times in JOINT_NOISES)
         # the joint whose encoder's noise makes the log clearly more likely, whatever changed
-        best = _Best.of(profiles)
-        gain = max(2.0 * (best.value - _Best.of(profiles[:1]).value), 0.0)
-        if best.profile.noisy and float(chdtrc(1, gain)) * len(joints) < FALSE_ALARM:
+        gain = max(2.0 * (tests.best[0] - calm.best[0]), 0.0)
+        if tests.noisy and float(chdtrc(1, gain)) * len(joints) < FALSE_ALARM:
             # Robust weights took errors along one direction for outliers: 3 mrad of noise passed
             # for 2, its mean for an offset.
-            rest = best.profile.equations.whiten(groups.residual).reshape(-1, m) / best.size
+            rest = tests.equations.whiten(groups.residual).reshape(-1, m) / tests.best[1]
             near = (rest**2).sum(axis=1) <= OUTLIER**2 * m * log.weight
             log = replace(log, weight=np.where(log.kept | near, 1.0, log.weight))
-            joint, ratio = best.profile.noisy
-            finer = [(joint, ratio * times) for times in FINER]
-            profiles = [_Profile(reference, log, groups, own) for own in (None, *finer)]
-            best = _Best.of(profiles[1:])
-            noisy = joint, (best.profile.noisy or finer[0])[1] * best.size
-            found, noise = _judged(profiles, groups)
+            joint, ratio = tests.noisy
+            tests = likeliest((joint, ratio * times) for times in _FINER)
+            found, noise = tests.judged(), tests.best[1]
+            noisy = joint, tests.noisy[1] * noise if tests.noisy else 0.0
     if noisy is None:  # what the weights leave out, as the median tells it
         rest = noise * calm.equations.rest(calm.y, noise, calm.x)
         away = np.linalg.norm(rest, axis=1) / np.sqrt(log.weight)
@@ -252,37 +272,51 @@ def group_tests(reference: Reference, log: Log, probes: Array) -> Tested:
     return Tested(tuple(found), noise * size, float(reference.body.noise[0]), noisy)
 
 
-def _judged(profiles: list[_Profile], groups: _Groups) -> tuple[list[GroupTest], float]:
-    """Each group's test, and the noise in sizes."""
-    from scipy.special import chndtrinc, fdtrc, fdtri
+def bound_test(
+    tested: Tested, rows: Indices, u: Array, residual: Array, bound: Array, shared: Array,
+    slope: Array | None,
+) -> tuple[float, GroupTest]:  # fmt: skip
+    """Share of the rows beyond the 95 % bound, and how surely these are too many to be noise.
 
-    names = [*groups.columns, DRIFT]
-    same, likely, first = _Best.of(profiles, _SAME), _Best.of(profiles), profiles[0]
+    rows, u : (n,) and (n, dof), their numbers in the log and their joints in the unit box
+    residual, bound : (n, m) and (n,) [unit], infinite where the model tells none
+    shared : (n,), variance of an axis by what all rows share
+    slope : (n, m), motion of the tip by a joint whose encoder is noisy
+    """
+    from scipy.special import bdtrc, chdtri
+
+    square, m = (residual**2).sum(axis=1), residual.shape[1]
+    radius = float(chdtri(m, 0.05))  # squared, of 95 % of a Gaussian, in units of a deviation
+    more = max(tested.noise**2 - tested.usual**2, 0.0)
+    if len(rows) < FEW:  # half of the rows of a noisier sensor are nearer than its median
+        more = max(more, float(np.median(square)) / float(chdtri(m, 0.5)) - tested.usual**2)
+    alike = more and _alike(rows, u, residual) * radius > float(np.median(bound)) ** 2
+    noise = np.full(len(rows), 0.0 if alike else more)
+    if tested.noisy is not None and slope is not None:
+        noise += tested.noisy[1] ** 2 * (slope**2).sum(axis=1)
+    over = square > bound**2 + radius * (shared + noise)
     # rows that err together count once
-    temper = autocorrelation_time(first.equations.rest(first.y, same.size, first.x))
-    count, found = len(first.y) / temper, []
-    for name in names:
-        best = _Best.of(profiles, name)
-        freedom, k = best.profile.directions[name], best.at
-        left = float(best.profile.freedom[k]) / temper - freedom
-        if not freedom or left < LEFT:
-            continue
-        statistic = max(2.0 * (best.value - same.value), 0.0) / temper
-        # a gain of a log likelihood, as the F of a regression with as many rows
-        f = left / freedom * np.expm1(min(statistic / count, 500.0))
-        p = min(1.0, float(fdtrc(freedom, left, f)) * len(names))
-        if name == DRIFT:
-            found.append(GroupTest(name, p, statistic))
-            continue
-        place = groups.columns[name]
-        power, pull = best.profile.power[k][np.ix_(place, place)], best.profile.pull[k][place]
-        size = np.sqrt(np.maximum(np.diag(power), 1e-300))
-        inverse = np.linalg.pinv(power / size[:, None] / size, rcond=1e-9, hermitian=True)
-        deviation = np.sqrt(np.diag(inverse) * temper) / size
-        change = groups.every[place], inverse @ (pull / size) / size, deviation
-        most = freedom / left * float(fdtri(freedom, left, 1.0 - FALSE_ALARM / len(names)))
-        needed = chndtrinc(count * np.log1p(most), freedom, 1.0 - POWER) * temper
-        told = max(float(likely.profile.power[likely.at][place[0], place[0]]), 1e-300)
-        smallest = float(np.sqrt(needed / told) * groups.moves[place[0]])
-        found.append(GroupTest(name, p, statistic, freedom, change, smallest))
-    return found, (likely if any(g.score > 1.0 for g in found) else same).size
+    time = autocorrelation_time(over[:, None].astype(float)) if over.any() else 1.0
+    count, n = int(over.sum() / time), math.ceil(len(over) / time)
+    p = float(bdtrc(count - 1, n, BEYOND)) if count else 1.0
+    beyond = float(np.mean(square > bound**2 + radius * shared))
+    return beyond, GroupTest("bound", p, -2.0 * math.log(max(p, 1e-300)))
+
+
+def _alike(rows: Indices, u: Array, residual: Array) -> float:
+    """Variance of an axis by which rows of like joints err alike, 0 where that may be chance."""
+    from scipy.spatial import cKDTree
+    from scipy.special import ndtri
+
+    # of so many rows at least one is no neighbour in time: noise may last over some rows
+    near = np.asarray(cKDTree(u).query(u, min(2 * _LASTING + 2, len(u)))[1])
+    later = np.abs(rows[near] - rows[:, None]) > _LASTING
+    row = np.flatnonzero(later.any(axis=1))
+    if not len(row):
+        return 0.0
+    pairs = np.stack([row, near[row, later[row].argmax(axis=1)]], axis=1)
+    first, second = np.unique(np.sort(pairs, axis=1), axis=0).T
+    product = (residual[first] * residual[second]).sum(axis=1)
+    # whatever its size, noise makes either sign as likely
+    sure = product.sum() > -ndtri(FALSE_ALARM) * np.linalg.norm(product)
+    return float(product.mean()) / residual.shape[1] if sure else 0.0

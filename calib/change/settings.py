@@ -9,10 +9,8 @@ OUTLIER = 5.0  # noises from which a row contradicts all others
 PSEUDO = 4.0  # observations that the old noise counts for
 # Noise of one encoder over that of the sensor, at the tip: a factor of four is .4 nats at most
 JOINT_NOISES = (0.5, 2.0, 8.0, 32.0)
-FINER = (0.5, 0.7, 1.0, 1.4, 2.0)  # times that, once one is found: a seventh of its size at most
 DRIFTS = (2.0, 4.0, 8.0, 16.0)  # sizes of a smooth residual over what the model expects of one log
 LEFT = 4.0  # degrees of freedom that a noise needs at least to be told from a change
-LEAST_NOISE = 1e-7  # least noise, of the extents: rounding of exact samples
 # Least residual of one log, of the extents; 1e-4 hid a sensor that was moved by .1 mm
 LEAST_OWN = 1e-6
 # Share of rows beyond a 95 % bound that fails for sure: halves of A and C have 13 % at most
@@ -21,8 +19,9 @@ BEYOND = 0.2
 NOISIER = 1.15
 CHANGED = 0.95  # share of the held-out error that a change may leave at most
 REFINED = 0.85  # the same where nothing changed and rows are only added
-SURE = 2.0  # standard errors by which five held-out blocks must gain
-SURER = 4.0  # the same where rows lie beyond the old belief's bound on average
+# Standard errors by which five held-out blocks must gain; twice that alone is enough where nothing
+# changed and rows lie beyond the old belief's bound on average
+SURE = 2.0
 # Share of the error that a belief expects of itself that rows may leave where nothing changed: half
 # of series A was added to a model of the other, which was then 1.15 times as far off
 UNSURE = 0.9
@@ -31,19 +30,12 @@ UNSURE = 0.9
 TAIL = 3.0
 # Rows below which the tests weigh all rows alike, but for those that contradict all others
 FEW_ROWS = 60
-WINDOW = 200.0  # samples that the monitor remembers: older ones fade by a factor of e
-MONITOR_ALARM = 1e-6  # share of the samples of a calm stream that may raise an alarm
 # Times its own bound of 95 % that a model may be off for a while, as where an arm dwells
 NUISANCE = 1.5
-# Samples of which the monitor tells how much the noise of one is like that of the next
-LONG = 2000.0
 
 CREPT = 0.25
 """Of the usual creep of an unchanged arm's parameters, what the tests allow for: the last rows of
 series A, .4 mm off, are an alarm without it; all of it hid a sensor that was moved by .1 mm."""
-
-# Size of joints' waves, over their prior's, that a drift is looked for by: 2 mrad in the plane
-WAVES = 0.7
 
 FEW = 30
 """Rows of a log below which all of its scatter may be noise of the sensor: its own residual, on 40
@@ -52,7 +44,6 @@ of 40 logs were drift without it, of 30 rows none."""
 
 CREEP = 0.01  # sd of a joint's curve that may creep between two logs, over that of its prior
 BUILT_CURVE = 0.3  # the same of a curve that is freed, and of an arm as it was built
-OWN_FLOOR = 1e-4  # least residual of one log of an arm that may have changed, of the extents
 
 SIMULATED_KAPPA = 1.2
 """Inflation of the bound of an arm that was only simulated: nothing has shown yet how it holds.
@@ -65,12 +56,9 @@ OWN = ((1.0, CREEP), (4.0, CREEP), (1.0, 0.7), (16.0, CREEP), (1.0, 4.0))
 """What a log may show beyond every hypothesis, of unknown size: times the usual size of the smooth
 residual, and the joints' waves over their prior.  With the least alone, waves of 2 mrad along a
 line were taken for lengths and a lens.  Each is as likely before: a prior uniform in the logarithm
-of a size (Jeffreys). A half-Cauchy one made narrower bounds, and rows on a line did more harm."""
-
-USUAL = 3
-"""Of these sizes so many are those of an arm that has not changed.  Waves of .25 mrad are what a
-model of 400 rows has not learned of a real UR10: taken for a change of the arm, they doubled its
-error where nothing was measured."""
+of a size (Jeffreys). A half-Cauchy one made narrower bounds, and rows on a line did more harm.
+The first three are those of an arm that has not changed: waves of .25 mrad are what a model of 400
+rows had not learned of a real UR10, and did harm where they were taken for a change of the arm."""
 
 # Nats by which a change must be better than none, and within which explanations are averaged
 MARGIN = 5.0

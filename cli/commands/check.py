@@ -63,31 +63,28 @@ def check(
     remedy = f"calib adapt {model} --data {data} re-calibrates it"
     if not drift.adapts:
         remedy = "calib adapt finds nothing that mends it: check the log and the arm"
-    if rescaled:
+    elif rescaled:
         remedy = "check the log's unit before calib adapt, which learns the new scale"
-    if any(cause.cause == "unknown" and not cause.group for cause in drift.causes[:1]):
-        remedy = "check the log and the arm before calib adapt"
     factor, name = for_people(unit_seen)
-    smallest = f"{number(factor * drift.smallest)} {name}"
     limit = (
-        f"limited by noise: these {drift.samples} rows show changes from {smallest} on; more rows "
-        "show smaller ones"
+        f"limited by noise: these {drift.samples} rows show changes from "
+        f"{number(factor * drift.smallest)} {name} on; more rows show smaller ones"
     )
+    bumped = [each for each in episodes if each["drifted"]]
     if drift.drifted:
         first, *others = drift.explanations or ("its cause is unknown",)
         lines = [f"DRIFTED: {first}", *others, f"what to do: {remedy}", limit]
+    elif bumped:
+        lines = [f"DRIFTED in {len(bumped)} of {len(episodes)} episodes", limit]
+        document["drifted"] = True
     elif drift.drifted is None:
         lines = ["TOO COARSE: these rows could not have shown a change of the tolerated size"]
         lines += ["what to do: give more rows, or rows of less noise", limit]
     else:
         lines = ["still calibrated", limit]
-    bumped = [each for each in episodes if each["drifted"]]
-    if bumped and not drift.drifted:
-        lines = [f"DRIFTED in {len(bumped)} of {len(episodes)} episodes", limit]
-        document["drifted"] = True
     for each in bumped:
-        causes = each["explanations"] or ["its cause is unknown"]
-        lines.append(f"episode {each['episode']}: DRIFTED: {causes[0]}")
+        told = (*each["explanations"], "its cause is unknown")[0]
+        lines.append(f"episode {each['episode']}: DRIFTED: {told}")
     code = NO if bumped or drift.drifted is not False else 0
     return Outcome(document, lines, _details(drift, factor, name), code=code)
 
@@ -122,15 +119,9 @@ def _episode(
 
 
 def _details(drift: Drift, factor: float, name: str) -> list[str | TextTable]:
-    groups = sorted(drift.groups, key=lambda g: -g.score)[:_MOST]
     tests = [
-        [
-            group.name,
-            number(group.p_value),
-            number(factor * group.smallest),
-            "fired" if group.score > 1.0 else "",
-        ]
-        for group in groups
+        [g.name, number(g.p_value), number(factor * g.smallest), "fired" * (g.score > 1.0)]
+        for g in sorted(drift.groups, key=lambda g: -g.score)[:_MOST]
     ]
     signals = [
         [SIGNALS[key], unit, number(size * found.value), number(size * found.threshold)]

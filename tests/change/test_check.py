@@ -60,7 +60,6 @@ def test_waves_look_like_noise_to_the_tests_of_groups(size):
         ("sensor.mirror=x", "sensor"),
         ("sensor.scale=1000", "sensor"),
         ("elbow.lock=1.0", "lost:elbow"),
-        ("elbow.length=0.001", "lost:elbow"),
         ("tip.offset=0.01,0.02", "length:elbow"),
         ("elbow.gear=1.03", "gain:elbow"),
     ],

@@ -60,7 +60,7 @@ def test_a_tracker_that_stands_elsewhere_is_told_by_its_turn_and_its_shift(arm, 
     log = log_of(arm, 4, turn=np.eye(3), shift=(0.0, 3.0, 0.0))
     found = calib.check(model, log)
     assert [cause.cause for cause in found.causes] == ["sensor"]
-    assert "turned 90 deg about (0.00, 0.00, -1.00), scaled 1, shifted " in found.causes[0].words
+    assert "turned 90 deg, scaled 1, shifted " in found.causes[0].words
     assert found.causes[0].value == pytest.approx(np.pi / 2, abs=1e-3)
     adapted = calib.adapt(model, log)
     fresh = log_of(arm, 5, turn=np.eye(3), shift=(0.0, 3.0, 0.0))
