@@ -123,10 +123,9 @@ class Compiled:
         return hasattr(self._library, f"called_{name}")
 
     def ask(self, name: str, joints: Any, *asked: Any) -> tuple[Any, int] | None:
-        """The answer for joints (dof,) and what else is asked, and how sure it is.
+        """The answer for joints (dof,) and what else is asked, and how sure, see ``c/calls.h``.
 
-        0 stands for no answer, 1 for a sure one, see ``c/calls.h``.  None where a question is none:
-        the batch refuses it in words.
+        None where a question is none: the batch refuses it in words.
         """
         try:
             call, address, place, parts, found = getattr(self._own, name)

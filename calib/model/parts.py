@@ -78,16 +78,21 @@ class Parts:
     def __repr__(self) -> str:
         """Say in three lines what it is a model of, what it has learned and how well."""
         about = self.about
-        robot = about.robot or "a log"
-        maps = self.motor, self.sensory
-        nodes = " and ".join("x".join(map(str, each.lattice.shape)) for each in maps)
         errors = about.errors.get(self.default_readout, {}).get("forward", {})
         error = errors.get("distance", {}).get("mean")
         known = "unknown" if error is None else f"{error:.3g} {about.unit}"
-        return one_line(f"Model of {robot}: {', '.join(about.joint_names)}") + (
-            f"\n  {about.samples:,} samples ({about.source}), maps of {nodes} nodes"
+        title = f"Model of {about.robot or 'a log'}: {', '.join(about.joint_names)}"
+        return one_line(title) + (
+            f"\n  {about.samples:,} samples ({about.source}), maps: {self.size_in_words}"
             f"\n  mean error {known}, {len(self.history)} earlier states"
         )
+
+    @property
+    def size_in_words(self) -> str:
+        """The lattices, such as `motor 70x70, sensory 70x70`."""
+        maps = (self.motor, self.sensory)
+        motor, sensory = ("x".join(map(str, part.lattice.shape)) for part in maps)
+        return f"{motor} nodes" if motor == sensory else f"motor {motor}, sensory {sensory}"
 
     @property
     def motor(self) -> Map:
