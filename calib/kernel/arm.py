@@ -58,10 +58,7 @@ class KernelArm:
         return np.asarray(self.slid[:, None] * self.structure.joint_values(q, self.beta))
 
     def derivatives(self, q: Array) -> tuple[Array, Array]:
-        """How positions (n, m) move: with whatever may be off (D, m, n), with joints (dof, m, n).
-
-        The same as `calib_derivatives` of the C source, in the same order.
-        """
+        """As `calib_derivatives` of C: positions by all that may be off (D, m, n), by joints."""
         motion, eye = move(Links.of(self.chain, self.moved), self.joints(q)), np.eye(3)
         linear = eye[:, None, :, None] * motion.position[:, None]
         shifts = np.repeat(eye[:, :, None], len(q), axis=2)

@@ -58,11 +58,7 @@ def source(*names: str) -> str:
 
 
 def c_source(text: str, words: Mapping[str, object], prefix: str, single: bool) -> str:
-    """C source with its words filled in, names that start with `prefix`, and its precision.
-
-    Names start with ``calib_`` there; words are such as ``@dof@``, and what stands between
-    ``#if @word@`` and ``#endif`` is kept where the word is true.
-    """
+    """C source with words such as ``@dof@`` and ``#if @word@`` filled in, and names' prefix."""
     while "#if @" in text:  # the innermost first
         text = _CHOICE.sub(lambda found: (found[2] if words[found[1]] else found[3]) or "", text)
     filled = {

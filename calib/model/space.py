@@ -52,11 +52,7 @@ class Space:
 
     @staticmethod
     def of(model: Parts) -> Space:
-        """The arm of a model, made once.
-
-        Raises QueryError if the model knows no chain in space: of a planar arm, or one found from
-        rows alone.
-        """
+        """The arm of a model, made once; QueryError if the model knows no chain in space."""
         if "space" not in model.remembered:
             about = model.about
             body = _in_base(model.body) if model.body is not None else None
@@ -139,8 +135,7 @@ class Space:
     def pixels_on_plane(self, seen: ArrayLike, height: float) -> Array:
         """Points (n, 3) [m] of the base frame's plane z = height that pixels `seen` (n, 2) show.
 
-        Raises QueryError if the model is of no camera, or a line of sight meets the plane nowhere
-        before it.
+        Raises QueryError if the model is of no camera, or a line of sight misses the plane.
         """
         rows, _ = checked_rows(seen, ("x", "y"), "pixels")
         if not self.camera:
@@ -280,10 +275,9 @@ def _undistorted(seen: Array, lens: Array) -> Array:
 
 
 def _in_base(body: Body, *, size: bool = True) -> Body | None:
-    """The body with its sensor left out: outputs are the tip in the base frame [m].
+    """The body with its sensor left out, its outputs the tip in the base frame [m], by convention.
 
-    Where the sensor's frame was fitted, the base frame is turned about and shifted along the first
-    joint's axis to where the belief has it, by convention, and the spread is what is left.
+    A base frame behind a fitted sensor is turned about the first joint's axis as the belief has it.
     """
     structure: Any = body.structure
     if structure.kind != "spatial" or not structure.informed:
