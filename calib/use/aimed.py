@@ -125,11 +125,13 @@ def in_sight(
     Raises OptionError if fewer than three are found.
     """
     made: Any = None if isinstance(source, Arm) else source.about.options.get("board")
+    spec: Any = board
+    lens, picture, in_hand = _LENS, np.array(_PICTURE), eye == "hand"
     if made is not None and isinstance(source, Model) and source.body is not None:
         known: Any = source.body.structure
+        spec, picture, in_hand = made["board"], np.array(made["size"]), made["eye"] == "hand"
         structure, likely = known.with_view("pose"), [_encoded(source.body, made)]
-        size, picture = np.array(Board.of(made["board"]).size), np.array(made["size"], float)
-        in_hand = made["eye"] == "hand"
+        lens = likely[0][structure.groups["lens"]]
     elif not isinstance(source, SpatialArm):
         raise OptionError(
             "handeye: expected a robot that moves in space, or a model that `calib handeye -o` made"
@@ -139,12 +141,12 @@ def in_sight(
             "handeye: expected the board and `start`, joint values at which the camera sees it "
             "in the middle of its picture"
         )
-    else:
+    size = np.array(Board.of(spec).size)
+    away = lens[0] * size.max() / (_FILLED * picture[0])  # so far the board fills its share
+    if isinstance(source, SpatialArm):
         structure = structure_of(source, "pose", lens=_LENS)
-        size, picture, in_hand = np.array(Board.of(board).size), np.array(_PICTURE), eye == "hand"
-        likely = _likely(structure, start, in_hand, _away(_LENS[0], size, picture), rng)
+        likely = _likely(structure, np.array(start), in_hand, away, rng)
     beta, groups = likely[0], structure.groups
-    away = _away(beta[groups["lens"][0]], size, picture)
     # the camera about the board: tilted to any side, rolled, nearer and further, aimed beside it
     tilt, side = _TILTED * np.sqrt(rng.random(_DRAWN)), rng.uniform(-np.pi, np.pi, _DRAWN)
     turn = exponential(np.stack([tilt * np.cos(side), tilt * np.sin(side), 0 * tilt], axis=1))
@@ -192,11 +194,6 @@ def in_sight(
         return np.asarray(seen * sd[prior.active] / _PIXEL)
 
     return q, told
-
-
-def _away(focal: float, size: Array, picture: Array) -> float:
-    """Distance [m] from which a board of this size fills its share of the picture."""
-    return float(focal * size.max() / (_FILLED * picture[0]))
 
 
 def _likely(

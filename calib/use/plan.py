@@ -26,7 +26,7 @@ from ..errors import OptionError
 from ..maps.map import search_tree
 from ..samples.tables import write_table
 from .aimed import at_point, in_sight
-from .pose_space import PoseSpace, safe, space_of
+from .pose_space import safe, space_of
 
 if TYPE_CHECKING:
     import os
@@ -163,7 +163,14 @@ def plan(
     """
     n, seed = whole("n", n, 1, _MOST_POSES), whole("seed", seed, 0, 2**63 - 1)
     space, rng = space_of(source, margin, ranges), np.random.default_rng(seed)
-    begin, taken = space.start(start), _taken(space, measured)
+    begin, names, taken = space.start(start), space.joint_names, np.zeros((0, len(space.lower)))
+    if measured is not None:
+        if sorted(measured.joint_names) != sorted(names):
+            raise OptionError(
+                f"the measured rows have the joints {', '.join(measured.joint_names)}, expected "
+                f"{', '.join(names)}"
+            )
+        taken = measured.q[:, [measured.joint_names.index(name) for name in names]]
     if sum(given is not None for given in (touch, handeye, measured)) > 1:
         raise OptionError("expected one of `touch`, `handeye` and `measured`")
     if touch is not None:
@@ -199,7 +206,7 @@ def plan(
     way, rng = nodes[order], np.random.default_rng(0)
     others = [length(away, np.append(0, 1 + rng.permutation(n))) for _ in range(_ORDERS)]
     return Plan(
-        space.joint_names,
+        names,
         way[1:],
         source.forward(way[1:]),
         None if isinstance(source, Arm) else source.expected_error(way[1:]),
@@ -211,18 +218,6 @@ def plan(
         why=(f"{n} poses, {how}",),
         notes=tuple(notes),
     )
-
-
-def _taken(space: PoseSpace, measured: Samples | None) -> Array:
-    """Joints (k, dof) of measured rows."""
-    if measured is None:
-        return np.zeros((0, len(space.joint_names)))
-    if sorted(measured.joint_names) != sorted(space.joint_names):
-        raise OptionError(
-            f"the measured rows have the joints {', '.join(measured.joint_names)}, expected "
-            f"{', '.join(space.joint_names)}"
-        )
-    return measured.q[:, [measured.joint_names.index(name) for name in space.joint_names]]
 
 
 def farthest(scale: Scale, q: Array, n: int, taken: Array) -> Index:
@@ -253,8 +248,6 @@ def tells(arm: SpatialArm, q: Array, taken: Array) -> Array:
     told = structure.linearise(every, structure.neutral(), prior.active)[1]
     told = told * (np.minimum(prior.sd[prior.active], _WIDEST) / _NOISE)
     told, known = told[: len(q)], told[len(q) :].reshape(-1, told.shape[2])
-    if not len(known):
-        return np.asarray(told)
     # the posterior (I + T' T)^-1 of the measured rows T is R^-T R^-1, so that told R^-T tells it
     root = np.linalg.cholesky(np.eye(told.shape[2]) + known.T @ known)
     flat = np.linalg.solve(root, told.reshape(-1, told.shape[2]).T)

@@ -7,13 +7,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 from models import in_pixels, in_space, log, measured, trained
+from touching import World
 
 import calib
 from calib.common.scale import Scale
 from calib.maps.lattice import Lattice
 from calib.maps.map import Map
+from calib.samples.sockets import Touches
 from calib.show.report.figures import u_matrix
 
+LABELS = ("as learned", "as drawn")
 FLAT = ["forward", "inverse", "lattices", "nodes"]
 
 
@@ -103,6 +106,17 @@ def test_a_row_that_contradicts_the_others_is_left_out_of_the_headline():
     x[17] = 0.0
     page = report(measured(), replace(given, x=x))
     assert "299 measured rows of the log; 1 are left out" in page
+
+
+def test_touches_are_drawn_by_socket_as_drawn_and_as_learned():
+    world = World(2, each=15)
+    touch = Touches(world.number, tuple(("", name) for name in "ABCD"))
+    arm, nothing = world.arm, np.zeros((len(world.q), 3))
+    ranges = arm.joint_names, arm.lower, arm.upper, arm.revolute
+    touches = calib.Samples(world.q, nothing, *ranges, arm=arm, touch=touch)
+    (ax,) = calib.figures(calib.train(touches, size=4), touches, ["sockets"])["sockets"].axes
+    learned, drawn = ({line.get_label(): line.get_xdata() for line in ax.lines}[w] for w in LABELS)
+    assert np.nanmean(learned) < 0.5 * np.nanmean(drawn)
 
 
 def test_results_tell_themselves_in_a_line_and_models_in_a_small_table():

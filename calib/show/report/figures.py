@@ -1,4 +1,4 @@
-"""Figures of the maps: errors over both spaces, lattices, U-matrix, all over a photo."""
+"""Figures: errors over both spaces and by socket, lattices, U-matrix, the map over a photo."""
 
 from __future__ import annotations
 
@@ -11,10 +11,21 @@ from ...common.rows import thinned
 from ...common.wording import length_in_words
 from ...maps.map import Map
 from ...model.model import Model
+from ...model.nominal import nominal_arm
+from ...samples.samples import Samples
 from ...training.evaluate import Residuals
 from ..error_scale import ErrorScale
 from ..workspace import drawn_edges, extent, node_errors, outline
-from .drawing import WIDE, colour_bar, colour_map, draw_lattice, error_bar, label, panels
+from .drawing import (
+    WIDE,
+    colour_bar,
+    colour_map,
+    draw_lattice,
+    error_bar,
+    label,
+    panels,
+    plain_text,
+)
 
 _BINS = 36
 _PAPERS = "activity"  # the readout of the paper, beside the default
@@ -159,4 +170,24 @@ def over_photo(model: Model, residuals: Residuals | None) -> Any:
         ax.plot(*seen.T, "o", ms=3.0, mfc="#ffffff", mec="#1d2730", label=words, zorder=5)
     figure.legend(loc="outside lower left", ncols=1)
     error_bar(figure, lines, [ax], scale, "expected error")
+    return figure
+
+
+def by_socket(model: Model, log: Samples | None) -> Any:
+    """Distances of tips from the mean of their socket, by the drawing and as learned."""
+    if log is None or log.touch is None:
+        return None
+    touch, q = log.touch, model.about.joints_of(log)
+    tips = {"as learned": model.forward(q)}
+    if model.about.urdf:
+        tips["as drawn"] = nominal_arm(model).forward(q)
+    figure, [[ax]] = panels(1, 1, 1.0 + 0.32 * len(touch.sockets))
+    for up, (text, tip) in zip((-0.16, 0.16), tips.items(), strict=False):
+        off = 1e3 * np.linalg.norm(tip - touch.means(tip)[touch.number], axis=1)
+        off[touch.number < 0] = np.nan  # a row of a sensor is in no socket
+        ax.plot(off, touch.number + up, ".", alpha=0.5, label=text)
+    ax.set_yticks(range(len(touch.sockets)), [plain_text(" ".join(s)) for s in touch.sockets])
+    ax.set(xscale="log", xlabel="distance from the mean of all tips in that socket [mm]")
+    ax.xaxis.set_major_formatter("{x:g}")
+    figure.legend(loc="outside lower center", ncols=2)
     return figure

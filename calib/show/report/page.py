@@ -19,36 +19,42 @@ from ...model.model import Model
 from ...samples.samples import Samples
 from ...training.evaluate import Evaluation, Residuals, evaluate, evaluate_residuals
 from .drawing import settings, to_svg
-from .figures import heat_maps, lattices, over_photo, u_matrices
+from .figures import by_socket, heat_maps, lattices, over_photo, u_matrices
 
 # name: what the figure shows, how to read it, and what draws it, or None where there is nothing
-SECTIONS: dict[str, tuple[str, str, Callable[[Model, Residuals | None], Any]]] = {
+_Draw = Callable[[Model, Residuals | None, Samples | None], Any]
+SECTIONS: dict[str, tuple[str, str, _Draw]] = {
     "photo": (
         "The map over a photo",
         "The sensory map as the camera sees the arm, and where the tip was seen and is predicted.",
-        over_photo,
+        lambda model, residuals, _: over_photo(model, residuals),
+    ),
+    "sockets": (
+        "Scatter by socket",
+        "Each dot is a touch: its distance should be the play of the socket alone.",
+        lambda model, _, log: by_socket(model, log),
     ),
     "forward": (
         "Forward error: where is the tip?",
         "Mean distance between predicted and true position of the test samples in each cell, "
         "over the positions; in a plane also over the joints that they belong to.",
-        lambda model, residuals: heat_maps(model, residuals, "forward"),
+        lambda model, residuals, _: heat_maps(model, residuals, "forward"),
     ),
     "inverse": (
         "Inverse error: how to get there?",
         "Distance from each target to where the answered joints lead.",
-        lambda model, residuals: heat_maps(model, residuals, "inverse"),
+        lambda model, residuals, _: heat_maps(model, residuals, "inverse"),
     ),
     "lattices": (
         "What was learned: both lattices",
         "Nodes of the motor map in the joint space and of the sensory map in the workspace, "
         "joined to their lattice neighbours and coloured by the expected error.",
-        lambda model, _: lattices(model),
+        lambda model, *_: lattices(model),
     ),
     "nodes": (
         "U-matrix",
         "How far apart neighbouring nodes are: ridges are folds and borders.",
-        lambda model, _: u_matrices(model),
+        lambda model, *_: u_matrices(model),
     ),
 }
 
@@ -92,7 +98,7 @@ def report(model: Model, path: str | os.PathLike[str], log: Samples | None = Non
         _soft(source),
         _errors(model, found.errors),
     ]
-    for name, figure in _drawn(model, found, SECTIONS, paper=False).items():
+    for name, figure in _drawn(model, found, log, SECTIONS, paper=False).items():
         heading, text, _ = SECTIONS[name]
         caption = f"<figcaption>{escape(text)}</figcaption>"
         with settings():
@@ -114,7 +120,7 @@ def figures(
     log : Samples, optional
         A log to judge the model by, as in :func:`report`.
     names : sequence of str
-        Which: "photo", "forward", "inverse", "lattices", "nodes".
+        Which: "photo", "sockets", "forward", "inverse", "lattices", "nodes".
 
     Returns
     -------
@@ -136,15 +142,17 @@ def figures(
                 parameter="names",
                 value=name,
             )
-    return _drawn(model, evaluate(model, log), names, paper=True)
+    return _drawn(model, evaluate(model, log), log, names, paper=True)
 
 
-def _drawn(model: Model, found: Evaluation, names: Iterable[str], *, paper: bool) -> dict[str, Any]:
+def _drawn(
+    model: Model, found: Evaluation, log: Samples | None, names: Iterable[str], *, paper: bool
+) -> dict[str, Any]:
     residuals, rows = found.residuals, model.rows
     if residuals is None and rows is not None:  # the model learned from them: still they tell where
         residuals = evaluate_residuals(model, rows.q, rows.x, None)
     with settings(paper=paper):
-        drawn = {name: SECTIONS[name][2](model, residuals) for name in names}
+        drawn = {name: SECTIONS[name][2](model, residuals, log) for name in names}
     return {name: figure for name, figure in drawn.items() if figure is not None}
 
 
