@@ -30,11 +30,12 @@ _WIDTH = 100  # of lines of words and of tables
 _TINY = 1e-6  # what is below a nanometre or a millionth of a degree is rounding
 
 _QUOTED = re.compile(r"`([A-Za-z_]\w*)(?:=([^`]*))?`")
-_WORDS = "adapt calib check expected_error ffmpeg homing_offset measured model_error names time"
+_WORDS = "adapt calib check expected_error homing_offset model_error names point time"
 """What stands in backquotes without being a parameter that an option sets."""
 _RENAMED = {
     "changes": "--change",
     "log": "--data",
+    "measured": "--data",
     "n": "--samples",
     "ranges": "--range",
     "robot": "ROBOT",
@@ -203,8 +204,6 @@ def note(text: str) -> None:
     """Say something on standard error, in one line."""
     try:
         print(one_line(" ".join(as_typed(text).split())), file=sys.stderr, flush=True)
-    except BrokenPipeError:
-        raise
     except OSError:  # a full disk: nobody is told, but the exit code stays the command's
         silence(sys.stderr)
 

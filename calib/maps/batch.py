@@ -59,14 +59,10 @@ def coarse_to_fine(
     """Stages that order a coarse lattice and refine it up to `lattice`.
 
     A coarse lattice settles with less work and fewer folds than a fine one, which starts from its
-    interpolation with a small radius.  On the way the nodes follow the winners' steps, which leaves
-    the border where it belongs; the last stage is eq. 2.  With `epochs` or `sigma` that is the only
-    one, from a random start.
-
-    Where the density is varying, the last radius is wider: a smooth map whose border the gain holds
-    in place is more accurate than one that follows each sample.  One that grows is full on the
-    coarse lattices, where an epoch costs little; its last radius is 0.4 nodes up to 20 a side,
-    where half a node more would cost more inside than the gain wins at the border, 0.8 at 70.
+    interpolation with a small radius.  The last stage is eq. 2; with `epochs` or `sigma` it is the
+    only one, from a random start.  Where the density varies the last radius is wider: a smooth map
+    whose border the gain holds in place is more accurate than one that follows each sample.  One
+    that grows has its gain on the coarse lattices, where an epoch costs little.
     """
     alone, longest = epochs is not None or sigma is not None, max(lattice.shape)
     last = _LAST_VARYING if density == "varying" or (alone and density == "growing") else _LAST
@@ -114,9 +110,8 @@ def learn_batch(
 ) -> Iterator[Epoch]:
     """Train stage after stage; yields after each epoch.
 
-    The fixed points of a stage without `step` are those of eq. 2: each node is the mean of
-    all samples, weighted by the neighbourhood h (eq. 3) of their winners and, for a VDSOM, by
-    their gain.
+    In a stage without `step` each node goes to the mean of all samples, weighted by the
+    neighbourhood h (eq. 3) of their winners and their gain: the fixed points of eq. 2.
     """
     order = _by_place(u)
     u = u[order]
@@ -192,14 +187,9 @@ def spread(sums: Array, lattice: Lattice, sigma: float) -> Array:
 def moved(weights: Array, sums: Array, lattice: Lattice, sigma: float, step: float | None) -> Array:
     """Where the nodes (size, d) go after an epoch.
 
-    Kohonen's batch rule puts each node at the mean of all samples, weighted by the
-    neighbourhood h of their winners: what eq. 2 comes to rest at.  With a `step` the
-    nodes follow those of the winners instead,
-
-        w_j += step sum_s h_ji (x_s - w_i) / sum_s h_ji,   i the winner of s,
-
-    which does not draw the border inwards.  It rests where each node is the mean of the
-    samples that it wins; a step of 2 or more would overshoot.
+    Kohonen's batch rule puts each node at the mean of all samples, weighted by h of their winners.
+    With a `step` nodes follow those of the winners instead, w_j += step sum_s h_ji (x_s - w_i) /
+    sum_s h_ji, i the winner of s, which does not draw the border inwards.
 
     sums : (size, d + 1), sum of the samples that each node won, and their number or weight
     """

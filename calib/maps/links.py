@@ -40,10 +40,9 @@ class Wiring:
     bandwidth: float = BANDWIDTH  # of eq. 6, in units of the spacing.
 
     def activity(self, network: Map, u: Array) -> csr_array:
-        """Activity a_j of the nodes nearest to each row of `u` (n, d), in the unit box (eq. 6).
+        """Activity a_j (n, nodes) of the nodes nearest to places (n, d) of the unit box (eq. 6).
 
-        Returns csr_array of shape (n, nodes), exp(-|w_j - u|^2 / sigma^2), relative to the
-        winner's, which is never zero even for a point far from every node.
+        It is relative to the winner's, which is never zero even far from every node.
         """
         from scipy.sparse import csr_array
 
@@ -56,16 +55,13 @@ class Wiring:
         return csr_array((a.ravel(), index.ravel(), rows), shape=(len(u), network.size))
 
     def link(self, together: csr_array, motor: Array, sensory: Array) -> csr_array:
-        """Links at the fixed point of Oja's rule (eq. 5).
+        """Links (motor nodes, sensory nodes) at the fixed point of Oja's rule (eq. 5).
 
         Where its mean change vanishes, c_ij = <a_i a_j> / <a_j^2>, or with both sides
-        <a_i a_j> / (<a_i^2> <a_j^2>)^(1/2).  A node that was hardly ever active has not come that
-        far: its links stand at the share 1 - exp(-sum a_j^2) of it that the rule, at a learning
-        rate of one, has reached.
+        <a_i a_j> / (<a_i^2> <a_j^2>)^(1/2).  Those of a node that was hardly ever active stand at
+        the share 1 - exp(-sum a_j^2) of it that the rule, at a learning rate of one, has reached.
 
-        together : (motor nodes, sensory nodes), sum of a_i a_j
-        motor, sensory : (nodes,), sum of a^2 of each node
-        Returns csr_array of shape (motor nodes, sensory nodes), weak links are left out.
+        together, motor, sensory : sums of a_i a_j, (motor nodes, sensory nodes), and of a^2
         """
         rows = np.repeat(np.arange(together.shape[0]), np.diff(together.indptr))
         scale = _reached(sensory)[together.indices]

@@ -60,9 +60,8 @@ def monomials(z: Array, terms: Index) -> Array:
 def fit(motor: Map, nodes: Index, u: Array, residual: Array, shape: tuple[int, int]) -> LocalModels:
     """Kernel-weighted least squares around some of the nodes (k,); the others are silent.
 
-    The weight of a sample at the distance d is (1 - (d / radius)^2)^2.  A node whose samples do not
-    carry a polynomial of this degree has one of a lower degree: what is fitted to rows on a line or
-    on one side multiplies their noise beside them, which is asked half a spacing around it.
+    The weight of a sample at the distance d is (1 - (d / radius)^2)^2.  Where samples do not carry
+    this degree, as rows on a line, whose noise it multiplies beside them, a lower one is taken.
 
     u, residual : (n, d), (n, o), samples in the unit box and what the smooth part leaves over
     shape : degree of the polynomials and number of samples that each is fitted to

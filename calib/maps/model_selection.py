@@ -50,9 +50,8 @@ def better(errors: Array, others: Array) -> bool:
 def follows_the_motion(x: Array, residual: Array) -> bool:
     """Whether residuals (n, o) of rows at positions (n, o) point along the rows' motion.
 
-    A late clock leaves -speed x delay along the path, a play its half: what depends on the
-    direction in which a place was passed is no function of the joints.  The mean along the path has
-    to exceed a tenth of the residuals and five standard errors of twenty blocks of rows.
+    A late clock leaves -speed x delay along the path, a play its half: no function of the joints.
+    The mean along it has to exceed a tenth of their size and five standard errors of twenty blocks.
     """
     way = np.gradient(x, axis=0)
     length = np.linalg.norm(way, axis=1, keepdims=True)

@@ -20,14 +20,11 @@ _BORDER = 1.5  # nodes within so many spacings of a limit form a group of their 
 def learn_bounds(motor: Map, u: Array, errors: Array) -> Array:
     """Learn a 95 % bound on the error for each motor node.
 
-    Locally scaled, split conformal prediction (Lei et al. 2018): the mean held-out error
-    around a node tells how the bounds compare, and the 95 % quantile of error over bound
-    how large they are; once for nodes near a limit, where maps are worst, and once for
-    the others; for all at once where either group has too few samples.
+    Locally scaled, split conformal prediction (Lei et al. 2018): the mean held-out error around a
+    node tells how bounds compare, the 95 % quantile of error over bound how large they are; apart
+    for nodes near a limit, where maps are worst, unless either group has too few samples.
 
-    motor : the nodes
-    u : (n, dof), samples that training never saw, in the unit box
-    errors : (n,) [unit], their errors
+    u, errors : (n, dof), (n,) [unit], samples in the unit box that training never saw, their errors
     Returns (nodes,) [unit].
     """
     floor = max(1e-9 * float(errors.max(initial=0.0)), 1e-15)

@@ -63,13 +63,6 @@ class SOM:
     (100, 2)
     >>> som
     Map(10x10 nodes in 2 dimensions, 20 epochs)
-
-    A varying density of one's own, four times as dense where x is large:
-
-    >>> def gain(visit: calib.Visit):
-    ...     return 1.0 + 3.0 * visit.progress * visit.weights[visit.winners, 0]
-    >>> bool(calib.SOM(10, map=gain).fit(x).weights[:, 0].mean() > 0.5)
-    True
     """
 
     size: Size
@@ -145,14 +138,6 @@ class SOM:
         Association
             Maps, links and their readouts.  With the online rule maps and links develop together:
             eq. 5 is stepped.
-
-        Examples
-        --------
-        >>> import numpy as np, calib
-        >>> q = np.random.default_rng(0).uniform(size=(1500, 2))
-        >>> pair = calib.SOM(8, "som", "online", epochs=8).fit_pair(q, q**2)
-        >>> bool(np.abs(pair.predict(q) - q**2).mean() < 0.1)
-        True
         """
         q, x = np.asarray(q, dtype=float), np.asarray(x, dtype=float)
         if q.ndim != 2 or x.ndim != 2 or len(q) != len(x) or len(q) < 2:

@@ -22,9 +22,6 @@ if TYPE_CHECKING:
     from ..maps.association import Association
     from ..maps.map import Map
 
-_COLOURS = "plasma"
-_DPI = 160
-
 
 def lattice_figure(setting: Setting, path: Path) -> None:
     """Motor and sensory lattice of SOM and VDSOM, coloured by the error of each winner.
@@ -131,7 +128,7 @@ def curves_figure(episodes: Mapping[str, Episode], path: Path) -> None:
 
 
 def _save(figure: Any, path: Path) -> None:
-    atomic_write(path, partial(figure.savefig, format="png", dpi=_DPI))
+    atomic_write(path, partial(figure.savefig, format="png", dpi=160))
 
 
 def _node_means(net: Map, points: Array, values: Array) -> Array:
@@ -144,19 +141,17 @@ def _node_means(net: Map, points: Array, values: Array) -> Array:
 
 def _draw_lattice(ax: Any, net: Map, heat: Array, factor: float, most: float, label: str) -> None:
     """Draw the edges of a map, coloured by the mean of their nodes' values, up to `most`."""
+    from matplotlib import colormaps
     from matplotlib.collections import LineCollection
 
-    points = net.weights[:, :2] * factor
     a, b = net.edges.T
-    both = np.stack([heat[a], heat[b]])
-    known = np.isfinite(both).any(axis=0)
-    colour = np.nanmean(both[:, known], axis=0)
-    segments = np.stack([points[a], points[b]], axis=1)
-    if not known.all():
-        grey = LineCollection(list(segments[~known]), colors="#d5dbe0", linewidths=0.4)
-        ax.add_collection(grey)
-    lines = LineCollection(list(segments[known]), cmap=_COLOURS, linewidths=0.7)
-    lines.set_array(colour)
+    both, points = np.stack([heat[a], heat[b]]), net.weights[:, :2] * factor
+    with np.errstate(invalid="ignore"):  # NaN between nodes without a value: grey
+        colour = np.nansum(both, axis=0) / np.isfinite(both).sum(axis=0)
+    grey = colormaps["plasma"].with_extremes(bad="#d5dbe0")
+    segments = list(np.stack([points[a], points[b]], axis=1))
+    lines = LineCollection(segments, cmap=grey, linewidths=0.7)
+    lines.set_array(np.ma.masked_invalid(colour))
     lines.set_clim(0.0, most)
     ax.add_collection(lines)
     ax.autoscale()

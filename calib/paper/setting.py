@@ -16,15 +16,13 @@ from ..errors import OptionError
 from ..samples.babbling import babble
 from ..samples.samples import Samples
 
-_Report = Callable[[float, str], None]
-"""Called with the share of the work that is done and what is being done."""
+_Report = Callable[[float, str], None]  # the share of the work that is done and what is being done
 
 ROBOT = "two_link"
 """Links of 0.30 and 0.25 m, shoulder 0..90 deg, elbow 15..150 deg.  The paper states
 neither lengths nor ranges, and its tables do not settle them."""
 
 NETWORKS = ("som", "vdsom")
-"""The paper's networks."""
 
 _VALIDATION = 77  # stream of the points on which schedules are chosen
 

@@ -29,8 +29,7 @@ UNITS = {"x": "mm", "y": "mm", "shoulder": "deg", "elbow": "deg"}
 
 def _row(*figures: float) -> dict[str, Printed]:
     """Means and largest errors, in turn, of the four columns."""
-    pairs = zip(figures[::2], figures[1::2], strict=True)
-    return {name: Printed(*pair) for name, pair in zip(COLUMNS, pairs, strict=True)}
+    return {name: Printed(*figures[2 * k : 2 * k + 2]) for k, name in enumerate(COLUMNS)}
 
 
 TABLE1 = {
@@ -49,13 +48,11 @@ TABLE2 = {
 FACTORS = {"mm": 1000.0, "deg": 180.0 / math.pi}
 """From SI units to those of the tables."""
 
-_READOUTS = ("winner", "activity", "linear")
-
 Cells = list[str | float | None]
 """A row of a table: words and numbers; None is an empty cell."""
 
-_Columns = Mapping[str, Mapping[str, float]]
-"""{column: {"mean", "max"}} [m, rad]."""
+_READOUTS = ("winner", "activity", "linear")
+_Columns = Mapping[str, Mapping[str, float]]  # {column: {"mean", "max"}} [m, rad]
 
 
 @dataclass(frozen=True)

@@ -78,12 +78,9 @@ class Residuals:
 
 
 def evaluate_residuals(
-    model: Parts, q: Array, x: Array, truth: Callable[[Array], Array] | None, **told: Any
+    model: Parts, q: Array, x: Array, truth: Callable[[Array], Array] | None
 ) -> Residuals:
-    """Residuals of all readouts in both directions, of the answer nearest to the true joints.
-
-    truth : the true kinematics, see :meth:`Residuals.of`
-    """
+    """Residuals of all readouts in both directions, of the answer nearest to the true joints."""
     scale, readouts = model.motor.scale, model.readouts
     known = model.covers(scale.to_unit(q))
     if not known.any():
@@ -94,7 +91,7 @@ def evaluate_residuals(
         lambda: {r: model.answered(q, r) - x for r in readouts},
         lambda: unit_joints(model, x, model.solver.clip(scale.to_unit(q)), readouts),
     )
-    return Residuals.of(model, q, x, forward, answers, truth, left_out=left_out, **told)
+    return Residuals.of(model, q, x, forward, answers, truth, left_out=left_out)
 
 
 def summarise(residuals: Residuals) -> dict[str, Any]:
@@ -124,9 +121,8 @@ def error_sizes(error: Array) -> dict[str, float]:
 def answered_within(model: Model, residuals: Residuals) -> dict[str, float]:
     """What 95 % of a model's answers are within [unit], and what share within its own bound."""
     errors, bound = residuals.errors[model.default_readout], model.expected_error(residuals.q)
-    # of an exact arm error and bound are both rounding
-    covered = float(np.mean(errors <= bound + 1e-12))
-    return {"p95": float(np.quantile(errors, 0.95)), "covered": covered}
+    covered = np.mean(errors <= bound + 1e-12)  # of an exact arm both are rounding
+    return {"p95": float(np.quantile(errors, 0.95)), "covered": float(covered)}
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -197,8 +193,7 @@ def evaluate(model: Model, samples: Samples | None = None, *, frame: str = "kept
     if frame not in EVALUATED:
         raise OptionError(f"frame {frame!r}: expected one of {', '.join(EVALUATED)}")
     simulation, about = simulation_of(model), model.about
-    notes: list[str] = []
-    touched: dict[str, Any] = {}
+    notes, touched = list[str](), dict[str, Any]()
     if samples is not None:
         given, source = len(samples) + samples.left_out, "measured rows of the log"
         if samples.touch is not None:
@@ -207,8 +202,8 @@ def evaluate(model: Model, samples: Samples | None = None, *, frame: str = "kept
             samples, notes = sound_log(model, samples)
             samples, told = _in_frame(model, samples, free=frame == "free")
             notes += told
-        turned = _turned(model, samples)
-        residuals = evaluate_residuals(model, samples.q, samples.x, None, turned=turned)
+        residuals = evaluate_residuals(model, samples.q, samples.x, None)
+        residuals = replace(residuals, turned=_turned(model, samples))
     elif simulation is not None:
         residuals, source = fresh_residuals(model, simulation), "fresh exact samples"
         given = len(residuals.q) + residuals.left_out

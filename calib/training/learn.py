@@ -37,7 +37,9 @@ UNFOLD = "give a larger `size`, more `epochs` or samples, or `rule='batch'`"
 _COLLAPSED = 1e-9  # mean distance of joined nodes in the unit box
 _SIDE = 70  # nodes along each axis of a plane lattice, as in the paper's best table
 _ROWS_PER_NODE = 5
-_LEAST_SIDE = {True: 20, False: 4}  # the links have to propose starts for every branch
+# fewest nodes along a side, without a body, which imagines samples where a log has no rows, and
+# with one: its links have to propose starts for every branch
+_LEAST_SIDE = (4, 20)
 _BLOCKS, _PARTS = 10, 3  # contiguous blocks, of which every third is held out in turn
 _BETTER = 0.9  # of the lattice's error: what a gas has to reach
 
@@ -93,11 +95,9 @@ def resolved(samples: Samples, options: TrainingOptions) -> tuple[TrainingOption
     if options.body == "none" and samples.simulation is None and plain:
         share = _gas_over_lattice(samples, options)
         if share < _BETTER:
-            told = (
-                f"maps without a lattice (gas), which have {share:.2f} of a VDSOM's error on "
-                "held-out blocks of the log; `map` chooses another"
-            )
-            return replace(options, map="gas"), [*notes, told]
+            told = f"maps without a lattice (gas), which have {share:.2f} of a VDSOM's error"
+            notes.append(f"{told} on held-out blocks of the log; `map` chooses another")
+            return replace(options, map="gas"), notes
     return replace(options, map=LATTICE), notes
 
 
@@ -117,11 +117,7 @@ def _gas_over_lattice(samples: Samples, options: TrainingOptions) -> float:
 
 
 def _with_sizes(samples: Samples, options: TrainingOptions) -> tuple[TrainingOptions, list[str]]:
-    """The options with both lattices, and what the user is told.
-
-    Without a body, which imagines samples where a log has no rows, few rows fill few nodes.
-    Raises OptionError if a size is no lattice.
-    """
+    """The options with both lattices, and what the user is told."""
     notes, dof, width = list[str](), samples.dof, samples.x.shape[1]
     sizes = {name: getattr(options, name) for name in ("size", "motor_size", "sensory_size")}
     given, motor, sensory = (
@@ -142,12 +138,8 @@ def _with_sizes(samples: Samples, options: TrainingOptions) -> tuple[TrainingOpt
         ("sensory", sensory, width, "coordinate"),
     ):
         if len(shape) > most:
-            raise OptionError(
-                f"{name} size {'x'.join(map(str, shape))}: expected at most {most} numbers, one "
-                f"per {each}",
-                hint=f"give `{name}_size`",
-                parameter=f"{name}_size",
-            )
+            told = f"{name} size {'x'.join(map(str, shape))}: expected at most {most} numbers"
+            raise OptionError(f"{told}, one per {each}", parameter=f"{name}_size")
     return replace(options, motor_size=motor, sensory_size=sensory), notes
 
 

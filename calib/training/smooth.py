@@ -55,12 +55,7 @@ def unit_box(samples: Samples) -> Scale:
 
 
 def find_smooth_part(samples: Samples, *, view: str = "auto", seed: int) -> SmoothPart:
-    """Fit the body of the samples.
-
-    samples : joint values and positions
-    view : what the sensor measures, see :data:`calib.body.views.PLANAR` and `SPATIAL`
-    seed : chooses rows where there are many
-    """
+    """Fit the body of the samples; `view` says what the sensor measures."""
     rows = np.arange(0, len(samples), -(-len(samples) // _LEARNED_ROWS))
     q, x = samples.q[rows], samples.x[rows]
     kind = _fit_in_space if _in_space(samples, view) else _fit_in_plane
@@ -128,12 +123,8 @@ def _in_space(samples: Samples, view: str) -> bool:
     positions = not pixels and samples.x.shape[1] == 3
     kinds = _VIEWS if positions else [v for v in VIEWS if v == "auto" or is_camera(v) == pixels]
     if view not in kinds:
-        raise OptionError(
-            f"view {view!r} is not one of these samples",
-            hint=f"give one of {', '.join(kinds)}",
-            parameter="view",
-            value=view,
-        )
+        told = f"view {view!r}: expected one of {', '.join(kinds)} for these samples"
+        raise OptionError(told, parameter="view", value=view)
     return pixels or positions
 
 

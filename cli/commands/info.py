@@ -98,12 +98,7 @@ def evaluate(
     limit = missed or advice(loaded, result.errors)
     if result.touch:
         document["touch"] = result.touch
-        rows = [
-            [each["setup"], each["point"], str(each["rows"]), sized(each["scatter"], "m")]
-            for each in result.touch["points"]
-        ]
-        table = TextTable(["setup", "point", "rows", "scatter"], rows, "by socket", 2)
-        return Outcome(document, [_scatter(model, result), *limit], [table])
+        return Outcome(document, [f"{model}: {_scatter(result)}", *limit])
     tested = f"{result.rows} {result.source}"
     lines = [
         f"{model}: {accuracy(loaded, result.errors, result.within, tested, result.left_out)}",
@@ -113,13 +108,9 @@ def evaluate(
     return Outcome(document, lines, [error_table(loaded, result.errors, f"errors on {tested}")])
 
 
-def _scatter(model: str, result: Evaluation) -> str:
+def _scatter(result: Evaluation) -> str:
     size = {name: sized(value, "m") for name, value in result.touch["scatter"].items()}
-    line = (
-        f"{model}: tips scatter about their sockets by {size['mean']} (95 % within {size['p95']}, "
-        f"largest {size['max']}) in {result.rows} touches"
-    )
-    if result.left_out:
-        line += f", {result.left_out} left out (in no socket of theirs, or out of range)"
+    line = f"tips scatter about their sockets by {size['mean']}, 95 % within {size['p95']}"
+    line += f", in {result.rows} touches, {result.left_out} left out"
     off = [abs(each["predicted"] - each["stated"]) for each in result.touch["distances"]]
     return line + (f"; distances are off by {sized(sum(off) / len(off), 'm')}" if off else "")
