@@ -213,7 +213,9 @@ def _poses(place: Array, nominal: Array, x: Array, turns: Array) -> Finding | No
 
     def away(x: Array, seen: Array) -> Array:
         """Median distance and angle [rad] that the best frames leave of x and seen."""
-        frame, shift, scale = similarity(*agreeing(place, x))
+        off = np.linalg.norm(x - aligned(place, x), axis=1)
+        agree = off <= 3.0 * np.median(off) + 1e-300
+        frame, shift, scale = similarity(place[agree], x[agree])
         y = nearest_rotation((np.swapaxes(nominal, 1, 2) @ frame.T @ seen).sum(axis=0))
         angle = logarithm(seen @ np.swapaxes(frame @ nominal @ y, 1, 2))
         far = x - scale * place @ frame.T - shift
@@ -242,15 +244,11 @@ def rows_behind(predict: Predict, q: Array, x: Array, unit: str = "m", most: int
 
     Rows along a path fit nearly as well a row later; poses in any order fit not at all.
     """
-    n = len(q)
+    n, predicted = len(q), predict(q)
     most = min(most, n // 5)
-    if most < 1:
+    if most < 1 or not np.isfinite(predicted).all():
         return 0
-    predicted = predict(q)
-    if not np.isfinite(predicted).all():
-        return 0
-    rows = np.linspace(most, n - 1 - most, min(n - 2 * most, settings.DIAGNOSED_ROWS)).round()
-    rows = rows.astype(np.intp)
+    rows = most + thinned(n - 2 * most, settings.DIAGNOSED_ROWS)
     found = {
         shift: aligned_misfit(predicted[rows - shift], x[rows], affine=unit == "px")
         for shift in range(-most, most + 1)
@@ -290,10 +288,3 @@ def aligned(a: Array, b: Array, *, affine: bool = False) -> Array:
         away = np.linalg.norm(b - moved, axis=1)
         kept = away <= 3.0 * np.median(away) + 1e-300
     return np.asarray(moved)
-
-
-def agreeing(a: Array, b: Array) -> tuple[Array, Array]:
-    """Rows of both that one similarity brings together, without those that contradict most."""
-    away = np.linalg.norm(b - aligned(a, b), axis=1)
-    kept = away <= 3.0 * np.median(away) + 1e-300
-    return a[kept], b[kept]

@@ -19,7 +19,7 @@ from ..common.scale import TURN
 from ..common.wording import unit_of_joint
 from ..errors import CalibError, LogError, OptionError
 from . import settings
-from .tables import Source, open_source, read_columns
+from .tables import Source, open_source
 
 MAX_GAP = 0.1
 """Joints further apart than this are not interpolated between [s]."""
@@ -71,8 +71,11 @@ class LoggedJoint:
         low, high = limits
         row = int(np.argmax(np.maximum(low - values, values - high)))
         rounds = self.revolute and many_turns(values)
-        turned = self.revolute and (rounds or fits_in_degrees(values, low, high))
-        if turned and not self.degrees:
+        fits = self.revolute and not self.degrees and fits_in_degrees(values, low, high)
+        turned = rounds or fits
+        if fits:
+            hint = "as degrees it fits: give `degrees=True`"
+        elif rounds and not self.degrees:
             hint = f"if the values are in degrees, give `degrees=True`; {hint}"
         elif rounds:
             hint = f"values in rad are given without `degrees`; {hint}"
@@ -271,7 +274,8 @@ def locked_from_log(
     source, _ = source.drawn(settings.HELD_ROWS, 0) if found else (source, 0)
     values, notes = {}, []
     for name in found:
-        stood, turns = read_columns(source, [called.get(name, name)])[:, 0], name not in prismatic
+        (stood,), rows = (each.T for each in source.numbers([called.get(name, name)]))
+        turns = name not in prismatic
         if not np.isfinite(stood).any():
             continue
         stood = np.deg2rad(stood) if turns and degrees else stood
@@ -281,7 +285,7 @@ def locked_from_log(
         words = f"{source.label}: {name} is locked but moved by up to {shown}"
         if np.mean(off > settings.LOCKED[turns]) > settings.LOCKED_SHARE:
             raise LogError(
-                f"{words} (row {np.argmax(off) + 1})",
+                f"{words} (row {rows[np.argmax(off)]})",
                 hint="name it in `joints` too, without `planar` if its axis is not parallel to the "
                 "others', or leave out the rows in which it moved",
                 parameter="joints",
