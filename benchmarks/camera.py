@@ -24,12 +24,11 @@ from rendering import Camera, Desk, board, board_shots, tag, write_video
 
 import calib
 from calib.recording.board import Board, BoardFinder
-from calib.recording.from_pictures import log_pictures
-from calib.recording.from_video import log_video
 from calib.recording.joint_table import read_joints
 from calib.recording.lens import calibrate_lens, load_lens
 from calib.recording.reference import PlaneReference, find_pose
 from calib.recording.setting import Setup
+from calib.recording.tag_logs import log_pictures, log_video
 from calib.recording.tags import TagFinder
 
 BOARD = Board.parse("7x5:24mm:18mm:5x5_100")

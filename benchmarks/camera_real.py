@@ -23,11 +23,10 @@ from camera import BOARD, DESK, LYING, NAMES, on_board, postures
 from rendering import Camera, Desk, board, write_video
 
 from calib.errors import CalibError
-from calib.recording.from_pictures import log_pictures
-from calib.recording.from_video import log_video
 from calib.recording.joint_table import JointTable
 from calib.recording.lens import Lens
 from calib.recording.setting import Setup
+from calib.recording.tag_logs import log_pictures, log_video
 from calib.samples.recorded import Recorded
 
 Change = Callable[[np.ndarray, int, np.random.Generator], np.ndarray]

@@ -1,6 +1,6 @@
 """Measure how honest the bounds, alarms and adaptations are: one row per bar.
 
-    python benchmarks/honesty.py --data FOLDER [--only PART,PART] [--quick] [--json FILE]
+    python benchmarks/honesty.py --data FOLDER [--only PART,PART] [--quick]
 
 FOLDER holds the laser-tracker logs series_a.csv, series_c.csv, full_a.csv and full_c.csv of a UR10
 (docs/accuracy.md names their source); without it the parts on real rows are left out, aloud.
@@ -11,7 +11,6 @@ encoders-space, streams (own generators, see honest_worlds.py).
 """
 
 import argparse
-import json
 import sys
 import time
 import warnings
@@ -80,7 +79,6 @@ def main() -> None:
     parser.add_argument("--data", type=Path, help="folder with series_a.csv and series_c.csv")
     parser.add_argument("--only", default="", help="parts to run, with commas between")
     parser.add_argument("--quick", action="store_true", help="fewer splits and seeds")
-    parser.add_argument("--json", type=Path, help="also write the rows to this file")
     options = parser.parse_args()
     wanted = [name for name in options.only.split(",") if name]
     unknown = set(wanted) - {*REAL, *OWN}
@@ -94,19 +92,14 @@ def main() -> None:
         if name in REAL and options.data is None:
             print(f"{name}: no --data, left out", file=sys.stderr)
             continue
-        command = f"python benchmarks/honesty.py --only {name}"
-        command += " --data FOLDER" if name in REAL else ""
-        command += " --quick" if options.quick else ""
         started = time.perf_counter()
         parts = (
             REAL[name](options.data, options.quick) if name in REAL else OWN[name](options.quick)
         )
         for row in parts:
-            found.append(judged({"part": name, **row, "command": command}))
+            found.append(judged(row))
             print(shown(found[-1]), flush=True)
         print(f"{name}: {time.perf_counter() - started:.0f} s", file=sys.stderr)
-        if options.json is not None:
-            options.json.write_text(json.dumps(found, indent=1) + "\n")
     missed = [row for row in found if row["kept"] is False]
     print(f"{len(found)} rows, {len(missed)} missed")
 

@@ -7,7 +7,6 @@ seeds.  What a log tells is measured by the model that is trained on it.
 """
 
 import argparse
-import sys
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
@@ -89,9 +88,7 @@ def spread(seeds: int) -> None:
                 mean, p99 = found.mean(axis=0)
                 row[f"{n} poses"] = f"{mean:.2f} ({found[:, 0].max():.2f}), {p99:.1f}"
             rows.append(row)
-            print(robot, row, file=sys.stderr, flush=True)
-        print(f"{robot}: mean error [mm] over {seeds} seeds (worst seed), 99 % quantile\n")
-        table("", rows)
+        table(f"{robot}: mean error [mm] over {seeds} seeds (worst seed), 99 % quantile", rows)
     rows = []
     for robot in ("two_link", "three_link", "polar"):
         arm = calib.load_arm(robot)
@@ -103,8 +100,7 @@ def spread(seeds: int) -> None:
             )
             row[f"{n} poses"] = f"{own:.1f} against {other:.1f} ({100 * own / other:.0f} %)"
         rows.append(row)
-    print("travel, in ranges of the joint that moves most, against a random order\n")
-    table("", rows)
+    table("travel, in ranges of the joint that moves most, against a random order", rows)
 
 
 def main() -> None:

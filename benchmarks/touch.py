@@ -20,7 +20,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 import calib
-from calib.body.fit import maximise
+from calib.body.fit import Fit
 from calib.body.spatial import structure_of
 from calib.body.touch import Touch
 from calib.samples.samples import Samples
@@ -39,10 +39,8 @@ def tool_alone(arm: calib.PlanarArm, log: Samples) -> np.ndarray:
     seen = base.with_view("touch", reading=touch)
     rows = touch.rows(log.q, number, log.x)
     prior = seen.prior(("tool", "point"))
-    fit = maximise(
-        seen, rows, np.zeros((len(rows), 3)), touch.start(seen, rows), prior,
-        nu=6.0, floor=np.full(3, 1e-4), steps=20,
-    )  # fmt: skip
+    none, begin = np.zeros((len(rows), 3)), touch.start(seen, rows)
+    fit = Fit(seen, rows, none, begin, prior, nu=6.0, floor=np.full(3, 1e-4)).maximise(steps=20)
     out = base.neutral()
     out[base.groups["tool"]] = fit.beta[seen.groups["tool"]]
     return out

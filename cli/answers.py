@@ -19,6 +19,7 @@ from calib.samples.tables import Batch, read_batch, write_table
 from .options import Asking
 from .output import NO, Outcome, TextTable, fixed, note, say
 from .parsing import TABLES, BadOption, check_file
+from .samples import refuse
 from .units import JointFormat, PositionFormat, units_of
 
 BOUNDS = ("expected_error", "model_error")
@@ -37,9 +38,9 @@ class Query:
     ) -> None:
         if asking.input_ is not None and typed:
             raise BadOption(f"--input {asking.input_!r} and {len(typed)} values: expected one")
-        for name in ("output", "columns"):
-            if getattr(asking, name) is not None and asking.input_ is None:
-                raise BadOption(f"--{name} is for many queries: expected --input FILE too")
+        if asking.input_ is None:
+            of_many = {"output": asking.output, "columns": asking.columns}
+            refuse(of_many, "is for many queries: expected --input FILE too")
         check_file(asking.output, TABLES, stream=True)
         self.model, self.frame, self.asking = calib.load(path), frame, asking
         about, base = self.model.about, frame == "base"

@@ -1,23 +1,26 @@
-"""Options for pictures and videos, and the log that is made of them."""
+"""Pictures and videos for commands: their options, and the logs that are made of them."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Annotated, Any
 
 from typer import Option
 
 from calib.common.choices import DICTIONARY, PICTURES, VIDEOS, Eye
 
 from . import options as opt
-from .boards import record_board
 from .options import Text, flag, option
 from .output import say
 from .parsing import BadOption
 
 if TYPE_CHECKING:
+    from calib.model.model import Model
+    from calib.recording.lens import Lens
     from calib.recording.setting import Setup
     from calib.samples.recorded import Recorded
 
@@ -43,8 +46,7 @@ class Shooting:
 
     def given(self) -> bool:
         """Whether any of what only pictures have was typed."""
-        typed = (self.joints_file, self.tag, self.board, self.tags_at, self.lens, self.eye)
-        return any(value is not None for value in (*typed, self.picture, self.camera))
+        return self != Shooting()
 
     def setting(self, output: str) -> Setup:
         """Make the setting; a lens that is calibrated is written beside the log."""
@@ -98,11 +100,10 @@ class Shooting:
                 sources[0], self.board, self.eye, self.lens, self.joints_file, self.camera, joints,
                 degrees=degrees, prismatic=prismatic,
             )  # fmt: skip
-        from calib.recording.from_pictures import log_pictures
-        from calib.recording.from_video import log_video
         from calib.recording.joint_table import read_joints
         from calib.recording.photo import read_photo, write_seen
         from calib.recording.pictures import list_pictures
+        from calib.recording.tag_logs import log_pictures, log_video
 
         setting = self.setting(output)
         table = read_joints(str(self.joints_file), joints, degrees=degrees, prismatic=prismatic)
@@ -130,3 +131,76 @@ class Shooting:
 def is_picture(path: str) -> bool:
     """Whether a name is that of pictures or a video, not of a recording of ROS."""
     return Path(path).suffix.lower() in VIDEOS + PICTURES or any(mark in path for mark in "*?[")
+
+
+def need_joints(source: str, joints_file: str | None) -> None:
+    """Refuse pictures without their joints; a LeRobotDataset brings them."""
+    from calib.recording.lerobot import is_dataset
+
+    if joints_file is None and not is_dataset(source):
+        raise BadOption("--joints-file FILE is missing: pictures need the joints beside them")
+
+
+def record_board(
+    source: str,
+    board: str | None,
+    eye: str,
+    lens: Any,
+    joints_file: str | None,
+    camera: str | None,
+    joints: Sequence[str] | None,
+    **of_joints: Any,
+) -> Recorded:
+    """Make a log of pictures of a board; `lens` is a lens, its file or its pictures, or None."""
+    import calib
+    from calib.recording.board_pictures import find_board
+    from calib.recording.lens import load_lens
+
+    if board is None:
+        raise BadOption("--eye needs --board COLSxROWS:SQUARE:MARKER:DICT, which is seen")
+    need_joints(source, joints_file)
+    shots = find_board(source, joints_file, board, joints, camera=camera, **of_joints)
+    if isinstance(lens, str) and lens.endswith(".calib"):
+        lens = _lens_of(calib.load(lens))
+    elif isinstance(lens, str):
+        lens, told = load_lens(lens, shots.board)
+        say(told)
+    lens, doubts = shots.lens(lens)
+    made = shots.log(lens, eye == "hand")
+    say([*made.notes, *doubts])
+    return made
+
+
+@contextmanager
+def log_of_pictures(
+    model: Model, source: str, joints_file: str | None, camera: str | None, degrees: bool | None
+) -> Iterator[str]:
+    """A log as typed; or one of pictures, read as the model's own were."""
+    if joints_file is None and not Path(source).is_dir():
+        yield source
+        return
+    about, lens = model.about, _lens_of(model)
+    known, kinds = about.options["board"], zip(about.joint_names, about.revolute, strict=True)
+    sliding = [name for name, turns in kinds if not turns]
+    made = record_board(
+        source, known["board"], known["eye"], lens, joints_file, camera, about.joint_names,
+        degrees=about.degrees if degrees is None else degrees,
+        prismatic=sliding,
+    )  # fmt: skip
+    with TemporaryDirectory() as folder:
+        path = str(Path(folder) / f"{Path(source).name}.csv")
+        made.write(path)
+        yield path
+
+
+def _lens_of(model: Model) -> Lens:
+    """The lens that a model of pictures of a board was made with."""
+    from calib.recording.lens import Lens
+
+    known: Any = model.about.options.get("board")
+    try:
+        return Lens.from_json(known["lens"])
+    except (KeyError, TypeError, ValueError):
+        raise BadOption(
+            "the model is not of pictures of a board: make a log of these by calib log --eye"
+        ) from None

@@ -204,8 +204,6 @@ def note(text: str) -> None:
     """Say something on standard error, in one line."""
     try:
         print(one_line(" ".join(as_typed(text).split())), file=sys.stderr, flush=True)
-    except BrokenPipeError:
-        raise
     except OSError:  # a full disk: nobody is told, but the exit code stays the command's
         silence(sys.stderr)
 

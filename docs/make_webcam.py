@@ -22,12 +22,12 @@ from rendering import Desk, board, tag  # noqa: E402
 
 import calib  # noqa: E402
 from calib.recording.board import Board  # noqa: E402
-from calib.recording.from_pictures import log_pictures  # noqa: E402
 from calib.recording.joint_table import read_joints  # noqa: E402
 from calib.recording.lens import Lens  # noqa: E402
 from calib.recording.photo import take_photo, write_seen  # noqa: E402
 from calib.recording.pictures import list_pictures, read_picture  # noqa: E402
 from calib.recording.setting import Setup  # noqa: E402
+from calib.recording.tag_logs import log_pictures  # noqa: E402
 
 
 def render(folder: Path, count: int = 60) -> Desk:

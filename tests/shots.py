@@ -10,10 +10,10 @@ from rendering import Camera, Desk, board, tag, write_video
 
 from calib.errors import CalibError
 from calib.recording.board import Board
-from calib.recording.from_pictures import log_pictures
 from calib.recording.joint_table import read_joints
 from calib.recording.lens import Lens
 from calib.recording.setting import Setup
+from calib.recording.tag_logs import log_pictures
 
 CAMERA = Camera(size=(640, 480), focal=600.0)
 BOARD = Board.parse("5x4:40mm:31mm:5x5_100")

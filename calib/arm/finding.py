@@ -1,8 +1,8 @@
 """Finding: which joints and which tip, for users who named none: the arm that reaches furthest.
 
 A chain from the root to a tip reaches as far as its joints' distances and slides add up to.
-Fingers are no part of an arm: where a link branches and what lies beyond a joint of it is short
-beside the way up to it, the arm ends before that joint.
+Fingers are no part of it: where a link branches and what lies beyond a joint of it is short beside
+the way up to it, the arm ends before that joint.
 """
 
 from __future__ import annotations
@@ -17,23 +17,21 @@ import numpy as np
 from ..common.arrays import Array
 from ..common.wording import listed, quoted
 from ..errors import RobotError
-from .folding import followers
 from .plane import MIN_LEVER, PARALLEL, check_tip, common_normal, fits
-from .posture import Posture
+from .posture import Posture, followers
 from .ranges import Range, fixed_by_limits, limits_fault, ranges_wanted, travel
-from .tree import Joint, Urdf
+from .urdf import Joint, Urdf
 
 #: More joints than this are no arm that a log could cover: those nearest to the root are held.
 MOST_JOINTS = 7
 #: So many of a planar part, and none whose link is shorter than this share of its reach.
 _MOST_IN_PLANE, _MIN_SHARE = 3, 0.05
 #: What lies beyond a joint of a branching link is a finger if it is shorter than this share of
-#: the way from the first joint up to it.
+#: the way from the first joint up to it; so is what has such a name.
 _FINGER = 0.35
+_FINGER_NAME = re.compile(r"(gripper|finger|jaw|claw|thumb)(_(left|right|joint|\d+))*$", re.I)
 #: Chains whose reach differs by less than this share are equals.
 _EQUAL = 0.01
-#: Last joints of these names open a hand and move no arm.
-_FINGER_NAME = re.compile(r"(gripper|finger|jaw|claw|thumb)(_(left|right|joint|\d+))*$", re.I)
 #: Usual names (their ends) of the frame that a robot's maker means by its tip.
 _TIP_NAMES = ("tool0", "tcp", "tool", "tip", "ee_link", "ee", "end_effector", "gripper_frame_link")
 
@@ -70,15 +68,28 @@ def find_arm(
     urdf: Urdf, posture: Posture, choice: Choice
 ) -> tuple[tuple[list[Joint], str, bool], list[str]]:
     """Return active joints, tip and whether they are planar, and what to say about it."""
-    named = {joint.name for joint in urdf.joints if fixed_by_limits(joint)}
-    excluded = named.difference(choice.ranges).union(choice.lock)
-    idle: list[str] = []
-    if choice.columns is not None:
-        idle = [j.name for j in urdf.joints if j.movable and j.name not in choice.columns]
-        excluded = excluded.union(idle)
-    whole = _chains(urdf, posture, choice.tip, excluded)
+    movable = [joint for joint in urdf.joints if joint.movable]
+    logged = {joint.name for joint in movable} if choice.columns is None else set(choice.columns)
+    stuck = {joint.name for joint in movable if fixed_by_limits(joint)}
+    excluded = stuck.difference(choice.ranges).union(choice.lock)
+    tips = (
+        [choice.tip]
+        if choice.tip
+        else sorted({_arm_tip(urdf, posture, joint) for joint in movable if not joint.mimic})
+    )
+    paths = [
+        ([j for j in urdf.path(tip) if j in movable and not j.mimic
+          and j.name in logged and j.name not in excluded], tip)
+        for tip in tips
+    ]  # fmt: skip
+    whole = _furthest(
+        _Chain(tuple(path[-MOST_JOINTS:]), tip, _reach(path, tip, posture))
+        for path, tip in paths
+        if len(path) >= 2
+    )
+    parts = _furthest(part for path, tip in paths for part in _planar_parts(path, tip, posture))
+    planar = sorted(parts, key=lambda chain: -len(chain.joints))
     flat = choice.planar or bool(whole and is_flat(urdf, posture, whole[0].joints, whole[0].tip))
-    planar = _planar_parts(urdf, posture, choice.tip, excluded)
     found = planar if flat else whole
     if not found:
         raise _nothing(urdf, posture, choice, whole)
@@ -91,15 +102,11 @@ def find_arm(
             f"the robot has {len(equals)} arms of one reach, choose one: {_of(equals)}"
         )
     notes = []
-    if len(equals) > 1:
-        notes.append(
-            f"chosen, as the first of {len(equals)} arms of one reach: {best} (others: "
-            f"{_of(equals[1:])})"
-        )
-    elif flat and len(found) > 1:
-        notes.append(f"chosen by reach: {best} (others: {_of(found[1:])})")
-    if unlogged := [joint.name for joint in urdf.path(best.tip) if joint.name in idle]:
-        notes.append(f"locked because the log has no columns for them: {listed(unlogged)}")
+    if len(equals) > 1 or (flat and len(found) > 1):
+        others = equals if len(equals) > 1 else found
+        notes.append(f"chosen by reach: {best} (others: {_of(others[1:])})")
+    if idle := [j.name for j in urdf.path(best.tip) if j.movable and j.name not in logged]:
+        notes.append(f"locked because the log has no columns for them: {listed(idle)}")
     if not flat and planar:
         notes.append(f"the arm moves in space; `planar=True` takes its planar part: {planar[0]}")
     return (list(best.joints), best.tip, flat), notes
@@ -148,15 +155,6 @@ def _named_tip(joints: Sequence[Joint]) -> tuple[Joint, ...]:
     return ()
 
 
-def _paths(
-    urdf: Urdf, posture: Posture, tip: str | None, excluded: Collection[str]
-) -> Iterable[tuple[list[Joint], str]]:
-    """The joints that may move on the way to each tip."""
-    movable = [joint for joint in urdf.joints if joint.movable and not joint.mimic]
-    for link in [tip] if tip else sorted({_arm_tip(urdf, posture, joint) for joint in movable}):
-        yield [j for j in urdf.path(link) if j in movable and j.name not in excluded], link
-
-
 def _furthest(chains: Iterable[_Chain]) -> list[_Chain]:
     """The furthest chain of each set of joints that is no part of another, the best first."""
     best: dict[tuple[str, ...], _Chain] = {}
@@ -167,34 +165,16 @@ def _furthest(chains: Iterable[_Chain]) -> list[_Chain]:
     return [c for c in ordered if not any(o[: len(c.names)] == c.names != o for o in best)]
 
 
-def _chains(
-    urdf: Urdf, posture: Posture, tip: str | None, excluded: Collection[str]
-) -> list[_Chain]:
-    """Chains of two joints or more, the one that reaches furthest first."""
-    return _furthest(
-        _Chain(tuple(usable[-MOST_JOINTS:]), link, _reach(usable, link, posture))
-        for usable, link in _paths(urdf, posture, tip, excluded)
-        if len(usable) >= 2
-    )
-
-
-def _planar_parts(
-    urdf: Urdf, posture: Posture, tip: str | None, excluded: Collection[str]
-) -> list[_Chain]:
-    """The same of joints that move a tip within one plane, those of most joints first."""
-    found = []
-    for usable, link in _paths(urdf, posture, tip, excluded):
-        slides = [joint for joint in usable if not joint.revolute]
-        normals = [posture.axes[joint.name] for joint in usable if joint.revolute]
-        for one, other in combinations(slides, 2):
-            across = np.cross(posture.axes[one.name], posture.axes[other.name])
-            if (length := np.linalg.norm(across)) > PARALLEL:
-                normals.append(across / length)
-        for normal in normals:
-            members = [joint for joint in usable if fits(joint, posture.axes[joint.name], normal)]
-            if (chain := _trimmed(members, normal, link, posture)) is not None:
-                found.append(chain)
-    return sorted(_furthest(found), key=lambda chain: -len(chain.joints))
+def _planar_parts(path: list[Joint], tip: str, posture: Posture) -> Iterable[_Chain]:
+    """Joints of a path that move its tip within one plane."""
+    slides = [posture.axes[joint.name] for joint in path if not joint.revolute]
+    crossed = [np.cross(one, other) for one, other in combinations(slides, 2)]
+    normals = [posture.axes[joint.name] for joint in path if joint.revolute]
+    normals += [n / np.linalg.norm(n) for n in crossed if np.linalg.norm(n) > PARALLEL]
+    for normal in normals:
+        members = [joint for joint in path if fits(joint, posture.axes[joint.name], normal)]
+        if (chain := _trimmed(members, normal, tip, posture)) is not None:
+            yield chain
 
 
 def _trimmed(members: list[Joint], normal: Array, tip: str, posture: Posture) -> _Chain | None:
@@ -238,38 +218,33 @@ def _reach(joints: Sequence[Joint], tip: str, posture: Posture) -> float:
 
 def _travel(joint: Joint) -> float:
     """How far a joint slides [m]; 1 where its limits do not say."""
-    if joint.revolute:
-        return 0.0
     lower, upper = travel(joint)
-    return upper - lower if np.isfinite(upper - lower) else 1.0
+    return 0.0 if joint.revolute else upper - lower if np.isfinite(upper - lower) else 1.0
 
 
 def _nothing(urdf: Urdf, posture: Posture, choice: Choice, whole: Sequence[_Chain]) -> RobotError:
     """Explain that no joints of a robot make the arm that was asked for."""
-    tip, lock = choice.tip, choice.lock
-    joints = [j for j in (urdf.path(tip) if tip else urdf.joints) if j.movable and not j.mimic]
-    to_tip = f" to {quoted(tip)}" if tip else ""
     if whole:  # in a plane, and yet no planar arm: say of the last joint what is wrong with it
         try:
             common_normal(whole[0].joints, posture)
             check_tip(whole[0].joints[-1], whole[0].tip, urdf, posture)
         except RobotError as error:
             return error
-    if choice.columns is not None:
-        logged = [j.name for j in joints if j.name in choice.columns and j.name not in lock]
-        return RobotError(
-            f"an arm needs at least two joints of one chain{to_tip}; joints among the log's "
-            f"columns: {listed(logged)}; the robot's joints: {listed(j.name for j in joints)}",
-            hint="if columns have other names, give `columns={'JOINT': 'COLUMN'}`",
-            parameter="columns",
-            value=logged,
-        )
+    tip, lock, columns = choice.tip, choice.lock, choice.columns
+    joints = [j for j in (urdf.path(tip) if tip else urdf.joints) if j.movable and not j.mimic]
     stuck = [j for j in joints if fixed_by_limits(j) and j.name not in (*choice.ranges, *lock)]
     held = f", of which {listed(lock)} is locked" if lock else ""
     faults = "".join(f"; {joint.name}: {limits_fault(joint)}" for joint in stuck)
+    hint = f"give {ranges_wanted(stuck)}" if stuck else None
+    if columns is not None:
+        faults += (
+            f"; among the log's columns: {listed(j.name for j in joints if j.name in columns)}"
+        )
+        hint = "if columns have other names, give `columns={'JOINT': 'COLUMN'}`"
     return RobotError(
-        f"no planar arm{to_tip}: it needs two movable joints in one chain and, as tip, a frame "
-        f"off the last one's axis; movable joints: {listed(j.name for j in joints)}{held}{faults}",
-        hint=f"give {ranges_wanted(stuck)}" if stuck else None,
-        parameter="ranges" if stuck else None,
+        f"no planar arm{f' to {quoted(tip)}' if tip else ''}: it needs two movable joints in one "
+        "chain and, as tip, a frame off the last one's axis; movable joints: "
+        f"{listed(j.name for j in joints)}{held}{faults}",
+        hint=hint,
+        parameter="ranges" if stuck else "columns" if columns is not None else None,
     )

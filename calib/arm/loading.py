@@ -17,13 +17,11 @@ from ..common.wording import listed, one_line, quoted, suggestion
 from ..errors import OptionError, RobotError
 from .arm import PlanarArm, SpatialArm
 from .finding import MOST_JOINTS, Choice, find_arm, find_tip, is_flat
-from .folding import folded, followers
 from .plane import check_tip, common_normal, plane_of
-from .posture import Kinematics, Posture
+from .posture import Kinematics, Posture, folded, followers
 from .ranges import Range, check_joint_limits, neutral, travel, unit_of
 from .robots import resolve_robot
-from .tree import Joint, Urdf
-from .urdf import parse_urdf, read_urdf
+from .urdf import Joint, Urdf, parse_urdf, read_urdf
 
 __all__ = ["PlanarArm", "SpatialArm", "arm_from_urdf", "load_arm"]
 
@@ -79,11 +77,11 @@ def load_arm(
     (('shoulder', 'elbow'), 'tip', [0.55, 0.0])
     """
     path = resolve_robot(robot)
-    text, name = read_urdf(path), path.stem
     try:
         return arm_from_urdf(
-            text, joints, tip, lock=lock, ranges=ranges, name=name, planar=planar, columns=columns
-        )
+            read_urdf(path), joints, tip, lock=lock, ranges=ranges, name=path.stem, planar=planar,
+            columns=columns,
+        )  # fmt: skip
     except RobotError as error:
         raise error.within(path.name) from None
 
@@ -127,30 +125,29 @@ def arm_from_urdf(
     posture = kinematics.posture({**values, **{joint.name: 0.0 for joint in moving}})
     held = {j.name: values[j.name] for j in path if j.movable and j not in moving}
     notes += _lock_notes(urdf, held, lock)
-    kind: type[PlanarArm | SpatialArm] = SpatialArm
-    more: dict[str, Any] = {}
+    parts: dict[str, Any] = {
+        "name": urdf.name,
+        "joint_names": tuple(joint.name for joint in active),
+        "lower": np.zeros(len(active)),
+        "upper": np.zeros(len(active)),
+        "revolute": tuple(joint.revolute for joint in active),
+        "tip": tip,
+        "locked": held,
+        "urdf": text,
+        "notes": tuple(map(one_line, notes)),
+        "limits": tuple(travel(joint) for joint in active),
+        "chain": folded(moving, active, following, tip, posture, None if flat else urdf),
+    }
+    arm: PlanarArm | SpatialArm
     if flat:
         check_tip(active[-1], tip, urdf, posture)
         plane = plane_of(common_normal(active, posture), posture.links[tip])
-        kind, more = PlanarArm, {"plane": plane}
-    arm = kind(
-        name=urdf.name,
-        joint_names=tuple(joint.name for joint in active),
-        lower=np.zeros(len(active)),
-        upper=np.zeros(len(active)),
-        revolute=tuple(joint.revolute for joint in active),
-        tip=tip,
-        locked=held,
-        urdf=text,
-        notes=tuple(map(one_line, notes)),
-        limits=tuple(travel(joint) for joint in active),
-        chain=folded(moving, active, following, tip, posture, None if flat else urdf),
-        **more,
-    )
-    arm = arm.with_range(ranges)
+        arm = PlanarArm(plane=plane, **parts)
+    else:
+        arm = SpatialArm(**parts)
     others = [joint for joint in active if joint.name not in ranges]
     check_joint_limits(others)
-    return arm.spanning({joint.name: travel(joint) for joint in others})
+    return arm.with_range(ranges).spanning({joint.name: travel(joint) for joint in others})
 
 
 def _select(
@@ -217,7 +214,8 @@ def _movable(urdf: Urdf, name: str, parameter: str) -> Joint:
     joint = urdf.joint(name)
     if joint is None or not joint.movable:
         what = f"joint {quoted(name)} {'does not exist' if joint is None else 'is fixed'}"
-        raise _unknown(parameter, what, name, [j.name for j in urdf.joints if j.movable])
+        hint = suggestion(name, [j.name for j in urdf.joints if j.movable])
+        raise RobotError(f"`{parameter}`: {what}", hint=hint, parameter=parameter, value=name)
     return joint
 
 
@@ -225,14 +223,9 @@ def _find_link(urdf: Urdf, tip: str) -> str:
     """Return the link of a frame's name: a link, or the child of a joint."""
     joint = urdf.joint(tip)
     if tip not in urdf.links and joint is None:
-        raise _unknown("tip", f"frame {quoted(tip)} does not exist", tip, urdf.links)
+        what, hint = f"`tip`: frame {quoted(tip)} does not exist", suggestion(tip, urdf.links)
+        raise RobotError(what, hint=hint, parameter="tip", value=tip)
     return tip if tip in urdf.links or joint is None else joint.child
-
-
-def _unknown(parameter: str, what: str, name: str, known: Sequence[str]) -> RobotError:
-    return RobotError(
-        f"`{parameter}`: {what}", hint=suggestion(name, known), parameter=parameter, value=name
-    )
 
 
 def held_values(urdf: Urdf, lock: Mapping[str, float]) -> dict[str, float]:

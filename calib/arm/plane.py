@@ -20,7 +20,7 @@ from ..common.frozen import own_floats
 from ..common.wording import listed, quoted, vector
 from ..errors import LogError, RobotError
 from .posture import Posture
-from .tree import Joint, Urdf
+from .urdf import Joint, Urdf
 
 #: Axes closer to the normal than this (cosine of 45 degrees, rounding apart) are skipped.
 _NEAR_NORMAL = np.cos(np.pi / 4) + 1e-6

@@ -8,7 +8,7 @@ from typing import Any
 
 from ..common.scale import TURN
 from ..errors import OptionError, RobotError
-from .tree import Joint
+from .urdf import Joint
 
 #: A sliding joint that claims to travel further than this [m] states no usable limit.
 _MAX_TRAVEL = 1_000.0

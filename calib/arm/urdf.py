@@ -1,8 +1,7 @@
 """URDF: read, check and explain a robot description before any library sees it.
 
-Only the standard library's XML parser is used. Pinocchio gets the joints that pass and never the
-text, so that harmless gaps (no robot name, no effort limit) do no harm and real faults have been
-told in one line before.
+Only the standard library's XML parser is used.  Pinocchio gets the joints that pass and never the
+text: harmless gaps do no harm, and real faults are told in one line.
 """
 
 from __future__ import annotations
@@ -10,13 +9,14 @@ from __future__ import annotations
 import math
 import re
 import xml.etree.ElementTree as ET
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import suppress
+from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 from ..common.wording import listed, quoted, suggestion
 from ..errors import RobotError
-from .tree import MOVABLE, Joint, Mimic, Urdf, Vector
 
 MAX_BYTES = 50_000_000
 MAX_JOINTS = 1_000  # Pinocchio recurses along the chain and overflows its stack beyond
@@ -27,6 +27,83 @@ _HEAVIEST = 1e5  # [kg]; heavier is a mistake in the file, not an arm's link
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
 _INFINITE = re.compile(r"([+-]?)inf(inity)?", re.IGNORECASE)
 
+Vector = tuple[float, float, float]
+
+MOVABLE = ("revolute", "continuous", "prismatic")
+
+
+@dataclass(frozen=True)
+class Mimic:
+    """A joint's coupling to another: value = multiplier * leader + offset."""
+
+    leader: str
+    multiplier: float
+    offset: float
+
+
+@dataclass(frozen=True)
+class Joint:
+    """One joint of a URDF; `limits` are its lower and upper value [rad or m], if stated."""
+
+    name: str
+    kind: str
+    parent: str
+    child: str
+    xyz: Vector
+    rpy: Vector
+    axis: Vector
+    limits: tuple[float, float] | None
+    mimic: Mimic | None
+
+    @property
+    def movable(self) -> bool:
+        """Whether the joint moves at all."""
+        return self.kind in MOVABLE
+
+    @property
+    def revolute(self) -> bool:
+        """Whether the joint turns (rad) rather than slides (m)."""
+        return self.kind != "prismatic"
+
+
+@dataclass(frozen=True)
+class Urdf:
+    """A checked tree of links and joints.
+
+    `notes` are things that were mended, for the user.
+    """
+
+    name: str
+    root: str
+    links: tuple[str, ...]
+    joints: tuple[Joint, ...]
+    notes: tuple[str, ...]
+    masses: Mapping[str, tuple[float, Vector]]  # [kg] of links, and their centres [m]
+
+    def joint(self, name: str) -> Joint | None:
+        """Return the joint of that name, or None."""
+        return next((joint for joint in self.joints if joint.name == name), None)
+
+    def path(self, link: str) -> tuple[Joint, ...]:
+        """Joints from the root to a link, in that order."""
+        path: list[Joint] = []
+        while link in self._above:
+            path.append(self._above[link])
+            link = path[-1].parent
+        return tuple(reversed(path))
+
+    def below(self, link: str) -> tuple[Joint, ...]:
+        """Joints that a link carries directly, in file order."""
+        return tuple(joint for joint in self.joints if joint.parent == link)
+
+    def carries(self, link: str) -> bool:
+        """Whether some movable joint lies beyond a link."""
+        return any(j.movable or self.carries(j.child) for j in self.below(link))
+
+    @cached_property
+    def _above(self) -> dict[str, Joint]:
+        return {joint.child: joint for joint in self.joints}
+
 
 def read_urdf(path: Path) -> str:
     """Read a URDF file as text.
@@ -34,27 +111,19 @@ def read_urdf(path: Path) -> str:
     Raises RobotError if it is missing, a folder, empty, not UTF-8, or larger than `MAX_BYTES`.
     """
     try:
-        if not path.exists():
-            raise RobotError(f"{path}: no such file; expected a URDF or a bundled robot")
-        if path.is_dir() or path.is_char_device() or path.is_block_device():  # some never end
-            raise RobotError(f"{path}: is a folder or a device, expected a URDF file")
+        if not path.is_file():  # some devices never end
+            raise RobotError(f"{path}: is no file, expected a URDF or a bundled robot")
         with path.open("rb") as file:
-            data = file.read(MAX_BYTES + 1)
-        if len(data) > MAX_BYTES:
-            raise RobotError(
-                f"{path}: more than {MAX_BYTES // 1_000_000} MB are no URDF: give the robot "
-                "description, not its meshes"
-            )
-        text = data.decode("utf-8-sig")
+            text = file.read(MAX_BYTES + 1).decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise RobotError(
             f"{path}: byte {error.start} is not UTF-8: save the URDF as UTF-8 text"
         ) from None
     except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or error
-        raise RobotError(f"{path}: cannot be read: {reason}") from None
-    if not text.strip():
-        raise RobotError(f"{path}: is empty, expected a URDF")
+        raise RobotError(f"{path}: cannot be read: {error}") from None
+    if not text.strip() or len(text) > MAX_BYTES:
+        size = f"{MAX_BYTES // 1_000_000} MB"
+        raise RobotError(f"{path}: is empty or above {size}, expected a URDF without its meshes")
     return text
 
 

@@ -147,7 +147,7 @@ class Body(OfStructure):
         sd = self.told
         out = []
         for index in self.active:
-            group, joint, name, unit = self.structure.label(int(index))
+            group, joint, name, unit = self.structure.labels[int(index)]
             value, half = float(self.beta[index]), 1.96 * float(sd[index])
             if not group.startswith("curve"):
                 out.append(Parameter(name, group, joint, value, value - half, value + half, unit))

@@ -11,19 +11,19 @@ with a corner c in the board's frame and s in the camera's.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from ..arm.rotations import cross_matrix, exponential, logarithm, quaternion_of
+from ..arm.spatial_chain import Motion
 from ..common.arrays import Array
 from .belief import Body
 from .fitting import BodyFit, fit
-from .measurement import Measurement
+from .measurement import Columns, Measurement
 from .parameters import Block, Indices
-from .settings import FINE_SCALES
 from .spatial import SpatialStructure
 from .spatial_start import frame
 from .spatial_view import InSpace, Placed, pixels
@@ -40,16 +40,14 @@ class Corners(Measurement):
 
     blocks = (2,)
     curves = False  # of 20 pictures they explained a board that had been moved by 5 cm
-    scales = FINE_SCALES
 
     def parameters(self) -> tuple[Block, ...]:
         """Where what stands still is, and the lens."""
         return self.pose.parameters()
 
-    def look(self, ready: Mapping[str, Array], motion: Any, also: Array) -> _Corner:
+    def look(self, own: Mapping[str, Array], motion: Motion, also: Array) -> _Corner:
         """See a corner in each row."""
-        own = ready
-        seen = self.pose.look(self.pose.ready(own), motion, also[:, :0])
+        seen = self.pose.look(own, motion, also)
         shift, turn = seen.values[:, :3], exponential(seen.values[:, 3:])
         # columns of the derivative of s by the pose's shift and turn, both in the sensor's axes
         if self.in_hand:
@@ -85,7 +83,7 @@ class _Corner:
         """How outputs (..., 2, n) move when the hand does."""
         return self._seen(self.pose.push(velocity, angular))
 
-    def columns(self) -> Iterator[tuple[str, Callable[[], Array]]]:
+    def columns(self) -> Columns:
         """The derivative by each of the sensor's own blocks."""
         for name, own in self.pose.columns():
             if name != "view.scale":
@@ -156,20 +154,16 @@ def held_of(body: Body) -> Held:
     """What is in the hand, as the belief of `fit_corners` knows it."""
     structure = body.structure
     assert isinstance(structure, SpatialStructure)  # noqa: S101 - corners are seen in space
-    groups, still, q = structure.groups, structure.with_view("base"), np.zeros((1, structure.dof))
-    tool = np.concatenate([groups["tool"], groups["tool.rotation"]])
+    groups, q = structure.groups, np.zeros((1, structure.dof))
+    tool, tool_turn = groups["tool"], groups["tool.rotation"]
     last = structure.chain_names.index(structure.joint_names[-1])
-    (at,), (frame,) = still.pose(q, structure.neutral())
+    (at,), (frame,) = structure.with_view("base").pose(q, structure.neutral())
     axis = frame.T @ structure.chain.axes[last]
     origin = frame.T @ (structure.chain.points[last] - at)
     along = structure.shifts[last], structure.turns[last], groups["offset"][-1:]
 
     def placed(beta: Array) -> tuple[Array, Array]:
-        bare = beta.copy()
-        bare[tool] = 0.0
-        (p,), (turn,) = still.pose(q, beta)
-        (p0,), (turn0,) = still.pose(q, bare)
-        return turn0.T @ (p - p0), turn0.T @ turn
+        return beta[tool], exponential(beta[tool_turn])
 
     def as_encoded(beta: Array) -> tuple[Array, Array]:
         """Carried by the last joint as it is drawn, whose own deviation goes to the hand."""
@@ -181,7 +175,7 @@ def held_of(body: Body) -> Held:
         back = exponential(turned * axis)
         return origin + back @ (position - origin) + slid * axis, back @ turn
 
-    free = np.intersect1d(np.concatenate([tool, *along]), body.active)
+    free = np.intersect1d(np.concatenate([tool, tool_turn, *along]), body.active)
     place = np.searchsorted(body.active, free)
     covariance = body.covariance[np.ix_(place, place)]
     found = []

@@ -13,9 +13,9 @@ from ..common.arrays import Array
 from . import settings
 from .belief import Body, Second
 from .covariance import as_kept
-from .fit import MANY, Fit, maximise
+from .fit import Fit
 from .gate import Passed, pass_gate
-from .held_out import leave_blocks_out, own_ratio
+from .held_out import leave_blocks_out
 from .parameters import Prior
 from .planar import PlanarStructure
 from .starts import best_starts
@@ -106,7 +106,7 @@ def _fitted(structure: Structure, q: Array, z: Array, simulated: bool | None, se
         second = _second(passed, chain, some_q, some_z, floor)
     body = Body(
         own, whole.beta, whole.active, as_kept(whole.covariance), whole.noise,
-        kappa=max(1.0, held.ratio(), own_ratio(whole)), tau=held.tau(whole.noise, own.blocks),
+        kappa=max(1.0, held.ratio()), tau=held.tau(whole.noise, own.blocks),
         residual=np.zeros(own.outputs), nu=nu, autocorrelation=whole.autocorrelation,
         scales=passed.fit.scales, rows=len(z), simulated=simulated, member=passed.name,
         second=second, repeat=repeat,
@@ -136,10 +136,9 @@ def _over_all_rows(passed: Passed, q: Array, z: Array, floor: Array) -> Fit:
     sd = np.zeros(len(fit.beta))
     sd[fit.active] = fit.sd
     learn = bool((fit.noise > floor).any())  # exact rows leave nothing to learn of their noise
-    return maximise(
-        fit.structure, q, z, fit.beta, Prior(fit.mean, sd), nu=fit.nu, floor=floor, noise=fit.noise,
-        learn=learn, steps=4 if len(fit.active) > MANY else 10, tolerance=settings.SETTLED,
-    )  # fmt: skip
+    return Fit(
+        fit.structure, q, z, fit.beta, Prior(fit.mean, sd), nu=fit.nu, floor=floor, noise=fit.noise
+    ).maximise(learn=learn, steps=4, tolerance=settings.SETTLED)
 
 
 def _second(
@@ -149,17 +148,13 @@ def _second(
 
     None where the member has the chain and the rows speak against curves.
     """
-    fit, groups = passed.fit, passed.fit.structure.groups
+    fit = passed.fit
     bends = "curve" in passed.free or passed.against("curves") < settings.NO_CURVES
-    guarded = [name for name in ("elastic", "lens") if len(groups.get(name, ()))]
-    more = guarded if len(q) >= settings.GUARDED_ROWS else []
-    if not bends and {*chain, *more} <= set(passed.free):
+    if not bends and set(chain) <= set(passed.free):
         return None
-    free = tuple(dict.fromkeys((*passed.free, *chain, *more, *(("curve",) if bends else ()))))
+    free = tuple(dict.fromkeys((*passed.free, *chain, *(("curve",) if bends else ()))))
     prior = fit.structure.prior(free)
     sd = prior.sd.copy()
-    if "lens" in more and fit.structure.kind == "planar":
-        sd[groups["lens"]] = settings.GUARD_LENS, 0.0, 0.0
     sd[fit.active] = fit.sd
     (pseudo, rms), hypers = fit.structure.wide, []
     for h in prior.hypers:
@@ -169,10 +164,10 @@ def _second(
             hypers.append(h)
     for h in hypers:
         sd[h.indices] = h.scale * np.sqrt(h.shape)
-    made = maximise(
+    made = Fit(
         fit.structure, q, z, fit.beta, Prior(prior.mean, sd, tuple(hypers)),
-        nu=fit.nu, floor=floor, noise=fit.noise, steps=4, begun=fit,
-    )  # fmt: skip
+        nu=fit.nu, floor=floor, noise=fit.noise,
+    ).maximise(steps=4)  # fmt: skip
     # Few rows of an arm in space tell how large its curves are altogether, if not where.
     few = len(q) < settings.SHARED_ROWS and fit.structure.kind == "spatial"
     share = np.clip(leave_blocks_out(made).ratio(), settings.LEAST_SHARE, 1.0) if few else 1.0

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..common.arrays import Array
-from .fit import BLOCKS, Fit, maximise
+from .fit import BLOCKS, Fit
 from .held_out import HeldOut, leave_blocks_out
 from .settings import NATS, SETTLED
 from .starts import Start
@@ -65,25 +65,13 @@ def pass_gate(
     floor : (m,), least noise; nothing richer is tried where samples of a simulation reach it
     """
     structure, gaussian = start.structure, not np.isfinite(nu)
-    known: list[tuple[set[str], Fit]] = []
 
-    def fit(free: tuple[str, ...]) -> Fit:
-        within = [made for groups, made in known if groups <= set(free)]
-        best = max(within, key=lambda made: made.evidence, default=None)
-        starts = [start if best is None else best]
-        if best is not None and gaussian and within[0] is not best:
-            starts.append(within[0])  # what passed may have bent the arm for the sensor
-        every = [
-            maximise(
-                structure, q, z, each.beta, structure.prior(free), nu=nu, floor=floor,
-                tolerance=1e-3 if gaussian else SETTLED, steps=20 if gaussian else 10,
-            )
-            for each in starts
-        ]  # fmt: skip
-        made = max(every, key=lambda made: made.evidence)
-        if set(chain) <= set(free):
-            known.append((set(free), made))
-        return made
+    def fit(free: tuple[str, ...], begin: Array) -> Fit:
+        made = Fit(structure, q, z, begin, structure.prior(free), nu=nu, floor=floor)
+        if gaussian:  # exact rows may be far along a curved valley, such as that of a lens
+            made.settle(40)
+        steps, tolerance = (20, 1e-3) if gaussian else (10, SETTLED)
+        return made.maximise(steps=steps, tolerance=tolerance)
 
     def enough(made: Fit) -> bool:
         return gaussian and bool((made.noise <= 1.5 * floor).all())
@@ -100,10 +88,11 @@ def pass_gate(
             continue
         seen.append(set(free))
         name = names.get(frozenset(free), own if best is None else f"{best.name} and {own}")
+        begin = best.fit.beta if best and set(chain) <= set(best.free) else start.beta
         try:
-            made = fit(free)
+            made = fit(free, begin)
             if enough(made) and set(free) != set(groups):
-                alone = fit(groups)  # what passed before may have been a makeshift
+                alone = fit(groups, begin)  # what passed before may have been a makeshift
                 if enough(alone):
                     name, free, made = own, groups, alone
             held = leave_blocks_out(made, (BLOCKS,))

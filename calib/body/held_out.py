@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -9,9 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..common.arrays import Array
-from ..common.rows import thinned
 from .covariance import radius_95
-from .derivative import Derivative
 from .fit import Fit
 from .normal import Factor, slices
 from .parameters import Indices
@@ -20,29 +19,13 @@ from .settings import LEAST_ROWS_OF_A_QUANTILE, OUTLIER, UNKNOWN_KAPPA
 _WORK = 5e5
 """Rows times parameters beyond which only some rows, evenly spaced, get a predicted spread."""
 
-_PARTITIONS = (2, 5, 10)
-
-_OWN = 200
-"""Rows that are compared with what is stated there."""
+_PARTITIONS = (0, 2, 5, 10)
 
 
-def own_ratio(fit: Fit) -> float:
-    """The 95 % quantile of rows' own residuals over what the fit states there.
-
-    Residuals beyond it contradict the statement, whatever the blocks say of each other.
-    """
-    p, rows = fit.structure.blocks[0], thinned(len(fit.residual), _OWN)
-    x = fit.derivative.rows(rows, slice(p))
-    spread = _spread(fit, fit.softer(fit.grams.sum(axis=0)), x)
-    ratio = np.linalg.norm(fit.residual[rows, :p], axis=1) / radius_95(spread)
-    common = ratio[fit.weight[rows, 0] > OUTLIER]
-    return float(np.quantile(common, 0.95)) if len(common) else 1.0
-
-
-def _spread(fit: Fit, factor: Factor, x: Derivative) -> Array:
+def _spread(fit: Fit, factor: Factor, x: Array) -> Array:
     """Covariances (n, p, p) of readings whose derivatives are `x` (n, p, k)."""
-    p, k = x.bare.shape[1], x.size
-    y = factor.whiten(x.dense().reshape(-1, k).T).reshape(k, -1, p)
+    n, p, k = x.shape
+    y = factor.whiten(x.reshape(-1, k).T).reshape(k, n, p)
     return np.asarray(np.einsum("kni,knj->nij", y, y) + np.diag(fit.noise[:p] ** 2))
 
 
@@ -55,7 +38,8 @@ class HeldOut:
     # (n,), negative log predictive density, up to a constant; NaN for rows without a spread
     score: Array
     edges: Indices  # (b + 1,), limits of the blocks
-    # dict of int to (n,) array, error over the 95 % radius, for partitions into 2, 5 and 10 blocks
+    # dict of int to (n,) array, error over the 95 % radius, for partitions into 2, 5 and 10 blocks,
+    # and 0: of the fit itself, whose own residuals may contradict what it states there
     ratios: dict[int, Array]
     # (n,), rows that are no outliers of the fit itself; the others do not enter `kappa`
     common: NDArray[np.bool_]
@@ -103,34 +87,36 @@ class HeldOut:
 
 def leave_blocks_out(fit: Fit, partitions: tuple[int, ...] = _PARTITIONS) -> HeldOut:
     """Held-out predictions of a fit, linearised, with its noise and scales kept."""
-    (n, m), k = fit.residual.shape, fit.derivative.size
-    edges, p = fit.edges, fit.structure.blocks[0]
-    count, every = len(edges) - 1, max(1, round(n * k / _WORK))
-    gram_all = fit.grams.sum(axis=0)
-    residual, score = np.full((n, m), np.nan), np.full(n, np.nan)
+    (n, m), k, p = fit.residual.shape, len(fit.active), fit.blocks[0]
+    edges, every, total = fit.edges, max(1, round(n * k / _WORK)), fit.grams.sum(axis=0)
+    residual, score, probes = np.full((n, m), np.nan), np.full(n, np.nan), []
+    for (rows, x), gram, moment in zip(fit.by_blocks(), fit.grams, fit.moments, strict=True):
+        probes.append(x[::every, :p])
+        with suppress(np.linalg.LinAlgError):
+            residual[rows] = fit.residual[rows] - x @ _step(fit, gram, moment)
     ratios: dict[int, Array] = {}
     for parts in partitions:
-        parts = min(parts, count)
-        limits = np.linspace(0, count, parts + 1).round().astype(int)
+        limits = np.linspace(0, len(probes), max(min(parts, len(probes)), 1) + 1).round()
         ratio = np.full(n, np.nan)
-        for first, last in pairwise(limits):
-            rows = slice(edges[first], edges[last])
-            gram = fit.grams[first:last].sum(axis=0)
-            moment = fit.moments[first:last].sum(axis=0)
+        for first, last in pairwise(limits.astype(int)):
+            gram = (parts > 0) * fit.grams[first:last].sum(axis=0)
             try:
-                delta = Factor(fit.precision - gram).solve(fit.gradient - moment)
-                softer = fit.softer(gram_all - gram)
-            except np.linalg.LinAlgError:
+                step = _step(fit, gram, (parts > 0) * fit.moments[first:last].sum(axis=0))
+                softer = fit.softer(total - gram)
+            except np.linalg.LinAlgError:  # the other blocks leave the parameters open
                 continue
-            if parts == count:
-                residual[rows] = fit.residual[rows] - fit.derivative.rows(rows).times(delta)
-            rows = slice(edges[first], edges[last], every)
-            x = fit.derivative.rows(rows, slice(p))
-            length = np.linalg.norm(fit.residual[rows, :p] - x.times(delta), axis=1)
-            spread = _spread(fit, softer, x)
-            ratio[rows] = length / radius_95(spread)
-            if parts == count:
-                v = np.einsum("nii->n", spread) / p  # of a Student with four degrees of freedom
-                score[rows] = 0.5 * (p * np.log(v) + (4 + p) * np.log1p(length**2 / (4 * v)))
+            for block in range(first, last):
+                rows, x = slice(edges[block], edges[block + 1], every), probes[block]
+                length = np.linalg.norm(fit.residual[rows, :p] - x @ step, axis=1)
+                spread = _spread(fit, softer, x)
+                ratio[rows] = length / radius_95(spread)
+                if last - first == 1:
+                    v = np.einsum("nii->n", spread) / p  # of a Student with 4 degrees of freedom
+                    score[rows] = 0.5 * (p * np.log(v) + (4 + p) * np.log1p(length**2 / (4 * v)))
         ratios[parts] = ratio
     return HeldOut(residual, score, edges, ratios, fit.weight[:, 0] > OUTLIER)
+
+
+def _step(fit: Fit, gram: Array, moment: Array) -> Array:
+    """How the parameters (k,) move without rows of this information and moment."""
+    return Factor(fit.precision - gram).solve(fit.gradient - moment)

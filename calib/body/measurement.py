@@ -1,7 +1,7 @@
 """Measurement: what a sensor tells of a chain, and how that depends on both.
 
-Positions in a plane (`planar_view`), positions, poses and pixels in space (`spatial_view`).  A new
-one is a class with these two faces; the fit knows no others.  Arrays have rows last.
+Positions in a plane (`planar_view`), positions, poses and pixels in space (`spatial_view`), corners
+and touches.  A new one is a class with these two faces.  Arrays have rows last.
 """
 
 from __future__ import annotations
@@ -11,18 +11,16 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from ..arm.spatial_chain import Motion
 from ..common.arrays import Array
 from .parameters import Block
-from .settings import SCALES
+from .settings import WIDER
 
 Moved = tuple[Array, Any]
-"""How the tip moves: velocity (..., D, n) [m] and angular velocity (..., 3, n) [rad], or 0."""
+"""How the tip moves: velocity (..., 3, n) [m] and angular velocity (..., 3, n) [rad], or 0."""
 
-
-class TipMotion(Protocol):
-    """Where a chain is at n rows: its tip, and how that moves with each joint (m, D, n)."""
-
-    def joints(self) -> Moved: ...  # noqa: D102
+Columns = Iterator[tuple[str, Callable[[], Array]]]
+"""Derivatives (k, m, n) by each of a sensor's own blocks."""
 
 
 class Sight(Protocol):
@@ -35,7 +33,7 @@ class Sight(Protocol):
     @property
     def values(self) -> Array: ...  # noqa: D102
     def push(self, velocity: Array, angular: Any = 0.0) -> Array: ...  # noqa: D102
-    def columns(self) -> Iterator[tuple[str, Callable[[], Array]]]: ...  # noqa: D102
+    def columns(self) -> Columns: ...  # noqa: D102
 
 
 class Measurement:
@@ -43,23 +41,14 @@ class Measurement:
 
     blocks: tuple[int, ...]  # sizes of the outputs that share a unit and a noise
     curves: bool = True  # whether its rows may tell error curves of joints
-    scales: tuple[float, ...] = SCALES  # factors on the sd of joint origins that are compared
-
-    @property
-    def outputs(self) -> int:
-        """Number m of outputs."""
-        return sum(self.blocks)
+    within: tuple[float, float] = WIDER  # times the drawing's doubt that joint origins may be off
 
     def parameters(self) -> tuple[Block, ...]:
         """The sensor's own parameters."""
         raise NotImplementedError
 
-    def ready(self, own: Mapping[str, Array]) -> Any:
-        """What `look` needs of the sensor's parameters, by block; it is kept for many rows."""
-        return own
-
-    def look(self, ready: Any, motion: Any, also: Array) -> Sight:
-        """See a chain.
+    def look(self, own: Mapping[str, Array], motion: Motion, also: Array) -> Sight:
+        """See a chain with the sensor's parameters, by block.
 
         also : (n, g), what else a row tells: which point was touched, which corner was seen
         """

@@ -1,9 +1,7 @@
-"""Normal equations of weighted residuals, and a factor of a positive matrix that scales itself."""
+"""Normal equations: a factor of a positive matrix that scales itself, and Student residuals."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -11,8 +9,6 @@ from scipy.linalg import cho_solve, solve_triangular
 from scipy.linalg.lapack import dpotrf, dpotri, dtrtri
 
 from ..common.arrays import Array
-from .derivative import Derivative
-from .parameters import Indices
 
 
 class Factor:
@@ -57,77 +53,14 @@ class Factor:
 
     def whiten(self, b: Array) -> Array:
         """``L^-1 b`` (k, r): columns whose scalar products are ``b' matrix^-1 b``."""
+        scaled = np.asfortranarray(b * self.scale[:, None])
         return np.asarray(
-            solve_triangular(
-                self._root,
-                np.asfortranarray(b * self.scale[:, None]),
-                lower=True,
-                overwrite_b=True,
-                check_finite=False,
-            )
+            solve_triangular(self._root, scaled, lower=True, overwrite_b=True, check_finite=False)
         )
 
     def log_determinant(self) -> float:
         """Logarithm of the matrix's determinant."""
         return float(2 * np.log(np.diag(self._root)).sum() - 2 * np.log(self.scale).sum())
-
-
-@dataclass(frozen=True)
-class Sums:
-    """Weighted sums of one block of outputs, noise not yet divided out, by blocks of rows."""
-
-    grams: Array  # (b, k, k), ``X' W X``
-    moments: Array  # (b, k), ``X' W r``
-    gram: Array  # (k, k), of all rows
-    square: float  # ``r' W r``
-    count: int  # number of residuals
-
-    @property
-    def moment(self) -> Array:
-        """``X' W r`` (k,) of all rows."""
-        return np.asarray(self.moments.sum(axis=0))
-
-
-def slices(blocks: tuple[int, ...]) -> list[slice]:
-    """Columns of each block of outputs."""
-    edges = np.cumsum((0, *blocks))
-    return [slice(int(a), int(b)) for a, b in pairwise(edges)]
-
-
-def student_weights(r: Array, noise: Array, nu: float, blocks: tuple[int, ...]) -> Array:
-    """Weights (n, m) of residuals (n, m) under Student noise; one weight for each block."""
-    out = np.ones_like(r)
-    if np.isfinite(nu):
-        for part in slices(blocks):
-            e2 = ((r[:, part] / noise[part]) ** 2).sum(axis=1)
-            p = part.stop - part.start
-            out[:, part] = ((nu + p) / (nu + e2))[:, None]
-    return out
-
-
-def sums_of(
-    x: Derivative,
-    r: Array,
-    w: Array,
-    blocks: tuple[int, ...],
-    edges: Indices,
-    old: Sequence[Sums] = (),
-) -> list[Sums]:
-    """Sums of each block of outputs: derivatives, residuals (n, m) and weights (n, m).
-
-    `edges` (b + 1,) are limits of blocks of rows. With `old` sums their grams are kept, which are
-    by far the most work.
-    """
-    out = []
-    for at, part in enumerate(slices(blocks)):
-        pulled = w[:, part] * r[:, part]
-        parts = [(slice(a, b), x.rows(slice(a, b), part)) for a, b in pairwise(edges)]
-        moments = np.stack([some.moment(pulled[rows]) for rows, some in parts])
-        grams = old[at].grams if old else np.stack([each.gram(w[r_, part]) for r_, each in parts])
-        gram = old[at].gram if old else grams.sum(axis=0)
-        square = float((pulled * r[:, part]).sum())
-        out.append(Sums(grams, moments, gram, square, pulled.size))
-    return out
 
 
 def with_prior(gram: Array, sd: Array, known: Array | None) -> Array:
@@ -139,50 +72,54 @@ def with_prior(gram: Array, sd: Array, known: Array | None) -> Array:
     return gram
 
 
-def first_noise(r: Array, floor: Array, blocks: tuple[int, ...]) -> Array:
-    """Noise (m,) from the median residual of each block, at least `floor` (m,)."""
+def slices(blocks: tuple[int, ...]) -> list[slice]:
+    """Columns of each block of outputs."""
+    edges = np.cumsum((0, *blocks))
+    return [slice(int(a), int(b)) for a, b in pairwise(edges)]
+
+
+def _squares(r: Array, blocks: tuple[int, ...]) -> list[tuple[slice, int, Array]]:
+    """Columns, number and squared lengths (n,) of the residuals of each block of outputs."""
+    parts = slices(blocks)
+    return [(part, part.stop - part.start, (r[:, part] ** 2).sum(axis=1)) for part in parts]
+
+
+def student_weights(r: Array, noise: Array, nu: float, blocks: tuple[int, ...]) -> Array:
+    """Weights (n, m) of residuals (n, m) under Student noise; one weight for each block."""
+    out = np.ones_like(r)
+    if np.isfinite(nu):
+        for part, p, e2 in _squares(r, blocks):
+            out[:, part] = ((nu + p) / (nu + e2 / noise[part.start] ** 2))[:, None]
+    return out
+
+
+def noise_of(
+    r: Array, floor: Array, nu: float, blocks: tuple[int, ...], used: float = 0.0
+) -> Array:
+    """Most probable scale (m,) of residuals (n, m), of which `used` numbers were fitted.
+
+    floor : (m,), the least
+    """
     noise = np.empty(r.shape[1])
-    for part in slices(blocks):
-        p = part.stop - part.start
-        e2 = (r[:, part] ** 2).sum(axis=1)
-        noise[part] = 1.2 * np.sqrt(np.median(e2) / (p - 2 / 3))
-    return np.maximum(noise, floor)
-
-
-def student_scale(r: Array, extents: Array, blocks: tuple[int, ...], nu: float) -> Array:
-    """Maximum-likelihood Student scale (m,) of residuals, at least 1e-7 of the extents."""
-    sigma = np.empty(r.shape[1])
-    for part in slices(blocks):
-        p, least = part.stop - part.start, 1e-14 * extents[part.start] ** 2
-        e2 = (r[:, part] ** 2).sum(axis=1)
-        s2 = float(np.median(e2)) / p + least
-        for _ in range(12):
-            s2 = float(((nu + p) / (nu + e2 / s2) * e2).mean()) / p + least
-        sigma[part] = np.sqrt(s2)
-    return sigma
+    for part, p, e2 in _squares(r, blocks):
+        count, least = p * len(r), max(floor[part.start] ** 2, 1e-300)
+        free = max(count - used * p / r.shape[1], count / 4 + 1)
+        s2 = max(float(np.median(e2)) / p, least)
+        for _ in range(12 if np.isfinite(nu) else 1):
+            weight = (nu + p) / (nu + e2 / s2) if np.isfinite(nu) else 1.0
+            s2 = max(float((weight * e2).sum()) / free, least)
+        noise[part] = np.sqrt(s2)
+    return noise
 
 
 def negative_log_likelihood(r: Array, noise: Array, nu: float, blocks: tuple[int, ...]) -> float:
     """Negative logarithm of the likelihood of residuals (n, m), up to a constant."""
     total = 0.0
-    for part in slices(blocks):
-        e2 = ((r[:, part] / noise[part]) ** 2).sum(axis=1)
-        p = part.stop - part.start
-        total += len(r) * p * float(np.log(noise[part.start]))
+    for part, p, e2 in _squares(r, blocks):
+        s = float(noise[part.start])
+        total += len(r) * p * np.log(s)
         if np.isfinite(nu):
-            total += 0.5 * (nu + p) * float(np.log1p(e2 / nu).sum())
+            total += 0.5 * (nu + p) * float(np.log1p(e2 / s**2 / nu).sum())
         else:
-            total += 0.5 * float(e2.sum())
+            total += 0.5 * float(e2.sum()) / s**2
     return total
-
-
-def linear_evidence(gram: Array, moment: Array, start: Array, sd: Array) -> float:
-    """Log evidence of linearised rows, at `start` beyond the prior's mean, up to a constant."""
-    factor = Factor(with_prior(gram.copy(), sd, None))
-    pull = moment - start / sd**2
-    return 0.5 * float(
-        pull @ factor.solve(pull)
-        - ((start / sd) ** 2).sum()
-        - factor.log_determinant()
-        - 2 * np.log(sd).sum()
-    )

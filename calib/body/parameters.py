@@ -1,10 +1,10 @@
-"""Parameters: named blocks with unit and prior, and where each stands in a structure's vector."""
+"""Parameters: named blocks with unit and prior, and beliefs over them."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -29,16 +29,15 @@ class Label(NamedTuple):
 
 
 class Hyper(NamedTuple):
-    """Parameters whose common prior scale is chosen by evidence.
+    """Parameters whose common prior scale follows from the evidence.
 
     The prior variance of parameter ``indices[k]`` is ``scale**2 * shape[k]``.
     """
 
     name: str  # name of the scale, as `Body.scales` keeps it: ``"length"``, ``"curve.0"``
     scale: float  # where the evidence starts; also the scale of the pseudo-observations
-    choices: tuple[float, ...] = ()  # factors that are compared; none: it moves freely by EM
-    # number of pseudo-observations at `scale` (an inverse-gamma hyperprior) where it moves
-    pseudo: float = 0.0
+    within: tuple[float, float] = (0.0, np.inf)  # times `scale`, between which it is found
+    pseudo: float = 0.0  # number of pseudo-observations at `scale` (an inverse-gamma hyperprior)
     # the parameters, in a block those of the block (None: all of it), in a prior (g,) of all
     indices: Any = None
     shape: Any = None  # (g,), relative variances; None: all alike
@@ -76,43 +75,6 @@ class Prior:
     def active(self) -> Indices:
         """Indices (k,) of the parameters that are fitted."""
         return np.flatnonzero(self.sd > 0)
-
-
-class Layout:
-    """Where each parameter of some blocks stands in the vector, and what it is."""
-
-    def __init__(self, blocks: tuple[tuple[str, tuple[Part, ...]], ...]) -> None:
-        self.labels = tuple(Label(name, *part) for name, parts in blocks for part in parts)
-        groups: dict[str, Indices] = {}
-        start = 0
-        for name, parts in blocks:
-            groups[name] = np.arange(start, start := start + len(parts))
-            groups[name].setflags(write=False)
-        self.groups: Mapping[str, Indices] = groups  # a plain one: models are pickled
-        self.size = start
-
-
-layout_of = lru_cache(maxsize=64)(Layout)  # variants of a structure share theirs
-
-
-def prior_of(blocks: Sequence[Block], layout: Layout, mean: Array, free: Sequence[str]) -> Prior:
-    """Prior that frees the blocks of `free`; ``"curve"`` stands for all joints' curves."""
-    sd, hypers = np.zeros(layout.size), []
-    for block in blocks:
-        if block.name not in free and block.name.partition(".")[0] not in {"curve"} & {*free}:
-            continue
-        own = layout.groups[block.name]
-        sd[own] = block.sd
-        for each in block.scales:
-            indices = own if each.indices is None else own[each.indices]
-            shape = np.ones(len(indices)) if each.shape is None else each.shape
-            sd[indices] = each.scale * np.sqrt(shape)
-            if len(indices):
-                hypers.append(each._replace(indices=indices, shape=shape))
-    # offsets before the placements: turned and shifted origins would explain an offset too, by
-    # freeing sixfold what they are; of a camera's arm they took 2 deg where 0.2 deg was true
-    hypers.sort(key=lambda hyper: hyper.name.startswith("placement"))
-    return Prior(mean, sd, tuple(hypers))
 
 
 class Gaussian(ReadOnly):

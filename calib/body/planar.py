@@ -1,70 +1,35 @@
-"""A planar arm: a chain of parallel axes, of which nothing leaves the plane, and its sensor.
+"""A planar arm: a chain of parallel axes, of which nothing leaves the plane.
 
-The angles of parallel axes add up, so that tips are sums of complex numbers.  The matrices of an
-arm in space take twice a fit's time, and its prior was 2.6 % worse on a real UR10 (.2013 for
-.1962 mm).  A pinhole in place of the homography misses by 13 to 27 px for .6 where the camera is
-not the one that is assumed (40 rows, noise 1 px), and is 2 to 7 % worse where it is.  Parameters
-are full lengths and offsets, as an arm without any drawing has them (``docs/body.md``)::
+Its parameters are full lengths and offsets, as an arm without any drawing has them: with those of
+an arm in space it was 2.6 % worse on a real UR10 (.2013 for .1962 mm).  Elasticity is free::
 
-    theta_i = gain_i s_i q_i + o_i + elastic_i + c_i(q_i)       joints that turn
     elastic_i = sum_{j>=i} a_ij cos psi_j + b_ij sin psi_j      psi: sums of s q, gravity
-    p = sum_i l_i exp(j phi_i) + sum_sliding (l_i + gain_i s_i q_i) exp(j (phi_i + o_i))
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import product
 
 import numpy as np
 
+from ..arm.spatial_chain import Deviations, Links, Motion, SpatialChain, cross, turned
 from ..common.arrays import Array
 from ..common.scale import METRES
 from ..errors import OptionError
 from . import settings
 from .curves import curve_shape
 from .measurement import Moved
-from .nominal import Complex, Nominal
+from .nominal import Complex, Nominal, linear_chain, sides
 from .parameters import Block, Hyper, Indices
 from .planar_view import PlanarReading
 from .structure import Ladder, Structure
 from .views import PLANAR
 
-
-@dataclass(frozen=True, eq=False)
-class PlanarMotion:
-    """Where a planar chain is at n rows, as complex numbers."""
-
-    direction: Complex  # (dof, n), of each link or slide
-    terms: Complex  # (dof, n), the links
-    swept: Complex  # (dof, n), how the tip moves as each joint turns
-    slides: tuple[int, ...]
-    slide: float  # chain units in a metre of a slide
-
-    @property
-    def tip(self) -> Complex:
-        """The tip (n,)."""
-        return np.asarray(self.terms.sum(axis=0))
-
-    @property
-    def position(self) -> Array:
-        """The tip (2, n)."""
-        return _pairs(self.tip)
-
-    def joints(self) -> Moved:
-        """How the tip moves with the value of each joint, (dof, 2, n)."""
-        moved = self.swept
-        if self.slides:
-            moved = moved.copy()
-            moved[list(self.slides)] = self.slide * self.direction[list(self.slides)]
-        return _pairs(moved), 0.0
-
-
-def _pairs(values: Complex) -> Array:
-    """Complex numbers (..., n) as coordinates (..., 2, n)."""
-    return np.stack([values.real, values.imag], axis=-2)
+_MOST = 16  # combinations of signs and mirrors that are refined
+_UP = np.array([0.0, 0.0, 1.0])
 
 
 @dataclass(frozen=True)
@@ -90,9 +55,9 @@ class PlanarStructure(Structure):
     simulated: bool  # whether the rows are samples of a simulation
 
     @property
-    def directions(self) -> Sequence[int]:
-        """Which way each joint (dof,) turns against its log, 1 or -1."""
-        return self.signs
+    def directions(self) -> Sequence[float]:
+        """By how much each joint (dof,) moves with its log: 1 or -1, slides in the chain's unit."""
+        return tuple(s * (1.0 if t else self.slide) for s, t in zip(self.signs, self.revolute))  # noqa: B905
 
     @property
     def scaled(self) -> bool:
@@ -105,11 +70,6 @@ class PlanarStructure(Structure):
         return 1.0 if self.scaled else self.metre
 
     @cached_property
-    def slides(self) -> tuple[int, ...]:
-        """Joints that slide."""
-        return tuple(i for i, turns in enumerate(self.revolute) if not turns)
-
-    @cached_property
     def pairs(self) -> tuple[tuple[int, int], ...]:
         """Joints that bend, and the links (by their joints) that bend them."""
         turning = [i for i, turns in enumerate(self.revolute) if turns]
@@ -118,7 +78,7 @@ class PlanarStructure(Structure):
     @property
     def anchored(self) -> bool:
         """Whether the first length is the chain's unit: a scaled view, no drawing, no slide."""
-        return self.scaled and self.nominal is None and not self.slides
+        return self.scaled and self.nominal is None and all(self.revolute)
 
     @cached_property
     def measurement(self) -> PlanarReading:
@@ -152,12 +112,14 @@ class PlanarStructure(Structure):
         first = np.arange(0 if self.view == "base" else 1, self.dof)
         lengths = size if nominal is None else np.asarray(nominal.lengths) * self.slide
         offsets = 0.0 if nominal is None else np.asarray(nominal.offsets)
-        bent = 1.0 if drawn else 2.0
+        shift, wider = settings.SHIFT * self.slide, settings.WIDER
         joints = (
-            ("length", self._length, lengths, wide, (settings.SHIFT * self.slide, settings.SCALES)),
-            ("offset", "rad", offsets, flat, (settings.TURN, settings.OFFSET_SCALES, 0.0, first)),
-            ("gain", "1", 1.0, 2 * settings.GAIN, (settings.GAIN, settings.SCALES)),
+            ("length", self._length, lengths, wide, (shift, wider)),
+            ("offset", "rad", offsets, flat, (settings.TURN, settings.SERVOS, 0.0, first)),
+            ("gain", "1", 1.0, 2 * settings.GAIN, (settings.GAIN, wider)),
         )
+        bent = settings.ELASTIC_FLAT * (1.0 if drawn else 2.0)
+        waves = product(self.pairs, ("cos", "sin"))
         return (
             *(
                 Block(
@@ -170,9 +132,9 @@ class PlanarStructure(Structure):
                 "elastic",
                 tuple(
                     (names[i], f"{names[i]}.elastic {wave} {names[j]}", "rad")
-                    for (i, j), wave in product(self.pairs, ("cos", "sin"))
+                    for (i, j), wave in waves
                 ),
-                scales=(Hyper("elastic", bent * settings.ELASTIC_FLAT, pseudo=4.0),),
+                scales=(Hyper("elastic", bent, pseudo=4.0),),
             ),
             *self.curves(settings.CURVE_RMS, settings.CURVE_ROWS_FLAT, curve_shape(settings.LONG)),
         )  # fmt: skip
@@ -181,31 +143,33 @@ class PlanarStructure(Structure):
         """What is added to the joints' values (dof,); a slide's offset is its direction."""
         return np.where(self.revolute, beta[self.groups["offset"]], 0.0)
 
-    def move(self, values: Array, beta: Array) -> PlanarMotion:
-        """Where the chain is at the true values (dof, n) of its joints."""
-        slides, length = list(self.slides), self.fixed(beta).chain
-        angles = values
-        if slides:
-            angles = np.where(np.asarray(self.revolute)[:, None], values, 0.0)
-        direction = np.exp(1j * np.cumsum(angles, axis=0))
-        if slides:
-            direction[slides] *= np.exp(1j * beta[self.groups["offset"][slides]])[:, None]
-            length = np.repeat(length, values.shape[1], axis=1)
-            length[slides] += values[slides] * self.slide
-        terms = direction * length
-        # a joint turns all that comes after it about its own place
-        swept = 1j * np.cumsum(terms[::-1], axis=0)[::-1]
-        return PlanarMotion(direction, terms, swept, self.slides, self.slide)
+    def chain(self, beta: Array) -> SpatialChain:
+        """The arm where all joints are at zero, in its own plane and unit."""
+        turns, along = self.revolute, self._along(beta)
+        ends = np.cumsum(beta[self.groups["length"], None] * along, axis=0)
+        points = np.concatenate([np.zeros((1, 3)), ends[:-1]])
+        axes = np.where(np.asarray(turns)[:, None], _UP, along)
+        one = np.eye(self.dof)
+        return SpatialChain(axes, points, ends[-1], np.eye(3), turns, one, np.zeros(self.dof))
 
-    def chained(self, beta: Array) -> Array:
-        """The links' lengths (dof, 1)."""
-        return beta[self.groups["length"], None]
+    def _along(self, beta: Array) -> Array:
+        """Directions (dof, 3) of links and slides where all joints are at zero."""
+        way = np.where(self.revolute, 0.0, beta[self.groups["offset"]])
+        return np.stack([np.cos(way), np.sin(way), np.zeros(self.dof)], axis=1)
 
-    def moving(self, motion: PlanarMotion) -> Iterator[tuple[Indices, Callable[[], Moved]]]:  # type: ignore[override]
+    def links(self, beta: Array) -> Links:
+        """The chain's links."""
+        return Links.of(self.chain(beta), Deviations.none(self.dof))
+
+    def moving(self, motion: Motion, beta: Array) -> Iterator[tuple[Indices, Callable[[], Moved]]]:
         """How the tip moves with each part of the geometry."""
-        yield self.groups["length"], lambda: (_pairs(motion.direction), 0.0)
-        if slides := list(self.slides):  # turning a slide's direction turns no other link
-            yield self.groups["offset"][slides], lambda: (_pairs(1j * motion.terms[slides]), 0.0)
+        along = self._along(beta)[:, :, None]
+        yield self.groups["length"], lambda: (turned(motion.frames[1:], along), 0.0)
+        if slides := [i for i, turns in enumerate(self.revolute) if not turns]:
+            # turning a slide's direction turns no other link
+            stops = np.concatenate([motion.origins, motion.position[None]])
+            steps = np.diff(stops, axis=0)[slides]
+            yield self.groups["offset"][slides], lambda: (cross(_UP[:, None], steps), 0.0)
 
     def loads(self, q: Array) -> tuple[Array, Indices]:
         """Cosines and sines (e, n) of the links' directions, and the joints (e,) they bend."""
@@ -240,6 +204,59 @@ class PlanarStructure(Structure):
             ("curves and elastic", (*chain, "elastic", "curve"), turns),
         )
         return tuple((name, groups) for name, groups, wanted in ladder if wanted)
+
+    def starts(self, q: Array, z: Array) -> list[tuple[Structure, Array]]:
+        """Candidates of signs, mirror and parameters (d,), the best linear fits first.
+
+        With a nominal geometry its own signs come first; every combination is tried where the view
+        is not metric (a camera says nothing of the servos) or where the nominal signs do not fit.
+        """
+        tip = z[:, 0] + 1j * z[:, 1]
+        found = [each.linear(q, tip) for each in self._sided(every=self.scaled)]
+        best = min(error for error, _, _ in found)
+        if self.nominal and not self.scaled and best > settings.DOUBTED * self.extent:
+            found += [each.linear(q, tip) for each in self._sided(every=True)]
+        found.sort(key=lambda item: item[0])
+        return [(each, beta) for _, each, beta in found[:_MOST]]
+
+    def _sided(self, *, every: bool) -> Iterator[PlanarStructure]:
+        """The structure with each combination of signs and mirrors that may differ."""
+        nominal = self.nominal
+        pairs: Iterable[tuple[tuple[int, ...], int]] = sides(self.revolute)
+        if nominal is not None:
+            mirrors = (nominal.mirror,) if self.view == "base" else (1, -1)
+            flips = product((1, -1) if every else (1,), repeat=self.dof)
+            signs = [tuple(np.multiply(nominal.signs, flip).tolist()) for flip in flips]
+            pairs = product(signs, mirrors)
+        for signed, mirror in pairs:
+            yield replace(self, signs=signed, mirror=mirror)
+
+    def linear(self, q: Array, tip: Complex) -> tuple[float, PlanarStructure, Array]:
+        """Error, structure and parameters of the best similarity of the chain to tips (n,)."""
+        beta, groups = self.neutral(), self.groups
+        if self.nominal is not None:
+            if self.view != "base":  # the rotation, scale and shift that fit its chain best
+                place = self.seen(q, beta)[0].position
+                p = place[0] + 1j * self.mirror * place[1]
+                t = np.vdot(p - p.mean(), tip) / (np.vdot(p - p.mean(), p).real + 1e-300)
+                scale = np.log(max(abs(t), 1e-12)) if self.scaled else 0.0
+                shift = np.mean(tip - np.exp(scale + 1j * np.angle(t)) * p)
+                beta[groups["view.rotation"]], beta[groups["view.scale"]] = np.angle(t), scale
+                beta[groups["view.shift"]] = shift.real, shift.imag
+            miss = np.abs(tip - self.predict(q, beta) @ (1, 1j))
+            return float(np.sqrt(np.mean(miss**2))), self, beta
+        found, miss = linear_chain(q, tip, self.signs, self.mirror, self.revolute)
+        beta[groups["offset"]], beta[groups["view.rotation"]] = found.offsets, found.rotation
+        beta[groups["view.shift"]] = found.shift
+        turning, sizes = np.asarray(self.revolute), np.asarray(found.lengths)
+        if self.scaled:
+            slides = sizes[~turning]
+            unit = float(sizes[0] if self.anchored else np.exp(np.mean(np.log(slides + 1e-300))))
+            unit = max(unit, 1e-9 * self.extent)
+            beta[groups["view.scale"]] = np.log(unit)
+            sizes = sizes / unit
+        beta[groups["length"]] = np.where(turning, sizes, 0.0)
+        return float(np.sqrt(np.mean(miss**2))), self, beta
 
 
 def planar_structure(

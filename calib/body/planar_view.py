@@ -10,14 +10,15 @@ The lens is radial with a free centre `c`; with ``k = 0`` it does nothing and it
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from ..arm.spatial_chain import Motion
 from ..common.arrays import Array
-from .measurement import Measurement
+from .measurement import Columns, Measurement
 from .parameters import Block
 from .settings import FREE
 
@@ -59,15 +60,10 @@ class PlanarReading(Measurement):
         """Radius [unit] at which the lens bends by its radial parameter."""
         return _LENS * self.extent
 
-    def ready(self, own: Mapping[str, Array]) -> tuple[Mapping[str, Array], Array]:
-        """The parameters, and the view's linear part."""
-        return own, self.matrix(own)
-
-    def look(self, ready: Any, motion: Any, also: Array) -> Seen:  # noqa: ARG002
+    def look(self, own: Mapping[str, Array], motion: Motion, also: Array) -> Seen:  # noqa: ARG002
         """See the tip."""
-        own, linear = ready
-        x, depth = motion.position, np.ones(1)
-        y, slope = _times(linear[:, :, None], x), linear[:, :, None]
+        x, depth, slope = motion.position[:2], np.ones(1), self.matrix(own)[:, :, None]
+        y = _times(slope, x)
         h = own["view.tilt"]
         if h.any():
             depth = 1 + h @ x
@@ -112,10 +108,10 @@ class Seen:
     lens: Array | None  # (2, 2, n), derivative of the lens, None where it does nothing
 
     def push(self, velocity: Array, angular: Any = 0.0) -> Array:  # noqa: ARG002
-        """How outputs (..., 2, n) move when the tip moves (..., 2, n)."""
-        return _times(self.slope, velocity)
+        """How outputs (..., 2, n) move when the tip moves (..., 3, n)."""
+        return _times(self.slope, velocity[..., :2, :])
 
-    def columns(self) -> Iterator[tuple[str, Callable[[], Array]]]:
+    def columns(self) -> Columns:
         """The derivative (k, 2, n) by each of the sensor's own blocks."""
         n = self.point.shape[1]
         yield "view.rotation", lambda: self._bent(_QUARTER_TURN @ self.y)

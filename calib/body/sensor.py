@@ -19,15 +19,10 @@ from ..errors import LogError
 from .parameters import Gaussian, Indices
 from .structure import OfStructure
 
-_TELLING = 0.8
-"""Share of a position's spread below which it is told what is left without the gauge."""
-
 _SENSOR = ("view.rotation", "view.shift", "view.scale", "lens")
 """Groups of parameters that are the sensor's."""
 
-_UNSURE = 0.1
-"""A camera whose distance is less sure than this share of it was shown too little."""
-
+_UNSURE = 0.1  # a camera whose distance is less sure than this share of it was shown too little
 _ALIKE = 0.05  # a gauge is one where parameters move the tip as it does, but for this share
 _POSES = 60
 
@@ -55,7 +50,7 @@ class SensorPose:
     def of(body: OfStructure | None) -> SensorPose | None:
         """The sensor of a body in space; None in the plane, and without a drawing of the arm."""
         structure: Any = body.structure if body is not None else None
-        if body is None or structure.kind != "spatial" or not structure.informed:
+        if body is None or not getattr(structure, "informed", False):
             return None
         sensor, based = structure.sensor(body.beta), structure.view == "base"
         back = sensor.rotation.T
@@ -77,16 +72,11 @@ class SensorPose:
         told = 0.0 * body.root
         if not based:
             told = without_gauge(structure, body, not structure.camera)
-        return SensorPose(
-            position,
-            back,
-            spread(body.root, slope),
-            spread(body.root, turn),
-            spread(told, slope),
-            spread(told, turn),
-            float(spread(body.root, back[:, 2][None] @ slope)[0]),
-            structure.joint_names[0] if not based and structure.revolute[0] else None,
-        )
+        first = structure.joint_names[0] if not based and structure.revolute[0] else None
+        own, own_turn = spread(body.root, slope), spread(body.root, turn)
+        told_sd, told_turn = spread(told, slope), spread(told, turn)
+        depth = float(spread(body.root, back[:, 2][None] @ slope)[0])
+        return SensorPose(position, back, own, own_turn, told_sd, told_turn, depth, first)
 
     @property
     def quaternion(self) -> Array:
@@ -117,20 +107,13 @@ class SensorPose:
             f"the base frame [m], turned within {np.degrees(1.96 * self.turn_sd.max()):.2g} deg, "
             f"quaternion ({quaternion})"
         ]
-        if what == "camera":
-            ahead = ", ".join(f"{value + 0.0:.3f}" for value in self.rotation[:, 2])
-            lines.append(f"  it looks along ({ahead}) of the base")
-        if self.told_sd.max() < _TELLING * self.position_sd.max():
-            size = "the arm's size, " if what == "camera" else ""
+        if self.told_sd.max() < 0.8 * self.position_sd.max():
             lines.append(
-                f"  but for {size}a turn about and a shift along the first joint's axis, which no "
-                f"reading tells, its position is known to {1e3 * 1.96 * self.told_sd.max():.2g} mm"
+                f"  known to {1e3 * 1.96 * self.told_sd.max():.2g} mm but for what no reading "
+                "tells: a turn about and a shift along the first joint's axis"
             )
         if self.first:
-            lines.append(
-                f"  its turn about {self.first} cannot be told from that joint's offset, which is "
-                "zero by convention"
-            )
+            lines.append(f"  its turn about {self.first} cannot be told from that joint's offset")
         return lines
 
 

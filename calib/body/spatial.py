@@ -15,8 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from ..arm.spatial_chain import GRAVITY, Deviations, Links, SpatialChain, move
-from ..arm.spatial_chain import Motion as ChainMotion
+from ..arm.spatial_chain import GRAVITY, Deviations, Links, Motion, SpatialChain
 from ..common.arrays import Array
 from . import settings
 from .curves import curve_shape
@@ -100,11 +99,11 @@ class SpatialStructure(Structure):
         flat = np.repeat((self._reach, 3.0), 3)  # shifts and turns where no drawing says
         turned, slid = own[turning[first:]], own[~turning[first:]]
         placed = np.arange(6 * first, 6 * len(self.chain_names)).reshape(-1, 2, 3)
-        choices = self.measurement.scales
+        within = self.measurement.within
         places = list(product((("shift", "m"), ("turn", "rad")), "xyz"))
         drawn = (
-            Hyper("placement.shift", settings.SHIFT, choices, indices=placed[:, 0].ravel()),
-            Hyper("placement.turn", settings.TURN, choices, indices=placed[:, 1].ravel()),
+            Hyper("placement.shift", settings.SHIFT, within, indices=placed[:, 0].ravel()),
+            Hyper("placement.turn", settings.TURN, within, indices=placed[:, 1].ravel()),
         )
         return (
             Block(
@@ -127,13 +126,13 @@ class SpatialStructure(Structure):
             Block(
                 "offset", self.of_joints("offset", *("rad" if t else "m" for t in turning)),
                 scales=(
-                    Hyper("offset", settings.TURN, settings.OFFSET_SCALES, indices=turned),
-                    Hyper("offset.slide", settings.SHIFT, settings.SCALES, indices=slid),
+                    Hyper("offset", settings.TURN, settings.SERVOS, indices=turned),
+                    Hyper("offset.slide", settings.SHIFT, settings.WIDER, indices=slid),
                 ),
             ),
             Block(
                 "gain", self.of_joints("gain", "1"), 1.0,
-                scales=(Hyper("gain", settings.GAIN, settings.SCALES),),
+                scales=(Hyper("gain", settings.GAIN, settings.WIDER),),
             ),
             Block(
                 "elastic", tuple((name, f"{name}.elastic", "rad") for name in weighted),
@@ -162,31 +161,17 @@ class SpatialStructure(Structure):
 
     def coupled(self, own: Array) -> Array:
         """Values (c, n) of the chain's joints that follow the logged ones (dof, n)."""
-        if self._alone:
-            return own
         return np.asarray(self.chain.coupling @ own + self.chain.bias[:, None])
-
-    @cached_property
-    def _alone(self) -> bool:
-        """Whether no joint follows another."""
-        chain = self.chain
-        same = np.array_equal(chain.coupling, np.eye(chain.joints))
-        return same and not chain.bias.any()
 
     def led(self, chained: Array) -> Array:
         """How outputs move with each logged joint (dof, m, n), from the chain's (c, m, n)."""
-        return chained if self._alone else np.tensordot(self.chain.coupling.T, chained, axes=1)
+        return np.tensordot(self.chain.coupling.T, chained, axes=1)
 
-    def move(self, values: Array, beta: Array) -> ChainMotion:
-        """Where the chain is at the true values (c, n) of its joints."""
-        links: Links = self.fixed(beta).chain
-        return move(links, values)
-
-    def chained(self, beta: Array) -> Links:
+    def links(self, beta: Array) -> Links:
         """The chain's links."""
         return Links.of(self.chain, self.deviations(beta))
 
-    def moving(self, motion: ChainMotion) -> Iterator[tuple[Indices, Callable[[], Moved]]]:  # type: ignore[override]
+    def moving(self, motion: Motion, beta: Array) -> Iterator[tuple[Indices, Callable[[], Moved]]]:  # noqa: ARG002
         """How the tip moves with each part of the geometry."""
         still = np.zeros((3, *motion.position.shape))
         yield self.groups["tool"], lambda: (_axes(motion.flange), 0.0)
@@ -246,7 +231,7 @@ class SpatialStructure(Structure):
     def sensor(self, beta: Array) -> Placed:
         """The sensor: where it stands, its scale and its lens."""
         assert isinstance(self.measurement, InSpace)  # noqa: S101 - other readings are of fits alone
-        return self.measurement.ready(self.seeing(beta))
+        return self.measurement.placed(self.seeing(beta))
 
 
 def _axes(rotation: Array) -> Array:

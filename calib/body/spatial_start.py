@@ -28,7 +28,7 @@ from .structure import Structure
 _ROWS, _ROWS_ALONE = 400, 150
 #: Rows that are enough to tell the best of its guesses.
 _GUESSED = 60
-#: Damped steps of a start, and of its guesses where there are more rows than that.
+#: Damped steps of a start, and of its guesses.
 _STEPS, _FIRST = 40, 10
 #: Fewest rows that tell a chain of which only the joints are known.
 _LEAST = 10
@@ -73,16 +73,13 @@ def frame(structure: SpatialStructure, q: Array, z: Array, arm: Array | None = N
     arm = neutral if arm is None else arm
     groups = [group for group in structure.frame_groups if group != "lens"]
     sd = structure.prior(groups).sd
-
-    def settled(beta: Array, sd: Array, steps: int, every: int = 1) -> tuple[Array, float, float]:
-        return _settled(structure, q[::every], z[::every], beta, Prior(beta, sd), steps)
-
-    every = max(1, len(q) // _GUESSED)
-    steps = _STEPS if every == 1 else _FIRST
-    guesses = [settled(beta, sd, steps, every) for beta in _guesses(structure, q, z, arm)]
+    some = thinned(len(q), _GUESSED)
+    guesses = [
+        _settled(structure, q[some], z[some], beta, Prior(beta, sd), _FIRST)
+        for beta in _guesses(structure, q, z, arm)
+    ]
     beta = min(guesses, key=lambda found: found[1])[0]
-    if every > 1:
-        beta = settled(beta, sd, _STEPS)[0]
+    beta = _settled(structure, q, z, beta, Prior(beta, sd), _STEPS)[0]
     if not (structure.camera or structure.seen_as.scaled):
         _refuse_misfit(structure, q, z, beta)
     if structure.camera and not (arm - neutral).any():
@@ -90,7 +87,7 @@ def frame(structure: SpatialStructure, q: Array, z: Array, arm: Array | None = N
         free = [*groups, "offset", *(["lens"] if any(structure.lens_sd) else [])]
         sd = structure.prior(free).sd
         sd[structure.groups["offset"]] *= 20.0
-        beta = settled(beta, sd, 60)[0]
+        beta = _settled(structure, q, z, beta, Prior(beta, sd), 60)[0]
     return beta
 
 
@@ -98,7 +95,7 @@ def _settled(
     structure: Structure, q: Array, z: Array, beta: Array, prior: Prior, steps: int
 ) -> tuple[Array, float, float]:
     still = np.zeros(structure.outputs)
-    return Fit(structure, q, z, beta, prior, STUDENT, still).settle(steps)
+    return Fit(structure, q, z, beta, prior, nu=STUDENT, floor=still).settle(steps)
 
 
 def _refuse_misfit(structure: SpatialStructure, q: Array, z: Array, beta: Array) -> None:

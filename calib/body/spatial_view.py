@@ -6,15 +6,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from ..arm.rotations import exponential, logarithm
+from ..arm.spatial_chain import Motion
 from ..common.arrays import Array
-from .measurement import Measurement
+from .measurement import Columns, Measurement
 from .parameters import Block
 from .settings import FREE
 from .views import SPATIAL
@@ -71,15 +72,15 @@ class InSpace(Measurement):
             ),
         )  # fmt: skip
 
-    def ready(self, own: Mapping[str, Array]) -> Placed:
+    def placed(self, own: Mapping[str, Array]) -> Placed:
         """The sensor: where it stands, its scale and its lens."""
         scale = float(np.exp(own["view.scale"][0])) * (1.0 if self.camera else self.metre)
         turn = exponential(own["view.rotation"])
         return Placed(self.kind, turn, own["view.shift"], scale, own["lens"])
 
-    def look(self, ready: Placed, motion: Any, also: Array) -> View:  # noqa: ARG002
+    def look(self, own: Mapping[str, Array], motion: Motion, also: Array) -> View:  # noqa: ARG002
         """See the tip."""
-        return look(ready, motion.position, motion.rotation)
+        return look(self.placed(own), motion.position, motion.rotation)
 
     def residual(self, z: Array, predicted: Array) -> Array:
         """Residuals (n, m) of observed against predicted outputs.
@@ -113,26 +114,15 @@ class View:
         turned = rotation @ angular if np.ndim(angular) else 0.0
         return self.seen(self.sensor.scale * (rotation @ velocity), turned)
 
-    def columns(self) -> Iterator[tuple[str, Callable[[], Array]]]:
+    def columns(self) -> Columns:
         """The derivative (k, outputs, n) by each of the sensor's own blocks."""
-        yield "view.rotation", self.turned
-        yield "view.shift", self.shifted
-        yield "view.scale", self.scaled
+        arm = self.point if self.slope is None else self.point - self.sensor.shift[:, None]
+        one = np.eye(3)[:, :, None]  # the sensor's own axes
+        yield "view.rotation", lambda: self.seen(np.cross(one, arm, axis=-2), one)
+        yield "view.shift", lambda: self.seen(np.repeat(one, arm.shape[1], axis=2))
+        yield "view.scale", lambda: self.seen(arm)
         if self.slope is not None:
             yield "lens", self.refocused
-
-    def turned(self) -> Array:
-        """How outputs (3, outputs, n) move when the sensor's frame turns about its own axes."""
-        about = np.eye(3)[:, :, None]
-        return self.seen(np.cross(about, self._arm, axis=-2), about)
-
-    def shifted(self) -> Array:
-        """How outputs (3, outputs, n) move when the sensor's frame is shifted."""
-        return self.seen(np.repeat(np.eye(3)[:, :, None], self.point.shape[1], axis=2))
-
-    def scaled(self) -> Array:
-        """How outputs (outputs, n) move when the logarithm of the scale does."""
-        return self.seen(self._arm)
 
     def refocused(self) -> Array:
         """Derivative (4, 2, n) of pixels by focal length, centre and k1."""
@@ -152,11 +142,6 @@ class View:
         if SPATIAL[self.sensor.kind].outputs == 6:
             return np.concatenate([moved, np.broadcast_to(turned, moved.shape)], axis=-2)
         return moved
-
-    @property
-    def _arm(self) -> Array:
-        """The tip from the arm's root, in the sensor's frame."""
-        return self.point if self.slope is None else self.point - self.sensor.shift[:, None]
 
 
 def look(sensor: Placed, position: Array, rotation: Array) -> View:

@@ -10,17 +10,12 @@ import numpy as np
 from ..common.arrays import Array
 from .fit import Fit
 from .planar import PlanarStructure
-from .planar_start import planar_starts
 from .settings import APART, RIVAL_START, STUDENT
 from .spatial import SpatialStructure
 from .spatial_start import spatial_starts
 from .structure import Structure
 
-_ROWS = 400
-"""Rows that the runs use at most."""
-
-_KEPT = 8
-"""Runs that are carried on after the first six steps."""
+_ROWS, _KEPT = 400, 8  # rows that the runs use at most, and runs carried on after six steps
 
 
 @dataclass(frozen=True)
@@ -36,7 +31,7 @@ class Start:
 def candidates(structure: Structure, q: Array, z: Array) -> Sequence[tuple[Structure, Array]]:
     """Structures (signs, mirror, chain) with parameters (d,) to begin with, the best ones first."""
     if isinstance(structure, PlanarStructure):
-        return planar_starts(structure, q, z)
+        return structure.starts(q, z)
     assert isinstance(structure, SpatialStructure)  # noqa: S101
     if structure.reading is not None:
         return [(structure, structure.reading.start(structure, q))]
@@ -62,21 +57,18 @@ def best_starts(
     runs = [Start(*found) for found in candidates(structure, q, z)]
     if len(runs) == 1:  # nothing to choose from: the gate goes on from here
         return tuple(runs)
-
-    def refined(run: Start, steps: int) -> Start:
-        still, prior = np.zeros(structure.outputs), run.structure.prior(free)
-        fit = Fit(run.structure, q, z, run.beta, prior, STUDENT, still)
-        return Start(run.structure, *fit.settle(steps))
-
-    runs = sorted((refined(run, 6) for run in runs), key=lambda run: run.cost)
-    runs = [refined(run, 40) for run in runs[:_KEPT]]
-    least = min(run.cost for run in runs)
-    best = next(run for run in runs if run.cost <= least + 1e-9 * abs(least))
+    none = np.zeros(structure.outputs)
+    for steps in (6, 40):
+        for k, run in enumerate(runs):
+            prior = run.structure.prior(free)
+            fit = Fit(run.structure, q, z, run.beta, prior, nu=STUDENT, floor=none)
+            runs[k] = Start(run.structure, *fit.settle(steps))
+        runs = sorted(runs, key=lambda run: run.cost)[:_KEPT]
+    best = runs[0]
     there = best.structure.predict(ask, best.beta)
-    for run in sorted(runs, key=lambda run: run.cost):
-        if run.noise > RIVAL_START * best.noise or not np.isfinite(run.cost):
-            break
+    for run in runs[1:]:
         apart = best.structure.residual(there, run.structure.predict(ask, run.beta))
-        if float(np.abs(apart / best.structure.extents).max()) > max(APART, 20 * best.noise):
+        other = np.abs(apart / best.structure.extents).max() > max(APART, 20 * best.noise)
+        if other and run.noise <= RIVAL_START * best.noise and np.isfinite(run.cost):
             return best, run
     return (best,)

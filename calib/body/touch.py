@@ -8,7 +8,7 @@ neither where the arm's base stands nor how it is turned about its first axis: b
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any, TypeVar
@@ -17,15 +17,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arm.rotations import logarithm, similarity
+from ..arm.spatial_chain import Motion
 from ..common.arrays import Array
 from ..samples.sockets import Known
 from .belief import Body, Second
 from .covariance import as_kept
-from .fit import BLOCKS, maximise
+from .fit import BLOCKS, Fit
 from .fitting import BodyFit, fit
-from .measurement import Measurement
+from .measurement import Columns, Measurement
 from .parameters import Block, Indices
-from .settings import FINE_SCALES, FREE, LOG_FLOOR, STATED, STUDENT
+from .settings import FREE, LOG_FLOOR, STATED, STUDENT, WIDER
 from .spatial import SpatialStructure
 from .spatial_view import InSpace
 
@@ -51,10 +52,10 @@ class Touch(Measurement):
     blocks = (3,)
 
     @property
-    def scales(self) -> tuple[float, ...]:  # type: ignore[override]
-        """Scales of joint origins; not large ones where no distance tells how large the arm is."""
+    def within(self) -> tuple[float, float]:  # type: ignore[override]
+        """Doubt of joint origins; not large where no distance tells how large the arm is."""
         sized = self.tip.kind != "base" or any(each.value is not None for each in self.known)
-        return FINE_SCALES[: 3 if sized else 2]
+        return (WIDER[0], 5.0 if sized else 1.0)
 
     def parameters(self) -> tuple[Block, ...]:
         """The sockets."""
@@ -68,10 +69,9 @@ class Touch(Measurement):
         facts[:, -4] = self.count + np.arange(len(facts))
         return np.concatenate([np.column_stack([q, point, x]), facts])
 
-    def look(self, ready: Mapping[str, Array], motion: Any, also: Array) -> _Touched:
+    def look(self, own: Mapping[str, Array], motion: Motion, also: Array) -> _Touched:
         """See the tip in its sockets."""
-        own = ready
-        seen = self.tip.look(self.tip.ready(own), motion, also[:, :0])
+        seen = self.tip.look(own, motion, also)
         places = own["point"].reshape(-1, 3)
         number = also[:, 0].astype(int)
         touches, measured = (number >= 0) & (number < self.count), number < 0
@@ -93,7 +93,7 @@ class Touch(Measurement):
     def start(self, structure: Any, q: Array) -> Array:
         """The drawing, with each socket where it says that the tip was on average."""
         beta = structure.neutral()
-        joints, also = structure.apart(q)
+        joints, also = q[:, : structure.dof], q[:, structure.dof :]
         tip, number = structure.pose(joints, beta)[0], also[:, 0].astype(int)
         means = [tip[number == k].mean(axis=0) for k in range(self.count)]
         beta[structure.groups["point"]] = np.ravel(means)
@@ -120,7 +120,7 @@ class _Touched:
         moved = np.asarray(velocity * self.touches)
         return moved + self.seen.push(velocity, angular) * self.trust if self.trust.any() else moved
 
-    def columns(self) -> Iterator[tuple[str, Callable[[], Array]]]:
+    def columns(self) -> Columns:
         """The derivative by the sockets, and by the sensor's frame."""
         yield "point", lambda: self.slope.transpose(2, 1, 0)
         for name, columns in self.seen.columns():
@@ -170,10 +170,10 @@ def fit_touches(
     if len(rows) > len(q) or (point < 0).any():
         # distances weigh as they were stated, and positions as they are, beside touches' own noise
         chain = dict(seen.members())["chain"]
-        first = maximise(
+        first = Fit(
             seen, rows, none, touch.start(seen, rows), seen.prior(chain),
             nu=STUDENT, floor=LOG_FLOOR * seen.extents,
-        )  # fmt: skip
+        ).maximise()  # fmt: skip
         off, noise = first.residual[: len(q)][point < 0], float(first.noise[0])
         sensor = 1.48 * float(np.median(np.abs(off))) if len(off) else STATED
         touch = replace(touch, noise=noise, sensor=max(sensor, noise / 10))
@@ -208,8 +208,8 @@ def _scattered(residual: Array, point: NDArray[np.intp], rows: int) -> Array:
 
 def restated(body: Body, structure: SpatialStructure) -> Body:
     """The belief in another structure of the same arm; what that does not have is left out."""
-    place = {label.name: k for k, label in enumerate(structure.layout.labels)}
-    to = np.array([place.get(label.name, -1) for label in body.structure.layout.labels])
+    place = {label.name: k for k, label in enumerate(structure.labels)}
+    to = np.array([place.get(label.name, -1) for label in body.structure.labels])
 
     def carried(belief: _Belief) -> _Belief:
         beta, active = structure.neutral(), to[belief.active]

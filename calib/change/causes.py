@@ -131,7 +131,7 @@ def _of_change(found: Comparison) -> list[Cause]:
         if not above:
             return []
         ix, step, deviation = above[0][0], *np.zeros((2, len(old)))
-        groups = tuple(dict.fromkeys(structure.label(k).group for k in ix.tolist()))
+        groups = tuple(dict.fromkeys(structure.labels[k].group for k in ix.tolist()))
         step[ix], deviation[ix] = above[0][1:]
         beta = structure.retract(old, step)
     elif not groups:
@@ -178,7 +178,7 @@ def _of_parameter(found: Comparison, k: int, change: float, sd: float, most: flo
 
     most : the largest change of all parameters of its group and joint
     """
-    label, old = found.reference.structure.label(k), float(found.belief.beta[k])
+    label, old = found.reference.structure.labels[k], float(found.belief.beta[k])
     group, joint, half = label.group.partition(".")[0], label.joint or "", 1.96 * float(sd)
     group, change = label.group if group in ("view", "tool") else group, float(change)
     told = GROUPS[group]

@@ -13,10 +13,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..body.covariance import root_of
-from ..body.fit import Fit, maximise
-from ..body.likeness import lengths_of, matern
+from ..body.fit import Fit
 from ..body.parameters import Indices, Prior
 from ..body.settings import STUDENT
+from ..body.telling import lengths_of, matern
 from ..common.arrays import Array, Mask
 from ..common.rows import thinned
 from .frame import Reference
@@ -57,8 +57,8 @@ def weighted(
     rows, size = thinned(len(q), _ROBUST_ROWS), reference.sizes
     some, prior = (structure, q[rows], z[rows]), Prior(reference.beta, sd)
     # steps of a known noise alone took exact rows of a longer link for outliers
-    start = Fit(*some, reference.beta, prior, STUDENT, size).settle(_SETTLED)[0]
-    fit = maximise(*some, start, prior, nu=STUDENT, floor=size)
+    start = Fit(*some, reference.beta, prior, nu=STUDENT, floor=size).settle(_SETTLED)[0]
+    fit = Fit(*some, start, prior, nu=STUDENT, floor=size).maximise()
     r = structure.residual(z, structure.predict(q, fit.beta)) / size
     m, e2 = r.shape[1], (r**2).sum(axis=1)
     noise = max(float(np.median(e2[rows])) / (m - 2 / 3), 1.0)

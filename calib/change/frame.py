@@ -188,7 +188,7 @@ def _placed(
     sd[indices_of(structure, groups)] = 1e3 * max(1.0, float(structure.extents[0]))
     found = []
     for start in starts:
-        fit = Fit(structure, q, z, start, Prior(start, sd), STUDENT, structure.extents)
+        fit = Fit(structure, q, z, start, Prior(start, sd), nu=STUDENT, floor=structure.extents)
         beta, cost, _ = fit.settle(30)
         found.append((cost, beta))
     return min(found, key=lambda each: each[0])[1]

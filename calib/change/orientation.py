@@ -15,7 +15,7 @@ import numpy as np
 from ..arm.rotations import exponential, logarithm, matrix_of
 from ..body.belief import Body, knows_orientation
 from ..body.covariance import root_of
-from ..body.fit import maximise
+from ..body.fit import Fit
 from ..body.parameters import Prior
 from ..body.settings import FREE, STUDENT
 from ..common.arrays import Array
@@ -75,10 +75,10 @@ def turned_tool(found: Comparison, body: Body | None = None) -> TurnedTool:
         sd[structure.groups["view.rotation"]] = FREE  # positions tell it less well
     sd[tool] = FREE
     posed, z = structure.with_view("pose"), logarithm(matrix_of(found.orientation))
-    fit = maximise(
+    fit = Fit(
         posed, found.q, np.hstack([found.x, z]), beta, Prior(beta, sd), nu=STUDENT,
         floor=np.repeat([FREE**2 * structure.extent, 1e-9], 3),  # of positions nothing is asked
-    )  # fmt: skip
+    ).maximise()  # fmt: skip
     before, after = exponential(np.stack([beta[tool], fit.beta[tool]]))
     turn, place = logarithm(before.T @ after), np.searchsorted(fit.active, tool)
     own, held = fit.covariance[np.ix_(place, place)], np.searchsorted(old.active, tool)

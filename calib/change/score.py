@@ -106,7 +106,7 @@ def groups_of(body: Body) -> dict[str, Indices]:
     joints: dict[str, list[int]] = {}
     for group in TESTED:
         for index in indices_of(structure, (group,)).tolist():
-            joint = structure.label(index).joint
+            joint = structure.labels[index].joint
             joints.setdefault(f"{group}:{joint}" if joint else group, []).append(index)
     joints["elastic"] = indices_of(structure, ("elastic",)).tolist()  # a payload bends all at once
     for name, some in joints.items():

@@ -29,13 +29,6 @@ def number_rows(
         caller's to say.
     Returns single : whether it was one vector
     Raises CalibError if a column is missing, or the values are masked, dates or no numbers.
-
-    Examples
-    --------
-    >>> number_rows({"elbow": [1.0], "shoulder": [0.5]}, ("shoulder", "elbow"), "joint values")
-    (array([[0.5, 1. ]]), False)
-    >>> number_rows([0.5, 1.0], ("shoulder", "elbow"), "joint values")
-    (array([[0.5, 1. ]]), True)
     """
     there = column_names(values)
     if there:  # they may stand in any order: NumPy would take them as they stand
@@ -113,11 +106,5 @@ def _numbers(values: Any, what: str, error: type[CalibError]) -> Array:
 
 
 def thinned(count: int, most: int) -> NDArray[np.intp]:
-    """Return at most `most` row numbers of `count`, evenly spread, in order.
-
-    Examples
-    --------
-    >>> thinned(10, 4).tolist(), thinned(3, 4).tolist()
-    ([0, 3, 6, 9], [0, 1, 2])
-    """
+    """Return at most `most` row numbers of `count`, evenly spread, in order."""
     return np.unique(np.linspace(0, count - 1, min(count, most)).round().astype(np.intp))

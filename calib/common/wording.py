@@ -19,13 +19,7 @@ _PREFIXES = ((1e-3, "mm"), (1e-6, "µm"), (1e-9, "nm"))
 
 
 def printable(text: str) -> str:
-    r"""Return a text whose line breaks, control characters and the like are written out.
-
-    Examples
-    --------
-    >>> printable("el\nbow"), printable("été")
-    ('el\\nbow', 'été')
-    """
+    """Return a text whose line breaks, control characters and the like are written out."""
     if text.isprintable():  # most texts: one C loop
         return text
     return "".join(c if c.isprintable() else repr(c)[1:-1] for c in text)
@@ -84,13 +78,7 @@ def vector(values: Iterable[float]) -> str:
 
 
 def length_in_words(value: float, unit: str) -> str:
-    """Return a length with the prefix that suits it, three digits.
-
-    Examples
-    --------
-    >>> length_in_words(0.00123, "m"), length_in_words(3e-13, "m"), length_in_words(2.5, "px")
-    ('1.23 mm', 'below 1 nm', '2.5 px')
-    """
+    """Return a length with the prefix that suits it, three digits: 1.23 mm, below 1 nm, 2.5 px."""
     if not math.isfinite(value):
         return "unknown"
     if unit != "m" or abs(value) >= 1.0:

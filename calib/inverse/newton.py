@@ -150,10 +150,7 @@ class Newton:
         return self.refine(u, x)
 
     def rate(self, u: Array, gap: Array, damping: float = _CALM) -> Array:
-        """A damped move (n, dof) of the joints `u` that carries the tip along `gap` (n, m).
-
-        Near a stretched or folded pose the damping keeps it short.
-        """
+        """A damped move (n, dof) of the joints `u` that carries the tip along `gap` (n, m)."""
         slope = _transposed(self.task.value_and_slope(u)[1])
         return np.asarray(self._step(u.T, slope, gap.T, np.full(len(u), damping)).T)
 
@@ -259,10 +256,7 @@ class Newton:
 
 
 def damped_solution(slope: Array, gap: Array, damping: Array) -> Array:
-    """J' (J J' + damping)^-1 gap, (dof, n), of transposed Jacobians (dof, m, n) and a gap (m, n).
-
-    The damping (n,) is a share of each Jacobian's sum of squares.
-    """
+    """J' (J J' + damping)^-1 gap, (dof, n), of Jacobians (dof, m, n), gap (m, n), damping (n,)."""
     power = np.einsum("din,djn->ijn", slope, slope)
     diagonal = np.einsum("iin->in", power)
     diagonal += np.maximum(damping * diagonal.sum(axis=0), 1e-300)

@@ -160,13 +160,9 @@ class Solver:
 
 
 def _representatives(newton: Newton, target: Index, u: Array, x: Array) -> tuple[Index, Array]:
-    """One solution of each connected family: the one closest to the middle of the ranges.
-
-    Two solutions are of one family if small steps along the self-motion, on target and inside of
-    the limits, lead from one to the other. Each group tries the nearest solutions of other groups,
-    more and more of them. `target` (k,) says, ascending, of which row of `x` each of `u` (k, dof)
-    is a solution.
-    """
+    """One solution of each connected family: the one closest to the middle of the ranges."""
+    # two are of one family if small steps along the self-motion, on target and inside of the
+    # limits, lead from one to the other: each group tries the nearest of others, more and more
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
@@ -229,11 +225,7 @@ def _walk(newton: Newton, start: Array, goal: Array, x: Array) -> NDArray[np.boo
 
 
 def free_directions(jacobian: Array) -> Array:
-    """Directions (k, dof) in which joints move on without changing what they reach.
-
-    The Jacobian (m, dof) has rows of comparable size. Each direction has a joint of its own at 1
-    that the others leave still.
-    """
+    """Directions (k, dof) that leave what a Jacobian (m, dof) reaches, each with a joint at 1."""
     from scipy.linalg import qr
 
     _, size, vt = np.linalg.svd(jacobian)

@@ -119,10 +119,7 @@ def place_of(owner: Index) -> Index:
 
 
 def distinct(scale: Scale, target: Index, u: Array, apart: Any) -> NDArray[np.bool_]:
-    """Which joints (n, dof), sorted by target, are no repeats of earlier ones of their target.
-
-    Those less than `apart`, a number or (n,), from an earlier one that stays are.
-    """
+    """Which joints (n, dof), sorted by target, are `apart` from all earlier ones that stay."""
     keep, apart = np.ones(len(u), dtype=bool), np.broadcast_to(apart, len(u))
     for lag in range(1, int(np.bincount(target).max(initial=0))):
         later = np.flatnonzero(target[lag:] == target[:-lag]) + lag

@@ -91,10 +91,7 @@ class _Follower:
     def _advance(
         self, u: Array, way: Array, row: int, halved: int, last: bool = True
     ) -> tuple[Array, NDArray[np.bool_]]:
-        """Joints (n, dof) moved along a way (2, m), and whether they kept their branch.
-
-        What moves far, or misses the target of a row although it can be reached, goes in halves.
-        """
+        """Joints (n, dof) moved along a way (2, m), in halves if far, and if they kept to it."""
         trial, smooth, met = self._step(u, way[1])
         going = smooth & (met | ~np.array(last))
         again = np.flatnonzero(~going)

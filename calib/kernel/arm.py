@@ -14,7 +14,7 @@ import numpy as np
 
 from ..arm.rotations import exponential
 from ..arm.spatial_chain import Deviations, Links, Placements, SpatialChain, move
-from ..body.curves import HARMONICS, curve_value
+from ..body.curves import HARMONICS
 from ..body.spatial_view import Placed, pixels
 from ..common.arrays import Array
 
@@ -24,8 +24,10 @@ class KernelArm:
     """A chain of m joints and what sees it, as plain numbers; dof joints are logged."""
 
     structure: Any  # of the body
+    beta: Array  # its parameters
     chain: SpatialChain
     moved: Deviations
+    slid: Array  # (m,), units of the values of joints in the chain's own
     gain: Array  # (dof,)
     offset: Array  # (dof,)
     view: Array  # (3, 3), the sensor sees view @ tip + shift
@@ -51,26 +53,12 @@ class KernelArm:
         """Its links as the body has them."""
         return self.chain.placements(self.moved)
 
-    def _loads(self, q: Array) -> Array:
-        """Shares (m, n) of the largest torque of gravity at joint values (n, dof)."""
-        return np.asarray(self.chain.torques(q, self.gravity).T)
-
     def joints(self, q: Array) -> Array:
         """Values (m, n) of the chain's joints."""
-        own = self.gain[:, None] * q.T + self.offset[:, None]
-        for k, curve in enumerate(self.curves):
-            own[k] += curve_value(q[:, k], curve)
-        if self.flex is not None:
-            psi = np.cumsum(self.way * q, axis=1).T
-            own += self.flex[0] @ np.cos(psi) + self.flex[1] @ np.sin(psi)
-        values = self.chain.coupling @ own + self.chain.bias[:, None]
-        return values + self.bending[:, None] * self._loads(q) if len(self.bending) else values
+        return np.asarray(self.slid[:, None] * self.structure.joint_values(q, self.beta))
 
     def derivatives(self, q: Array) -> tuple[Array, Array]:
-        """How positions (n, m) move: with whatever may be off (D, m, n), with joints (dof, m, n).
-
-        The same as `calib_derivatives` of the C source, in the same order.
-        """
+        """As `calib_derivatives` of C: positions by all that may be off (D, m, n), by joints."""
         motion, eye = move(Links.of(self.chain, self.moved), self.joints(q)), np.eye(3)
         linear = eye[:, None, :, None] * motion.position[:, None]
         shifts = np.repeat(eye[:, :, None], len(q), axis=2)
@@ -80,7 +68,7 @@ class KernelArm:
         own = np.tensordot(self.chain.coupling.T, chained, axes=1)
         parts = [linear, shifts, moved, turned, own, own * q.T[:, None]]
         if len(self.bending):
-            parts.append(chained * self._loads(q)[:, None])
+            parts.append(chained * self.structure.loads(q)[0][:, None])
         if self.flex is not None:
             psi = np.cumsum(self.way * q, axis=1).T
             each = [(k, i) for k in range(len(psi)) for i in range(k + 1)]
@@ -110,8 +98,8 @@ def _spatial(structure: Any, beta: Array) -> KernelArm:
     elastic = beta[groups["elastic"]]
     pull = np.asarray(structure.gravity) / structure.torque if len(elastic) else np.zeros(3)
     return KernelArm(
-        structure, structure.chain, structure.deviations(beta),
-        beta[groups["gain"]], beta[groups["offset"]],
+        structure, beta, structure.chain, structure.deviations(beta),
+        np.ones(structure.chain.joints), beta[groups["gain"]], beta[groups["offset"]],
         sensor.scale * sensor.rotation, sensor.shift, sensor.rotation, min(structure.outputs, 3),
         sensor.lens, structure.outputs == 2, _curves(structure, beta), bending=elastic,
         gravity=pull,
@@ -123,6 +111,7 @@ def _planar(structure: Any, beta: Array) -> KernelArm:
     groups, dof = structure.groups, structure.dof
     turns, way = np.asarray(structure.revolute), np.asarray(structure.signs, dtype=float)
     offset, up = beta[groups["offset"]], np.array([0.0, 0.0, 1.0])
+    slid = np.where(turns, 1.0, structure.slide)
     along = exponential(np.outer(np.where(turns, 0.0, offset), up))[:, :, 0]
     ends = np.cumsum(beta[groups["length"], None] * along, axis=0)
     chain = SpatialChain(
@@ -150,8 +139,7 @@ def _planar(structure: Any, beta: Array) -> KernelArm:
         linear[:2] += np.outer(start, linear[2])
         shift = np.append(start, 1.0)
     return KernelArm(
-        structure, chain, Deviations.none(dof),
-        beta[groups["gain"]] * way * np.where(turns, 1.0, structure.slide),
+        structure, beta, chain, Deviations.none(dof), slid, beta[groups["gain"]] * way * slid,
         np.where(turns, offset, 0.0), linear, shift, np.eye(3), 2, focal, projective,
         _curves(structure, beta), flex, np.where(turns, way, 0.0),
     )  # fmt: skip

@@ -58,11 +58,7 @@ def source(*names: str) -> str:
 
 
 def c_source(text: str, words: Mapping[str, object], prefix: str, single: bool) -> str:
-    """C source with its words filled in, names that start with `prefix`, and its precision.
-
-    Names start with ``calib_`` there; words are such as ``@dof@``, and what stands between
-    ``#if @word@`` and ``#endif`` is kept where the word is true.
-    """
+    """C source with words such as ``@dof@`` and ``#if @word@`` filled in, and names' prefix."""
     while "#if @" in text:  # the innermost first
         text = _CHOICE.sub(lambda found: (found[2] if words[found[1]] else found[3]) or "", text)
     filled = {
@@ -123,10 +119,9 @@ class Compiled:
         return hasattr(self._library, f"called_{name}")
 
     def ask(self, name: str, joints: Any, *asked: Any) -> tuple[Any, int] | None:
-        """The answer for joints (dof,) and what else is asked, and how sure it is.
+        """The answer for joints (dof,) and what else is asked, and how sure, see ``c/calls.h``.
 
-        0 stands for no answer, 1 for a sure one, see ``c/calls.h``.  None where a question is none:
-        the batch refuses it in words.
+        None where a question is none: the batch refuses it in words.
         """
         try:
             call, address, place, parts, found = getattr(self._own, name)

@@ -123,11 +123,9 @@ def _compact(
     belief: Body | Second, beta: Array, told: Array, through: Array, curves: list[Any],
     ways: int, scales: tuple[Array, Array], apart: Array,
 ) -> tuple[Array, Array, Array, Array, Array]:  # fmt: skip
-    """Root of the geometry, the curves' own terms, coupled directions, their waves and signs.
-
-    Directions are chosen where positions move most: vectors (d, d) of parameters times (d,).
-    What a belief predicts `apart` (D,) from `beta` is the last of them, to first order.
-    """
+    """Root of the geometry, the curves' own terms, coupled directions, their waves and signs."""
+    # directions are chosen where positions move most: vectors (d, d) of parameters times (d,); what
+    # a belief predicts `apart` from `beta` is the last of them, to first order
     size, dof, (vectors, weight) = len(beta), len(curves), scales
     bent = [k for k, curve in enumerate(curves) if len(curve)]
     covariance = np.zeros((size, size))

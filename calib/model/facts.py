@@ -38,7 +38,7 @@ def facts(model: Parts, *, degrees: bool = True) -> dict[str, str]:
     found["positions in"] = about.unit
     found["learned from"] = _source(about)
     options = about.options
-    found["maps"] = f"{options['map']}, {options['rule']} rule, {size_in_words(model)}"
+    found["maps"] = f"{options['map']}, {options['rule']} rule, {model.size_in_words}"
     found["expected error"] = f"95 % bound on the distance to the {about.bound_of}"
     found["model error"] = "95 % bound on the distance to the true position in the sensor's frame"
     if about.source == "log":
@@ -78,13 +78,6 @@ def shown_errors(about: About, errors: Errors) -> Iterator[tuple[str, str, str, 
                 if (e := errors[r][direction].get(name)) is not None
             }
             yield direction, name, unit, statistics
-
-
-def size_in_words(model: Parts) -> str:
-    """Return the lattices as `motor 70x70, sensory 70x70`."""
-    maps = (model.motor, model.sensory)
-    motor, sensory = ("x".join(map(str, part.lattice.shape)) for part in maps)
-    return f"{motor} nodes" if motor == sensory else f"motor {motor}, sensory {sensory}"
 
 
 def _source(about: About) -> str:

@@ -121,11 +121,8 @@ class Header:
 
     @cached_property
     def _starts(self) -> tuple[Array, Array]:
-        """Joints (s, dof) and the positions (s, m) there, from where the inverse is sought.
-
-        The solutions that the links lead to, of places all over the workspace; of redundant joints,
-        which have too many, postures all over their ranges.
-        """
+        """Joints (s, dof) and the positions (s, m) there, from where the inverse is sought."""
+        # of places all over the workspace; of redundant joints, which have too many, all postures
         model, solver = self.model, self.model.solver
         if solver.redundant:
             nodes = np.flatnonzero(model.visited)

@@ -78,16 +78,21 @@ class Parts:
     def __repr__(self) -> str:
         """Say in three lines what it is a model of, what it has learned and how well."""
         about = self.about
-        robot = about.robot or "a log"
-        maps = self.motor, self.sensory
-        nodes = " and ".join("x".join(map(str, each.lattice.shape)) for each in maps)
         errors = about.errors.get(self.default_readout, {}).get("forward", {})
         error = errors.get("distance", {}).get("mean")
         known = "unknown" if error is None else f"{error:.3g} {about.unit}"
-        return one_line(f"Model of {robot}: {', '.join(about.joint_names)}") + (
-            f"\n  {about.samples:,} samples ({about.source}), maps of {nodes} nodes"
+        title = f"Model of {about.robot or 'a log'}: {', '.join(about.joint_names)}"
+        return one_line(title) + (
+            f"\n  {about.samples:,} samples ({about.source}), maps: {self.size_in_words}"
             f"\n  mean error {known}, {len(self.history)} earlier states"
         )
+
+    @property
+    def size_in_words(self) -> str:
+        """The lattices, such as `motor 70x70, sensory 70x70`."""
+        maps = (self.motor, self.sensory)
+        motor, sensory = ("x".join(map(str, part.lattice.shape)) for part in maps)
+        return f"{motor} nodes" if motor == sensory else f"motor {motor}, sensory {sensory}"
 
     @property
     def motor(self) -> Map:
@@ -222,10 +227,7 @@ class Parts:
         return self.sensory.scale.from_unit(self.association.forward(u, readout))
 
     def answered(self, q: Array, readout: str | None = None, moved: Array | None = None) -> Array:
-        """Positions (n, m) that a readout answers at joint values (n, dof); NaN without an answer.
-
-        `moved` are the joint values where play is taken up, if it is.
-        """
+        """Positions (n, m) of a readout at joint values (n, dof), `moved` by play; NaN for none."""
         unit = self.motor.scale.to_unit
         inside, x = self.covers(unit(q)), np.full((len(q), len(self.axes)), np.nan)
         if inside.any():
@@ -241,12 +243,8 @@ class Parts:
         return bound
 
     def bound_at(self, u: Array, which: str = "bounds") -> Array:
-        """95 % bound (n,) [unit] at points of the unit box (n, dof): `bounds` or `model_bounds`.
-
-        The bounds of the nodes, blended.  Of more than three joints a lattice covers too
-        little of the joints' box to blend between: the body's posterior answers itself, as it
-        does where the blended bound is too wide for an answer.
-        """
+        """95 % bound (n,) [unit] at points of the unit box (n, dof): `bounds` or `model_bounds`."""
+        # of more than three joints a lattice covers too little of their box to blend between
         noise = which == "bounds" and self.about.bound_of == "sensor reading"
         if self.posterior is not None:
             return self.posterior.bound(self.motor.scale.from_unit(u), noise=noise)

@@ -48,12 +48,7 @@ def solve_poses(
 ) -> PoseAnswers:
     """Joint values for positions and, if given, orientations.
 
-    model : of an arm in space
-    position : (n, 3) or (3,) [m, or the sensor's unit in its frame]
-    quaternion : (n, 4) or (4,), qx, qy, qz, qw
-    near : (n, dof) or (dof,) [rad or m], of several solutions the nearest to these joints answers;
-        the middle of the ranges where not given
-    frame : {"sensor", "base"}
+    position, quaternion, near, frame : as of :meth:`calib.Model.inverse_pose`
     every : whether all branches of a pose are wanted, the nearest first
     keep : of a position, whether the orientation at `near` is kept as far as the joints allow
     bounded : whether the answers' bounds are found, which takes as long as the answers; else NaN

@@ -18,7 +18,7 @@ from ..arm.rotations import quaternion_of
 from ..body.belief import Body, Second
 from ..body.sensor import sensor_of, without_gauge, without_sensor
 from ..body.spatial import structure_of
-from ..body.spatial_view import look
+from ..body.spatial_view import pixels
 from ..body.views import is_camera
 from ..common.arrays import Array
 from ..common.rows import checked_rows
@@ -52,11 +52,7 @@ class Space:
 
     @staticmethod
     def of(model: Parts) -> Space:
-        """The arm of a model, made once.
-
-        Raises QueryError if the model knows no chain in space: of a planar arm, or one found from
-        rows alone.
-        """
+        """The arm of a model, made once; QueryError if the model knows no chain in space."""
         if "space" not in model.remembered:
             about = model.about
             body = _in_base(model.body) if model.body is not None else None
@@ -136,13 +132,12 @@ class Space:
         turn, shift, scale = self.sensor
         return (position - shift) @ turn / scale, turn.T @ rotation
 
-    def pixels_on_plane(self, pixels: ArrayLike, height: float) -> Array:
-        """Points (n, 3) [m] of the plane z = height of the base frame that pixels (n, 2) show.
+    def pixels_on_plane(self, seen: ArrayLike, height: float) -> Array:
+        """Points (n, 3) [m] of the base frame's plane z = height that pixels `seen` (n, 2) show.
 
-        Raises QueryError if the model is of no camera, or a line of sight meets the plane nowhere
-        before it.
+        Raises QueryError if the model is of no camera, or a line of sight misses the plane.
         """
-        rows, _ = checked_rows(pixels, ("x", "y"), "pixels")
+        rows, _ = checked_rows(seen, ("x", "y"), "pixels")
         if not self.camera:
             raise QueryError("a pixel on a plane needs a model that was learned from pixels u, v")
         turn, shift, _ = self.sensor
@@ -167,8 +162,8 @@ class Space:
         if not self.camera:
             return np.ones(len(points), dtype=bool)
         sensor = own.structure.sensor(own.beta)
-        ahead = (points @ sensor.rotation.T + sensor.shift)[:, 2] > 0
-        view = look(sensor, points.T, np.repeat(np.eye(3)[:, :, None], len(points), axis=2))
+        seen = points @ sensor.rotation.T + sensor.shift
+        ahead, view = seen[:, 2] > 0, pixels(sensor, seen.T)
         size = self.model.about.picture or tuple(2 * sensor.lens[1:3])
         inside = ((view.values >= 0) & (view.values <= size)).all(axis=1)
         # where the lens folds over, the picture shrinks as the point moves outwards
@@ -262,31 +257,27 @@ class Space:
         return Newton(Poses(self.evaluate, self._scale, self.length), self._scale, self.length)
 
 
-def _undistorted(pixels: Array, lens: Array) -> Array:
-    """Directions (n, 2) as x/z, y/z of pixels (n, 2) seen through a lens (f, u0, v0, k1)."""
+def _undistorted(seen: Array, lens: Array) -> Array:
+    """Directions (n, 2) as x/z, y/z of pixels `seen` (n, 2) through a lens (f, u0, v0, k1)."""
     f, u0, v0, k1 = lens
-    bent = (pixels - (u0, v0)) / f
-    radius = np.linalg.norm(bent, axis=1)
-    # r (1 + k1 r^2) = radius by Newton's rule from r = radius
-    r = radius
-    for _ in range(_LENS):
+    bent = (seen - (u0, v0)) / f
+    r = radius = np.linalg.norm(bent, axis=1)
+    for _ in range(_LENS):  # r (1 + k1 r^2) = radius by Newton's rule
         slope = 1 + 3 * k1 * r * r
         r = r - (r * (1 + k1 * r * r) - radius) / np.where(np.abs(slope) > 1e-6, slope, 1e-6)
     bad = (1 + 3 * k1 * r * r <= 0) | (np.abs(r * (1 + k1 * r * r) - radius) > 1e-9)
     if bad.any():  # the lens folds over
-        row = int(np.flatnonzero(bad)[0])
         raise QueryError(
-            f"pixel {pixels[row].round(1).tolist()} of row {row} lies beyond what a lens of "
-            f"k1 {k1:.3g} can show: expected one nearer to ({u0:.0f}, {v0:.0f})"
+            f"pixel {seen[bad][0].round(1).tolist()} lies beyond what a lens of k1 {k1:.3g} can "
+            f"show: expected one nearer to ({u0:.0f}, {v0:.0f})"
         )
     return np.asarray(bent * (r / np.where(radius > 0, radius, 1.0))[:, None])
 
 
 def _in_base(body: Body, *, size: bool = True) -> Body | None:
-    """The body with its sensor left out: outputs are the tip in the base frame [m].
+    """The body with its sensor left out, its outputs the tip in the base frame [m], by convention.
 
-    Where the sensor's frame was fitted, the base frame is turned about and shifted along the first
-    joint's axis to where the belief has it, by convention, and the spread is what is left.
+    A base frame behind a fitted sensor is turned about the first joint's axis as the belief has it.
     """
     structure: Any = body.structure
     if structure.kind != "spatial" or not structure.informed:

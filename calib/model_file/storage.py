@@ -16,9 +16,7 @@ from ..errors import CalibError, ModelError
 from ..model.parts import Parts
 from .contents import build, described
 
-VERSION = 4
-"""Version of the format; ``docs/format.md`` describes it."""
-
+VERSION = 4  # of the format, as ``docs/format.md`` describes it
 _KEY = "calib"
 # what building a model from a description without sense raises
 _NONSENSE = (CalibError, ArithmeticError, AttributeError, LookupError, TypeError, ValueError)

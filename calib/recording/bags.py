@@ -6,9 +6,8 @@ are interpolated to the times of the positions.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
 from operator import attrgetter
 from pathlib import Path
 from typing import Any
@@ -23,7 +22,7 @@ from ..samples.joint_values import MAX_GAP, check_limits, covered, joint_speed, 
 from ..samples.recorded import Recorded, told
 from .clocks import SURE, ClockError, align_clocks
 
-_JOINT_STATE = "sensor_msgs/msg/JointState"
+_JOINTS = ("sensor_msgs/msg/JointState",)
 #: Types of messages with a position, where it stands, and where the orientation does.
 _POSITIONS = {
     "geometry_msgs/msg/PointStamped": ("point", None),
@@ -35,7 +34,6 @@ _TF = "tf2_msgs/msg/TFMessage"
 _SAME = 1e-9
 #: Offsets [s] below which stamps are taken as they are: training estimates what is left.
 _IN_TIME = 0.005
-_INSTALL = f"reading bags needs rosbags: {INSTALL.format('ros')}"
 
 
 def read_bag(
@@ -64,32 +62,37 @@ def read_bag(
     check_limits(max_gap, still)
     with _reader(Path(path)) as reader:
         topics = {c.topic: c.msgtype for c in reader.connections}
-        source = _topic(topics, joints_topic, (_JOINT_STATE,), "joints_topic", "JointState")
+        source = _topic(topics, joints_topic, _JOINTS, "joints_topic", "JointState")
         names, times, values = _joint_states(reader, source, joints)
         poses, frame = _poses(reader, topics, tip_topic, frames)
-    made = _aligned(names, times, values, poses, time_offset, max_gap, still)
-    return replace(made, source={"source": "bag", "frame": frame} if frame else {"source": "bag"})
-
-
-def _poses(
-    reader: Any, topics: Mapping[str, str], chosen: str | None, frames: Sequence[str] | None
-) -> tuple[Array, str]:
-    """The tip's poses and their frame; of tf where frames are named or nothing else is there."""
-    tf = sorted(topic for topic, kind in topics.items() if kind == _TF)
-    others = [topic for topic, kind in topics.items() if kind in _POSITIONS]
-    if tf and (frames is not None or chosen in tf or (chosen is None and not others)):
-        return _tf_poses((m for topic in tf for m in _messages(reader, topic)), frames)
-    if frames is not None:
-        raise LogError("`frames` names frames of tf, and the recording has no tf")
-    kinds = "PointStamped, PoseStamped, TransformStamped or TFMessage"
-    target = _topic(topics, chosen, tuple(_POSITIONS), "tip_topic", kinds)
-    messages = list(_messages(reader, target))
-    if not messages:
-        raise LogError(f"topic {target!r} has no messages")
-    where, turn = _POSITIONS[topics[target]]
-    place, quaternion = attrgetter(where), attrgetter(turn) if turn else lambda _: None
-    rows = [_row(time, place(message), quaternion(message)) for time, message in messages]
-    return np.array(rows), str(messages[0][1].header.frame_id)
+    poses = poses[np.argsort(poses[:, 0], kind="stable")]
+    stamps, x = poses[:, 0], poses[:, 1:4]
+    offset, notes = time_offset or 0.0, list[str]()
+    if time_offset is None:
+        offset, notes = _found_offset(stamps, x, times, values)
+    stamps = stamps + offset
+    doubts = covered(stamps, times, max_gap) | {"not finite": ~np.isfinite(x).all(axis=1)}
+    if still is not None:
+        fast = joint_speed(stamps, times, values) > still
+        doubts[f"a joint moved faster than {still:g}"] = fast & ~np.any([*doubts.values()], axis=0)
+    usable = np.asarray(~np.any([*doubts.values()], axis=0))
+    dropped = {why: int(rows.sum()) for why, rows in doubts.items() if rows.any()}
+    notes += told(dropped, "positions")
+    if not usable.any():
+        hint = "change `max_gap`, `still` or `time_offset`"
+        raise LogError(f"no position is left ({'; '.join(notes)})", hint=hint)
+    stamps = stamps[usable]
+    turned = _turns(poses[:, 4:])  # drivers may leave orientations unset
+    return Recorded(
+        names,
+        joints_at(stamps, times, values),
+        x[usable],
+        source={"source": "bag", **({"frame": frame} if frame else {})},
+        quaternion=poses[usable, 4:] if turned else None,
+        time=stamps - stamps[0],
+        dropped=dropped,
+        notes=tuple(notes),
+    )
 
 
 @contextmanager
@@ -98,7 +101,7 @@ def _reader(path: Path) -> Iterator[Any]:
         from rosbags.highlevel import AnyReader, AnyReaderError
         from rosbags.typesys import Stores, get_typestore
     except ImportError:
-        raise LogError(_INSTALL) from None
+        raise LogError(f"reading bags needs rosbags: {INSTALL.format('ros')}") from None
     if not path.exists():
         raise LogError(f"there is no file {str(path)!r}")
     try:
@@ -118,116 +121,62 @@ def _reader(path: Path) -> Iterator[Any]:
 def _topic(
     topics: Mapping[str, str], chosen: str | None, types: Sequence[str], parameter: str, kind: str
 ) -> str:
-    fitting = sorted(name for name, kind in topics.items() if kind in types)
-    shown = listed(f"{name} ({kind.rpartition('/')[2]})" for name, kind in sorted(topics.items()))
-    if chosen is None:
-        if len(fitting) == 1:
-            return fitting[0]
-        many = f"{len(fitting)} topics of type {kind}" if fitting else f"no topic of type {kind}"
-        raise LogError(
-            f"the recording has {many}; its topics: {shown}",
-            hint=f"name one as `{parameter}`",
-            parameter=parameter,
-        )
-    if chosen not in fitting:
+    """The topic that was chosen, or the only one of some types."""
+    fitting = sorted(name for name, each in topics.items() if each in types)
+    if chosen in fitting or (chosen is None and len(fitting) == 1):
+        return chosen or fitting[0]
+    shown = listed(f"{name} ({each.rpartition('/')[2]})" for name, each in sorted(topics.items()))
+    what = f"{len(fitting)} topics are a {kind}"
+    if chosen is not None:
         is_one = f"is a {topics[chosen].rpartition('/')[2]}" if chosen in topics else "is not there"
-        raise LogError(
-            f"topic {chosen!r} {is_one}, expected {kind}; the recording's topics: {shown}"
-        )
-    return chosen
+        what = f"topic {chosen!r} {is_one}, expected {kind}"
+    hint = f"name one as `{parameter}`"
+    raise LogError(f"{what}; the recording's topics: {shown}", hint=hint)
 
 
-def _messages(reader: Any, topic: str) -> Iterator[tuple[float, Any]]:
+def _messages(reader: Any, topics: Sequence[str]) -> Iterator[tuple[float, Any]]:
     """Time of each message [s], its own stamp where it has one, and the message."""
-    connections = [c for c in reader.connections if c.topic == topic]
+    connections = [c for c in reader.connections if c.topic in topics]
     for connection, recorded, raw in reader.messages(connections=connections):
         message = reader.deserialize(raw, connection.msgtype)
-        header = getattr(message, "header", None)
-        seconds = 0.0 if header is None else header.stamp.sec + 1e-9 * header.stamp.nanosec
-        yield (seconds if seconds > 0 else 1e-9 * recorded), message
+        yield _seconds(message, 1e-9 * recorded), message
+
+
+def _seconds(message: Any, received: float) -> float:
+    header = getattr(message, "header", None)
+    seconds = 0.0 if header is None else header.stamp.sec + 1e-9 * header.stamp.nanosec
+    return seconds if seconds > 0 else received
 
 
 def _joint_states(
     reader: Any, topic: str, joints: Sequence[str] | None
 ) -> tuple[tuple[str, ...], Array, Array]:
+    """Names of the joints, and their values (n, joints) at increasing times (n,)."""
     names: tuple[str, ...] = tuple(joints or ())
-    times: list[float] = []
-    rows: list[list[float]] = []
+    rows: dict[float, list[float]] = {}
     seen: set[str] = set()
-    for time, message in _messages(reader, topic):
+    for time, message in _messages(reader, [topic]):
         there = dict(zip(message.name, np.asarray(message.position).tolist(), strict=False))
         seen |= set(message.name)
         names = names or tuple(message.name)
-        # messages of another controller on the same topic
-        if all(name in there for name in names):
-            times.append(time)
-            rows.append([there[name] for name in names])
-    if not rows:
+        # others are messages of another controller on the same topic
+        if all(np.isfinite(there.get(name, np.nan)) for name in names):
+            rows.setdefault(time, [there[name] for name in names])
+    if len(rows) < 2:
         missing = [name for name in names if name not in seen]
-        what = f"no joint {missing[0]!r}" if missing else "no joint states"
+        what = f"no joint {missing[0]!r}" if missing else f"{len(rows)} joint states, 2 expected"
         raise LogError(f"topic {topic!r} has {what}; its joints: {listed(sorted(seen))}")
-    return names, np.array(times), np.array(rows, dtype=float)
-
-
-def _aligned(
-    names: tuple[str, ...],
-    times: Array,
-    values: Array,
-    poses: Array,
-    time_offset: float | None,
-    max_gap: float,
-    still: float | None,
-) -> Recorded:
-    """Interpolate the joints to the times of the positions and leave out what is doubtful."""
-    good = np.isfinite(values).all(axis=1)
-    times, first = np.unique(times[good], return_index=True)  # in order, each time once
-    values = values[good][first]
-    if len(times) < 2:
-        raise LogError("the recording has fewer than two joint states: nothing to interpolate")
-    poses = poses[np.argsort(poses[:, 0], kind="stable")]
-    stamps, x = poses[:, 0], poses[:, 1:4]
-    said: list[str] = []
-    if time_offset is None:
-        time_offset, said = _found_offset(stamps, x, times, values)
-    stamps = stamps + time_offset
-    turns = poses[:, 4:] if _turn(poses[:, 4:]) else None  # drivers may leave them unset
-    doubts = covered(stamps, times, max_gap) | {"not finite": ~np.isfinite(x).all(axis=1)}
-    if still is not None:
-        fast = joint_speed(stamps, times, values) > still
-        doubts[f"a joint moved faster than {still:g}"] = fast & ~np.any([*doubts.values()], axis=0)
-    usable = ~np.any([*doubts.values()], axis=0)
-    dropped = {why: int(rows.sum()) for why, rows in doubts.items() if rows.any()}
-    notes = [*said, *told(dropped, "positions")]
-    if not usable.any():
-        raise LogError(
-            f"no position is left ({'; '.join(notes)})",
-            hint="change `max_gap`, `still` or `time_offset`",
-            parameter="max_gap",
-            value=max_gap,
-        )
-    stamps = stamps[usable]
-    return Recorded(
-        names,
-        joints_at(stamps, times, values),
-        x[usable],
-        quaternion=None if turns is None else turns[usable],
-        time=stamps - stamps[0],
-        dropped=dropped,
-        notes=tuple(notes),
-    )
+    times = np.array(sorted(rows))
+    return names, times, np.array([rows[time] for time in times.tolist()])
 
 
 def _found_offset(stamps: Array, x: Array, times: Array, values: Array) -> tuple[float, list[str]]:
-    """What has to be added to the stamps of positions [s], and what the user should be told.
-
-    Raises LogError if the two clocks have no time in common and no offset is sure.
-    """
+    """What has to be added to the stamps of positions [s], and what the user should be told."""
     apart = float(times[0] - stamps[0])
     common = min(times[-1], stamps[-1]) - max(times[0], stamps[0])
-    seen = np.asarray(np.isfinite(x).all(axis=1))
+    seen = np.where(np.isfinite(x).all(axis=1, keepdims=True), x, np.nan)
     try:
-        clocks = align_clocks(stamps - stamps[0], np.where(seen[:, None], x, np.nan),
-                              times - times[0], values, unit="m")  # fmt: skip
+        clocks = align_clocks(stamps - stamps[0], seen, times - times[0], values, unit="m")
     except ClockError as error:
         if common > 0:
             return 0.0, []  # the stamps are all that is known
@@ -244,47 +193,60 @@ def _found_offset(stamps: Array, x: Array, times: Array, values: Array) -> tuple
     return offset, [f"the positions' clock is corrected by {interval}, as the motion shows"]
 
 
+def _poses(
+    reader: Any, topics: Mapping[str, str], chosen: str | None, frames: Sequence[str] | None
+) -> tuple[Array, str]:
+    """The tip's times, places and quaternions (n, 8), 0 where there is none, and their frame."""
+    tf = sorted(topic for topic, kind in topics.items() if kind == _TF)
+    others = [topic for topic, kind in topics.items() if kind in _POSITIONS]
+    if tf and (frames is not None or chosen in tf or (chosen is None and not others)):
+        return _tf_poses(reader, tf, frames)
+    if frames is not None:
+        raise LogError("`frames` names frames of tf, and the recording has no tf")
+    kinds = "PointStamped, PoseStamped, TransformStamped or TFMessage"
+    target = _topic(topics, chosen, tuple(_POSITIONS), "tip_topic", kinds)
+    where, turn = _POSITIONS[topics[target]]
+    rows, frame = list[tuple[float, ...]](), ""
+    for time, message in _messages(reader, [target]):
+        turned = attrgetter(turn)(message) if turn else None
+        rows.append(_row(time, attrgetter(where)(message), turned))
+        frame = frame or str(message.header.frame_id)
+    if not rows:
+        raise LogError(f"topic {target!r} has no messages")
+    return np.array(rows), frame
+
+
 def _row(time: float, place: Any, turn: Any) -> tuple[float, ...]:
-    """Time [s], position [m] and quaternion, 0 where there is none."""
     quaternion = (turn.x, turn.y, turn.z, turn.w) if turn is not None else (0.0, 0.0, 0.0, 0.0)
     return time, place.x, place.y, place.z, *quaternion
 
 
 def _tf_poses(
-    messages: Iterable[tuple[float, Any]], frames: Sequence[str] | None
+    reader: Any, topics: Sequence[str], frames: Sequence[str] | None
 ) -> tuple[Array, str]:
-    """Read the one moving transform of a tf tree between two frames, still ones around it.
-
-    frames : the sensor's frame and what it sees; found if only one transform moves
-    """
+    """The one moving transform of a tf tree between two frames, with the still ones around it."""
     parents: dict[str, str] = {}
     moves: dict[str, list[tuple[float, ...]]] = {}  # rows by child
-    for received, message in messages:
+    for received, message in _messages(reader, topics):
         for each in message.transforms:
-            child, stamp = each.child_frame_id, each.header.stamp
-            seconds = stamp.sec + 1e-9 * stamp.nanosec
+            child = each.child_frame_id
             if parents.setdefault(child, each.header.frame_id) == each.header.frame_id:
-                time = seconds if seconds > 0 else received
-                row = _row(time, each.transform.translation, each.transform.rotation)
-                moves.setdefault(child, []).append(row)
+                moved, time = each.transform, _seconds(each, received)
+                moves.setdefault(child, []).append(_row(time, moved.translation, moved.rotation))
     edges = {child: np.array(rows) for child, rows in moves.items()}
     moving = [
         child
         for child, rows in edges.items()
-        if np.ptp(rows[:, 1:4], axis=0).max() >= _SAME or _turn(rows[:, 4:])
+        if np.ptp(rows[:, 1:4], axis=0).max() >= _SAME or _turns(rows[:, 4:])
     ]
     shown = listed(f"{parents[child]},{child}" for child in sorted(moving)) or "none"
     if frames is None:
         if len(moving) != 1:
-            raise LogError(
-                f"{len(moving)} transforms of tf move: {shown}",
-                hint="name the sensor's frame and the tip's as `frames`",
-                parameter="frames",
-            )
+            hint = "name the sensor's frame and the tip's as `frames`"
+            raise LogError(f"{len(moving)} transforms of tf move: {shown}", hint=hint)
         frames = parents[moving[0]], moving[0]
     parent, child = frames
-    path: list[str] = []
-    at = child
+    path, at = list[str](), child
     while at != parent:
         if at not in edges or at in path:
             raise LogError(f"tf has no way from {parent!r} to {child!r}; moving: {shown}")
@@ -305,6 +267,6 @@ def _tf_poses(
     return np.hstack([edges[measured[0]][:, :1], place, quaternion_of(turn)]), parent
 
 
-def _turn(rows: Array) -> bool:
+def _turns(rows: Array) -> bool:
     """Whether quaternions (n, 4) differ from each other; q and -q are one orientation."""
     return bool(rows.any() and np.abs(np.abs(rows @ rows[0]) - 1).max() >= _SAME)

@@ -19,7 +19,7 @@ from .joint_table import JointTable, match_rows, read_joints
 from .lens import Lens, calibrate_lens
 from .lerobot import is_dataset, read_dataset
 from .pictures import Picture, list_pictures, read_series
-from .reference import find_pose
+from .reference import Pose, find_pose
 
 LEAST = 6
 """Pictures of the board that tell where it is."""
@@ -46,21 +46,23 @@ class BoardPictures:
     notes: tuple[str, ...]
     episodes: Index | None = None  # (p,), the series that each is of
 
+    def _poses(self, lens: Lens) -> tuple[Array, list[Pose]]:
+        """Corners (n, 3) of all pictures in OpenCV's frame of the board [m], and its poses."""
+        world = np.asarray(self.board.opencv().getChessboardCorners(), float)
+        each = [(world[list(c)], np.array([*c.values()])) for c in self.corners]
+        return np.concatenate([points for points, _ in each]), [find_pose(lens, *c) for c in each]
+
     def seen(self, lens: Lens, in_hand: bool) -> BoardViews:
         """Where the board is in each picture, seen through a lens."""
-        # OpenCV's frame of the board: x to the right, y down, z into it
-        world = np.asarray(self.board.opencv().getChessboardCorners(), float)
-        numbers = [list(found) for found in self.corners]
-        places = [np.array([*found.values()]) for found in self.corners]
-        poses = [find_pose(lens, world[n], at) for n, at in zip(numbers, places, strict=True)]
+        corners, poses = self._poses(lens)
+        places = np.concatenate([np.array([*found.values()]) for found in self.corners])
         views = BoardViews(
             self.names,
             self.q,
             np.array([np.concatenate([p.shift, logarithm(p.rotation)]) for p in poses]),
-            np.array([p.covariance[:6, :6] for p in poses]),
-            np.repeat(np.arange(len(numbers)), [len(own) for own in numbers]),
-            world[np.concatenate(numbers)],
-            float(lens.focal.mean()) * lens.undistort(np.concatenate(places)) + lens.centre,
+            np.repeat(np.arange(len(poses)), [len(found) for found in self.corners]),
+            corners,
+            float(lens.focal.mean()) * lens.undistort(places) + lens.centre,
             False,
         )
         return views.other_way() if in_hand else views
@@ -76,22 +78,28 @@ class BoardPictures:
 
         The point that it tells is ahead of the camera, or in the middle of the board.
         """
-        views, (width, height) = self.seen(lens, in_hand), self.board.size
-        ahead = np.array([0.0, 0.0, _AHEAD * float(np.hypot(width, height))])
-        at = ahead if in_hand else np.array([width / 2, height / 2, 0.0])
-        turns = exponential(views.poses[:, 3:])
-        arm = turns @ at
-        # a turn moves the point by w x arm; the log has the place before the turn
-        change = np.zeros((len(arm), 6, 6))
-        change[:, :3, :3], change[:, :3, 3:] = -cross_matrix(arm), np.eye(3)
-        change[:, 3:, :3] = np.eye(3)
-        covariance = change @ views.covariance @ np.swapaxes(change, 1, 2)
+        poses, (width, height) = self._poses(lens)[1], self.board.size
+        turns, shift = np.array([p.rotation for p in poses]), np.array([p.shift for p in poses])
+        if in_hand:
+            at, sign = np.array([0.0, 0.0, _AHEAD * float(np.hypot(width, height))]), -1.0
+            back, arm = np.swapaxes(turns, 1, 2), at - shift
+            turns, x = back, np.einsum("pij,pj->pi", back, arm)
+        else:
+            at, sign = np.array([width / 2, height / 2, 0.0]), 1.0
+            back, arm = np.eye(3), turns @ at
+            x = arm + shift
+        # a small turn and a shift of the board, in the camera's axes, move and turn what is told
+        change = np.zeros((len(x), 6, 6))
+        change[:, :3, :3], change[:, :3, 3:] = -sign * back @ cross_matrix(arm), sign * back
+        change[:, 3:, :3] = sign * back
+        covariance = change @ np.array([p.covariance[:6, :6] for p in poses])
+        covariance = covariance @ np.swapaxes(change, 1, 2)
         source = {
             "source": "board", "eye": "hand" if in_hand else "base", "board": self.board.text,
             "point": at.tolist(), "size": list(self.size), "lens": lens.to_json(),
         }  # fmt: skip
         return Recorded(
-            self.joint_names, self.q, views.poses[:, :3] + arm, source=source,
+            self.joint_names, self.q, x, source=source,
             noise=float(np.sqrt(np.einsum("njj->n", covariance[:, :3, :3]).mean() / 3)),
             quaternion=quaternion_of(turns), covariance=covariance, pictures=self.names,
             notes=self.notes,
@@ -106,7 +114,6 @@ class BoardViews:
     names: tuple[str, ...]  # of the pictures
     q: Array  # (p, dof) [rad or m]
     poses: Array  # (p, 6), shift [m] and rotation vector
-    covariance: Array  # (p, 6, 6), of a small turn about the sensor's axes and of the shift
     rows: Index  # (n,), the picture of each corner
     corners: Array  # (n, 3), in the board's frame [m]
     pixels: Array  # (n, 2), where a lens without distortion shows them
@@ -122,12 +129,7 @@ class BoardViews:
         back = np.swapaxes(exponential(self.poses[:, 3:]), 1, 2)
         shift = -np.einsum("pij,pj->pi", back, self.poses[:, :3])
         poses = np.concatenate([shift, -self.poses[:, 3:]], axis=1)
-        # a turn w and a shift v turn the other way round by -R'w and shift by R'(w x t - v)
-        change = np.zeros((len(poses), 6, 6))
-        change[:, :3, :3] = change[:, 3:, 3:] = -back
-        change[:, 3:, :3] = -back @ cross_matrix(self.poses[:, :3])
-        covariance = change @ self.covariance @ np.swapaxes(change, 1, 2)
-        return replace(self, poses=poses, covariance=covariance, in_hand=not self.in_hand)
+        return replace(self, poses=poses, in_hand=not self.in_hand)
 
     def take(self, kept: Mask) -> BoardViews:
         """The pictures of a mask (p,)."""
@@ -135,7 +137,7 @@ class BoardViews:
         return replace(
             self,
             names=tuple(name for name, stays in zip(self.names, kept, strict=True) if stays),
-            q=self.q[kept], poses=self.poses[kept], covariance=self.covariance[kept],
+            q=self.q[kept], poses=self.poses[kept],
             rows=(np.cumsum(kept) - 1)[self.rows[own]],
             corners=self.corners[own], pixels=self.pixels[own],
         )  # fmt: skip
@@ -190,9 +192,8 @@ def find_board(
     count = len(found) + len(missing)
     if len(found) < LEAST:
         raise LogError(
-            f"the board is in {len(found)} of {count} pictures (at most {most} corners found, "
-            f"{LEAST_CORNERS} expected in each): {LEAST} are needed, 20 are better; "
-            + _instead(looked, board)
+            f"the board is in {len(found)} of {count} pictures (at most {most} corners, expected "
+            f"{LEAST} with {LEAST_CORNERS} or more): {_instead(looked, board)}"
         )
     notes += damaged[:5]
     if missing:

@@ -156,14 +156,10 @@ class _Pair:
         a = _speed(joints_at(sensor, self.t, self.x))
         b = _speed(self.joints(joints) / np.maximum(self.q.std(0), 1e-9))
         a, b = a - a.mean(), b - b.mean()
-        # the correlation coefficient of what overlaps, from sums over each overlap: those of
-        # products with ones; the whole recordings' means and variances are not the overlap's
-        parts = ((b, a), (b, a**0), (b**2, a**0), (b**0, a), (b**0, a**2), (b**0, a**0))
-        ab, sb, sbb, sa, saa, count = (correlate(u, v, method="fft") for u, v in parts)
+        count = correlate(b**0, a**0, method="fft")  # of what overlaps
         far = count > int(_OVERLAP * min(len(a), len(b))) - 0.5
-        lags, count = correlation_lags(len(b), len(a))[far], count[far]
-        scale = (saa[far] - sa[far] ** 2 / count) * (sbb[far] - sb[far] ** 2 / count)
-        c = (ab[far] - sa[far] * sb[far] / count) / np.sqrt(np.maximum(scale, 1e-12))
+        lags = correlation_lags(len(b), len(a))[far]
+        c = correlate(b, a, method="fft")[far] / np.sqrt(count[far])
         # peaks within 0.2 s of a higher one are its shoulders
         top = np.flatnonzero(c >= maximum_filter1d(c, 21, mode="nearest"))
         top = top[np.argsort(-c[top], kind="stable")][:_CANDIDATES]

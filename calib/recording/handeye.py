@@ -93,9 +93,7 @@ def handeye(
     if eye not in EYES:
         raise OptionError(f"eye {eye!r}: expected one of {', '.join(EYES)}")
     if not isinstance(arm, SpatialArm):
-        raise OptionError(
-            f"{arm.name} moves in a plane: a camera that it carries needs an arm in space"
-        )
+        raise OptionError(f"{arm.name} moves in a plane: expected an arm that moves in space")
     if not isinstance(pictures, BoardPictures):
         if board is None:
             raise OptionError("pictures need the board that they show: expected `board`")
@@ -180,22 +178,16 @@ def _limit(views: BoardViews, wrist: str, focal: float, off: float, hand: float)
     """What limits the accuracy, and what would help most."""
     turns = np.linalg.svd(views.poses[:, 3:] - views.poses[:, 3:].mean(axis=0))[1]
     spread = float(turns[-1]) / np.sqrt(len(views.q))
+    found = f"the arm's own errors (hand known to {hand:.1f} mm)"
+    add = f"add pictures with {wrist} turned by 30 deg and more, each way"
     if spread < _TURNED:
-        return (
-            f"few turns of the wrist: they spread by {np.degrees(spread):.1f} deg about one axis; "
-            f"add pictures with {wrist} turned by 30 deg and more, each way"
-        )
-    if focal > 0.01:
-        return (
-            f"the lens: its focal length is known to {100 * focal:.1f} %; add pictures with "
-            "the board tilted, nearer and further away, or give a calibrated lens"
-        )
-    if off > 0.5:
-        return f"blurred pictures: corners miss by {off:.2g} px; let the arm stand still for each"
-    return (
-        f"{len(views.q)} pictures and the arm's own errors (hand known to {hand:.1f} mm); more "
-        f"pictures with {wrist} turned help most"
-    )
+        found = f"few turns of the wrist (by {np.degrees(spread):.1f} deg about one axis)"
+    elif focal > 0.01:
+        found = f"the lens (its focal length is known to {100 * focal:.1f} %)"
+        add = "add pictures with the board tilted, nearer and further away, or give a lens"
+    elif off > 0.5:
+        found, add = f"blur (corners miss by {off:.2g} px)", "let the arm stand still for each"
+    return f"{found}; {add}"
 
 
 def _samples(arm: SpatialArm, log: Any, kept: Any) -> Samples:

@@ -74,10 +74,8 @@ def read_joints(
     for k in turning:
         most = float(np.abs(q[:, k]).max())
         if not degrees and most > _TURNS:
-            raise LogError(
-                f"{source.label}: {names[k]} goes to {most:.4g} rad, more than two turns: are "
-                "these degrees? expected rad, or `degrees=True`"
-            )
+            told = f"{source.label}: {names[k]} goes to {most:.4g} rad, more than two turns"
+            raise LogError(f"{told}: are these degrees? expected rad, or `degrees=True`")
     pictures = None
     if picture:  # one may stand with its folder, of this system or another
         cells = source.read([picture])[picture].to_list()

@@ -100,11 +100,7 @@ def read_dataset(
 
 
 def _radians(state: Array) -> tuple[Array, str]:
-    """Joint values [rad], and what they were: the dataset does not say.
-
-    LeRobot records degrees (`use_degrees`), or shares of each motor's own range, -100 to 100,
-    which its calibration alone turns into angles.
-    """
+    """Joint values [rad], and what they were: the dataset does not say."""
     values = np.abs(state)
     if values.max() <= _TURN:
         return state, "radians"

@@ -114,11 +114,8 @@ def sight(
         count += 1
         size = (grey.shape[1], grey.shape[0])
         if setting.lens is not None and setting.lens.size != size:
-            raise LogError(
-                f"{name} is {size[0]}x{size[1]}, the lens was calibrated with "
-                f"{setting.lens.size[0]}x{setting.lens.size[1]}: record with the same settings, "
-                "or calibrate again"
-            )
+            known = "{}x{}".format(*setting.lens.size)
+            raise LogError(f"{name} is {size[0]}x{size[1]}, the lens was calibrated with {known}")
         tags = setting.finder.find(grey)
         if setting.layout is not None and number % looks == 0:
             marks.append((number, setting.marks(grey, tags)))

@@ -176,10 +176,7 @@ def lay_corners(grey: Picture, corners: Mapping[int, Array], board: Any) -> dict
 
 
 def _laid(grey: Picture, pattern: Picture, start: Array) -> tuple[Array, float]:
-    """Move a pattern over a picture from a homography (3, 3) of its pixels to the best one.
-
-    Returns that, and the correlation; the start and 0 where none is found.
-    """
+    """The homography (3, 3) that lays a pattern on a picture best, and its correlation, or 0."""
     cv2 = opencv()
     high, wide = pattern.shape
     outline = mapped(start, np.array([[0, 0], [wide, 0], [wide, high], [0, high]]) - 0.5)

@@ -11,7 +11,7 @@ import numpy as np
 from ..common.arrays import Array, Mask
 from ..common.rows import thinned
 
-_SEARCHED = 120  # rows that each of some eighty shifts is judged by
+_SEARCHED = 120  # rows that a shift is judged by
 SOFT = 1e-4
 """Ridge, relative to the kernel's one."""
 
@@ -52,38 +52,22 @@ class Judge:
         return np.asarray(_harmonics(q, self.q) @ (self._inverse @ (x - middle)) + middle)
 
 
-def row_shift(q: Array, x: Array, most: int = 3) -> tuple[int, int, float, float]:
-    """Find a row from which on the joints of a neighbour row fit better than a row's own.
+def row_shift(q: Array, x: Array, most: int = 3) -> tuple[int, float, float]:
+    """Find how many rows further down the joints are that fit better than a row's own, 0 for none.
 
-    A picture that is missing leaves the rows before it right, so that every row may be the first.
-
-    Returns that row, and how many rows further down its joints are, 0 where rows fit as they are;
-    then mean distances [unit of x] that blocks of rows are predicted to, as they are and shifted.
+    Then mean distances [unit of x] that blocks of rows are predicted to, as they are and shifted.
     """
-    n = len(q)
 
-    def error(start: int, shift: int, *, moved: bool = True) -> float:
-        rows = np.arange(n)
-        source = rows + np.where(rows >= start, shift, 0)
-        # rows without joints, and those whose joints an earlier one has, are left out
-        good = np.flatnonzero((source >= 0) & (source < n) & ((rows < start) | (source >= start)))
-        good = good[thinned(len(good), _SEARCHED)]
-        miss = Judge(q[source[good] if moved else good]).miss(x[good])
-        return float(np.linalg.norm(miss, axis=1).mean())
+    def error(shift: int) -> float:
+        rows = np.arange(max(0, -shift), min(len(q), len(q) - shift))
+        rows = rows[thinned(len(rows), _SEARCHED)]
+        return float(np.linalg.norm(Judge(q[rows + shift]).miss(x[rows]), axis=1).mean())
 
-    # rows that predict each other well need no search
-    if n < 12 + 2 * most or error(n, 0) < 0.02 * float(np.linalg.norm(x.std(axis=0))):
-        return 0, 0, np.nan, np.nan
-    step = max(1, n // 10)
-    shifts = [shift for shift in range(-most, most + 1) if shift]
-    tried = {(start, s): error(start, s) for start in range(0, n - 3, step) for s in shifts}
-    for start, s in sorted(tried, key=lambda case: tried[case])[:4]:
-        near = range(max(start - step + 1, 0), min(start + step, n - 3))
-        tried |= {(k, s): error(k, s) for k in near}
-    start, shift = min(tried, key=lambda case: tried[case])
-    # of the same rows: one wrong row at the end is not mended by leaving it out
-    other, own = tried[start, shift], error(start, shift, moved=False)
-    return start, shift if other < 0.4 * own else 0, own, other
+    if len(q) < 12 + 2 * most:
+        return 0, np.nan, np.nan
+    errors = {shift: error(shift) for shift in range(-most, most + 1)}
+    best = min(errors, key=lambda shift: errors[shift])
+    return best if errors[best] < 0.4 * errors[0] else 0, errors[0], errors[best]
 
 
 def jumps(pixels: Array, half: int = 3) -> Mask:

@@ -68,11 +68,7 @@ def camera_of(about: Mapping[str, Any], pixels: ArrayLike) -> Camera:
 
 
 def _calibrated(told: Mapping[str, Any]) -> Camera:
-    """A camera with a lens that was calibrated, whose distortion one number k1 replaces.
-
-    Where that is more than 0.3 px wrong within the picture, or fx is not fy, the lens is a prior
-    with that doubt.
-    """
+    """A camera with a calibrated lens; a prior where k1 alone, or one focal length, is wrong."""
     try:
         width, height = (int(side) for side in told["size"])
         (fx, fy), centre = numbers("focal", told["focal"], 2), numbers("c", told["centre"], 2)

@@ -13,18 +13,11 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..common.arrays import Array, Index, Mask
+from ..common.arrays import Array, Mask
 from ..errors import LogError
+from . import settings
 from .diagnosis import is_path
 from .samples import Samples
-from .settings import (
-    CLEAR_DELAY,
-    DELAY_BLOCKS,
-    DELAY_NU,
-    DELAY_SHARE,
-    DOUBTED_DELAY,
-    LONGEST_PAUSE,
-)
 
 
 @dataclass(frozen=True)
@@ -39,7 +32,9 @@ class Delay:
     @property
     def clear(self) -> bool:
         """Whether it is sure, and matters."""
-        return abs(self.value) > CLEAR_DELAY * self.sd and self.share > DELAY_SHARE
+        return (
+            abs(self.value) > settings.CLEAR_DELAY * self.sd and self.share > settings.DELAY_SHARE
+        )
 
     def note(self) -> str:
         """What the user should be told, empty for nothing."""
@@ -48,7 +43,7 @@ class Delay:
         words = f"{factor * abs(self.value):.3g} +- {sd:.2g} {unit} {side} against the joints"
         if self.clear:
             return f"the positions are {words}: corrected; poses at rest do not depend on clocks"
-        if abs(self.value) > DOUBTED_DELAY * self.sd and self.share > 0.02:
+        if abs(self.value) > settings.DOUBTED_DELAY * self.sd and self.share > 0.02:
             return (
                 f"the positions may be {words}, which the rows do not settle: not corrected; "
                 "measure at rest, or along a path that is run in both directions"
@@ -81,32 +76,23 @@ class Trajectory:
         """Whether each row but the last goes on to the next one without a pause (n - 1,)."""
         step = np.diff(self.time)
         usual = float(np.median(step[step > 0])) if (step > 0).any() else 0.0
-        return np.asarray((step > 0) & (step <= LONGEST_PAUSE * usual))
+        return np.asarray((step > 0) & (step <= settings.LONGEST_PAUSE * usual))
 
-    @property
-    def _runs(self) -> list[Index]:
-        """Rows of each run of three or more."""
-        runs = np.split(np.arange(len(self.time)), np.flatnonzero(~self.joined) + 1)
-        return [rows for rows in runs if len(rows) > 2]
+    def before(self, delay: float) -> tuple[Array, Array]:
+        """Joints (n, dof) at the rows' times less `delay`, and their velocity [../unit].
 
-    @cached_property
-    def velocity(self) -> Array:
-        """Joint velocities (n, dof) [rad or m / unit], by parabolas; NaN beside a pause."""
-        result = np.full(self.q.shape, np.nan)
-        for rows in self._runs:
-            result[rows[1:-1]] = np.gradient(self.q[rows], self.time[rows], axis=0)[1:-1]
-        return result
-
-    def before(self, delay: float) -> Array:
-        """Joints (n, dof) at the rows' times less `delay`; NaN where the log has none."""
+        NaN where the log has none.
+        """
         from scipy.interpolate import CubicHermiteSpline
 
-        when, result = self.time - delay, np.full(self.q.shape, np.nan)
-        for rows in self._runs:
+        when, result = self.time - delay, np.full((2, *self.q.shape), np.nan)
+        for rows in np.split(np.arange(len(when)), np.flatnonzero(~self.joined) + 1):
             t, q = self.time[rows], self.q[rows]
             inside = rows[(when[rows] >= t[0]) & (when[rows] <= t[-1])]
-            result[inside] = CubicHermiteSpline(t, q, np.gradient(q, t, axis=0))(when[inside])
-        return result
+            if len(rows) > 2:
+                path = CubicHermiteSpline(t, q, np.gradient(q, t, axis=0))
+                result[:, inside] = path(when[inside]), path(when[inside], 1)
+        return result[0], result[1]
 
 
 def with_offset(samples: Samples, offset: float) -> Samples:
@@ -115,20 +101,11 @@ def with_offset(samples: Samples, offset: float) -> Samples:
     Raises LogError if it has no times, or the joints none in common with the positions.
     """
     if samples.time is None:
-        raise LogError(
-            "`time_offset` needs the times of the rows: expected a column `time` [s]",
-            parameter="time_offset",
-            value=offset,
-        )
-    q = Trajectory(samples.time, samples.q, "s").before(-offset)
+        raise LogError("`time_offset` needs the times of the rows: expected a column `time` [s]")
+    q = Trajectory(samples.time, samples.q, "s").before(-offset)[0]
     known = np.asarray(np.isfinite(q).all(axis=1))
-    if known.sum() < 2:
-        raise LogError(
-            f"`time_offset={offset:g}`: no row's joints are known {offset:g} s later; the rows go "
-            f"from {samples.time.min():g} to {samples.time.max():g} s",
-            parameter="time_offset",
-            value=offset,
-        )
+    if not known.any():
+        raise LogError(f"`time_offset={offset:g}`: no row's joints are known {offset:g} s later")
     told = f"{offset:+g} s added to the positions' times; {int((~known).sum())} rows have no joints"
     return replace(samples.take(known), q=q[known], in_time=True, notes=(*samples.notes, told))
 
@@ -166,7 +143,7 @@ def estimate_delay(
         return None
     size = np.linalg.norm(r, axis=1)
     noise = float(np.median(size)) / np.sqrt(m) + 1e-9 * float(np.abs(late).max())
-    weight = (DELAY_NU + m) / (DELAY_NU + (size / noise) ** 2) / noise**2
+    weight = (settings.DELAY_NU + m) / (settings.DELAY_NU + (size / noise) ** 2) / noise**2
     W, flat, prior = np.repeat(weight, m)[:, None], r.reshape(-1, 1), np.asarray(precision, float)
     normal = X.T @ (W * X) + np.diag(prior)
 
@@ -188,7 +165,7 @@ def estimate_delay(
         return None
     value = float(np.sum(own * W * left)) / information
     rest = left - own * value
-    blocks = np.array_split((own * W * rest).reshape(n, m).sum(axis=1), DELAY_BLOCKS)
+    blocks = np.array_split((own * W * rest).reshape(n, m).sum(axis=1), settings.DELAY_BLOCKS)
     sd = float(np.sqrt(sum(block.sum() ** 2 for block in blocks))) / information
     share = explained(late, own) / float(np.sum(W * left**2))
     if play is not None:

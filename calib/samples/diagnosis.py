@@ -20,20 +20,7 @@ from ..common.rows import thinned
 from ..common.scale import METRES
 from ..common.wording import listed
 from ..errors import LogError
-from .settings import (
-    DIAGNOSED_ROWS,
-    FAR_BETTER,
-    FEWEST_ROWS,
-    GOOD,
-    MOST_ORDERED,
-    PATH,
-    PIXELS_RATIO,
-    SAME_UNIT,
-    SMALL,
-    TOOL_ROWS,
-    TURNED,
-    USUAL_SIZE,
-)
+from . import settings
 
 Predict = Callable[[Array], Array]
 """Positions (n, m) at joint values (n, dof), NaN where none is known."""
@@ -143,11 +130,12 @@ def diagnose(
     ...     print(finding.kind, finding.value)
     exchanged ['shoulder', 'elbow']
     """
-    rows = thinned(len(q), DIAGNOSED_ROWS)
+    rows = thinned(len(q), settings.DIAGNOSED_ROWS)
     q, x, turns = q[rows], x[rows], None if turns is None else turns[rows]
     predicted = predict(q)
     known = np.isfinite(predicted).all(axis=1)
-    if len(q) < FEWEST_ROWS or known.mean() <= 0.5 or not np.ptp(predicted[known], axis=0).any():
+    few = len(q) < settings.FEWEST_ROWS or known.mean() <= 0.5
+    if few or not np.ptp(predicted[known], axis=0).any():
         return ()
     flat = unit == "px" or predicted.shape[1] != x.shape[1]
 
@@ -157,7 +145,7 @@ def diagnose(
         known = np.isfinite(found).all(axis=1)
         if known.mean() < 0.6:
             return float("inf")
-        if tool and pose is not None and len(q) >= TOOL_ROWS:  # positions are linear in it
+        if tool and pose is not None and len(q) >= settings.TOOL_ROWS:  # positions are linear in it
             place, turn = pose(q)
             found, affine = np.column_stack([place, matrix_of(turn).reshape(-1, 9)]), True
         return aligned_misfit(found[known], x[known], affine=affine)
@@ -168,10 +156,10 @@ def diagnose(
     if wrong is not None:
         return (wrong,)
     found, own, size = [], left(q), spread(x)
-    any_order = own > GOOD * size and len(names) <= MOST_ORDERED
-    # the simplest first; of two that explain the log the first is told
-    for others in readings(q, names, revolute, any_order=any_order) if own > SMALL * size else ():
-        fits = [r for r in others if left(r[0]) < FAR_BETTER * own]
+    any_order = own > settings.GOOD * size and len(names) <= settings.MOST_ORDERED
+    tried = readings(q, names, revolute, any_order=any_order) if own > settings.SMALL * size else ()
+    for others in tried:  # the simplest first; of two that explain the log the first is told
+        fits = [r for r in others if left(r[0]) < settings.FAR_BETTER * own]
         if fits:  # a tool of unknown size explains what a mirror does: by the place alone
             _, best = min(fits, key=lambda r: left(r[0], tool=False))
             words = f"the log fits the robot only if {best.words}"
@@ -183,7 +171,7 @@ def diagnose(
     if not (left_handed or flat):
         mirror = np.array([-1.0, *[1.0] * (x.shape[1] - 1)])
         plain, mirrored = (aligned_misfit(predicted[known], x[known] * m) for m in (1.0, mirror))
-        if mirrored < FAR_BETTER * plain:
+        if mirrored < settings.FAR_BETTER * plain:
             words = (
                 "the positions are mirrored, compared with the robot: the sensor's axes are "
                 "left-handed, or one of them is reversed"
@@ -194,10 +182,10 @@ def diagnose(
 
 def unit_hint(ratio: float) -> str:
     """Return what a log's scale against its model's says of its unit, as the end of a message."""
-    fitting = (n for n, f in METRES.items() if n != "m" and abs(ratio / f - 1.0) < SAME_UNIT)
-    if name := next(fitting, ""):
-        return f"; if they are in {name}, give `unit={name!r}`"
-    return "; if they are pixels, give `unit='px'`" if ratio > PIXELS_RATIO else ""
+    for name, factor in METRES.items():
+        if name != "m" and abs(ratio / factor - 1.0) < settings.SAME_UNIT:
+            return f"; if they are in {name}, give `unit={name!r}`"
+    return "; if they are pixels, give `unit='px'`" if ratio > settings.PIXELS_RATIO else ""
 
 
 def spread(x: Array) -> float:
@@ -208,19 +196,16 @@ def spread(x: Array) -> float:
 
 def _unit_of(ratio: float) -> Finding | None:
     """Positions that extend over a multiple of what they should, if that is a unit's."""
-    if USUAL_SIZE[0] < ratio < USUAL_SIZE[1] or not (hint := unit_hint(ratio)):
+    if settings.USUAL_SIZE[0] < ratio < settings.USUAL_SIZE[1] or not (hint := unit_hint(ratio)):
         return None
     words = f"the positions extend over {ratio:.4g} times what the robot's links allow, in m"
     return Finding("unit", words, hint.removeprefix("; "), "unit", "m")
 
 
 def _poses(place: Array, nominal: Array, x: Array, turns: Array) -> Finding | None:
-    """Orientations that do not turn as the joints do, and the reading of them that does.
-
-    place, nominal : (n, 3), (n, 4), what the joints predict of positions x and quaternions turns
-    """
+    """Quaternions `turns` that do not turn as the joints predict, and the reading that does."""
     known = np.isfinite(place).all(axis=1) & np.isfinite(nominal).all(axis=1)
-    if known.sum() < FEWEST_ROWS:
+    if known.sum() < settings.FEWEST_ROWS:
         return None
     place, nominal, x, turns = place[known], matrix_of(nominal[known]), x[known], turns[known]
     seen = matrix_of(turns)
@@ -228,7 +213,9 @@ def _poses(place: Array, nominal: Array, x: Array, turns: Array) -> Finding | No
 
     def away(x: Array, seen: Array) -> Array:
         """Median distance and angle [rad] that the best frames leave of x and seen."""
-        frame, shift, scale = similarity(*agreeing(place, x))
+        off = np.linalg.norm(x - aligned(place, x), axis=1)
+        agree = off <= 3.0 * np.median(off) + 1e-300
+        frame, shift, scale = similarity(place[agree], x[agree])
         y = nearest_rotation((np.swapaxes(nominal, 1, 2) @ frame.T @ seen).sum(axis=0))
         angle = logarithm(seen @ np.swapaxes(frame @ nominal @ y, 1, 2))
         far = x - scale * place @ frame.T - shift
@@ -245,8 +232,8 @@ def _poses(place: Array, nominal: Array, x: Array, turns: Array) -> Finding | No
         (x, back, "inverted", "the orientations are inverted: of the sensor in the tool's frame",
          "conjugate the quaternions: change the signs of qx, qy and qz"),
     )  # fmt: skip
-    for where, read, kind, words, hint in others if own[1] > TURNED else ():
-        better = away(where, read) < FAR_BETTER * own
+    for where, read, kind, words, hint in others if own[1] > settings.TURNED else ():
+        better = away(where, read) < settings.FAR_BETTER * own
         if better[1] and (better[0] or where is x):
             return Finding(kind, words, hint, "columns")
     return None
@@ -257,27 +244,23 @@ def rows_behind(predict: Predict, q: Array, x: Array, unit: str = "m", most: int
 
     Rows along a path fit nearly as well a row later; poses in any order fit not at all.
     """
-    n = len(q)
+    n, predicted = len(q), predict(q)
     most = min(most, n // 5)
-    if most < 1:
+    if most < 1 or not np.isfinite(predicted).all():
         return 0
-    predicted = predict(q)
-    if not np.isfinite(predicted).all():
-        return 0
-    rows = np.linspace(most, n - 1 - most, min(n - 2 * most, DIAGNOSED_ROWS)).round()
-    rows = rows.astype(np.intp)
+    rows = most + thinned(n - 2 * most, settings.DIAGNOSED_ROWS)
     found = {
         shift: aligned_misfit(predicted[rows - shift], x[rows], affine=unit == "px")
         for shift in range(-most, most + 1)
     }
     best = min(found, key=lambda shift: (found[shift], abs(shift)))
-    return best if found[best] < (0.5 if is_path(q) else FAR_BETTER) * found[0] else 0
+    return best if found[best] < (0.5 if is_path(q) else settings.FAR_BETTER) * found[0] else 0
 
 
 def is_path(q: Array, joined: Mask | slice = slice(None)) -> bool:
     """Whether rows (n, dof) are those of a motion, by the steps that are `joined` (n - 1,)."""
     step = np.median(np.abs(np.diff(q, axis=0)[joined]), axis=0)
-    return bool(np.max(step / np.maximum(np.ptp(q, axis=0), 1e-12)) <= PATH)
+    return bool(np.max(step / np.maximum(np.ptp(q, axis=0), 1e-12)) <= settings.PATH)
 
 
 def aligned_misfit(a: Array, b: Array, *, affine: bool = False) -> float:
@@ -305,10 +288,3 @@ def aligned(a: Array, b: Array, *, affine: bool = False) -> Array:
         away = np.linalg.norm(b - moved, axis=1)
         kept = away <= 3.0 * np.median(away) + 1e-300
     return np.asarray(moved)
-
-
-def agreeing(a: Array, b: Array) -> tuple[Array, Array]:
-    """Rows of both that one similarity brings together, without those that contradict most."""
-    away = np.linalg.norm(b - aligned(a, b), axis=1)
-    kept = away <= 3.0 * np.median(away) + 1e-300
-    return a[kept], b[kept]

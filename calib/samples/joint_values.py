@@ -18,17 +18,14 @@ from ..common.checks import LARGEST
 from ..common.scale import TURN
 from ..common.wording import unit_of_joint
 from ..errors import CalibError, LogError, OptionError
-from .settings import HELD_ROWS, LARGE_GAP, LOCKED, LOCKED_SHARE, ROUNDED, SMALL_GAP, STILL
-from .tables import Source, open_source, read_columns
+from . import settings
+from .tables import Source, open_source
 
 MAX_GAP = 0.1
 """Joints further apart than this are not interpolated between [s]."""
 
 SETTLE = 0.04
 """Time before and after, over which a joint's speed is taken: encoders count in steps [s]."""
-
-SLACK = 0.05
-"""Share of a range by which values may leave it: limits are rounded, and arms differ."""
 
 _MOST_TURNS = 4.0  # further from zero a joint value is in degrees, or not reset for long
 
@@ -43,8 +40,8 @@ def fits_in_degrees(values: Array, low: float, high: float) -> bool:
 
     Small angles of another column look like degrees too.
     """
-    outside = beyond(values, low, high) > SLACK and float(np.abs(values).max()) > TURN
-    return outside and beyond(np.deg2rad(values), low, high) <= SLACK
+    outside = beyond(values, low, high) > settings.SLACK and float(np.abs(values).max()) > TURN
+    return outside and beyond(np.deg2rad(values), low, high) <= settings.SLACK
 
 
 def many_turns(values: Array) -> bool:
@@ -74,8 +71,11 @@ class LoggedJoint:
         low, high = limits
         row = int(np.argmax(np.maximum(low - values, values - high)))
         rounds = self.revolute and many_turns(values)
-        turned = self.revolute and (rounds or fits_in_degrees(values, low, high))
-        if turned and not self.degrees:
+        fits = self.revolute and not self.degrees and fits_in_degrees(values, low, high)
+        turned = rounds or fits
+        if fits:
+            hint = "as degrees it fits: give `degrees=True`"
+        elif rounds and not self.degrees:
             hint = f"if the values are in degrees, give `degrees=True`; {hint}"
         elif rounds:
             hint = f"values in rad are given without `degrees`; {hint}"
@@ -100,15 +100,15 @@ class LoggedJoint:
             return moved, limits, self._wrapped(values, moved)
         limits = lower, upper = self.limits
         moved = wrap(values, lower, upper) if self.revolute else values
-        if not beyond(values, lower, upper) > SLACK >= beyond(moved, lower, upper):
+        if not beyond(values, lower, upper) > settings.SLACK >= beyond(moved, lower, upper):
             moved = values
         excess, notes = beyond(moved, lower, upper), self._wrapped(values, moved)
-        if excess > SLACK:
+        if excess > settings.SLACK:
             hint = "check that the column is of this joint, its unit and its sign; if the joint "
             hint += f"really goes there, give `ranges={{{self.name!r}: (LOW, HIGH)}}`"
             raise self.outside(values, rows, limits, hint)
         widened = min(lower, float(moved.min())), max(upper, float(moved.max()))
-        if excess > ROUNDED:
+        if excess > settings.ROUNDED:
             was = f"{self.name}: the log goes beyond the limits {self.show(*limits)}"
             notes.append(f"{was}; range widened to {self.show(*widened)}")
         return moved, widened, notes
@@ -121,12 +121,14 @@ class LoggedJoint:
             turn = "(-180, 180)" if self.degrees else "(-3.14159, 3.14159)"
             hint = f"to wrap it into one turn, give `ranges={{{self.name!r}: {turn}}}`"
             raise self.outside(values, rows, (-math.pi, math.pi), hint)
+        if self.limits and high - low < TURN - 1e-9:  # the log's own turn, whatever its gaps
+            return values, ((low + high) / 2.0 - math.pi, (low + high) / 2.0 + math.pi)
         wrapped, turn_of_it, gap = one_turn(values)
         if self.limits is None:
             # nearly a turn with a large gap: the joint works across the seam of its angles
-            if high - low <= (TURN if gap < LARGE_GAP else TURN - 0.2):
+            if high - low <= (TURN if gap < settings.LARGE_GAP else TURN - 0.2):
                 return values, (low, high)
-            if gap >= SMALL_GAP:
+            if gap >= settings.SMALL_GAP:
                 turn_of_it = float(wrapped.min()), float(wrapped.max())
         return wrapped, turn_of_it
 
@@ -236,7 +238,7 @@ def one_turn(angles: Array) -> tuple[Array, Range, float]:
     widest = int(np.argmax(gaps))
     gap = float(gaps[widest])
     centre = 0.0
-    if gap >= SMALL_GAP:
+    if gap >= settings.SMALL_GAP:
         centre = math.remainder(circle[widest] + gap / 2.0 + math.pi, TURN)
         centre = math.pi if centre <= -math.pi + 1e-9 else centre
     low, high = centre - math.pi, centre + math.pi
@@ -269,10 +271,11 @@ def locked_from_log(
     """
     source, called = open_source(path), columns or {}
     found = [name for name in names if name in called or name in source.header]
-    source, _ = source.drawn(HELD_ROWS, 0) if found else (source, 0)
+    source, _ = source.drawn(settings.HELD_ROWS, 0) if found else (source, 0)
     values, notes = {}, []
     for name in found:
-        stood, turns = read_columns(source, [called.get(name, name)])[:, 0], name not in prismatic
+        (stood,), rows = (each.T for each in source.numbers([called.get(name, name)]))
+        turns = name not in prismatic
         if not np.isfinite(stood).any():
             continue
         stood = np.deg2rad(stood) if turns and degrees else stood
@@ -280,14 +283,14 @@ def locked_from_log(
         off = np.nan_to_num(np.abs(stood - values[name]))
         shown = f"{math.degrees(off.max()):.3g} deg" if turns else f"{1e3 * off.max():.3g} mm"
         words = f"{source.label}: {name} is locked but moved by up to {shown}"
-        if np.mean(off > LOCKED[turns]) > LOCKED_SHARE:
+        if np.mean(off > settings.LOCKED[turns]) > settings.LOCKED_SHARE:
             raise LogError(
-                f"{words} (row {np.argmax(off) + 1})",
+                f"{words} (row {rows[np.argmax(off)]})",
                 hint="name it in `joints` too, without `planar` if its axis is not parallel to the "
                 "others', or leave out the rows in which it moved",
                 parameter="joints",
                 value=name,
             )
-        if off.max() > STILL[turns]:
+        if off.max() > settings.STILL[turns]:
             notes.append(f"{words}; leave out those rows, or name it in `joints`")
     return values, notes

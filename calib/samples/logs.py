@@ -17,6 +17,7 @@ from ..common.arrays import Array, Index, Mask
 from ..common.checks import LARGEST, whole
 from ..common.wording import listed, vector
 from ..errors import LogError, OptionError
+from . import settings
 from .camera import camera_of
 from .delays import with_offset
 from .diagnosis import diagnose, refuse_mistakes
@@ -33,7 +34,6 @@ from .roles import (
     sees_pixels,
 )
 from .samples import Samples
-from .settings import HELD_ROWS, LARGEST_ARM, OUT_OF_PLANE, ROUNDED, UNSURE
 from .tables import Source, open_source, write_table
 from .touches import read_touches
 from .wrong_rows import rows_in_words
@@ -52,7 +52,7 @@ def read_log(
     unit: str | None = None,
     ranges: Mapping[str, Range] | None = None,
     prismatic: Sequence[str] = (),
-    most: int = HELD_ROWS,
+    most: int = settings.HELD_ROWS,
     seed: int = 0,
     usual: Mapping[str, str] | None = None,
     outputs: int | None = None,
@@ -121,11 +121,8 @@ def read_log(
     names, ranges = roles.joints, dict(ranges or {})
     revolute = tuple(arm.revolute if arm is not None else (n not in prismatic for n in names))
     if arm is None and not {*prismatic} <= {*names}:
-        raise OptionError(
-            f"{listed(prismatic)} named as sliding: expected some of the joints {listed(names)}",
-            parameter="prismatic",
-            value=list(prismatic),
-        )
+        words = f"{listed(prismatic)} named as sliding: expected some of the joints"
+        raise OptionError(f"{words} {listed(names)}", parameter="prismatic")
     check_ranges(ranges, dict(zip(names, revolute, strict=True)))
     drawn, total = source.drawn(most, seed)
     timed = ["time"] if "time" in source.header and "time" not in roles.columns else []
@@ -155,11 +152,9 @@ def read_log(
         notes += [camera.note] if camera.note else []
     elif lens is not None:
         raise OptionError("`lens` is for pixels of an arm in space: expected columns u and v")
-    if arm is None and unit == "m" and (size := float(np.ptp(x, axis=0).max())) > LARGEST_ARM:
-        notes.append(
-            f"the positions extend over {size:.4g} m, as those of an arm of that size; if they are "
-            "in mm, give `unit='mm'`"
-        )
+    size = float(np.ptp(x, axis=0).max())
+    if arm is None and unit == "m" and size > settings.LARGEST_ARM:
+        notes.append(f"the positions extend over {size:.4g} m; if they are in mm, give `unit='mm'`")
     oriented = bool(roles.turns) and plane is None
     samples = Samples(
         q=q,
@@ -222,12 +217,7 @@ def _sound(
     revolute: Sequence[bool],
     chosen: Mapping[str, Range],
 ) -> tuple[Index, int, int, list[str]]:
-    """Find rows in which nothing is missing, seen by the sensor, in chosen ranges.
-
-    Joints in `values` are moved by whole turns into a range that was chosen.
-    Returns these rows, how many missed a value, how many saw nothing, and notes.
-    Raises LogError if no row is left.
-    """
+    """Rows that are whole, seen and in range; how many missed a value, saw nothing; notes."""
     kept: Mask = np.ones(len(values), dtype=bool)
     notes: list[str] = []
 
@@ -248,7 +238,7 @@ def _sound(
     values[~kept] = 0.0
     for k in (k for k, name in enumerate(roles.joints) if name in chosen):
         low, high = chosen[roles.joints[k]]
-        edge, column = ROUNDED * (high - low), values[:, k]
+        edge, column = settings.ROUNDED * (high - low), values[:, k]
         column = wrap(column, low, high) if revolute[k] else column
         away = (column < low - edge) | (column > high + edge)
         leave_out(away, f"have {roles.joints[k]} outside of the chosen range")
@@ -266,8 +256,8 @@ def _sound(
         left_out += leave_out(unturned, f"{words}, expected 1")
     if roles.spread:
         variance = spread[:, [0, 6, 11]].sum(axis=1)  # of x, y and z
-        unsure = variance > UNSURE**2 * np.median(np.abs(variance[kept]))
-        left_out += leave_out(unsure, f"have a covariance over {UNSURE:g} times as wide as usual")
+        unsure = variance > settings.UNSURE**2 * np.median(np.abs(variance[kept]))
+        left_out += leave_out(unsure, "have a covariance far wider than usual")
     return np.flatnonzero(kept), dropped, left_out, notes
 
 
@@ -293,27 +283,22 @@ def _check_motion(label: str, q: Array, x: Array, roles: Roles) -> None:
 def _in_plane(
     label: str, x: Array, numbers: Index, unit: str, arm: Arm | None, outputs: int | None
 ) -> tuple[Array, Plane | None, list[str]]:
-    """Positions (n, 3) of a planar arm, or without any that lie in a plane, in it (n, 2).
-
-    Raises LogError if those of a planar arm leave the plane.
-    """
+    """Positions (n, 3) of a planar arm, or without any that lie in a plane, in it (n, 2)."""
     x = np.ascontiguousarray(x)
     if x.shape[1] == 2 or outputs == 3:
         return x, None, []
     plane, rms = fit_plane(x)
     share = rms / max(float(np.sqrt(x.var(axis=0).sum())), 1e-300)
-    if share > OUT_OF_PLANE and outputs is None:
+    if share > settings.OUT_OF_PLANE and outputs is None:
         return x, None, []
-    if share > OUT_OF_PLANE and arm is not None:
+    if share > settings.OUT_OF_PLANE and arm is not None:
         away = np.abs(plane.distances(x))
         raise LogError(
             f"{label}: x, y, z leave their plane by {rms:.4g} {unit} rms, {100 * share:.2g} % of "
-            f"the extent (at most {100 * OUT_OF_PLANE:g} %); row {numbers[np.argmax(away)]} by "
-            f"{away.max():.4g} {unit}",
+            f"the extent; row {numbers[np.argmax(away)]} by {away.max():.4g} {unit}",
             hint="other joints moved the tip: name all that moved in `joints`, or leave out the "
             "rows in which they did",
             parameter="joints",
-            value=share,
         )
     told = (
         f"plane fitted to x, y, z: x along {vector(plane.x)}, y along {vector(plane.y)}, origin "

@@ -7,12 +7,11 @@ import math
 HELD_ROWS = 200_000
 """Rows of a log that are held in memory; of a longer one so many are drawn."""
 
-ROUNDED = 1e-4
-"""Share of a range that is not worth a word: limits are rounded."""
+ROUNDED, SLACK = 1e-4, 0.05
+"""Shares of a range by which values may leave it: limits are rounded, and arms differ."""
 
 SMALL_GAP, LARGE_GAP = 0.1, 0.5
-"""Gaps between angles [rad] below which they fill the circle, and from which on a joint cannot go
-there."""
+"""Gaps between angles [rad] below which they fill the circle, and beyond which no joint goes."""
 
 LOCKED, STILL = {True: math.radians(5.0), False: 2e-2}, {True: math.radians(0.5), False: 1e-3}
 """Motion [rad where a joint turns, else m] of a locked joint that takes part, and that is told."""
@@ -23,23 +22,17 @@ LOCKED_SHARE = 0.02
 DIAGNOSED_ROWS = 400
 """Rows that a diagnosis looks at: 720 orders of six joints take a second."""
 
-FEWEST_ROWS = 8
-"""Rows below which a similarity in space explains nearly anything."""
-
-TOOL_ROWS = 39
-"""Rows from which on a tool of unknown size may be part of a reading: thrice its features."""
+FEWEST_ROWS, TOOL_ROWS = 8, 39
+"""Rows below which a similarity in space, or a tool of unknown size, explains nearly anything."""
 
 FAR_BETTER = 0.2
 """Another reading of a log is told where its misfit is below this share of the log's own.
 
 Arms with links off by a tenth and offsets by 8 deg stay above it, exchanged columns below .1."""
 
-GOOD = 0.1
-"""Share of the extent below which kinematics are right but for two exchanged columns at most."""
-
-SMALL = 0.005
-"""Share of the extent below which nothing is doubted: a reversed wrist leaves 2 %, a drawing is
-right to .2 %."""
+GOOD, SMALL = 0.1, 0.005
+"""Shares of the extent below which kinematics are right but for two exchanged columns, and nothing
+is doubted: a reversed wrist leaves 2 %, a drawing is right to .2 %."""
 
 MOST_ORDERED = 6
 """Joints whose 720 orders are tried."""
@@ -47,14 +40,9 @@ MOST_ORDERED = 6
 PATH = 0.1
 """Median step of the joints over their spread, above which rows are no motion."""
 
-USUAL_SIZE = (0.5, 2.0)
-"""An extent this many times the nominal one needs no word: lengths were typed wrong by less."""
-
-SAME_UNIT = 0.05
-"""By how much a ratio may differ from that of two units: 900 is no millimetre."""
-
-PIXELS_RATIO = 5.0
-"""A ratio above, of no unit of length, is that of pixels most likely."""
+USUAL_SIZE, SAME_UNIT, PIXELS_RATIO = (0.5, 2.0), 0.05, 5.0
+"""An extent this many times the nominal one needs no word (lengths were typed wrong by less), is
+that of another unit within this share (900 is no millimetre), and beyond that of pixels."""
 
 TURNED = 0.3
 """Median turn [rad] beyond which orientations are not those of the joints."""

@@ -174,24 +174,14 @@ class Simulation:
         return [(self.arm.joint_names.index(c.joint), c.value) for c in self._of("joint", what)]
 
     def _check(self, change: Change) -> None:
-        names = tuple(self.arm.joint_names)
-        if change.part != "joint":
-            if self.arm.outputs == 3 and change.what not in _IN_SPACE:
-                raise OptionError(
-                    f"change {change.text!r} is for planar arms; of an arm in space the joints, "
-                    f"{' and '.join(f'sensor.{what}' for what in _IN_SPACE)} can change"
-                )
-            return
-        if change.joint not in names:
+        names = self.arm.joint_names
+        if change.part == "joint" and change.joint not in names:
             choices = f"choices: {', '.join(names)}, sensor, tip"
             raise OptionError(f"change {change.text!r}: no joint {change.joint!r}; {choices}")
-        turns = self.arm.revolute[names.index(change.joint)]
-        if turns and change.what in ("offset", "lock") and abs(change.value) > 2.0 * math.pi:
+        if change.part != "joint" and self.arm.outputs == 3 and change.what not in _IN_SPACE:
             raise OptionError(
-                f"change {change.text!r}: more than one turn; joint values are in rad",
-                hint="for degrees give `degrees=True`",
-                parameter="degrees",
-                value=change.value,
+                f"change {change.text!r} is for planar arms; of an arm in space the joints, "
+                f"{' and '.join(f'sensor.{what}' for what in _IN_SPACE)} can change"
             )
 
 

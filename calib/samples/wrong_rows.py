@@ -14,21 +14,9 @@ from ..common.arrays import Array, Index, Mask
 from ..common.robust import robust_solve
 from ..common.scale import Scale
 from ..common.wording import for_people
+from . import settings
 from .diagnosis import aligned
 from .samples import Samples
-from .settings import (
-    APART,
-    AROUND,
-    FITTED_ROWS,
-    GROSS,
-    GROSS_SHARE,
-    LEAST_CORNER,
-    MOST_WRONG,
-    NEAR,
-    ROWS_PER_TERM,
-    SPREAD,
-    TERMS,
-)
 
 
 def screen(samples: Samples) -> tuple[Mask, list[str]]:
@@ -64,8 +52,8 @@ def contradictions(samples: Samples, residual: Array) -> tuple[Mask, list[str]]:
     middle = np.nanmedian(others, axis=1)
     scatter = np.nanmedian(np.linalg.norm(others - middle[:, None], axis=2), axis=1)
     away = np.linalg.norm(residual[suspects] - middle, axis=1)
-    wrong = suspects[away > np.maximum(limit, APART * scatter)]
-    if not 0 < len(wrong) <= MOST_WRONG * len(kept):
+    wrong = suspects[away > np.maximum(limit, settings.APART * scatter)]
+    if not 0 < len(wrong) <= settings.MOST_WRONG * len(kept):
         return kept, []
     kept[wrong] = False
     return kept, [
@@ -81,12 +69,12 @@ def contradicting_corner(samples: Samples, residual: Array) -> str:
         not move, such as a fit with Student noise
     """
     suspects, _ = _gross(samples, residual)
-    if not LEAST_CORNER <= len(suspects) <= MOST_WRONG * len(samples):
+    if not settings.LEAST_CORNER <= len(suspects) <= settings.MOST_WRONG * len(samples):
         return ""
     shift = np.median(residual[suspects], axis=0)
     size = float(np.linalg.norm(shift))
     together = suspects[np.linalg.norm(residual[suspects] - shift, axis=1) < 0.5 * size]
-    if len(together) < max(LEAST_CORNER, 0.5 * len(suspects)):
+    if len(together) < max(settings.LEAST_CORNER, 0.5 * len(suspects)):
         return ""
     low, high = np.quantile(samples.q[together], (0.02, 0.98), axis=0)
     inside = ((samples.q >= low) & (samples.q <= high)).all(axis=1)
@@ -117,9 +105,9 @@ def _gross(samples: Samples, residual: Array) -> tuple[Index, float]:
     size = np.nan_to_num(np.linalg.norm(residual, axis=1))
     low, high = np.quantile(samples.x, (0.05, 0.95), axis=0)
     limit = max(
-        GROSS * float(np.median(size)),
-        SPREAD * float(np.quantile(size, 0.7)),
-        GROSS_SHARE * float(np.linalg.norm(high - low)),
+        settings.GROSS * float(np.median(size)),
+        settings.SPREAD * float(np.quantile(size, 0.7)),
+        settings.GROSS_SHARE * float(np.linalg.norm(high - low)),
     )
     return np.flatnonzero(size > limit), limit
 
@@ -132,26 +120,23 @@ def _neighbours(samples: Samples, rows: Index) -> tuple[Index, Index]:
         return rows, np.empty((0, 0), dtype=np.intp)
     scale = Scale.of_range(samples.lower, samples.upper, samples.revolute)
     u = scale.to_unit(samples.q)
-    around = min(AROUND, len(u) - 1)
+    around = min(settings.AROUND, len(u) - 1)
     tree = cKDTree(u, boxsize=scale.periodic.astype(float) if scale.periodic.any() else None)
-    some = np.linspace(0, len(u) - 1, min(len(u), FITTED_ROWS)).astype(np.intp)
+    some = np.linspace(0, len(u) - 1, min(len(u), settings.FITTED_ROWS)).astype(np.intp)
     usual = float(np.median(tree.query(u[some], k=[around + 1])[0]))
     reach, near = tree.query(u[rows], k=np.arange(1, around + 2))
-    close = np.asarray(reach)[:, -1] <= NEAR * usual
+    close = np.asarray(reach)[:, -1] <= settings.NEAR * usual
     return rows[close], np.asarray(near, dtype=np.intp)[close]
 
 
 def _rigid_residual(samples: Samples) -> Array | None:
-    """What a robust fit of a rigid chain's functions leaves of positions; None for too few rows.
-
-    A chain's positions are linear in the products of 1, cos and sin of its joints.
-    """
+    """What a robust fit of the products of 1, cos, sin of the joints leaves; None for few rows."""
     n, kinds = len(samples), samples.revolute
     terms = int(np.prod([3 if turns else 2 for turns in kinds]))
     rows = np.arange(n)
-    if n > FITTED_ROWS:
-        rows = np.sort(np.random.default_rng(0).choice(n, FITTED_ROWS, replace=False))
-    if ROWS_PER_TERM * terms > len(rows) or terms > TERMS:
+    if n > settings.FITTED_ROWS:
+        rows = np.sort(np.random.default_rng(0).choice(n, settings.FITTED_ROWS, replace=False))
+    if settings.ROWS_PER_TERM * terms > len(rows) or terms > settings.TERMS:
         return None
 
     def features(q: Array) -> Array:

@@ -124,7 +124,7 @@ def _without_delay(
         return samples, None, [delay.note()] if delay is not None and delay.note() else []
 
     def moved(delay: Delay) -> Samples:
-        q = motion.before(delay.value)
+        q, _ = motion.before(delay.value)
         known = np.asarray(np.isfinite(q).all(axis=1))
         return replace(samples.take(known), q=q[known])
 
@@ -158,13 +158,12 @@ def _delay(
     middle = len(motion.time) // 2
     some = slice(max(0, middle - _ROWS // 2), middle + _ROWS // 2)
     for _ in range(_STEPS):
-        q = motion.before(total)[some]
+        q, speed = (each[some] for each in motion.before(total))
         known = np.asarray(np.isfinite(q).all(axis=1))
         if known.sum() < len(known) // 2:
             return None
-        q, x = q[known], samples.x[some][known]
+        q, speed, x = q[known], speed[known], samples.x[some][known]
         seen, slope = structure.predict_and_slope(q, beta)
-        speed = Trajectory(motion.time[some][known], q, motion.unit).velocity
         found = estimate_delay(
             structure.residual(x, seen), np.einsum("nmk,nk->nm", slope, speed),
             structure.linearise(q, beta, active)[1],

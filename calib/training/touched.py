@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..arm.arm import SpatialArm
-from ..body.fit import maximise
+from ..body.fit import Fit
 from ..body.parameters import Prior
 from ..body.settings import STUDENT
 from ..body.spatial import SpatialStructure, structure_of
@@ -143,10 +143,10 @@ def as_positions(model: Model, log: Samples) -> tuple[Samples, list[str]]:
         free, sd = np.flatnonzero(np.diag(variance)), np.sqrt(np.diag(variance))
         prior = Prior(beta, sd, known=np.asarray(np.linalg.inv(variance[np.ix_(free, free)])))
         fits.append(
-            maximise(
+            Fit(
                 seen, touches, np.zeros((len(touches), 3)), beta, prior, nu=STUDENT,
-                floor=np.full(3, 0.5 * noise), noise=np.full(3, noise), steps=8,
-            )
+                floor=np.full(3, 0.5 * noise), noise=np.full(3, noise),
+            ).maximise(steps=8)
         )  # fmt: skip
     same, other = fits
     if other.evidence - same.evidence > _NATS * other.autocorrelation:

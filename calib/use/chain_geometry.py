@@ -17,11 +17,10 @@ from ..arm.arm import Arm, PlanarArm, SpatialArm
 from ..arm.rotations import logarithm, similarity
 from ..arm.urdf import parse_urdf
 from ..body.belief import Body
-from ..body.derivative import Derivative
-from ..body.fit import Fit, maximise
+from ..body.fit import Fit
 from ..body.normal import Factor, with_prior
 from ..body.parameters import Indices, Prior
-from ..body.settings import FREE, SCALES, SHIFT, STUDENT, UNTOLD
+from ..body.settings import FREE, SHIFT, STUDENT, UNTOLD
 from ..body.spatial import SpatialStructure, structure_of
 from ..body.spatial_start import frame
 from ..common.arrays import Array
@@ -31,6 +30,7 @@ from ..model.alignment import Alignment
 _FLOOR = 1e-7  # of the extent: a residual below is rounding
 _LEFT_OUT = ("gain", "elastic", "curve")  # what a body has and no URDF can say
 _OFFSET = np.radians(10.0)  # prior sd of a planar arm's offset: servos are put on to that
+_WIDER = (1.0, 5.0, 20.0)  # times the prior sd of its places, of which the evidence chooses
 _EARNED = 5.0  # nats of evidence that a wider prior of its places has to gain
 
 
@@ -43,10 +43,12 @@ class InPlane(SpatialStructure):
         """Outputs (n, 2) at joint values (n, dof)."""
         return super().predict(q, beta)[:, :2]
 
-    def derivative(self, q: Array, beta: Array, active: Indices) -> tuple[Array, Derivative]:
-        """Outputs (n, 2) and their derivative by the parameters `active`."""
-        seen, slope = super().derivative(q, beta, active)
-        return seen[:, :2], slope.rows(slice(None), slice(2))
+    def linearise(
+        self, q: Array, beta: Array, active: Indices | None = None
+    ) -> tuple[Array, Array]:
+        """Outputs (n, 2) and their derivative (n, 2, k) by the parameters `active`."""
+        seen, slope = super().linearise(q, beta, active)
+        return seen[:, :2], slope[:, :2]
 
 
 @dataclass(frozen=True, eq=False)
@@ -225,13 +227,9 @@ def fit_in_plane(
             shift, scale = seen.mean(axis=0) - turn @ points.mean(axis=0), 1.0
     beta[groups["view.rotation"]] = logarithm(turn)
     beta[groups["view.shift"]], beta[groups["view.scale"]] = shift, np.log(scale)
-    best: Fit | None = None
-    for wider in SCALES:
-        prior = _planar_prior(structure, arm, beta, wider, free, scaled, move_base)
-        fit = _fitted(structure, q, x, beta, prior, error)
-        if best is None or fit.evidence > best.evidence + _EARNED:
-            best = fit
-    assert best is not None  # noqa: S101
+    priors = [_planar_prior(structure, arm, beta, w, free, scaled, move_base) for w in _WIDER]
+    fits = [_fitted(structure, q, x, beta, prior, error) for prior in priors]
+    best = max(fits, key=lambda fit: fit.evidence - _EARNED * fits.index(fit))
     nominal = best.beta.copy()
     for group in ("offset", "placement", "tool"):
         nominal[groups[group]] = 0.0
@@ -281,8 +279,7 @@ def _planar_prior(
 def _held(prior: Prior, still: Sequence[int] | Indices) -> Prior:
     sd, hypers = prior.sd.copy(), []
     sd[still] = 0.0
-    # offsets first: what an offset explains, turned and shifted origins would explain too
-    for hyper in sorted(prior.hypers, key=lambda h: not h.name.startswith("offset")):
+    for hyper in prior.hypers:
         kept = ~np.isin(hyper.indices, still)
         if kept.any():
             hypers.append(hyper._replace(indices=hyper.indices[kept], shape=hyper.shape[kept]))
@@ -294,7 +291,8 @@ def _fitted(
 ) -> Fit:
     """The most probable parameters from `beta` on; `error` is the least noise [unit]."""
     floor = np.maximum(_FLOOR * structure.extents, error)
-    return maximise(structure, q, x, beta, prior, nu=STUDENT, floor=floor, steps=15, tolerance=1e-3)
+    fit = Fit(structure, q, x, beta, prior, nu=STUDENT, floor=floor)
+    return fit.maximise(steps=15, tolerance=1e-3)
 
 
 def _geometry(
@@ -319,14 +317,14 @@ def _deviations(fit: Fit) -> Array:
     usual[active] = 0.0
     both = np.union1d(active, np.flatnonzero(usual))
     own = np.isin(both, active)
-    x = structure.derivative(fit.q, fit.beta, both)[1]
-    weight = fit.weight / fit.noise**2
-    gram = x.gram(weight)
+    root = (np.sqrt(fit.weight) / fit.noise).ravel()
+    x = structure.linearise(fit.q, fit.beta, both)[1].reshape(len(root), -1) * root[:, None]
+    gram = x.T @ x
     free = fit.told * gram
     free[np.ix_(own, own)] = with_prior(free[np.ix_(own, own)], fit.sd, fit.known)
     free[~own, ~own] += usual[both[~own]] ** -2.0
     spread = Factor(free).inverse()[np.ix_(~own, ~own)]
-    mean = spread @ (fit.told * x.moment(weight * fit.residual)[~own])
+    mean = spread @ (fit.told * (x.T @ (root * fit.residual.ravel()))[~own])
     bent = Factor(fit.precision).solve(gram[np.ix_(own, ~own)])
     total = fit.covariance + bent @ (spread + np.outer(mean, mean)) @ bent.T
     sd = np.zeros(structure.size)

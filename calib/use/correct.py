@@ -231,8 +231,8 @@ def _quick(model: Model, q: ArrayLike) -> Corrected | None:
             answers = [(kernel.ask("correct", row), near) for row, near, ok in known if ok]
             gaps = [np.abs(found[0] - near).max() for found, near in answers if found[1] == 1]
             if gaps and max(gaps) < _SAME:
-                same = (np.ones(1, dtype=bool), usual_limit(model), _notes(model, wanted, "sensor"))
-                kept = dict(zip(("reachable", "limit", "notes"), same, strict=True))
+                limit, notes = usual_limit(model), _notes(model, wanted, "sensor")
+                kept = {"reachable": np.ones(1, dtype=bool), "limit": limit, "notes": notes}
                 kept |= {"_model": model, "_wanted": wanted}
         model.remembered["correcting"] = kept
     found = kernel.ask("correct", q) if kept else None
@@ -312,13 +312,9 @@ def _solved(model: Model, wanted: _Wanted, q: Array) -> tuple[Array, NDArray[np.
 def _wanted(model: Model, view: str, cause: str) -> _Wanted:
     """Where the nominal arm would be, fitted once for a model: a controller corrects row by row."""
     key = f"wanted {view} {cause}"
-    if key not in model.remembered:
-        model.remembered[key] = _found(model, view, cause)
-    found: _Wanted = model.remembered[key]
-    return found
-
-
-def _found(model: Model, view: str, cause: str) -> _Wanted:
+    if key in model.remembered:
+        known: _Wanted = model.remembered[key]
+        return known
     free, moved, body = frame_is_free(model, view), frames(model, cause), model.body
     own: Any = None if body is None else body.structure
     in_space, drawn, space = moves_in_space(model), None, None
@@ -347,4 +343,5 @@ def _found(model: Model, view: str, cause: str) -> _Wanted:
     def target(q: Array) -> Array:
         return reduce(lambda x, frame: frame.apply(x), moved, predict(q))
 
-    return _Wanted(target, free, drawn, space)
+    found = model.remembered[key] = _Wanted(target, free, drawn, space)
+    return found

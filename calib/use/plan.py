@@ -1,8 +1,7 @@
 """Planning: safe poses to measure, that tell most, in an order that moves the joints little.
 
-Where a belief of the body is known, each pose shrinks the volume of the posterior most, given all
-before it (D-optimal design, Fedorov 1972; for robots Borm and Menq 1991). Else the poses are as far
-apart as can (Gonzalez 1985): in corners first, where a fitted function is least certain.
+Where a belief of the body is known, each pose shrinks the posterior most (D-optimal, Fedorov 1972;
+for robots Borm and Menq 1991). Else they are as far apart as can (Gonzalez 1985).
 """
 
 from __future__ import annotations
@@ -15,8 +14,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..arm.arm import Arm, SpatialArm
-from ..body.most_telling import greedy, most_telling
 from ..body.spatial import structure_of
+from ..body.telling import greedy, most_telling
 from ..common.arrays import Array, Index
 from ..common.checks import whole
 from ..common.choices import EYES
@@ -95,9 +94,9 @@ class Plan(ReadOnly):
         """
         table = dict(zip(self.joint_names, self.q.T, strict=True))
         table |= {f"expected_{axis}": x for axis, x in zip("xyz", self.x.T, strict=False)}
-        return table | (
-            {} if self.expected_error is None else {"expected_error": self.expected_error}
-        )
+        if self.expected_error is not None:
+            table["expected_error"] = self.expected_error
+        return table
 
     def write(self, path: str | os.PathLike[str]) -> None:
         """Write the table as CSV, or Parquet by its name, whole or not at all."""

@@ -26,7 +26,8 @@ from ..model.nominal import moves_in_space
 from ..model.space import Space
 
 _MARGIN, _SHARE = math.radians(1.0), 0.02  # [rad or m] from limits; at most this share of a range
-_INSIDE, _FACES, _CORNERS = 1200, 1000, 256  # candidates: within, with a joint at an end, at most
+_INSIDE, _FACES = 1200, 1000  # candidates: within, with a joint at an end
+_CORNERS = 8  # joints of which all corners are candidates
 _TRIED, _ALWAYS = 100, 0.9  # postures in which links meet that are built so, and their share
 
 
@@ -60,10 +61,9 @@ class PoseSpace:
         dof = len(self.joint_names)
         faces, rows = rng.random((_FACES, dof)), np.arange(_FACES)
         faces[rows, rng.integers(dof, size=_FACES)] = rng.integers(2, size=_FACES)
-        corners = np.stack(np.meshgrid(*[[0.0, 1.0]] * min(dof, 8), indexing="ij"), axis=-1)
-        corners = corners.reshape(-1, min(dof, 8))[:_CORNERS]
-        rest = rng.integers(2, size=(len(corners), dof - corners.shape[1]))
-        points = np.concatenate([np.hstack([corners, rest]), faces, rng.random((_INSIDE, dof))])
+        first = np.array(list(np.ndindex(*(2,) * min(dof, _CORNERS))), dtype=float)
+        rest = rng.integers(2, size=(len(first), dof - first.shape[1]))
+        points = np.concatenate([np.hstack([first, rest]), faces, rng.random((_INSIDE, dof))])
         return np.asarray(self.lower + (self.upper - self.lower) * points)
 
 

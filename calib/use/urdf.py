@@ -17,8 +17,7 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 
 from ..arm.rotations import exponential
-from ..arm.tree import Joint
-from ..arm.urdf import parse_urdf
+from ..arm.urdf import Joint, parse_urdf
 from ..common.arrays import Array
 from ..common.wording import for_people
 from ..errors import OptionError, RobotError

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from calib.common.wording import for_people
 
 from .. import options as opt
-from ..boards import log_of_pictures
+from ..camera import log_of_pictures
 from ..options import option
 from ..output import NO, Outcome, TextTable, number, say
 from ..samples import Reading, log_for

@@ -10,7 +10,7 @@ from typer import Argument
 from calib.common.choices import Eye
 
 from .. import options as opt
-from ..boards import need_joints
+from ..camera import need_joints
 from ..options import Text, flag, option
 from ..output import Outcome, note, say
 from ..parsing import check_file

@@ -24,8 +24,7 @@ def tag(
 ) -> Outcome:
     """Write a tag for the arm's tip, or a board for the desk, to print at its true size (SVG)."""
     from calib.common.atomic import atomic_write
-    from calib.recording.board import Board, parse_length
-    from calib.recording.printing import print_board, print_tag
+    from calib.recording.board import Board, parse_length, print_board, print_tag
 
     if (number is None) == (board is None):
         raise BadOption("expected the ID of a tag, or --board, and not both")

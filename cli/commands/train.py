@@ -10,8 +10,6 @@ from typing import TYPE_CHECKING, Annotated
 
 from typer import Argument
 
-from calib.model.facts import size_in_words
-
 from .. import options as opt
 from ..options import Text, flag, option
 from ..output import Outcome, progress_bar, say
@@ -89,7 +87,7 @@ def train(
         accuracy(model, about.errors, about.within, f"{about.tested} {what}", about.left_out),
         *found_by_body(model),
         *advice(model, about.errors, stated),
-        f"{path}: {about.options['map']}, {size_in_words(model)}, {learned}, {size}",
+        f"{path}: {about.options['map']}, {model.size_in_words}, {learned}, {size}",
     ]
     table = error_table(model, about.errors, f"errors on {what}")
     return Outcome(summary(model, path, about.errors, model.seconds), lines, [table])

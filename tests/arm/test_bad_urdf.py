@@ -112,11 +112,11 @@ def test_files_that_cannot_be_read(tmp_path):
         latin: "not UTF-8",
         empty: "is empty",
         huge: "50 MB",
-        tmp_path: "is a folder or a device",
-        tmp_path / "missing.urdf": "no such file",
+        tmp_path: "is no file",
+        tmp_path / "missing.urdf": "is no file",
     }
     if Path("/dev/zero").exists():  # which never ends
-        cases[Path("/dev/zero")] = "is a folder or a device"
+        cases[Path("/dev/zero")] = "is no file"
     for path, words in cases.items():
         with pytest.raises(RobotError) as caught:
             read_urdf(path)

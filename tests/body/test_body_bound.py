@@ -5,7 +5,7 @@ import pytest
 
 from calib.body.belief import Body
 from calib.body.covariance import radius_95, root_of, spread_of
-from calib.body.fit import maximise
+from calib.body.fit import Fit
 from calib.body.held_out import leave_blocks_out
 from calib.body.nominal import Nominal
 from calib.body.parameters import Prior
@@ -37,10 +37,9 @@ def known(n: int, seed: int):
 
 
 def fitted(s, prior, q, z):
-    return maximise(
-        s, q, z, prior.mean, prior, nu=np.inf, floor=np.full(2, 1e-9),
-        noise=np.full(2, 1e-3), learn=False, tolerance=1e-8,
-    )  # fmt: skip
+    sizes = {"floor": np.full(2, 1e-9), "noise": np.full(2, 1e-3)}
+    fit = Fit(s, q, z, prior.mean, prior, nu=np.inf, **sizes)
+    return fit.maximise(learn=False, tolerance=1e-8)
 
 
 def test_posterior_covers_an_exactly_known_case():

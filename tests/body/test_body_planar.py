@@ -69,7 +69,7 @@ def test_derivatives_by_finite_differences(revolute, view, signs, mirror):
         step = np.zeros(s.size)
         step[k] = h
         slope = (s.predict(q, beta + step) - s.predict(q, beta - step)) / (2 * h)
-        assert np.allclose(by_beta[:, :, k], slope, atol=1e-7), s.label(k)
+        assert np.allclose(by_beta[:, :, k], slope, atol=1e-7), s.labels[k]
     by_joint = s.slope(q, beta)
     for k in range(s.dof):
         step = np.zeros(s.dof)

@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 from calib.body import fitting
-from calib.body.likeness import lengths_of, matern
-from calib.body.most_telling import most_telling
 from calib.body.planar import planar_structure
+from calib.body.telling import lengths_of, matern, most_telling
 
 NONE = np.zeros((0, 2))
 

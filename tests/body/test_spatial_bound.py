@@ -69,18 +69,3 @@ def test_a_gauge_is_what_no_reading_tells():
     tracker = SensorPose.of(body)
     assert tracker.told_sd.max() < 0.1 * tracker.position_sd.max()
     assert "no reading tells" in " ".join(tracker.words("sensor's frame"))
-
-
-def test_sums_of_harmonics_are_those_of_all_columns():
-    body = in_space().body
-    rng = np.random.default_rng(2)
-    q, w, r = rng.uniform(-1, 1, (30, 3)), rng.random((30, 3)), rng.normal(size=(30, 3))
-    for kept in (body.active, np.delete(body.active, -1)):  # without one of the harmonics
-        x = body.structure.derivative(q, body.beta, kept)[1]
-        flat = body.structure.linearise(q, body.beta, kept)[1].reshape(90, -1)
-        np.testing.assert_array_equal(x.dense().reshape(90, -1), flat)
-        np.testing.assert_allclose(x.gram(w), (flat.T * w.ravel()) @ flat, atol=1e-12)
-        np.testing.assert_allclose(x.moment(r), flat.T @ r.ravel(), atol=1e-12)
-        step = rng.normal(size=len(kept))
-        np.testing.assert_allclose(x.rows(slice(3, 9)).times(step).ravel(), flat[9:27] @ step)
-    assert len(x.waves) == 3

@@ -16,9 +16,9 @@ from typer.testing import CliRunner
 
 import calib
 from calib.errors import OptionError
-from calib.recording.from_video import log_video
 from calib.recording.joint_table import read_joints
 from calib.recording.setting import Setup
+from calib.recording.tag_logs import log_video
 
 shot, copy, film = shots.shot, shots.copy, shots.film
 

@@ -13,12 +13,12 @@ from shots import BOARD, CAMERA, LENS, desk, make, refused, truth_on_board
 
 import calib
 from calib.recording.board import Board
-from calib.recording.from_pictures import log_pictures
 from calib.recording.joint_table import read_joints
 from calib.recording.lens import Lens, load_lens
 from calib.recording.pictures import list_pictures, read_picture
 from calib.recording.reference import MarkLayout
 from calib.recording.setting import Setup
+from calib.recording.tag_logs import log_pictures
 from calib.samples.tables import open_source
 
 shot, copy = shots.shot, shots.copy

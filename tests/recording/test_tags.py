@@ -13,9 +13,8 @@ import cv2
 from rendering import Camera, Desk, board, board_shots, tag
 
 from calib.errors import OptionError
-from calib.recording.board import Board, BoardFinder
+from calib.recording.board import Board, BoardFinder, print_board, print_tag
 from calib.recording.lens import Lens, calibrate_lens, load_lens
-from calib.recording.printing import print_board, print_tag
 from calib.recording.tags import TagFinder, find_dictionary, tag_cells
 
 SMALL = Camera(size=(640, 480), focal=600.0)

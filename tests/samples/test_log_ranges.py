@@ -35,7 +35,7 @@ def test_degrees(arm, file):
     assert log.notes == ()
     np.testing.assert_allclose([log.lower, log.upper], [arm.lower, arm.upper], atol=1e-12)
     refused(file(text), "give `degrees=True`", arm=arm, joints=None)
-    refused(file(text), "90 rad.*degrees=True.*3.14", joints=["shoulder"])
+    refused(file(text), "90 rad.*3.14.*degrees=True", joints=["shoulder"])
 
 
 def test_sliding_joints_are_never_in_degrees(file):
@@ -106,7 +106,7 @@ def test_a_joint_that_works_across_the_seam_gets_a_range_without_the_gap(file):
 
 def test_a_joint_of_the_arm_that_turns_all_round_has_its_turn_about_the_log(arm, file):
     free = replace(arm, lower=[0, -math.pi], upper=[1.6, math.pi])
-    elbow = np.linspace(-4.0, -1.0, 40)
+    elbow = np.r_[np.linspace(-4.0, -3.8, 20), np.linspace(-1.2, -1.0, 20)]  # with a gap of its own
     log = read_log(file(table({"shoulder": np.linspace(0, 1.5, 40), "elbow": elbow})), free)
     assert (log.q[:, 1] == elbow).all()
     assert log.lower[1] == pytest.approx(-2.5 - math.pi)

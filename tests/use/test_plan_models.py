@@ -7,7 +7,7 @@ import pytest
 from models import in_pixels, trained
 
 import calib
-from calib.body.most_telling import greedy
+from calib.body.telling import greedy
 from calib.use.plan import farthest, tells
 from calib.use.pose_space import hits_itself, space_of
 

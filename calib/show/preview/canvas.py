@@ -16,8 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...arm.loading import held_values
 from ...arm.posture import Kinematics
-from ...arm.tree import Urdf
-from ...arm.urdf import parse_urdf
+from ...arm.urdf import Urdf, parse_urdf
 from ...common.arrays import Array
 from ...errors import CalibError
 from ...model.about import About

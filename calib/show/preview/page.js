@@ -157,13 +157,6 @@
   }
   for (const note of data.notes) make("p", note, element("calib-notes"));
 
-  const play = element("calib-play");
-  play.addEventListener("click", () => {
-    if (viewer.animator.playing) viewer.animator.pause();
-    else viewer.animator.play();
-    viewer.set_dirty();
-  });
-  element("calib-home").addEventListener("click", () => { moved = false; fit(); });
   if (still) {
     viewer.animator.pause();
     viewer.animator.reset();
@@ -188,7 +181,6 @@
     }
     // meshcat's own controls and ours show the same
     for (const [name, box] of boxes) box.checked = layer(name).object.visible;
-    play.textContent = viewer.animator.playing ? "Pause" : "Play";
   };
 
   // ------------------------------------------------------------------ links of a node
@@ -240,7 +232,7 @@
 
   // ------------------------------------------------------------------ a target to drag
   const GHOSTS = ["#1c7ed6", "#e8590c", "#2f9e44", "#9c36b5", "#b08900", "#0c8599"];
-  const inverse = { group: null, busy: false, next: null };
+  const inverse = { busy: false, next: null };
 
   function ghost(branch, colour) {
     const arm = viewer.scene_tree.find(["Arm"]).object.clone(true);
