@@ -101,7 +101,9 @@ def present_gng(
     gas.weights[moved] -= np.expm1(-rate[moved])[:, None] * (target - gas.weights[moved])
     # the two nearest nodes of each sample are joined by an edge of age 0
     fresh = np.unique(np.minimum(first, second) * n + np.maximum(first, second))
-    stay = ~np.isin(gas.pairs[:, 0] * n + gas.pairs[:, 1], fresh)
+    key = gas.pairs[:, 0] * n + gas.pairs[:, 1]
+    # fresh is sorted: a search is sooner than np.isin, which sorts all edges
+    stay = fresh[np.minimum(np.searchsorted(fresh, key), len(fresh) - 1)] != key
     gas.pairs = np.concatenate([gas.pairs[stay], np.stack(np.divmod(fresh, n), axis=1)])
     gas.age = np.concatenate([gas.age[stay], np.zeros(len(fresh))])
     young = gas.age <= A_MAX

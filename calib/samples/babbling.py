@@ -9,9 +9,8 @@ import numpy as np
 from ..arm.arm import Arm
 from ..common.checks import whole
 from ..errors import OptionError
-from .changes import Change, parse_changes
 from .samples import Samples
-from .simulation import Simulation
+from .simulation import Change, Simulation, parse_changes
 
 MAX_SAMPLES = 10_000_000
 

@@ -7,7 +7,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from calib.errors import CalibError, OptionError
-from calib.samples.changes import JOINT_CHANGES, SENSOR_CHANGES, Change, parse_change, parse_changes
+from calib.samples.simulation import (
+    JOINT_CHANGES,
+    SENSOR_CHANGES,
+    Change,
+    parse_change,
+    parse_changes,
+)
 
 
 @pytest.mark.parametrize(

@@ -5,8 +5,7 @@ import pytest
 
 from calib.arm.loading import load_arm
 from calib.errors import OptionError
-from calib.samples.changes import parse_changes
-from calib.samples.simulation import Simulation
+from calib.samples.simulation import Simulation, parse_changes
 
 L1, L2 = 0.30, 0.25
 
