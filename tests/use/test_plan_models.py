@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 from models import in_pixels, trained
+from scipy.stats import qmc
 
 import calib
 from calib.body.telling import greedy
@@ -66,7 +67,10 @@ def test_planned_poses_teach_more_than_random_ones(arm):
 
     planned = [variance(calib.plan(arm, 30, seed=s).q) for s in range(10)]
     random = [variance(calib.babble(arm, 30, seed=s).q) for s in range(10)]
+    drawn = (qmc.Sobol(2, seed=s).random(32)[:30] for s in range(10))
+    sobol = [variance(arm.lower + (arm.upper - arm.lower) * u) for u in drawn]
     assert max(planned) < min(random)
+    assert np.mean(planned) < 0.9 * np.mean(sobol)
 
 
 # --- arms in space -----------------------------------------------------------------------------
