@@ -69,6 +69,8 @@ class Newton:
         would push further is left out of that step, so that the others take over. A target counts
         as met within a share `tolerance` of the extent.
         """
+        if not len(u):
+            return u, np.zeros(0)
         if len(u) > _CHUNK:
             chunks = (slice(i, i + _CHUNK) for i in range(0, len(u), _CHUNK))
             parts = [self.refine(u[rows], x[rows], tolerance, steps) for rows in chunks]
@@ -119,7 +121,7 @@ class Newton:
         followed by :meth:`refine`, and kept if it is closer. The length of a move follows from the
         last one (Barzilai and Borwein 1988), because the self-motion is curved.
         """
-        if not len(u) or len(self._left(u[:1].T, x[:1])[0]) >= u.shape[1]:
+        if self.task.gap(x[:1], x[:1]).shape[1] >= u.shape[1]:
             return self.refine(u, x)
         u, distance = self.refine(u, x, CLOSE)
         u = u.copy()
