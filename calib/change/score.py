@@ -40,6 +40,7 @@ _ROWS = 300  # their power grows with the rows, their work with the rows too
 
 _FINER = (0.5, 0.7, 1.0, 1.4, 2.0)  # times the noise of an encoder, once one is found
 _STEP = 0.2  # of the logarithm of a noise; a likelihood changes by .02 nats
+_MOST = 22  # of such steps: an arm or a sensor that is metres off is no close call
 _SAME = "same"
 _LASTING = 10  # rows over which noise may last
 
@@ -159,7 +160,8 @@ class _Tests:
         self.y, self.x = e.whiten(groups.residual), e.whiten(groups.x)
         # from the usual one to that where nothing changed, in `Reference.sizes`
         most = e.most_likely_noise(self.y, e.usual)
-        self.sizes = np.geomspace(e.usual, most, 2 + int(math.log(most / e.usual) / _STEP))
+        steps = min(int(math.log(most / e.usual) / _STEP), _MOST)
+        self.sizes = np.geomspace(e.usual, most, 2 + steps)
         self.told = [e.information(self.y, self.x, size) for size in self.sizes.tolist()]
         told = e.values / (self.sizes[:, None] ** 2 + e.values)
         self.left = len(self.y) - (1.0 - (1.0 - told) ** 2).sum(axis=1)
