@@ -45,7 +45,11 @@ class Corners(Measurement):
         """Where what stands still is, and the lens."""
         return self.pose.parameters()
 
-    def look(self, own: Mapping[str, Array], motion: Motion, also: Array) -> _Corner:
+    def ready(self, own: Mapping[str, Array]) -> Mapping[str, Any]:
+        """What its pose asks for."""
+        return self.pose.ready(own)
+
+    def look(self, own: Mapping[str, Any], motion: Motion, also: Array) -> _Corner:
         """See a corner in each row."""
         seen = self.pose.look(own, motion, also)
         shift, turn = seen.values[:, :3], exponential(seen.values[:, 3:])

@@ -47,7 +47,11 @@ class Measurement:
         """The sensor's own parameters."""
         raise NotImplementedError
 
-    def look(self, own: Mapping[str, Array], motion: Motion, also: Array) -> Sight:
+    def ready(self, own: Mapping[str, Array]) -> Mapping[str, Any]:  # noqa: ARG002
+        """What follows from the sensor's own parameters alone, by further names for `look`."""
+        return {}
+
+    def look(self, own: Mapping[str, Any], motion: Motion, also: Array) -> Sight:
         """See a chain with the sensor's parameters, by block.
 
         also : (n, g), what else a row tells: which point was touched, which corner was seen

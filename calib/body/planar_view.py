@@ -60,9 +60,13 @@ class PlanarReading(Measurement):
         """Radius [unit] at which the lens bends by its radial parameter."""
         return _LENS * self.extent
 
-    def look(self, own: Mapping[str, Array], motion: Motion, also: Array) -> Seen:  # noqa: ARG002
+    def ready(self, own: Mapping[str, Array]) -> Mapping[str, Any]:
+        """The view's linear part."""
+        return {"view": self.matrix(own)}
+
+    def look(self, own: Mapping[str, Any], motion: Motion, also: Array) -> Seen:  # noqa: ARG002
         """See the tip."""
-        x, depth, slope = motion.position[:2], np.ones(1), self.matrix(own)[:, :, None]
+        x, depth, slope = motion.position, np.ones(1), own["view"][:, :, None]
         y = _times(slope, x)
         h = own["view.tilt"]
         if h.any():
@@ -108,8 +112,8 @@ class Seen:
     lens: Array | None  # (2, 2, n), derivative of the lens, None where it does nothing
 
     def push(self, velocity: Array, angular: Any = 0.0) -> Array:  # noqa: ARG002
-        """How outputs (..., 2, n) move when the tip moves (..., 3, n)."""
-        return _times(self.slope, velocity[..., :2, :])
+        """How outputs (..., 2, n) move when the tip moves (..., 2, n)."""
+        return _times(self.slope, velocity)
 
     def columns(self) -> Columns:
         """The derivative (k, 2, n) by each of the sensor's own blocks."""

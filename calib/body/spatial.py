@@ -231,7 +231,8 @@ class SpatialStructure(Structure):
     def sensor(self, beta: Array) -> Placed:
         """The sensor: where it stands, its scale and its lens."""
         assert isinstance(self.measurement, InSpace)  # noqa: S101 - other readings are of fits alone
-        return self.measurement.placed(self.seeing(beta))
+        placed: Placed = self.fixed(beta).sensor["placed"]
+        return placed
 
 
 def _axes(rotation: Array) -> Array:

@@ -78,9 +78,13 @@ class InSpace(Measurement):
         turn = exponential(own["view.rotation"])
         return Placed(self.kind, turn, own["view.shift"], scale, own["lens"])
 
-    def look(self, own: Mapping[str, Array], motion: Motion, also: Array) -> View:  # noqa: ARG002
+    def ready(self, own: Mapping[str, Array]) -> Mapping[str, Any]:
+        """The sensor."""
+        return {"placed": self.placed(own)}
+
+    def look(self, own: Mapping[str, Any], motion: Motion, also: Array) -> View:  # noqa: ARG002
         """See the tip."""
-        return look(self.placed(own), motion.position, motion.rotation)
+        return look(own["placed"], motion.position, motion.rotation)
 
     def residual(self, z: Array, predicted: Array) -> Array:
         """Residuals (n, m) of observed against predicted outputs.

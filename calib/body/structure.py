@@ -13,11 +13,11 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cached_property
 from itertools import product
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from ..arm.spatial_chain import Links, Motion, move
+from ..arm.spatial_chain import Motion, move
 from ..common.arrays import Array
 from .curves import HARMONICS, curve_slope, curve_value, powers
 from .measurement import Measurement, Moved, Sight
@@ -26,6 +26,18 @@ from .views import VIEWS_OF_BODIES, ViewKind
 
 Ladder = tuple[tuple[str, tuple[str, ...]], ...]
 """The gate's members from simple to rich: a name and the blocks that it frees."""
+
+
+class Fixed(NamedTuple):
+    """What follows from the parameters alone, whatever the joints are."""
+
+    gain: Array  # (dof, 1), with each joint's direction
+    offset: Array  # (dof, 1) [rad or m]
+    bent: list[int]  # joints that have an error curve
+    curves: Array  # (k, 96) [rad]
+    elastic: Array | None  # (e,), None where nothing bends
+    links: Any  # of the chain
+    sensor: Mapping[str, Any]  # the sensor's own parameters, by block, and what follows from them
 
 
 class Structure:
@@ -94,8 +106,8 @@ class Structure:
         """The gate's members from simple to rich."""
         raise NotImplementedError
 
-    def links(self, beta: Array) -> Links:
-        """The chain's links."""
+    def links(self, beta: Array) -> Any:
+        """What `move` needs of the parameters."""
         raise NotImplementedError
 
     def moving(self, motion: Motion, beta: Array) -> Iterator[tuple[Indices, Callable[[], Moved]]]:
@@ -178,25 +190,37 @@ class Structure:
 
     def joint_values(self, q: Array, beta: Array) -> Array:
         """True values (c, n) of the chain's joints at logged values (n, dof) [rad or m]."""
-        groups = self.groups
-        gain = beta[groups["gain"]] * self.directions
-        logged = np.ascontiguousarray(q.T[: self.dof])
-        own = logged * gain[:, None] + self.offsets(beta)[:, None]
-        bent, curves = self._bent(beta)
-        if bent:  # all at once: of one row each operation costs as much as of a hundred
-            own[bent] += curve_value(logged[bent], curves)
+        fixed, logged = self.fixed(beta), np.ascontiguousarray(q.T[: self.dof])
+        own = logged * fixed.gain + fixed.offset
+        if fixed.bent:  # all at once: of one row each operation costs as much as of a hundred
+            own[fixed.bent] += curve_value(logged[fixed.bent], fixed.curves)
         values = self.coupled(own)
-        if (elastic := beta[groups["elastic"]]).any():
+        if fixed.elastic is not None:
             loads, joints = self._loads(q)
-            for joint, load in zip(joints.tolist(), elastic[:, None] * loads, strict=True):
+            for joint, load in zip(joints.tolist(), fixed.elastic[:, None] * loads, strict=True):
                 values[joint] += load
         return values
 
-    def _bent(self, beta: Array) -> tuple[list[int], Array]:
-        """Joints that have an error curve, and the curves (k, 96) [rad]."""
-        every = [beta[self.groups[f"curve.{k}"]] for k in range(self.dof)]
+    def fixed(self, beta: Array) -> Fixed:
+        """What follows from parameters (d,) alone, kept: those of a body are read-only."""
+        last = self._last.get("beta")
+        if last is None or not (last is beta or np.array_equal(last, beta)):
+            own = beta.copy() if beta.flags.writeable else beta
+            self._last.update(beta=own, fixed=self._fixed(own))
+        found: Fixed = self._last["fixed"]
+        return found
+
+    def _fixed(self, beta: Array) -> Fixed:
+        groups, own = self.groups, {name: beta[self.groups[name]] for name in self._sensor}
+        every = [beta[groups[f"curve.{k}"]] for k in range(self.dof)]
         bent = [k for k, curve in enumerate(every) if curve.any()]
-        return bent, np.reshape([every[k] for k in bent], (-1, 2 * HARMONICS))
+        elastic = beta[groups["elastic"]]
+        return Fixed(
+            (beta[groups["gain"]] * self.directions)[:, None], self.offsets(beta)[:, None],
+            bent, np.reshape([every[k] for k in bent], (-1, 2 * HARMONICS)),
+            elastic if elastic.any() else None, self.links(beta),
+            {**own, **self.measurement.ready(own)},
+        )  # fmt: skip
 
     def offsets(self, beta: Array) -> Array:
         """What is added to the joints' values (dof,)."""
@@ -223,7 +247,7 @@ class Structure:
 
     def move(self, values: Array, beta: Array) -> Motion:
         """Where the chain is at the true values (c, n) of its joints."""
-        return move(self.links(beta), values)
+        return move(self.fixed(beta).links, values)
 
     def seen(self, q: Array, beta: Array) -> tuple[Motion, Sight]:
         """Where the chain is at rows (n, dof + g), and what the sensor sees of it.
@@ -231,11 +255,7 @@ class Structure:
         Further columns than the joints' are what a row tells the measurement.
         """
         motion = self.move(self.joint_values(q, beta), beta)
-        return motion, self.measurement.look(self.seeing(beta), motion, q[:, self.dof :])
-
-    def seeing(self, beta: Array) -> dict[str, Array]:
-        """Values of the sensor's own parameters, by block."""
-        return {name: beta[self.groups[name]] for name in self._sensor}
+        return motion, self.measurement.look(self.fixed(beta).sensor, motion, q[:, self.dof :])
 
     def predict(self, q: Array, beta: Array) -> Array:
         """Outputs (n, m) at joint values (n, dof); a rotation is a rotation vector."""
@@ -299,14 +319,14 @@ class Structure:
 
     def by_joints(self, q: Array, beta: Array, chained: Array) -> Array:
         """Derivative (n, m, dof) by the logged joints, of outputs (c, m, n) by the chain's."""
-        joints, groups = q[:, : self.dof], self.groups
-        rates = np.repeat((beta[groups["gain"]] * self.directions)[:, None], len(q), axis=1)
-        bent, curves = self._bent(beta)
-        if bent:
-            rates[bent] += curve_slope(joints.T[bent], curves)
+        joints, fixed = q[:, : self.dof], self.fixed(beta)
+        rates = fixed.gain
+        if fixed.bent:
+            rates = np.repeat(rates, len(q), axis=1)
+            rates[fixed.bent] += curve_slope(joints.T[fixed.bent], fixed.curves)
         moved = self.led(chained) * rates[:, None]
-        if (elastic := beta[groups["elastic"]]).any():
-            slopes = elastic[:, None, None] * self.load_slopes(joints)
+        if fixed.elastic is not None:
+            slopes = fixed.elastic[:, None, None] * self.load_slopes(joints)
             moved += np.einsum("emn,ekn->kmn", chained[self._loads(q)[1]], slopes)
         return np.ascontiguousarray(moved.transpose(2, 1, 0))
 

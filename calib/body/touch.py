@@ -69,7 +69,11 @@ class Touch(Measurement):
         facts[:, -4] = self.count + np.arange(len(facts))
         return np.concatenate([np.column_stack([q, point, x]), facts])
 
-    def look(self, own: Mapping[str, Array], motion: Motion, also: Array) -> _Touched:
+    def ready(self, own: Mapping[str, Array]) -> Mapping[str, Any]:
+        """What its tip asks for."""
+        return self.tip.ready(own)
+
+    def look(self, own: Mapping[str, Any], motion: Motion, also: Array) -> _Touched:
         """See the tip in its sockets."""
         seen = self.tip.look(own, motion, also)
         places = own["point"].reshape(-1, 3)

@@ -69,6 +69,8 @@ class Newton:
         would push further is left out of that step, so that the others take over. A target counts
         as met within a share `tolerance` of the extent.
         """
+        if not len(u):
+            return u, np.zeros(0)
         if len(u) > _CHUNK:
             chunks = (slice(i, i + _CHUNK) for i in range(0, len(u), _CHUNK))
             parts = [self.refine(u[rows], x[rows], tolerance, steps) for rows in chunks]
@@ -93,10 +95,14 @@ class Newton:
             moved = np.abs(trial - u).max(axis=0)
             better = now < distance
             stalled = (distance - now < 1e-9 * distance) & (better | (distance < rounding))
-            u, gap = np.where(better, trial, u), np.where(better, new_gap, gap)
-            distance, slope = np.minimum(now, distance), np.where(better, new_slope, slope)
-            damping = np.where(better, damping / 30, np.maximum(damping * 30, 1e-6))
-            damping = np.maximum(damping, 1e-12)
+            if better.all():  # most steps are: nothing has to be chosen row by row
+                u, gap, distance, slope = trial, new_gap, now, new_slope
+                damping = np.maximum(damping / 30, 1e-12)
+            else:
+                u, gap = np.where(better, trial, u), np.where(better, new_gap, gap)
+                distance, slope = np.minimum(now, distance), np.where(better, new_slope, slope)
+                damping = np.where(better, damping / 30, np.maximum(damping * 30, 1e-6))
+                damping = np.maximum(damping, 1e-12)
             found[:, rows], left[rows] = u, distance
             going = ~(stalled | (distance < met) | (moved < 1e-15) | (damping > 1e3))
         return found.T, left
@@ -119,7 +125,7 @@ class Newton:
         followed by :meth:`refine`, and kept if it is closer. The length of a move follows from the
         last one (Barzilai and Borwein 1988), because the self-motion is curved.
         """
-        if not len(u) or len(self._left(u[:1].T, x[:1])[0]) >= u.shape[1]:
+        if self.task.gap(x[:1], x[:1]).shape[1] >= u.shape[1]:
             return self.refine(u, x)
         u, distance = self.refine(u, x, CLOSE)
         u = u.copy()
@@ -149,10 +155,15 @@ class Newton:
         u[rows] = at
         return self.refine(u, x)
 
-    def rate(self, u: Array, gap: Array, damping: float = _CALM) -> Array:
+    def rate(self, u: Array, gap: Array) -> Array:
         """A damped move (n, dof) of the joints `u` that carries the tip along `gap` (n, m)."""
         slope = _transposed(self.task.value_and_slope(u)[1])
-        return np.asarray(self._step(u.T, slope, gap.T, np.full(len(u), damping)).T)
+        return np.asarray(self._step(u.T, slope, gap.T, np.full(len(u), _CALM)).T)
+
+    def towards(self, u: Array, x: Array, damping: float) -> Array:
+        """One step (n, dof) of the joints `u` towards targets `x` (n, k)."""
+        gap, slope = self._left(u.T, x)
+        return np.asarray(self._step(u.T, slope, gap, np.full(len(u), damping)).T)
 
     def tangent(self, u: Array, wish: Array) -> Array:
         """What of a wished move (n, dof) leaves the position as it is, limits kept."""
@@ -243,16 +254,13 @@ class Newton:
         `found` (k, dof) leave `now` (k,) of the targets `owner` (k,).  A target that is met goes
         before one that is missed, then joints close to `near` (n, dof).
         """
-        if not len(owner):
-            return
-        asked = np.unique(owner)
-        owner = np.append(asked, owner)
-        every, left_over = np.concatenate([u[asked], found]), np.append(left[asked], now)
+        owner = np.concatenate([np.arange(len(u)), owner])
+        every, left_over = np.concatenate([u, found]), np.concatenate([left, now])
         met = left_over <= CLOSE * self.extent
         away = np.linalg.norm(self.scale.difference(every, near[owner]), axis=1)
         order = np.lexsort((np.where(met, away, left_over), ~met, owner))
-        best = order[np.append(True, np.diff(owner[order]) > 0)]
-        u[asked], left[asked] = every[best], left_over[best]
+        best = order[np.searchsorted(owner[order], np.arange(len(u)))]
+        u[:], left[:] = every[best], left_over[best]
 
 
 def damped_solution(slope: Array, gap: Array, damping: Array) -> Array:

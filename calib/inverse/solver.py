@@ -13,13 +13,13 @@ from ..common.scale import Scale
 from ..maps.association import Association
 from ..maps.predictor import Predictor
 from .newton import CLOSE, Newton, Positions, shortened
-from .starts import Starts, distinct, drawn, place_of, twins
+from .starts import FOLDED, Starts, distinct, drawn, place_of, twins
 
 _SAME = 1e-5  # of the joints' range: solutions that are closer are one
 _SHORT = 0.03  # of the joints' range: after a first step so short the start is the joints given
 _BESIDE = 0.005  # of the joints' range: an answer so near is on the same branch
 _ALIKE = 4.0  # node spacings: solutions of redundant joints that are about as close
-_FOLDED, _ACROSS = 0.05, 0.3  # as `twins` has them
+_ACROSS = 0.3  # as `twins` has it
 _MANY, _DRAWN = 3, 128  # spare joints of which no lattice holds all families: starts are drawn
 # joints from which what was missed is tried again; what is drawn so far beyond a limit is at it
 _AGAIN, _BEYOND = 32, 0.2
@@ -75,22 +75,23 @@ class Solver:
         u, distance = self.clip(near), np.full(len(x), np.inf)
         beside = np.arange(len(x))
         if not self.redundant:
-            step = self.newton.rate(u, x - self.predictor.value(u), 1e-12)
+            step = self.newton.towards(u, x, 1e-12)
             beside = np.flatnonzero(np.abs(step).max(axis=1) < _SHORT)
-        u[beside], distance[beside] = self.newton.settle(u[beside], x[beside], near[beside])
+        if len(beside):
+            u[beside], distance[beside] = self.newton.settle(u[beside], x[beside], near[beside])
         away = np.linalg.norm(self.scale.difference(u, near), axis=1)
         alike = _ALIKE * self.association.motor.spacing if self.redundant else _BESIDE
         rows = np.flatnonzero((distance > CLOSE * self.extent) | (away > alike))
         if len(rows):  # where that misses or leads far away, from the links
-            start = self.starts.of(x[rows])
+            start, folded = self.starts.of(x[rows])
             away = np.linalg.norm(self.scale.difference(start, near[rows, None]), axis=2)
             away = np.where(np.isnan(away), np.inf, away)
             first = away.min(axis=1, keepdims=True)
             close = away <= (first + alike if self.redundant else np.inf)
             owner, column = np.nonzero(close & np.isfinite(away))
             self._try(u, distance, x, near, rows[owner], start[owner, column])
-            if not self.redundant:
-                owner, across = twins(self.newton, u[rows], _FOLDED, _ACROSS)
+            if len(rows := rows[folded]):
+                owner, across = twins(self.newton, u[rows], FOLDED, _ACROSS)
                 self._try(u, distance, x, near, rows[owner], across)
         missed = np.flatnonzero(distance > CLOSE * self.extent)
         if len(missed):  # and from more places
@@ -106,6 +107,8 @@ class Solver:
         self, u: Array, left: Array, x: Array, near: Array, owner: Index, start: Array
     ) -> None:
         """Replace answers by better ones from starts (k, dof) for targets (k,), in place."""
+        if not len(owner):
+            return
         found = self.newton.settle(start, x[owner], near[owner])
         self.newton.take_better(u, left, near, owner, *found)
 
@@ -128,7 +131,7 @@ class Solver:
 
     def solutions(self, x: Array) -> tuple[Index, Array, Array]:
         """Solutions of each target as `solve_all` finds them, many of each family."""
-        start = self.starts.of(x)
+        start, _ = self.starts.of(x)
         target, column = np.nonzero(~np.isnan(start[..., 0]))
         u = start[target, column]
         if u.shape[1] >= x.shape[1] + _MANY:
@@ -136,7 +139,7 @@ class Solver:
             u = np.concatenate([u, np.tile(drawn(_DRAWN, u.shape[1]), (len(x), 1))])
         u, distance = self.newton.refine(u, x[target])
         if not self.redundant:  # where branches meet they change much between neighbouring nodes
-            row, across = twins(self.newton, u, _FOLDED, _ACROSS)
+            row, across = twins(self.newton, u, FOLDED, _ACROSS)
             folded = np.unique(target[row])
             owner, wide = self.starts.propose(x[folded], _WIDE)
             owner, more = np.append(target[row], folded[owner]), np.concatenate([across, wide])

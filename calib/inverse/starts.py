@@ -21,6 +21,7 @@ _APART = 0.3  # solutions of two joints closer than so many spacings are one
 _MISSED = 2.0  # a start may miss its sensory node by so many of its spacings
 _WIDTH, _WIDEST = 8, 32  # most starts of a sensory node, and of redundant arms
 _AHEAD = 48  # sensory nodes that a single query makes known
+FOLDED = 0.05  # share of the Jacobian's sum of squares of the least direction beside a fold
 _FLAT = 1e-2  # of the largest singular value: directions below are left out of a first step
 
 _PROBE = 1e-4  # of the joints' range: step of the derivative of the least singular value
@@ -39,18 +40,27 @@ class Starts:
         self._redundant = dof > association.sensory.units.shape[1]
         self._known = np.zeros(nodes, dtype=bool)
         self._u = np.full((nodes, _WIDEST if self._redundant else _WIDTH, dof), np.nan)
+        self._value = np.zeros((*self._u.shape[:2], association.sensory.units.shape[1]))
+        self._inverse = np.zeros((*self._u.shape, self._value.shape[2]))
+        self._folded = np.zeros(nodes, dtype=bool)
 
-    def of(self, x: Array) -> Array:
-        """Starts (n, k, dof) for targets `x` (n, m), those of the nearest node; NaN fills rows."""
+    def of(self, x: Array) -> tuple[Array, NDArray[np.bool_]]:
+        """Starts (n, k, dof) for targets `x` (n, m), and whether a fold may be near (n,).
+
+        They are those of the nearest node, a linear step towards the target on; NaN fills rows.
+        """
         sensory = self.association.sensory
         node = sensory.nearest(sensory.scale.to_unit(x))[1][:, 0]
-        missing = np.unique(node[~self._known[node]])
+        missing = node[~self._known[node]]
         if 0 < len(missing) < _AHEAD:  # single queries follow each other: their neighbours, too
             around = sensory.nearest(sensory.units[missing], min(_AHEAD, sensory.size))[1]
-            missing = np.unique(around[~self._known[around]])
+            missing = around[~self._known[around]]
         if len(missing):
-            self._learn(missing)
-        return self._u[node]
+            self._learn(np.unique(missing))
+        step = _linear(self._inverse[node], x[:, None] - self._value[node])
+        u = self._u[node].reshape(-1, self._u.shape[2])
+        u = u + shortened(step.reshape(u.shape), _REACH * self.association.motor.spacing)
+        return self.newton.clip(u).reshape(step.shape), self._folded[node]
 
     def _learn(self, nodes: Index) -> None:
         """Refine what the links propose for sensory nodes, the best of each branch."""
@@ -68,7 +78,13 @@ class Starts:
         target, u = target[keep], u[keep]
         place = place_of(target)
         fits = place < self._u.shape[1]
-        self._u[nodes[target[fits]], place[fits]] = u[fits]
+        at, u = (nodes[target[fits]], place[fits]), u[fits]
+        self._u[at] = u
+        self._value[at], slope = self.newton.task.value_and_slope(u)
+        self._inverse[at] = np.linalg.pinv(slope, rcond=_FLAT)
+        if not self._redundant:
+            size = np.asarray(np.linalg.svd(slope, compute_uv=False), dtype=float)
+            self._folded[at[0][folded(size, FOLDED)]] = True
         self._known[nodes] = True
 
     def propose(self, x: Array, sensory_nodes: int = _SENSORY) -> tuple[Index, Array]:
@@ -83,7 +99,7 @@ class Starts:
         pair = np.unique(found.rows // seen.shape[1] * motor.size + found.indices)
         target, node = np.divmod(pair, motor.size)
         value, inverse = self._nodes
-        step = np.einsum("nij,nj->ni", inverse[node], x[target] - value[node])
+        step = _linear(inverse[node], x[target] - value[node])
         length = np.linalg.norm(step, axis=1) / motor.spacing
         u = self.newton.clip(motor.units[node] + shortened(step, _REACH * motor.spacing))
         # one proposal per cell: the one with the shortest step
@@ -105,6 +121,16 @@ class Starts:
         units = np.clip(self.association.motor.units, 0.0, 1.0)
         value, slope = self.newton.task.value_and_slope(units)
         return value, np.asarray(np.linalg.pinv(slope, rcond=_FLAT), dtype=float)
+
+
+def _linear(inverse: Array, gap: Array) -> Array:
+    """Steps (..., dof) that inverse Jacobians (..., dof, m) take along gaps (..., m)."""
+    return np.asarray((inverse * gap[..., None, :]).sum(axis=-1))
+
+
+def folded(size: Array, share: float) -> NDArray[np.bool_]:
+    """Whether the least of singular values (n, m) tells a fold (n,): its share of their squares."""
+    return np.asarray(size[:, -1] ** 2 <= share * (size * size).sum(axis=1))
 
 
 def drawn(n: int, dof: int, beyond: float = 0.0) -> Array:
@@ -139,7 +165,7 @@ def twins(newton: Newton, u: Array, share: float, far: Any) -> tuple[Index, Arra
     """
     slope = newton.task.value_and_slope(u)[1]
     sides, size, ways = np.linalg.svd(slope, full_matrices=False)
-    rows = np.flatnonzero(size[:, -1] ** 2 <= share * (size * size).sum(axis=1))
+    rows = np.flatnonzero(folded(size, share))
     if not len(rows):
         return rows, u[:0]
     side, flat = sides[rows, :, -1], ways[rows, -1]

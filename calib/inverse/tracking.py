@@ -109,8 +109,8 @@ class _Follower:
         """Whether the links lead to joints that meet the target of a row."""
         if self._reached[row] < 0:
             solver, x = self._solver, self._x[row : row + 1]
-            (u,) = solver.starts.of(x)
-            u = u[~np.isnan(u[:, 0])]
+            start, _ = solver.starts.of(x)
+            u = start[~np.isnan(start[..., 0])]
             left = solver.newton.refine(u, np.repeat(x, len(u), axis=0), CLOSE)[1]
             self._reached[row] = (left <= CLOSE * solver.extent).any()
         return bool(self._reached[row])
@@ -122,7 +122,7 @@ class _Follower:
         met, trial, rest = np.zeros(len(u), dtype=bool), u.copy(), np.arange(len(u))
         if solver.redundant:
             # redundant joints use what is free to keep away from their limits
-            step = newton.rate(u, targets - solver.predictor.value(u), 1e-9)
+            step = newton.towards(u, targets, 1e-9)
             free = newton.tangent(u, solver.scale.difference(np.full_like(u, 0.5), u))
             longest = _DRIFT * np.linalg.norm(step, axis=1)
             share = longest / np.maximum(np.linalg.norm(free, axis=1), 1e-300)

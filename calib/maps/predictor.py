@@ -77,4 +77,4 @@ class Predictor:
 
 
 def _parts(u: Array) -> list[Array]:
-    return np.split(u, range(_ROWS, len(u), _ROWS))
+    return [u] if len(u) <= _ROWS else np.split(u, range(_ROWS, len(u), _ROWS))

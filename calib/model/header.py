@@ -129,7 +129,7 @@ class Header:
             u = np.clip(model.motor.units[nodes[thinned(len(nodes), _POSTURES)]], 0.0, 1.0)
         else:
             places = model.sensory.weights
-            start = solver.starts.of(places[thinned(len(places), _PLACES)])
+            start, _ = solver.starts.of(places[thinned(len(places), _PLACES)])
             u = start.reshape(-1, start.shape[2])
             u = u[np.isfinite(u[:, 0])]
         return model.motor.scale.from_unit(u), model.predictor.value(u)

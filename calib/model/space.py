@@ -221,8 +221,9 @@ class Space:
             v = scale.to_unit(rows)
             order = np.argsort(np.linalg.norm(scale.difference(v, wish[i]), axis=1), kind="stable")
             others[i] = v = v[order[: _FAMILIES if spare else None]]
-            owner = np.full(len(v), i)
-            newton.take_better(u, left, wish, owner, *newton.settle(v, target[owner], wish[owner]))
+            own, owner = slice(i, i + 1), np.zeros(len(v), dtype=np.intp)
+            found = newton.settle(v, target[own][owner], wish[own][owner])
+            newton.take_better(u[own], left[own], wish[own], owner, *found)
         self._again(newton, u, left, target, wish)
         nearest = [row[None] for row in scale.from_unit(u)]
         if not every:
