@@ -13,9 +13,12 @@ FREE = 1e3
 SHIFT, TURN = 1e-3, float(np.radians(0.1))
 """Joint origins are where a drawing says to 1 mm and 0.1 deg [m, rad], or some times that."""
 
-WIDER = (0.2, 20.0)
-"""Times a drawing's prior sd, between which the evidence finds it.  Of an arm whose origins were
-off by .3 mm, a board's corners told what is in the hand to .46 mm, with 1 mm at least to 2.3."""
+WIDER = (1.0, 20.0)
+"""Times a drawing's prior sd, between which the evidence finds it."""
+
+FINER = (0.2, 20.0)
+"""The same where corners or touches tell them: of an arm whose origins were off by .3 mm, a board
+told what is in the hand to .46 mm, with 1 mm at least to 2.3."""
 
 SERVOS = (1.0, 100.0)
 """The same of offsets: 0.1 deg where an arm was calibrated, 10 deg where servos were put on."""
