@@ -28,6 +28,9 @@ Ladder = tuple[tuple[str, tuple[str, ...]], ...]
 """The gate's members from simple to rich: a name and the blocks that it frees."""
 
 
+_BELIEFS = 8  # vectors of parameters of which is kept what follows from them
+
+
 class Fixed(NamedTuple):
     """What follows from the parameters alone, whatever the joints are."""
 
@@ -203,12 +206,18 @@ class Structure:
 
     def fixed(self, beta: Array) -> Fixed:
         """What follows from parameters (d,) alone, kept: those of a body are read-only."""
-        last = self._last.get("beta")
-        if last is None or not (last is beta or np.array_equal(last, beta)):
-            own = beta.copy() if beta.flags.writeable else beta
-            self._last.update(beta=own, fixed=self._fixed(own))
-        found: Fixed = self._last["fixed"]
-        return found
+        key = None if beta.flags.writeable else id(beta)
+        last = self._kept.get(key)
+        if last is None or not (last[0] is beta if key else np.array_equal(last[0], beta)):
+            if len(self._kept) > _BELIEFS:
+                self._kept.clear()
+            own = beta if key else beta.copy()
+            last = self._kept[key] = (own, self._fixed(own))
+        return last[1]
+
+    @cached_property
+    def _kept(self) -> dict[int | None, tuple[Array, Fixed]]:
+        return {}
 
     def _fixed(self, beta: Array) -> Fixed:
         groups, own = self.groups, {name: beta[self.groups[name]] for name in self._sensor}
