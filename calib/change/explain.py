@@ -145,10 +145,20 @@ def is_changed(found: Sequence[Explanation]) -> bool:
 
 
 def weighed(some: Sequence[Explanation]) -> list[tuple[float, Explanation]]:
-    """The explanations that count, best first, with their posterior weights."""
-    some = [e for e in some if e.evidence > some[0].evidence - MARGIN][:_AVERAGED]
-    weight = np.exp(np.array([e.evidence for e in some]) - some[0].evidence)
-    return list(zip((weight / weight.sum()).tolist(), some, strict=True))
+    """The explanations that count with their posterior weights, that to update by first.
+
+    It is the best, with the least residual of the log's own that the evidence hardly tells from it.
+    """
+    best = some[0]
+    some = [e for e in some if e.evidence > best.evidence - MARGIN][:_AVERAGED]
+    weight = np.exp(np.array([e.evidence for e in some]) - best.evidence)
+    chosen = list(zip((weight / weight.sum()).tolist(), some, strict=True))
+
+    def alike(e: Explanation) -> bool:
+        return e.hypothesis == best.hypothesis and e.evidence > best.evidence - NATS
+
+    first = min(filter(alike, some), key=lambda e: OWN.index((e.factor, e.waves)))
+    return sorted(chosen, key=lambda pair: pair[1] is not first)
 
 
 def simplest(found: Sequence[Explanation]) -> Explanation:

@@ -8,7 +8,7 @@ that of an F test, so that a noise of few rows is not taken for known.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -39,6 +39,8 @@ from .settings import (
 _ROWS = 300  # their power grows with the rows, their work with the rows too
 
 _FINER = (0.5, 0.7, 1.0, 1.4, 2.0)  # times the noise of an encoder, once one is found
+_STEP = 0.2  # of the logarithm of a noise; a likelihood changes by .02 nats
+_SAME = "same"
 _LASTING = 10  # rows over which noise may last
 
 DRIFT = "drift"
@@ -146,7 +148,7 @@ class _Groups(NamedTuple):
 
 
 class _Tests:
-    """How much more likely [nats, twice] each group makes the log, for one shape of the noise."""
+    """How likely [nats] each group makes the log, for one shape of the noise."""
 
     def __init__(
         self, reference: Reference, log: Log, groups: _Groups,
@@ -155,74 +157,97 @@ class _Tests:
         self.noisy, self.groups = noisy, groups
         self.equations = e = Equations(reference, log, crept=CREPT, noisy=noisy)
         self.y, self.x = e.whiten(groups.residual), e.whiten(groups.x)
-        # where nothing changed, in `Reference.sizes`
-        self.noise = e.most_likely_noise(self.y, e.usual)
-        self.power, self.pull = e.information(self.y, self.x, self.noise)
-        self.same = float(e.likelihood(self.y, self.noise)[0])
-        told = e.values / (self.noise**2 + e.values)
-        self.left = len(self.y) - float((1.0 - (1.0 - told) ** 2).sum())
+        # from the usual one to that where nothing changed, in `Reference.sizes`
+        most = e.most_likely_noise(self.y, e.usual)
+        self.sizes = np.geomspace(e.usual, most, 2 + int(math.log(most / e.usual) / _STEP))
+        self.told = [e.information(self.y, self.x, size) for size in self.sizes.tolist()]
+        told = e.values / (self.sizes[:, None] ** 2 + e.values)
+        self.left = len(self.y) - (1.0 - (1.0 - told) ** 2).sum(axis=1)
         # a larger smooth residual, or waves of a joint's curve, as of no smooth residual
         others = [e.larger(factor) for factor in DRIFTS]
         if noisy is None and reference.body.rows:
             others.append(Equations(reference, log, waves=OWN[2][1] / CREPT, crept=CREPT))
-        found = (o.likelihood(self.y, o.most_likely_noise(self.y, o.usual))[0] for o in others)
-        self.gains = {DRIFT: (2.0 * max(float(max(found)) - self.same, 0.0), 1)}
+        same = e.likelihood(self.y, self.sizes)
+        drift = np.max([other.likelihood(self.y, self.sizes) for other in others], axis=0)
+        self.fits = {_SAME: _Fit.of(same, 0), DRIFT: _Fit.of(drift, 1)}
         for name, ix in groups.columns.items():
-            values, _, turned = self._turned(ix)
-            square, n = float((turned**2 / values).sum()), len(self.y)
-            # as of a regression: what a group explains makes the noise smaller
-            self.gains[name] = -n * math.log(max(1.0 - square / n, 1e-200)), len(values)
+            found = [self.turned(ix, at) for at in range(len(self.sizes))]
+            square = np.array([float((turned**2 / values).sum()) for values, _, turned in found])
+            self.fits[name] = _Fit.of(same + 0.5 * square, len(found[0][0]))
 
-    def _turned(self, ix: Indices) -> tuple[Array, Array, Array]:
+    def turned(self, ix: Indices, at: int) -> tuple[Array, Array, Array]:
         """Directions that the rows tell apart of a group: values, vectors (p, k), and moments."""
-        size = np.sqrt(np.maximum(self.power[ix, ix], 1e-300))
-        values, vectors = np.linalg.eigh(self.power[np.ix_(ix, ix)] / size[:, None] / size)
+        power, pull = self.told[at]
+        size = np.sqrt(np.maximum(power[ix, ix], 1e-300))
+        values, vectors = np.linalg.eigh(power[np.ix_(ix, ix)] / size[:, None] / size)
         clear = values > 1e-9 * values[-1]
         vectors = vectors[:, clear] / size[:, None]
-        return values[clear], vectors, vectors.T @ self.pull[ix]
+        return values[clear], vectors, vectors.T @ pull[ix]
 
     @property
-    def best(self) -> tuple[float, float]:
-        """Likelihood [nats] of the best hypothesis and its noise, by Akaike's criterion.
+    def best(self) -> tuple[float, int]:
+        """Likelihood [nats] of the best hypothesis and where its noise stands in `sizes`.
 
-        With its term of few rows (Hurvich 1989).
+        By Akaike's criterion with its term of few rows (Hurvich 1989).
         """
-        tried = [(self.same, self.noise)]
-        for gain, k in self.gains.values():
-            less = k * (1 + (k + 1) / max(self.left - k - 1, 0.1))
-            noise = self.noise * math.exp(-0.5 * gain / len(self.y))
-            tried.append((self.same + 0.5 * gain - less, max(noise, self.equations.usual)))
+        tried = []
+        for value, at, k in self.fits.values():
+            less = k * (1 + (k + 1) / max(float(self.left[at]) - k - 1, 0.1))
+            tried.append((value - less, at))
         return max(tried)
 
-    def judged(self) -> list[GroupTest]:
-        """Each group's test."""
-        from scipy.special import chndtrinc, fdtrc, fdtri
+    @property
+    def noise(self) -> float:
+        """Most likely noise of the best hypothesis, in `Reference.sizes`."""
+        return float(self.sizes[self.best[1]])
 
-        # rows that err together count once
-        temper = autocorrelation_time(self.equations.rest(self.y, self.noise, self.x))
-        power, _ = self.equations.information(self.y, self.x, self.best[1])
-        count, found = len(self.y) / temper, []
-        for name, (gain, freedom) in self.gains.items():
-            left = self.left / temper - freedom
-            if not freedom or left < LEFT:
-                continue
-            statistic = gain / temper
-            # a gain of a log likelihood, as the F of a regression with as many rows
-            f = left / freedom * np.expm1(min(statistic / count, 500.0))
-            p = min(1.0, float(fdtrc(freedom, left, f)) * len(self.gains))
-            if name == DRIFT:
-                found.append(GroupTest(name, p, statistic))
-                continue
-            place = self.groups.columns[name]
-            values, vectors, turned = self._turned(place)
-            deviation = np.sqrt((vectors**2 / values).sum(axis=1) * temper)
-            change = self.groups.every[place], vectors @ (turned / values), deviation
-            most = freedom / left * float(fdtri(freedom, left, 1.0 - FALSE_ALARM / len(self.gains)))
-            needed = chndtrinc(count * np.log1p(most), freedom, 1.0 - POWER) * temper
-            told = max(float(power[place[0], place[0]]), 1e-300)
-            smallest = float(np.sqrt(needed / told) * self.groups.moves[place[0]])
-            found.append(GroupTest(name, p, statistic, freedom, change, smallest))
-        return found
+
+class _Fit(NamedTuple):
+    """One hypothesis under its most likely noise."""
+
+    value: float  # log likelihood [nats]
+    at: int  # where the noise stands in the sizes
+    freedom: int  # directions that the rows tell apart
+
+    @staticmethod
+    def of(values: Array, freedom: int) -> _Fit:
+        """Of likelihoods (s,) under all sizes."""
+        return _Fit(float(values.max()), int(values.argmax()), freedom)
+
+
+def _judged(tests: Sequence[_Tests]) -> list[GroupTest]:
+    """Each group's test, where every hypothesis has the most likely shape of the noise."""
+    from scipy.special import chndtrinc, fdtrc, fdtri
+
+    same, likely = max(tests, key=lambda t: t.fits[_SAME]), max(tests, key=lambda t: t.best)
+    usual, noise = same.fits[_SAME].value, float(same.sizes[same.fits[_SAME].at])
+    # rows that err together count once
+    temper = autocorrelation_time(same.equations.rest(same.y, noise, same.x))
+    power = likely.told[likely.best[1]][0]
+    count, found, names = len(same.y) / temper, [], [n for n in same.fits if n != _SAME]
+    for name in names:
+        best = max(tests, key=lambda t: t.fits[name])
+        value, at, freedom = best.fits[name]
+        left = float(best.left[at]) / temper - freedom
+        if not freedom or left < LEFT:
+            continue
+        statistic = max(2.0 * (value - usual), 0.0) / temper
+        # a gain of a log likelihood, as the F of a regression with as many rows
+        f = left / freedom * np.expm1(min(statistic / count, 500.0))
+        p = min(1.0, float(fdtrc(freedom, left, f)) * len(names))
+        if name == DRIFT:
+            found.append(GroupTest(name, p, statistic))
+            continue
+        place = best.groups.columns[name]
+        values, vectors, turned = best.turned(place, at)
+        deviation = np.sqrt((vectors**2 / values).sum(axis=1) * temper)
+        change = best.groups.every[place], vectors @ (turned / values), deviation
+        most = freedom / left * float(fdtri(freedom, left, 1.0 - FALSE_ALARM / len(names)))
+        needed = chndtrinc(count * np.log1p(most), freedom, 1.0 - POWER) * temper
+        told = max(float(power[place[0], place[0]]), 1e-300)
+        smallest = float(np.sqrt(needed / told) * best.groups.moves[place[0]])
+        found.append(GroupTest(name, p, statistic, freedom, change, smallest))
+    return found
 
 
 def group_tests(reference: Reference, log: Log, probes: Array) -> Tested:
@@ -236,32 +261,32 @@ def group_tests(reference: Reference, log: Log, probes: Array) -> Tested:
     if len(log.q) < FEW_ROWS:  # weights of few rows favour what their fit could follow
         log = replace(log, weight=np.where(log.kept, 1.0, log.weight))
     groups = _Groups.of(reference, log, probes)
-    calm = tests = _Tests(reference, log, groups)
-    found, usual, m = calm.judged(), calm.equations.usual, groups.residual.shape[1]
-    noise, noisy = calm.best[1] if any(g.score > 1.0 for g in found) else calm.noise, None
+    calm = _Tests(reference, log, groups)
+    found, usual, m = _judged([calm]), calm.equations.usual, groups.residual.shape[1]
+    at = calm.best[1] if any(g.score > 1.0 for g in found) else calm.fits[_SAME].at
+    noise, noisy = float(calm.sizes[at]), None
     more = noise > NOISIER * usual or any(g.name == DRIFT and g.score > 1 for g in found)
     if more and not len(reference.forgotten):
         slope = reference.structure.slope(log.q, reference.beta) / reference.sizes[:, None]
         lengths = np.sqrt((slope**2).sum(axis=1).mean(axis=0))
         joints = np.flatnonzero(lengths > 0.0).tolist()
-
-        def likeliest(shapes: Iterable[tuple[int, float]]) -> _Tests:
-            return max((_Tests(reference, log, groups, s) for s in shapes), key=lambda t: t.best)
-
         # so that at the tip both are alike
-        tests = likeliest((k, times / lengths[k]) for k in joints for times in JOINT_NOISES)
+        shapes = [(k, times / lengths[k]) for k in joints for times in JOINT_NOISES]
+        best = max((_Tests(reference, log, groups, s) for s in shapes), key=lambda t: t.best)
         # the joint whose encoder's noise makes the log clearly more likely, whatever changed
-        gain = max(2.0 * (tests.best[0] - calm.best[0]), 0.0)
-        if tests.noisy and float(chdtrc(1, gain)) * len(joints) < FALSE_ALARM:
+        gain = max(2.0 * (best.best[0] - calm.best[0]), 0.0)
+        if best.noisy and float(chdtrc(1, gain)) * len(joints) < FALSE_ALARM:
             # Robust weights took errors along one direction for outliers: 3 mrad of noise passed
             # for 2, its mean for an offset.
-            rest = tests.equations.whiten(groups.residual).reshape(-1, m) / tests.best[1]
+            rest = best.equations.whiten(groups.residual).reshape(-1, m) / best.noise
             near = (rest**2).sum(axis=1) <= OUTLIER**2 * m * log.weight
             log = replace(log, weight=np.where(log.kept | near, 1.0, log.weight))
-            joint, ratio = tests.noisy
-            tests = likeliest((joint, ratio * times) for times in _FINER)
-            found, noise = tests.judged(), tests.best[1]
-            noisy = joint, tests.noisy[1] * noise if tests.noisy else 0.0
+            joint, ratio = best.noisy
+            finer = [(joint, ratio * times) for times in _FINER]
+            tests = [_Tests(reference, log, groups, s) for s in (None, *finer)]
+            best = max(tests[1:], key=lambda t: t.best)
+            found, noise = _judged(tests), best.noise
+            noisy = joint, float((best.noisy or finer[0])[1] * noise)
     if noisy is None:  # what the weights leave out, as the median tells it
         rest = noise * calm.equations.rest(calm.y, noise, calm.x)
         away = np.linalg.norm(rest, axis=1) / np.sqrt(log.weight)
