@@ -24,6 +24,7 @@ from .belief import Body
 from .fitting import BodyFit, fit
 from .measurement import Columns, Measurement
 from .parameters import Block, Indices
+from .settings import FINER
 from .spatial import SpatialStructure
 from .spatial_start import frame
 from .spatial_view import InSpace, Placed, pixels
@@ -40,6 +41,7 @@ class Corners(Measurement):
 
     blocks = (2,)
     curves = False  # of 20 pictures they explained a board that had been moved by 5 cm
+    within = FINER
 
     def parameters(self) -> tuple[Block, ...]:
         """Where what stands still is, and the lens."""

@@ -146,15 +146,19 @@ def _second(
 ) -> Second | None:
     """What the member left out, for the bound: the whole chain, curves under a wider hyperprior.
 
-    None where the member has the chain and the rows speak against curves.
+    Lens and elasticity too.  None where the member has them and the rows speak against curves.
     """
-    fit = passed.fit
+    fit, groups = passed.fit, passed.fit.structure.groups
     bends = "curve" in passed.free or passed.against("curves") < settings.NO_CURVES
-    if not bends and set(chain) <= set(passed.free):
+    guarded = [name for name in ("elastic", "lens") if len(groups.get(name, ()))]
+    more = guarded if len(q) >= settings.GUARDED_ROWS else []
+    if not bends and {*chain, *more} <= set(passed.free):
         return None
-    free = tuple(dict.fromkeys((*passed.free, *chain, *(("curve",) if bends else ()))))
+    free = tuple(dict.fromkeys((*passed.free, *chain, *more, *(("curve",) if bends else ()))))
     prior = fit.structure.prior(free)
     sd = prior.sd.copy()
+    if "lens" in more and fit.structure.kind == "planar":
+        sd[groups["lens"]] = settings.GUARD_LENS, 0.0, 0.0
     sd[fit.active] = fit.sd
     (pseudo, rms), hypers = fit.structure.wide, []
     for h in prior.hypers:

@@ -108,12 +108,16 @@ class SensorPose:
             f"quaternion ({quaternion})"
         ]
         if self.told_sd.max() < 0.8 * self.position_sd.max():
+            size = "the arm's size, " if what == "camera" else ""
             lines.append(
                 f"  known to {1e3 * 1.96 * self.told_sd.max():.2g} mm but for what no reading "
-                "tells: a turn about and a shift along the first joint's axis"
+                f"tells: {size}a turn about and a shift along the first joint's axis"
             )
         if self.first:
-            lines.append(f"  its turn about {self.first} cannot be told from that joint's offset")
+            lines.append(
+                f"  its turn about {self.first} cannot be told from that joint's offset, which is "
+                "zero by convention"
+            )
         return lines
 
 

@@ -26,7 +26,7 @@ from .fit import BLOCKS, Fit
 from .fitting import BodyFit, fit
 from .measurement import Columns, Measurement
 from .parameters import Block, Indices
-from .settings import FREE, LOG_FLOOR, STATED, STUDENT, WIDER
+from .settings import FINER, FREE, LOG_FLOOR, STATED, STUDENT
 from .spatial import SpatialStructure
 from .spatial_view import InSpace
 
@@ -55,7 +55,7 @@ class Touch(Measurement):
     def within(self) -> tuple[float, float]:  # type: ignore[override]
         """Doubt of joint origins; not large where no distance tells how large the arm is."""
         sized = self.tip.kind != "base" or any(each.value is not None for each in self.known)
-        return (WIDER[0], 5.0 if sized else 1.0)
+        return (FINER[0], 5.0 if sized else 1.0)
 
     def parameters(self) -> tuple[Block, ...]:
         """The sockets."""

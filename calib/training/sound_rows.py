@@ -22,6 +22,7 @@ from ..samples.wrong_rows import contradicting_corner, contradictions
 from .smooth import NO_ARM, SmoothPart
 
 _Fit = Callable[[Samples], SmoothPart]
+_ROUNDS = 3  # after which a delay is as sure as it gets
 _STEPS = 8  # of a delay and the parameters beside it, from one fit
 _ORDERED_ROWS = 150  # rows that orders of joints are compared by
 _MANY_TIMES = 30.0  # the stated noise of a log: such errors are no calibration's
@@ -123,17 +124,19 @@ def _without_delay(
     if motion is None or delay is None or not delay.clear:
         return samples, None, [delay.note()] if delay is not None and delay.note() else []
 
-    def moved(delay: Delay) -> Samples:
+    moved, part = samples, None
+    for _ in range(_ROUNDS):  # where joints jump, a delay by rows is found by several
         q, _ = motion.before(delay.value)
         known = np.asarray(np.isfinite(q).all(axis=1))
-        return replace(samples.take(known), q=q[known])
-
-    if fit is not None:  # with curves that have not followed the delay
-        body = fit(moved(delay)).fit.body
+        moved = replace(samples.take(known), q=q[known])
+        if fit is not None:  # with curves that have not followed the delay
+            part = fit(moved)
+            body = part.fit.body
         again = _delay(samples, motion, body, delay.value, fresh=False)
-        delay = delay if again is None else replace(again, share=delay.share)
-    samples = moved(delay)
-    return samples, None if fit is None else fit(samples), [delay.note()]
+        if again is None or abs(again.value - delay.value) < again.sd:
+            break
+        delay = replace(again, share=delay.share)
+    return moved, part, [delay.note()]
 
 
 def _delay(

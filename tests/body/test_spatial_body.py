@@ -104,7 +104,7 @@ def test_a_fit_finds_the_arm_and_its_bound_holds_the_errors():
     np.testing.assert_array_equal(again.predict(fresh), body.predict(fresh))
     np.testing.assert_allclose(again.bound(fresh), body.bound(fresh), rtol=1e-5)
     words = " ".join(body.describe())
-    assert "cannot be told from that joint's offset" in words
+    assert "zero by convention" in words
     assert "elbow" in words
 
 
