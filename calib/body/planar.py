@@ -230,6 +230,12 @@ class PlanarStructure(Structure):
         )
         return tuple((name, groups) for name, groups, wanted in ladder if wanted)
 
+    @property
+    def reversals(self) -> int:
+        """How many joints turn against their drawing, and whether the sensor sees a mirror."""
+        drawn = self.nominal.signs if self.nominal else self.signs
+        return int(np.not_equal(drawn, self.signs).sum()) + (self.mirror < 0)
+
     def starts(self, q: Array, z: Array) -> list[tuple[Structure, Array]]:
         """Candidates of signs, mirror and parameters (d,), the best linear fits first.
 

@@ -15,6 +15,7 @@ from .spatial import SpatialStructure
 from .spatial_start import spatial_starts
 from .structure import Structure
 
+_TIED = 1e-2  # nats that no evidence tells apart
 _ROWS, _KEPT = 400, 8  # rows that the runs use at most, and runs carried on after six steps
 
 
@@ -64,9 +65,11 @@ def best_starts(
             fit = Fit(run.structure, q, z, run.beta, prior, nu=STUDENT, floor=none)
             runs[k] = Start(run.structure, *fit.settle(steps))
         runs = sorted(runs, key=lambda run: run.cost)[:_KEPT]
-    best = runs[0]
+    # A planar arm that turns the other way, seen from behind, fits as well: the drawing's own way.
+    tied = [run for run in runs if not run.cost > runs[0].cost + _TIED]
+    best = min(tied, key=lambda run: run.structure.reversals)
     there = best.structure.predict(ask, best.beta)
-    for run in runs[1:]:
+    for run in runs:
         apart = best.structure.residual(there, run.structure.predict(ask, run.beta))
         other = np.abs(apart / best.structure.extents).max() > max(APART, 20 * best.noise)
         if other and run.noise <= RIVAL_START * best.noise and np.isfinite(run.cost):

@@ -68,6 +68,11 @@ class Structure:
         return len(self.joint_names)
 
     @property
+    def reversals(self) -> int:
+        """How many joints turn against their drawing, and whether the sensor sees a mirror."""
+        return 0
+
+    @property
     def seen_as(self) -> ViewKind:
         """The kind of its sensor."""
         return VIEWS_OF_BODIES[self.kind][self.view]

@@ -215,3 +215,18 @@ def test_positions_that_no_planar_arm_explains_are_told():
     log = calib.Samples(q, seen, arm.joint_names, arm.lower, arm.upper, (True,) * 3, unit="px")
     notes = calib.train(log, size=4).about.notes
     assert any("no planar arm explains the positions" in note for note in notes), notes
+
+
+@pytest.mark.parametrize(
+    ("change", "mirrored"),
+    [("elbow.length=+5%", False), ("shoulder.offset=0.3", False), ("sensor.mirror=x", True)],
+)
+def test_a_changed_arm_is_not_told_as_one_that_turns_the_other_way(tmp_path, change, mirrored):
+    """Turned round and seen from behind it fits as well: the drawing's own signs are told."""
+    arm = calib.load_arm("two_link")
+    for seed in (0, 1, 2):
+        samples = calib.babble(arm, 100, seed=seed, noise=1 * MM, changes=[change])
+        calib.write_log(samples, tmp_path / "log.csv")
+        model = calib.train(calib.read_log(tmp_path / "log.csv", arm), size=5)
+        assert not any("against" in line for line in model.body.describe())
+        assert (model.body.structure.mirror < 0) == mirrored
