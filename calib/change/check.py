@@ -15,11 +15,12 @@ from ..errors import LogError, OptionError
 from ..maps.map import Map, search_tree
 from ..model.model import Model
 from ..samples.samples import Samples
-from .causes import Cause, find_causes
+from .causes import find_causes
 from .comparison import Comparison, compare
-from .decision import decide
+from .hypotheses import Cause
 from .score import GroupTest, fired
 from .settings import FALSE_ALARM
+from .update import update
 
 _SIGMAS = 4.0  # of the maps' distortions, skewed as they are
 _NO_BODY = "the model has no body: its rows are compared with its bound alone"
@@ -157,7 +158,7 @@ def check(
             smallest, told = float(np.median(model.expected_error(found.q))), (_NO_BODY,)
         else:
             score = max(score, found.tool.score)
-            adapts = score > 1.0 and decide(found)[0].improved
+            adapts = score > 1.0 and update(found).improved
         drifted: bool | None = score > 1.0
         if not drifted and tolerance is not None and smallest > tolerance:
             drifted = None

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -31,8 +30,6 @@ from .settings import FEW_WRONG, OUTLIER, UNEXPLAINED
 
 _LEAST_ROWS = 10  # fewest different rows that a judgement or a correction can rest on
 _MISREAD = ("exchanged", "turns", "inverted")
-_WIDE = 0.5  # least spread of rows in any direction, over that of the learned range
-_CELLS = 5  # along each joint, for the share of the range that a log measured
 _CORNER = 0.5  # share of a joint's range below which it is said how little was covered
 _PROBES = 120  # joints all over the learned range at which predictions are compared
 _SHARED_ERRORS = 2.0  # times a bound of 95 %: five standard deviations, so no chance at all
@@ -64,7 +61,7 @@ class Comparison:
         assert self.model.body is not None  # noqa: S101 - maps alone are compared with their bound
         return self.model.body
 
-    @property
+    @cached_property
     def missed(self) -> Array:
         """Distance of the rows from their prediction, (n,) [unit]."""
         return np.asarray(np.linalg.norm(self.x - self.predicted, axis=1))
@@ -74,21 +71,6 @@ class Comparison:
         """Unit of the positions; "sensor" where their scale shows that it is not the model's."""
         same = self.model.body is None or self.reference.scale == 1.0
         return self.unit if same or self.unit != self.model.about.unit else "sensor"
-
-    @property
-    def spans(self) -> bool:
-        """Whether the rows vary in every direction of the joints, not along a line alone."""
-        spread = np.atleast_2d(np.cov(self.u.T))
-        # along each axis the variance of uniform rows is 1 / 12
-        return bool(np.linalg.eigvalsh(spread)[0] > _WIDE**2 / 12.0)
-
-    @property
-    def coverage(self) -> float:
-        """Share of the learned range that rows visit: of cells of a fifth, over pairs of joints."""
-        cells = (np.clip(self.u, 0.0, 1.0 - 1e-12) * _CELLS).astype(int)
-        some = combinations(range(self.u.shape[1]), min(self.u.shape[1], 2))
-        shares = [len(np.unique(cells[:, ix], axis=0)) / _CELLS ** len(ix) for ix in some]
-        return float(np.mean(shares))
 
     @cached_property
     def kept(self) -> Mask:
@@ -104,10 +86,10 @@ class Comparison:
         return int(np.count_nonzero(~self.kept))
 
     @property
-    def notes(self) -> list[str]:
+    def notes(self) -> tuple[str, ...]:
         """What the user should be told of the rows."""
         rows = "1 row contradicts" if self.strays == 1 else f"{self.strays} rows contradict"
-        return [*self.told, *[f"{rows} all others: left out"] * bool(self.strays)]
+        return (*self.told, *[f"{rows} all others: left out"] * bool(self.strays))
 
     # The belief in their frame, and what is tested.
 
@@ -182,7 +164,7 @@ class Comparison:
         beyond, test = self.bound_test
         return self.reference.new or max(self.tested.score, test.score) > 1.0 or beyond > 0.5
 
-    @property
+    @cached_property
     def score(self) -> float:
         """How far the log is from an arm and a sensor as they were: above 1 they changed."""
         score = max(self.tested.score, self.bound_test[1].score)
@@ -255,33 +237,33 @@ def compare(model: Model, log: Samples, cause: str | None = None) -> Comparison:
     if log.touch is not None:  # which no sensor saw
         cause = cause or "joints"
         log, notes = as_positions(model, log)
-    given, before, unit, shared = log.left_out + len(log), log.left_out, log.unit, log.shared
+    given, before = log.left_out + len(log), log.left_out
     _refuse_degrees(model, log)
+    unit, shared = log.unit, log.shared
     log, told = sound_log(model, log)
-    wrong, names = log.left_out - before, model.about.joint_names
-    first = np.sort(np.unique(np.hstack([log.q, log.x]), axis=0, return_index=True)[1])
-    if len(first) < len(log):
-        told.append(f"{len(log) - len(first)} repeated rows count once")
-    known = np.isfinite(model.expected_error(log.q[first]))
-    rows = first[known]
-    if len(rows) < _LEAST_ROWS:
+    names, first = model.about.joint_names, np.hstack([log.q, log.x])
+    rows = np.sort(np.unique(first, axis=0, return_index=True)[1])
+    repeated = len(log) - len(rows)
+    known = np.isfinite(model.expected_error(log.q[rows]))
+    if known.sum() < _LEAST_ROWS:
         why = "measure more poses, spread over the joints' ranges"
         if not known.all():
-            why = model.outside(log.q[first[~known][0]]) or why
+            why = model.outside(log.q[rows[~known][0]]) or why
         raise LogError(
-            f"{len(rows)} of the log's {len(first)} different rows lie within what the model has "
+            f"{known.sum()} of the log's {len(rows)} different rows lie within what the model has "
             f"learned, expected at least {_LEAST_ROWS}: {why}"
         )
+    if repeated:
+        told.append(f"{repeated} repeated rows count once")
     if not known.all():
         outside = np.count_nonzero(~known)
         told.append(f"{outside} rows outside of what the model has learned are left out")
+    rows = rows[known]
     q, x = log.q[rows], log.x[rows]
     turns = None if log.orientation is None else log.orientation[rows]
-
-    pose = model.pose if knows_orientation(model.body) else None
     found = diagnose(
-        model.forward, q, x, names, model.about.revolute,
-        unit=model.about.unit, turns=turns, pose=pose,
+        model.forward, q, x, names, model.about.revolute, unit=model.about.unit, turns=turns,
+        pose=model.pose if knows_orientation(model.body) else None,
     )  # fmt: skip
     # units, mirrors, signs and clocks are causes that the comparison itself tells
     told += refuse_mistakes([each for each in found if each.kind in _MISREAD])
@@ -296,10 +278,10 @@ def compare(model: Model, log: Samples, cause: str | None = None) -> Comparison:
     alone = predicted if model.body is None else model.body.predict(q)
     if not (np.abs([predicted, alone]) < _SQUARED).all():  # as in a forged file
         raise ModelError("the model predicts no finite positions for this log: train it again")
-    lost = given - (len(log) - len(first)) - len(rows)
     return Comparison(
-        model, cause, u, q, x, turns, unit, shared, predicted, wrong, lost, (*notes, *told)
-    )
+        model, cause, u, q, x, turns, unit, shared, predicted, log.left_out - before,
+        given - repeated - len(rows), (*notes, *told),
+    )  # fmt: skip
 
 
 def _refuse_degrees(model: Model, log: Samples) -> None:

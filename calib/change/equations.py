@@ -28,6 +28,9 @@ _ROBUST_ROWS = 400  # of that fit: enough for every parameter
 _NODES = 40  # of the log's own residual; more did not change a verdict on A and C
 _NOISES = 64  # sizes of the noise that are compared
 
+Noisy = tuple[int, float]
+"""A joint whose encoder is noisy, and how much."""
+
 
 @dataclass(frozen=True)
 class Log:
@@ -46,6 +49,10 @@ class Log:
         rows = thinned(len(self.q), most)
         weight, kept = self.weight[rows], self.kept[rows]
         return replace(self, q=self.q[rows], z=self.z[rows], weight=weight, kept=kept)
+
+    def alike(self) -> Log:
+        """With the same weight of all rows but those that contradict all others."""
+        return replace(self, weight=np.where(self.kept, 1.0, self.weight))
 
 
 def weighted(
@@ -71,12 +78,13 @@ class Equations:
     factor : times the usual size of the log's own residual
     waves : sd of the joints' curves by which the arm may differ, over their prior's
     crept : times the usual creep of the parameters
+    freed : (d,), standard deviation by which parameters may have changed
     noisy : a joint whose encoder is noisy, and its noise over that of the sensor [rad or m / size]
     """
 
     def __init__(
         self, reference: Reference, log: Log, *, factor: float = 1.0, waves: float = CREEP,
-        crept: float = 1.0, noisy: tuple[int, float] | None = None,
+        crept: float = 1.0, freed: Array | None = None, noisy: Noisy | None = None,
     ) -> None:  # fmt: skip
         body, structure = reference.body, reference.structure
         self.reference, self.log, self.size = reference, log, reference.sizes
@@ -92,7 +100,7 @@ class Equations:
             contracted = np.eye(len(self.size)) - less * g[:, :, None] * g[:, None]
             self.white = contracted @ self.white
             self.log_determinant += float(np.log(value).sum())
-        active, known = prior_columns(reference, waves, crept)
+        active, known = prior_columns(reference, waves, crept, freed)
         seen, x = structure.linearise(log.q, reference.beta, active)
         own = own_columns(reference, log, factor * body.kappa)
         parts = [own, x @ known, shared_columns(reference, log, seen)]

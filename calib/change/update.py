@@ -1,4 +1,4 @@
-"""Deciding: what a log makes of a belief under what may have changed, and whether it is better.
+"""Updating: a belief under the change that explains a log best, judged by rows that were held out.
 
 The prior is the old posterior, inflated as its bound is, with the freed parameters loosened.  A
 residual of this log alone is a part of the fit; its size stays in the new bound.
@@ -6,7 +6,7 @@ residual of this log alone is a part of the fit; its size stays in the new bound
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -16,99 +16,54 @@ from ..body.normal import Factor
 from ..body.parameters import Indices
 from ..common.arrays import Array
 from ..common.rows import thinned
-from ..training.evaluate import error_sizes
-from .adaptation import Adaptation
-from .causes import Cause, find_causes
 from .comparison import Comparison
 from .equations import Log, own_columns, prior_columns, shared_columns
 from .explain import Explanation, weighed
 from .frame import Reference
-from .hypotheses import GROUPS, is_framed
-from .settings import CHANGED, CREEP, REFINED, SIMULATED_KAPPA, SURE, UNSURE
+from .settings import CHANGED, SIMULATED_KAPPA, SURE
 
 _ROWS = 600  # that an update takes: linear in them
 _BLOCKS = 5  # contiguous ones that are held out in turn, each of which tells a gain
 _STEPS = 4
 _ENOUGH = 30  # rows that tell a quantile
 _OUTLIER = 2.5  # 95 % radii from which a row is an outlier
-_LOUD = ("mirror", "scale", "sign", "lost")
 
 
-def decide(found: Comparison) -> tuple[Adaptation, Body, tuple[Array, Array], bool]:
-    """Explain a log, update the body by it, and judge by rows that were held out.
+@dataclass(frozen=True)
+class Update:
+    """What the rows of a log make of a belief."""
 
-    `check` asks here too, so that the one promises what the other does.
-    Returns the word on it with the old model, the updated belief, joints (n, dof) of held-out rows
-    and their residuals (n, m), and whether the sensor's frame was free.
+    body: Body
+    explanation: Explanation  # that the belief is under
+    rows: Indices  # (k,), rows of the comparison by which it was judged
+    residual: Array  # (k, m) [unit], of these rows where they were held out
+    improved: bool  # whether they are predicted better than before
+
+
+def update(found: Comparison) -> Update:
+    """Update the body of a model by the rows of a comparison.
+
+    `check` asks here too, so that the one promises what `adapt` does.
     """
-    some, changed = found.explanations, found.changed
-    if not changed:  # the rows are added to what was known
-        # What waves the rows show belongs to the arm as it was: with free ones 40 rows of another
-        # mounting made an error 1.2 times as large elsewhere. A drawing has no waves to start from.
-        same = tuple(e for e in some if not e.hypothesis)
-        calm = tuple(e for e in same if e.unchanged and e.waves <= CREEP)
-        some = (same if found.belief.simulated else calm) or some
+    some, log = found.explanations, found.log.some(_ROWS)
+    if not found.changed:  # rows that no change explains widen the bound
+        some = tuple(e for e in some if not e.hypothesis) or some
     chosen = weighed(some)
-    best, log = chosen[0][1], found.log.some(_ROWS)
-    body, held = _updated(found.reference, chosen, log)
-    kept, held = thinned(len(found.q), _ROWS)[log.kept], held[log.kept]
-    before, after = found.missed[kept], np.linalg.norm(held, axis=1)
-    improved = found.explained and _improves(found, body, before, after)
-    causes, notes = find_causes(found)
+    body, held = _mixed(found.reference, chosen, log)
+    rows, held = thinned(len(found.q), _ROWS)[log.kept], held[log.kept]
+    gain = found.missed[rows] - np.linalg.norm(held, axis=1)
+    parts = np.array([part.mean() for part in np.array_split(gain, _BLOCKS)])
+    chance = SURE * float(parts.std(ddof=1)) / np.sqrt(_BLOCKS)
+    least = max(chance, (1.0 - CHANGED) * float(found.missed[rows].mean()))
+    improved = found.score > 1.0 and found.explained and float(parts.mean()) > least
     if found.tool.score > 1.0:
         if not improved:  # the tool alone
-            body, after, held = found.belief, before, (found.x - found.predicted)[kept]
+            body, held = found.belief, (found.x - found.predicted)[rows]
         body, improved = found.tool_beside(body.structure, body.beta).of(body), True
-    known = "no single change explains the log" if found.score > 1.0 else "nothing changed"
-    # what nobody may miss: another unit, a mirror, a joint that turns round or not at all
-    loud = [c.words for c in causes if c.cause.split(":")[0] in _LOUD]
-    correction = best.name if changed else f"{known}, rows added"
-    made = kept_model(found, before, after, correction, causes, *loud, *notes)
-    if changed:
-        groups = found.reference.structure.groups
-        left = {g for g, ix in groups.items() if len(ix)} - {*best.hypothesis}
-        if len(found.reference.sizes) >= 3:  # a tracker has no lens
-            left.discard("lens")
-        told = tuple(w.kept for g, w in GROUPS.items() if g in left and w.kept)
-        made = replace(made, kept=told)
-    rows = found.q[kept], held
-    return replace(made, improved=improved), body, rows, is_framed(best.hypothesis)
+    return Update(body, chosen[0][1], rows, held, improved)
 
 
-def kept_model(
-    found: Comparison, before: Array, after: Array, correction: str, causes: tuple[Cause, ...],
-    *notes: str,
-) -> Adaptation:  # fmt: skip
-    """An adaptation that keeps the old model, of distances (k,) from held-out rows [unit]."""
-    return Adaptation(
-        found.model, False, int(np.count_nonzero(found.kept)), found.wrong + found.strays,
-        error_sizes(before), error_sizes(after), correction,
-        tuple(c for c in causes if c.group != "noise"), ("the arm and the sensor",),
-        found.coverage, (*found.notes, *notes), found.spans, found.lost + found.strays,
-    )  # fmt: skip
-
-
-def _improves(found: Comparison, body: Body, before: Array, after: Array) -> bool:
-    """Whether the update is worth taking: held-out blocks gain, and by more than chance."""
-    gain = [float(part.mean()) for part in np.array_split(before - after, _BLOCKS)]
-    error = float(np.std(gain, ddof=1) / np.sqrt(len(gain)))
-    ratio = float(after.mean() / max(float(before.mean()), 1e-300))
-    sure = float(np.mean(gain)) / max(error, 1e-300)
-    if found.changed:
-        return ratio < CHANGED and sure > SURE
-    noisy = found.tested.noisy is not None and found.score <= 1.0
-    if ratio >= REFINED or sure <= SURE or noisy:
-        return False
-    old = found.belief
-    if float(before.mean()) > float(replace(old, second=None).bound(found.q).mean()):
-        return sure > 2 * SURE  # rows that the old belief had not thought possible
-    # mean square error [unit] that each belief expects of itself over the learned range
-    spreads = (np.trace(b.spread(found.probes), axis1=1, axis2=2).mean() for b in (body, old))
-    new, usual = (s * old.kappa**2 + (old.tau**2 + old.noise**2).sum() for s in spreads)
-    return bool(new < UNSURE**2 * usual)
-
-
-def _updated(
+def _mixed(
     reference: Reference, chosen: list[tuple[float, Explanation]], log: Log
 ) -> tuple[Body, Array]:
     """The posterior as a body, and held-out residuals (n, m) under the likeliest explanation.
