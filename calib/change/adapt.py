@@ -150,7 +150,9 @@ def _few_shot(found: Comparison, report: Progress) -> Adaptation:
     loud = [cause.words for cause in found.reference.causes] if found.explained else []
     told = _old_model(found, before, after, best.name if made.improved else "nothing", *loud)
     if found.changed:
-        left = {*found.reference.structure.groups} - {*hypothesis}
+        left = {g for g, ix in found.reference.structure.groups.items() if len(ix)} - {*hypothesis}
+        if len(found.reference.sizes) >= 3:  # a tracker has no lens
+            left.discard("lens")
         told = replace(told, kept=tuple(w.kept for g, w in GROUPS.items() if g in left and w.kept))
     if not found.explained and not made.improved:
         return replace(told, notes=(*told.notes, found.why_not()))

@@ -20,10 +20,11 @@ from ..common.arrays import Array
 from .equations import Equations, Log, Noisy
 from .frame import Reference
 from .hypotheses import FRAME, TESTED, freedom, indices_of
-from .settings import BEYOND, CREPT, FALSE_ALARM, JOINT_NOISES, NOISIER, OWN, POWER, WAVES
+from .settings import BEYOND, CREPT, FALSE_ALARM, JOINT_NOISES, NOISIER, POWER, WAVES
 
 _ROWS = 300  # their power grows with the rows, their work with the rows too
 _FINER = (0.5, 0.7, 1.0, 1.4, 2.0)  # times the noise of an encoder, once one is found
+_DRIFTS = (4.0, 16.0)  # sizes of a smooth residual over what the model expects of one log
 _LASTING = 10  # rows over which noise may last
 
 DRIFT = "drift"
@@ -184,8 +185,8 @@ def group_tests(reference: Reference, log: Log, probes: Array) -> Tested:
         change = every[place], vectors @ (turned / values), deviation
         smallest = float(np.sqrt(needed / told) * moves[place[0]])
         found.append(GroupTest(name, p, statistic, k, change, smallest))
-    # a larger smooth residual, or waves of a joint's curve, as of no smooth residual
-    others = [e.larger(factor) for factor, _ in OWN if factor > 1.0]
+    # waves of a joint's curve, or a larger smooth residual
+    others = [Equations(reference, log, crept=CREPT, factor=k, noisy=noise.shape) for k in _DRIFTS]
     if noise.shape is None and reference.body.rows:
         others.append(Equations(reference, log, waves=WAVES / CREPT, crept=CREPT))
     same, *likely = (
