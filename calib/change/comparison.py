@@ -20,7 +20,7 @@ from ..samples.diagnosis import diagnose, readings, refuse_mistakes, rows_behind
 from ..samples.samples import Samples
 from ..training.sound_rows import sound_log
 from ..training.touched import as_positions
-from .equations import Log, shared_columns, weighted
+from .equations import Log, shared_columns, sound
 from .explain import Explanation, explain, is_changed
 from .frame import Reference, carried_offset, reference_of
 from .hypotheses import as_built
@@ -76,7 +76,7 @@ class Comparison:
     def kept(self) -> Mask:
         """Rows (n,) that do not contradict all others."""
         if self.model.body is not None:
-            return self.log.kept
+            return sound(self.reference, self.q, self._alone, self.cause)
         usual = float(np.median(self.missed))
         return np.asarray(self.missed <= max(OUTLIER * usual, float(self._told.max())))
 
@@ -105,14 +105,18 @@ class Comparison:
         return reference_of(self.belief, self.q, alone, self.unit)
 
     @cached_property
-    def log(self) -> Log:
-        """Rows with robust weights, less what maps add to the body in the frame of the log."""
+    def _alone(self) -> Array:
+        """Positions (n, m) less what maps add to the body in the frame of the log."""
         to, offset = self.reference, self.predicted - self.body.predict(self.q)
         if to.new:
             offset = carried_offset(self.body, to.body, to.beta, self.q, offset)
-        # the model's own log shares as much
+        return np.asarray(self.x - offset)
+
+    @cached_property
+    def log(self) -> Log:
+        """The rows that are kept; the model's own log shares as much as they do."""
         shared = float(np.sqrt(2.0)) * self.shared
-        return weighted(to, self.q, self.x - offset, self.cause, shared)
+        return Log(self.q[self.kept], self._alone[self.kept], shared)
 
     @cached_property
     def probes(self) -> Array:
@@ -141,15 +145,15 @@ class Comparison:
     @cached_property
     def bound_test(self) -> tuple[float, GroupTest]:
         """Share of the rows beyond what the model told, and whether these are too many."""
-        shared, slope, noisy = np.full(len(self.x), self.shared**2), None, self.tested.noisy
+        k, slope, noisy = np.flatnonzero(self.kept), None, self.tested.noisy
+        shared = np.full(len(k), self.shared**2)
         if self.shared and self.model.body is not None:  # model's frame and the log's own
             columns = shared_columns(self.reference, self.log, self.log.z)
             shared = (columns**2).sum(axis=(1, 2)) / columns.shape[1]
-        k = np.flatnonzero(self.kept)
         if noisy is not None:
             slope = self.body.structure.slope(self.q[k], self.body.beta)[..., noisy[0]]
         away = (self.x - self.predicted)[k]
-        return bound_test(self.tested, k, self.u[k], away, self._told[k], shared[k], slope)
+        return bound_test(self.tested, k, self.u[k], away, self._told[k], shared, slope)
 
     # What explains them.
 
@@ -213,7 +217,7 @@ class Comparison:
     def why_not(self) -> str:
         """One line on a log that nothing explains."""
         to = self.reference
-        lag = rows_behind(lambda q: to.structure.predict(q, to.beta), self.q, self.log.z)
+        lag = rows_behind(lambda q: to.structure.predict(q, to.beta), self.q, self._alone)
         check = "check that joints and positions of a row belong together and are of this arm"
         if lag:
             check = f"positions follow the joints by {lag} rows: align the clocks of both"

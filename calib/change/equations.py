@@ -6,7 +6,7 @@ posterior, a creep of all parameters, a residual of this log alone, what all row
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -32,31 +32,22 @@ Noisy = tuple[int, float]
 
 @dataclass(frozen=True)
 class Log:
-    """Rows of a log and how much each counts."""
+    """Rows of a log that do not contradict all others."""
 
     # (n, dof), (n, m), joints [rad or m] and outputs, without what maps add to the body [unit]
     q: Array
     z: Array
-    weight: Array  # (n,), Student weights about a fit in which all may have changed
-    kept: Mask  # (n,), rows that do not contradict all others
     # [unit], standard deviation that all rows share, such as that of a board that was found again
     shared: float = 0.0
 
     def some(self, most: int) -> Log:
         """At most so many rows, evenly spread."""
         rows = thinned(len(self.q), most)
-        weight, kept = self.weight[rows], self.kept[rows]
-        return replace(self, q=self.q[rows], z=self.z[rows], weight=weight, kept=kept)
-
-    def alike(self) -> Log:
-        """With the same weight of all rows but those that contradict all others."""
-        return replace(self, weight=np.where(self.kept, 1.0, self.weight))
+        return Log(self.q[rows], self.z[rows], self.shared)
 
 
-def weighted(
-    reference: Reference, q: Array, z: Array, cause: str | None = None, shared: float = 0.0
-) -> Log:
-    """A log of all rows (n, dof), (n, m), with robust weights."""
+def sound(reference: Reference, q: Array, z: Array, cause: str | None) -> Mask:
+    """Which rows (n, dof), (n, m) are near a robust fit in which all may have changed."""
     body, structure = reference.body, reference.structure
     sd = np.hypot(freedom(body, hypotheses_of(structure, cause)[-1], cause), creep(body))
     rows, size = thinned(len(q), _ROBUST_ROWS), reference.sizes
@@ -66,8 +57,7 @@ def weighted(
     r = structure.residual(z, structure.predict(q, fit.beta)) / size
     m, e2 = r.shape[1], (r**2).sum(axis=1)
     noise = max(float(np.median(e2[rows])) / (m - 2 / 3), 1.0)
-    kept = e2 <= OUTLIER**2 * m * noise
-    return Log(q, z, (STUDENT + m) / (STUDENT + e2 / noise), kept, shared)
+    return np.asarray(e2 <= OUTLIER**2 * m * noise)
 
 
 class Equations:
@@ -86,8 +76,8 @@ class Equations:
     ) -> None:  # fmt: skip
         body, structure, sizes = reference.body, reference.structure, reference.sizes
         self.reference, self.log = reference, log
-        self.white = np.sqrt(log.weight)[:, None, None] * np.eye(len(sizes)) / sizes
-        self.log_determinant = -len(sizes) * float(np.log(log.weight).sum())
+        self.white = np.tile(np.diag(1.0 / sizes), (len(log.q), 1, 1))
+        self.log_determinant = 0.0
         if noisy is not None:  # I + ratio^2 g g' of each row has one eigenvalue that is not 1
             g = structure.slope(log.q, reference.beta)[..., noisy[0]] / sizes
             length = (g**2).sum(axis=1)
@@ -95,7 +85,7 @@ class Equations:
             g = g / np.sqrt(np.maximum(length, 1e-300))[:, None]
             less = (1.0 - 1.0 / np.sqrt(value))[:, None, None]
             self.white = self.white - less * g[:, :, None] * (g[:, None] @ self.white)
-            self.log_determinant += float(np.log(value).sum())
+            self.log_determinant = float(np.log(value).sum())
         active, known = prior_columns(reference, waves, crept, freed)
         seen, x = structure.linearise(log.q, reference.beta, active)
         own = own_columns(reference, log, factor * body.kappa)

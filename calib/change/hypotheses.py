@@ -105,8 +105,9 @@ TESTED = ("offset", "length", "gain", "placement", "tool", "elastic")
 _CAMERA = ("view.scale", "view.shear", "view.tilt")
 _SENSOR = ((), ("view.scale",), _CAMERA, ("view.scale", "view.shear", "lens"))
 _GEOMETRY = ("offset", "length", "gain", "placement")
-_ARM = (("offset",), ("length",), ("gain",), ("elastic",), ("tool",), _GEOMETRY)
-_BOTH = (("offset",), ("length",), (*_GEOMETRY, "elastic", "tool", "curve", *_CAMERA, "lens"))
+_EVERY = (*_GEOMETRY, "elastic", "tool")
+_ARM = (("offset",), ("length",), ("gain",), ("elastic",), ("tool",), _EVERY)
+_BOTH = (("offset",), ("length",), (*_EVERY, "curve", *_CAMERA, "lens"))
 
 
 def hypotheses_of(structure: Structure, cause: str | None = None) -> tuple[Hypothesis, ...]:

@@ -140,7 +140,7 @@ def group_tests(reference: Reference, log: Log, probes: Array) -> Tested:
     """
     from scipy.special import chdtrc, chndtrinc, fdtrc, fdtri
 
-    log = log.some(_ROWS).alike()
+    log = log.some(_ROWS)
     structure, groups, beta = reference.structure, groups_of(reference.body), reference.beta
     every = np.unique(np.concatenate(list(groups.values())))
     predicted, x = structure.linearise(log.q, beta, every)

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..body.belief import Body, Second
-from ..body.covariance import radius_95, root_of
+from ..body.covariance import root_of
 from ..body.normal import Factor
 from ..body.parameters import Indices
 from ..common.arrays import Array
@@ -25,8 +25,6 @@ from .settings import CHANGED, SIMULATED_KAPPA, SURE
 _ROWS = 600  # that an update takes: linear in them
 _BLOCKS = 5  # contiguous ones that are held out in turn, each of which tells a gain
 _STEPS = 4
-_ENOUGH = 30  # rows that tell a quantile
-_OUTLIER = 2.5  # 95 % radii from which a row is an outlier
 
 
 @dataclass(frozen=True)
@@ -50,7 +48,8 @@ def update(found: Comparison) -> Update:
         some = tuple(e for e in some if not e.hypothesis) or some
     chosen = weighed(some)
     body, held = _mixed(found.reference, chosen, log)
-    rows, held = thinned(len(found.q), _ROWS)[log.kept], held[log.kept]
+    rows = np.flatnonzero(found.kept)
+    rows = rows[thinned(len(rows), _ROWS)]
     gain = found.missed[rows] - np.linalg.norm(held, axis=1)
     parts = np.array([part.mean() for part in np.array_split(gain, _BLOCKS)])
     chance = SURE * float(parts.std(ddof=1)) / np.sqrt(_BLOCKS)
@@ -81,13 +80,6 @@ def _mixed(
         covariance += share * np.outer((other - beta)[active], (other - beta)[active])
     own = np.sqrt(sum(share * e.factor**2 for share, e in chosen)) * reference.own_sd
     noise = np.sqrt(sum(share * e.noise**2 for share, e in chosen)) * reference.sizes
-    # Student weights find the noise of the calm rows; the bound on a reading needs that of all
-    places = slice(old.structure.blocks[0])
-    radius = float(radius_95(np.diag(noise[places] ** 2)[None])[0])
-    away = np.linalg.norm(held[:, places], axis=1)
-    calm = away[away < _OUTLIER * radius]
-    if len(calm) >= _ENOUGH:
-        noise[places] *= max(1.0, float(np.quantile(calm, 0.95)) / radius)
     second = old.second
     if second is not None:  # after the same log, under the most likely explanation
         e, apart = chosen[0][1], second.beta - old.beta
@@ -121,7 +113,7 @@ def _posterior(
     structure = reference.structure
     active, ways = prior_columns(reference, e.waves, freed=e.sd)
     smooth, r = own_columns(reference, log, e.factor), ways.shape[1]
-    weight = np.sqrt(log.weight[:, None] / e.temper) / (e.noise * reference.sizes)
+    weight = 1.0 / (np.sqrt(e.temper) * e.noise * reference.sizes)
     beta = e.beta.copy()
     normals = np.linalg.lstsq(ways, (e.beta - e.origin)[active], rcond=1e-12)[0]
     for step in range(_STEPS + 1):
@@ -129,7 +121,7 @@ def _posterior(
         shared = shared_columns(reference, log, predicted)
         residual = structure.residual(log.z, predicted)
         columns = np.concatenate([x @ ways, smooth, shared], axis=2)
-        flat = (columns * weight[:, :, None]).reshape(weight.size, -1)
+        flat = (columns * weight[:, None]).reshape(log.z.size, -1)
         gram, pull = flat.T @ flat, flat.T @ (residual * weight).ravel()
         gram[np.diag_indices(len(gram))] += 1.0
         pull[:r] -= normals  # what the log's own part follows, it follows anew in each step
@@ -141,8 +133,8 @@ def _posterior(
     held = np.empty_like(residual)
     for block in np.array_split(np.arange(len(residual)), _BLOCKS):
         # without the block's rows the information is a difference: no fit is needed
-        flat = (columns[block] * weight[block, :, None]).reshape(-1, len(gram))
+        flat = (columns[block] * weight[:, None]).reshape(-1, len(gram))
         less = Factor(gram - flat.T @ flat)
-        delta = less.solve(pull - flat.T @ (residual[block] * weight[block]).ravel())
+        delta = less.solve(pull - flat.T @ (residual[block] * weight).ravel())
         held[block] = residual[block] - columns[block, :, :r] @ delta[:r]
     return beta, active, ways @ factor.inverse()[:r, :r] @ ways.T, held
