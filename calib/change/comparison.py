@@ -24,7 +24,7 @@ from .equations import Log, shared_columns, sound
 from .explain import Explanation, explain, is_changed
 from .frame import Reference, carried_offset, reference_of
 from .hypotheses import as_built
-from .orientation import TurnedTool
+from .orientation import TurnedTool, turned_tool
 from .score import GroupTest, Tested, bound_test, group_tests
 from .settings import FEW_WRONG, OUTLIER, UNEXPLAINED
 
@@ -212,7 +212,7 @@ class Comparison:
     def tool_beside(self, structure: Any, beta: Array, *, framed: bool = False) -> TurnedTool:
         """How it is turned beside what parameters (d,) predict."""
         rows = self.q, self.x, self.orientation
-        return TurnedTool.beside(self.body, structure, beta, *rows, framed=framed)
+        return turned_tool(self.body, structure, beta, *rows, framed=framed)
 
     def why_not(self) -> str:
         """One line on a log that nothing explains."""

@@ -59,15 +59,7 @@ class Tested:
     noise: float  # [unit], standard deviation per axis of what no group explains
     usual: float  # [unit], what the belief expected
     noisy: Noisy | None = None  # a joint whose encoder is noisy, its noise [rad or m]
-    left: float = 1.0  # directions of the rows that tell the noise
-
-    @property
-    def noisier(self) -> bool:
-        """Whether the scatter is larger than the usual one, and that is no chance."""
-        from scipy.special import chdtrc
-
-        ratio = self.noise / max(self.usual, 1e-300)
-        return ratio > NOISIER and float(chdtrc(self.left, self.left * ratio**2)) < FALSE_ALARM
+    noisier: bool = False  # whether the scatter is larger than usual, and that is no chance
 
     @property
     def score(self) -> float:
@@ -124,7 +116,8 @@ class _Noise:
         self.equations = e = Equations(reference, log, crept=CREPT, noisy=noisy, freed=sd)
         y = e.whiten(residual)
         self.size = e.most_likely_noise(y, e.usual)  # in `Reference.sizes`
-        self.likelihood = float(e.likelihood(y, self.size)[0])  # [nats]
+        # of it and of the usual one [nats]
+        self.likelihood, self.usual = e.likelihood(y, np.array([self.size, e.usual])).tolist()
         # rows that err together count once
         self.temper = autocorrelation_time(e.rest(y, self.size))
         told = e.values / (self.size**2 + e.values)
@@ -147,18 +140,20 @@ def group_tests(reference: Reference, log: Log, probes: Array) -> Tested:
     residual = structure.residual(log.z, predicted)
     moves = structure.linearise(probes, beta, every)[1][:, : structure.blocks[0]]
     moves = np.sqrt((moves**2).sum(axis=1).mean(axis=0))
-    noise, joints = _Noise(reference, log, residual), []
+    noise, noisier = _Noise(reference, log, residual), False
     if noise.size > NOISIER * noise.equations.usual and not len(reference.forgotten):
         slope = structure.slope(log.q, beta) / reference.sizes[:, None]
         lengths = np.sqrt((slope**2).sum(axis=1).mean(axis=0))
         joints = np.flatnonzero(lengths > 0.0).tolist()
-    if joints:
         # so that at the tip both are alike
         shapes = [(k, times / lengths[k]) for k, times in product(joints, JOINT_NOISES)]
-        tried = {shape: _Noise(reference, log, residual, shape) for shape in shapes}
-        k, ratio = max(shapes, key=lambda s: tried[s].likelihood)
-        gain = max(2.0 * (tried[k, ratio].likelihood - noise.likelihood), 0.0)
-        if float(chdtrc(1, gain)) * len(joints) < FALSE_ALARM:
+        tried = [noise, *(_Noise(reference, log, residual, shape) for shape in shapes)]
+        best = max(tried, key=lambda n: n.likelihood)
+        gains = 2.0 * (best.likelihood - np.array([noise.usual, noise.likelihood]))
+        chance = chdtrc([2, 1], np.maximum(gains / noise.temper, 0.0)) * (1 + len(joints))
+        noisier = bool(chance[0] < FALSE_ALARM)
+        if best.shape is not None and chance[1] < FALSE_ALARM:
+            k, ratio = best.shape
             finer = [_Noise(reference, log, residual, (k, ratio * times)) for times in _FINER]
             noise = max(finer, key=lambda n: n.likelihood)
     e = Equations(reference, log, crept=CREPT, noisy=noise.shape)
@@ -199,7 +194,7 @@ def group_tests(reference: Reference, log: Log, probes: Array) -> Tested:
     noisy, now = None, noise.size * float(reference.sizes[0])
     if noise.shape is not None:
         noisy = noise.shape[0], noise.shape[1] * noise.size
-    return Tested(tuple(found), now, float(reference.body.noise[0]), noisy, noise.left)
+    return Tested(tuple(found), now, float(reference.body.noise[0]), noisy, noisier)
 
 
 def bound_test(
