@@ -17,18 +17,17 @@ from ..body.belief import Body
 from ..body.covariance import autocorrelation_time
 from ..body.parameters import Indices
 from ..common.arrays import Array
-from .equations import Equations, Log, Noisy
+from .equations import Equations, Log, Noisy, own_columns
 from .frame import Reference
 from .hypotheses import FRAME, TESTED, freedom, indices_of
-from .settings import BEYOND, CREPT, FALSE_ALARM, JOINT_NOISES, NOISIER, POWER, WAVES
+from .settings import BEYOND, CREPT, FALSE_ALARM, JOINT_NOISES, NOISIER, POWER
 
 _ROWS = 300  # their power grows with the rows, their work with the rows too
 _FINER = (0.5, 0.7, 1.0, 1.4, 2.0)  # times the noise of an encoder, once one is found
-_DRIFTS = (4.0, 16.0)  # sizes of a smooth residual over what the model expects of one log
 _LASTING = 10  # rows over which noise may last
 
 DRIFT = "drift"
-"""Name of the hypothesis that a smooth residual is larger than the model told."""
+"""Name of the hypotheses that a smooth residual or waves are larger than the model told."""
 
 
 @dataclass(frozen=True)
@@ -159,7 +158,7 @@ def group_tests(reference: Reference, log: Log, probes: Array) -> Tested:
     e = Equations(reference, log, crept=CREPT, noisy=noise.shape)
     y, x = e.whiten(residual), e.whiten(x)
     power, pull = e.information(y, x, noise.size)
-    found, count = [], len(groups) + 1
+    found, count = [], len(groups) + 2
     for name, indices in groups.items():
         place = np.searchsorted(every, indices)
         if name.startswith("elastic"):  # of a joint about a vertical axis no load is felt
@@ -180,17 +179,18 @@ def group_tests(reference: Reference, log: Log, probes: Array) -> Tested:
         change = every[place], vectors @ (turned / values), deviation
         smallest = float(np.sqrt(needed / told) * moves[place[0]])
         found.append(GroupTest(name, p, statistic, k, change, smallest))
-    # waves of a joint's curve, or a larger smooth residual
-    others = [Equations(reference, log, crept=CREPT, factor=k, noisy=noise.shape) for k in _DRIFTS]
-    if noise.shape is None and reference.body.rows:
-        others.append(Equations(reference, log, waves=WAVES / CREPT, crept=CREPT))
-    same, *likely = (
-        float(each.likelihood(y, each.most_likely_noise(y, each.usual))[0]) for each in (e, *others)
-    )
-    gain = max(2.0 * (max(likely) - same), 0.0)
-    f = noise.left * np.expm1(min(gain / len(y), 500.0))
-    p = min(1.0, count * float(fdtrc(1, noise.left, f)))
-    found.append(GroupTest(DRIFT, p, gain / noise.temper))
+    # The variance of a smooth residual, or of waves of the joints (chance by Satterthwaite 1946).
+    # Waves that are finer than the rows look like a noisy encoder.
+    waved = reference.body.rows and noise.shape is None
+    curves = indices_of(structure, ("curve",)) if waved else every[:0]
+    waves = structure.linearise(log.q, beta, curves)[1] * structure.prior(("curve",)).sd[curves]
+    for columns in (own_columns(reference, log, 1.0), waves):
+        power, pull = e.information(y, e.whiten(columns), noise.size)
+        mean, square = float(np.trace(power)), float((power**2).sum())
+        if mean > 0.0:
+            spread, ratio = mean**2 / square, float(pull @ pull) / mean / noise.temper
+            p = min(1.0, count * float(fdtrc(spread, noise.left, ratio)))
+            found.append(GroupTest(DRIFT, p, spread * ratio, round(spread)))
     noisy, now = None, noise.size * float(reference.sizes[0])
     if noise.shape is not None:
         noisy = noise.shape[0], noise.shape[1] * noise.size
