@@ -37,7 +37,10 @@ _OF_SENSOR: _Rules = {
     "shift": ("0.03,-0.02 [m]", math.isfinite),
     "outliers": ("5%, a share of the rows below 1", lambda value: 0 <= value < 1),
 }
-_RULES: dict[str, _Rules] = {"tip": {"offset": ("0.01,0.02 [m]", math.isfinite)}, "sensor": _OF_SENSOR}
+_RULES: dict[str, _Rules] = {
+    "tip": {"offset": ("0.01,0.02 [m]", math.isfinite)},
+    "sensor": _OF_SENSOR,
+}
 _CHOICES = f"JOINT.{'|'.join(_OF_JOINT)}, tip.offset, sensor.{'|'.join(_OF_SENSOR)}"
 _ANGLES = ("offset", "noise", "backlash", "lock")  # of a joint that is typed in degrees
 _IN_SPACE = ("scale", "outliers")  # changes of the sensor that an arm in space can have
