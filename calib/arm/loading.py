@@ -200,9 +200,10 @@ def _found(
         if len(free) + len(stuck) > 1:
             check_joint_limits([joint for joint in stuck if joint not in free])
         hint = "if columns have other names, give `columns={'JOINT': 'COLUMN'}`"
+        movable = listed(joint.name for joint in urdf.joints if joint.movable)
         raise RobotError(
-            f"no arm{f' to {quoted(tip)}' if tip else ''}: it needs two movable joints in one "
-            f"chain, these are free: {listed(joint.name for joint in free)}",
+            f"no arm{f' to {quoted(tip)}' if tip else ''}: it needs two joints in one chain; of "
+            f"the movable joints {movable} these are free: {listed(j.name for j in free)}",
             hint=hint if logged else "name other `joints`, `tip` or `lock`",
         )
     parts = [planar_part(chain, posture) for chain in chains]

@@ -99,7 +99,11 @@ SIDE_BY_SIDE = (
         # two joints, but whatever the last one carries lies on its axis
         (NO_TIP, {}, ["'j2'", "lies on its axis", "add a tip link"]),
         (NO_TIP, {"tip": "tip"}, ["'tip'", "lies on its axis", "add a tip link"]),
-        (chain_urdf(turning(), turning()), {"tip": "l2"}, ["'l2'", "lies on its axis", "another tip"]),
+        (
+            chain_urdf(turning(), turning()),
+            {"tip": "l2"},
+            ["'l2'", "lies on its axis", "another tip"],
+        ),
         # two joints side by side
         (SIDE_BY_SIDE, {}, ["in one chain", "a, b"]),
         # limits that leave no room: named only where they are the reason

@@ -75,7 +75,9 @@ def test_a_continuous_or_boundless_joint_gets_one_turn(upper):
 
 def test_a_range_mends_limits_that_are_missing():
     text = chain_urdf(turning(), turning(lower="2", upper="-2"))
-    with pytest.raises(RobotError, match=r"2 to -2 rad are unusable.*`ranges=\{'j2': \(LOWER, UPPER\)\}` \[rad\]"):
+    with pytest.raises(
+        RobotError, match=r"2 to -2 rad are unusable.*`ranges=\{'j2': \(LOWER, UPPER\)\}` \[rad\]"
+    ):
         arm_from_urdf(text)
     assert arm_from_urdf(text, ranges={"j2": (-2, 2)}).upper[1] == 2
 

@@ -72,5 +72,5 @@ def test_names_that_mean_something_to_pinocchio_are_only_names(what, name):
 
 def test_a_robot_of_one_joint_is_refused_in_one_line():
     one = TWO.replace('<joint name="j2" type="revolute">', '<joint name="j2" type="fixed">')
-    with pytest.raises(RobotError, match=r"needs two movable joints.*free: j1"):
+    with pytest.raises(RobotError, match=r"needs two joints.*free: j1"):
         arm_from_urdf(one)
