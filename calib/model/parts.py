@@ -49,7 +49,7 @@ class Parts:
     about: About  # what it is a model of and where it came from
     association: Association  # motor map, sensory map and the links between them
     # of the motor nodes, for what the body leaves over
-    local: Annotated[LocalModels, Own(width="width")]
+    local: Annotated[LocalModels, Own()]
     # [unit], 95 % bounds around each motor node, on what `about.bound_of` says and on the true
     # position in the sensor's frame
     bounds: Annotated[Array, Shape("nodes")]

@@ -31,7 +31,7 @@ def check(model: Parts) -> None:
         _about(about)
         and _maps(model.association)
         and (apart <= 1e-6 * span).all()
-        and (models.degree < 0 or _local(models, motor))
+        and (models.degree < 0 or _local(models, model.association))
         and (body is None or _body(body, len(about.lower)))
         and min(model.bounds.min(), model.model_bounds.min()) >= 0.0
         and model.visited.any()
@@ -92,11 +92,11 @@ def _map(own: Map) -> bool:
     )
 
 
-def _local(own: LocalModels, motor: Map) -> bool:
-    nodes, dof = motor.units.shape
+def _local(own: LocalModels, maps: Association) -> bool:
+    (nodes, dof), width = maps.motor.units.shape, maps.sensory.units.shape[1]
     return (
         own.degree <= MOST_DEGREE
-        and (len(own.radius), len(exponents(dof, own.degree))) == own.coefficients.shape[:2]
+        and own.coefficients.shape == (nodes, len(exponents(dof, own.degree)), width)
         and len(own.radius) == nodes
         and not (own.radius < _TINY).any()
     )
