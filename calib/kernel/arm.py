@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from ..arm.rotations import exponential
-from ..arm.spatial_chain import Deviations, Links, Placements, SpatialChain, move
+from ..arm.spatial_chain import Deviations, Links, SpatialChain, move
 from ..body.curves import HARMONICS
 from ..body.views import pixels
 from ..common.arrays import Array
@@ -48,9 +48,9 @@ class KernelArm:
         return (_planar if structure.kind == "planar" else _spatial)(structure, beta)
 
     @cached_property
-    def links(self) -> Placements:
+    def links(self) -> Links:
         """Its links as the body has them."""
-        return self.chain.placements(self.moved)
+        return Links.of(self.chain, self.moved)
 
     def joints(self, q: Array) -> Array:
         """Values (m, n) of the chain's joints."""
@@ -58,7 +58,7 @@ class KernelArm:
 
     def derivatives(self, q: Array) -> tuple[Array, Array]:
         """As `calib_derivatives` of C: positions by all that may be off (D, m, n), by joints."""
-        motion, eye = move(Links.of(self.chain, self.moved), self.joints(q)), np.eye(3)
+        motion, eye = move(self.links, self.joints(q)), np.eye(3)
         linear = eye[:, None, :, None] * motion.position[:, None]
         shifts = np.repeat(eye[:, :, None], len(q), axis=2)
         moved = self.view @ np.swapaxes(motion.frames, 1, 2)
