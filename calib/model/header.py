@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ..body.covariance import NORMAL_95
 from ..body.curves import HARMONICS
-from ..body.spatial_view import LEAST_DEPTH
+from ..body.views import LEAST_DEPTH
 from ..common.arrays import Array
 from ..common.rows import thinned
 from ..errors import CalibError, OptionError
@@ -111,7 +111,7 @@ class Header:
             "harmonics": HARMONICS, "normal": NORMAL_95, "curved": len(arm.curves) > 0,
             "waved": posterior is not None and bool(posterior.waved.any()),
             "gravity": len(arm.bending) > 0, "flexible": arm.flex is not None,
-            "projective": arm.projective, "placed": arm.outputs == 3, "nearest": LEAST_DEPTH,
+            "projective": arm.lens is not None, "placed": arm.outputs == 3, "nearest": LEAST_DEPTH,
             "trusted": "" if trusted else blended, "local": local, "silent": SILENT,
             "full": float(FULL), "terms": models.coefficients.shape[1] if local else 1,
             "slack": -float(ROUNDED), "extent": float(model.solver.extent),
@@ -145,7 +145,7 @@ class Header:
             "shift": arm.shift, "aim": arm.aim.ravel(),
             "start_q": self._starts[0], "start_x": self._starts[1],
         }  # fmt: skip
-        if arm.projective:
+        if arm.lens is not None:
             tables["lens"] = arm.lens
         if len(arm.curves):
             waves = arm.curves.reshape(-1, 2, HARMONICS)
