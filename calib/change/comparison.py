@@ -29,7 +29,7 @@ from .score import GroupTest, Tested, bound_test, group_tests
 from .settings import FEW_WRONG, OUTLIER, UNEXPLAINED
 
 _LEAST_ROWS = 10  # fewest different rows that a judgement or a correction can rest on
-_MISREAD = ("exchanged", "turns", "inverted")
+_MISREAD = ("exchanged", "turns")
 _CORNER = 0.5  # share of a joint's range below which it is said how little was covered
 _PROBES = 120  # joints all over the learned range at which predictions are compared
 _SHARED_ERRORS = 2.0  # times a bound of 95 %: five standard deviations, so no chance at all
