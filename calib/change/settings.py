@@ -10,8 +10,8 @@ PSEUDO = 4.0  # observations that the old noise counts for
 # Noise of one encoder over that of the sensor, at the tip: a factor of four is .4 nats at most
 JOINT_NOISES = (0.5, 2.0, 8.0, 32.0)
 # Noise over the usual one from which it is told, where it is no chance, and one encoder's is looked
-# for: below it changes no verdict
-NOISIER = 1.15
+# for: that of a log's body is a Student scale, up to 18 % less than a standard deviation
+NOISIER = 1.25
 # Least residual of one log, of the extents; 1e-4 hid a sensor that was moved by .1 mm
 LEAST_OWN = 1e-6
 # Share of rows beyond a 95 % bound that fails for sure: halves of A and C have 13 % at most
