@@ -148,7 +148,9 @@ def _few_shot(found: Comparison, report: Progress) -> Adaptation:
     hypothesis = best.hypothesis if found.changed else ()
     # what nobody may miss: another unit, a mirror, a joint that turns round or not at all
     loud = [cause.words for cause in found.reference.causes] if found.explained else []
-    told = _old_model(found, before, after, best.name if made.improved else "nothing", *loud)
+    known = "no single change explains the log" if found.score > 1.0 else "nothing changed"
+    correction = best.name if found.changed else f"{known}, rows added"
+    told = _old_model(found, before, after, correction, *loud)
     if found.changed:
         left = {g for g, ix in found.reference.structure.groups.items() if len(ix)} - {*hypothesis}
         if len(found.reference.sizes) >= 3:  # a tracker has no lens
