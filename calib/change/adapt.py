@@ -148,8 +148,8 @@ def _few_shot(found: Comparison, report: Progress) -> Adaptation:
     hypothesis = best.hypothesis if found.changed else ()
     # what nobody may miss: another unit, a mirror, a joint that turns round or not at all
     loud = [cause.words for cause in found.reference.causes] if found.explained else []
-    known = "no single change explains the log" if found.score > 1.0 else "nothing changed"
-    correction = best.name if found.changed else f"{known}, rows added"
+    why = "no single change explains the log" if found.score > 1.0 else "nothing changed"
+    correction = best.name if found.changed else f"{why}, rows added"
     told = _old_model(found, before, after, correction, *loud)
     if found.changed:
         left = {g for g, ix in found.reference.structure.groups.items() if len(ix)} - {*hypothesis}
@@ -167,8 +167,8 @@ def _few_shot(found: Comparison, report: Progress) -> Adaptation:
         beyond = uneven and np.mean(missed > bound) > 0.5
         return _doubted(found, told, fresh) if beyond or found.score > 1.0 else told
     if not np.isfinite(fresh.expected_error(found.q)).any():
-        why = "the new bound is a tenth of the reach or more at every row: measure more"
-        return replace(told, notes=(*told.notes, why))
+        wide = "the new bound is a tenth of the reach or more at every row: measure more"
+        return replace(told, notes=(*told.notes, wide))
     told = replace(told, improved=True)
     if not told.everywhere:
         known = factor * float(np.median(fresh.model_bounds))
