@@ -13,7 +13,7 @@ import numpy as np
 
 from ..arm.spatial_chain import Motion
 from ..common.arrays import Array
-from .parameters import Block
+from .parameters import Block, Hyper
 from .settings import WIDER
 
 Moved = tuple[Array, Any]
@@ -42,10 +42,14 @@ class Measurement:
     blocks: tuple[int, ...]  # sizes of the outputs that share a unit and a noise
     curves: bool = True  # whether its rows may tell error curves of joints
     within: tuple[float, float] = WIDER  # times the drawing's doubt that joint origins may be off
+    floating: bool = False  # whether it tells nothing of where the arm's base stands
+    noise: float | None = None  # sd of its outputs where that is stated; None: it is learned
+    free: tuple[str, ...] = ()  # blocks that every member of the gate fits beside the view's own
+    tool: Hyper | None = None  # what is known of the tool where there is a drawing
 
     def parameters(self) -> tuple[Block, ...]:
         """The sensor's own parameters."""
-        raise NotImplementedError
+        return ()
 
     def ready(self, own: Mapping[str, Array]) -> Mapping[str, Any]:  # noqa: ARG002
         """What follows from the sensor's own parameters alone, by further names for `look`."""
@@ -61,7 +65,3 @@ class Measurement:
     def residual(self, z: Array, predicted: Array) -> Array:
         """Residuals (n, m) of observed against predicted outputs."""
         return np.asarray(z - predicted)
-
-    def start(self, structure: Any, q: Array) -> Array:
-        """Parameters (d,) of a structure to begin a fit of rows (n, dof + g) with."""
-        raise NotImplementedError

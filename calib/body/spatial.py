@@ -69,7 +69,7 @@ class SpatialStructure(Structure):
         """What its sensor measures."""
         if self.reading is not None:
             return self.reading
-        size = self._reach if self.camera else self.extent
+        size = self._reach if self.seen_as.outputs == 2 else self.extent
         return InSpace(self.view, self.unit, self.metre, size, self.lens, self.lens_sd)
 
     @property
@@ -92,8 +92,8 @@ class SpatialStructure(Structure):
         weighted = self.chain_names if len(self.chain.masses) else ()
         # in a free frame the first turning joint's offset and a turn of the frame about its axis
         # are one, and the first origin's place is the frame's own
-        first = 0 if self.based else 1
-        tool = self.seen_as.tool
+        first = 0 if self.based and not self.measurement.floating else 1
+        tool = self.measurement.tool
         held = (tool,) if tool is not None and informed else ()
         own = np.arange(first, self.dof)
         flat = np.repeat((self._reach, 3.0), 3)  # shifts and turns where no drawing says
@@ -211,7 +211,7 @@ class SpatialStructure(Structure):
     def frame_groups(self) -> tuple[str, ...]:
         """Blocks that every member fits: the sensor's place and the tip that it sees."""
         lens = ("lens",) if self.camera and any(self.lens_sd) else ()
-        return (*self.seen_as.groups, *lens)
+        return (*self.seen_as.groups, *self.measurement.free, *lens)
 
     def with_view(self, view: str, **changes: Any) -> SpatialStructure:
         """Return the structure with another view."""

@@ -16,7 +16,7 @@ from ..arm.rotations import exponential, logarithm
 from ..arm.spatial_chain import Motion
 from ..common.arrays import Array
 from .measurement import Columns, Measurement
-from .parameters import Block
+from .parameters import Block, Hyper
 from .settings import FREE
 from .views import SPATIAL
 
@@ -51,6 +51,11 @@ class InSpace(Measurement):
         """Sizes of the outputs that share a unit and a noise."""
         outputs = SPATIAL[self.kind].outputs
         return (3, 3) if outputs == 6 else (outputs,)
+
+    @property
+    def tool(self) -> Hyper | None:  # type: ignore[override]
+        """What is known of the tool."""
+        return SPATIAL[self.kind].tool
 
     @property
     def camera(self) -> bool:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from .parameters import Hyper
-from .settings import SOCKET, TAG, WIDER
+from .settings import TAG, WIDER
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,6 @@ class ViewKind:
 
 
 _FRAME = ("view.rotation", "view.shift")
-_SOCKET = Hyper("tool", SOCKET, (1.0, 1.0))
 _AFFINE = (*_FRAME, "view.scale", "view.shear")
 
 PLANAR = {
@@ -52,9 +51,6 @@ SPATIAL = {
     "base target": ViewKind(("tool", "tool.rotation"), 6, least=3),
     "pose": ViewKind((*_FRAME, "tool", "tool.rotation"), 6, least=3),
     "pinhole": ViewKind((*_FRAME, "tool"), 2, least=6, tool=Hyper("tool", TAG, WIDER)),
-    "touch": ViewKind(("tool", "point"), 3, least=8, tool=_SOCKET),
-    "touch and rigid": ViewKind((*_FRAME, "tool", "point"), 3, least=8, tool=_SOCKET),
-    "board": ViewKind((*_FRAME, "tool", "tool.rotation"), 2, least=6),
 }
 """Sensors of an arm in space; where there are two outputs, a camera sees it."""
 
