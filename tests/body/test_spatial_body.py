@@ -16,8 +16,8 @@ from calib.body.spatial import structure_of, unknown_structure
 from calib.body.spatial_start import refuse_pixels
 from calib.body.starts import candidates
 from calib.errors import LogError
-from calib.model_file.contents import KINDS
 from calib.model_file.fields import read, write
+from calib.model_file.storage import KINDS
 
 
 def disturbed(structure, seed=0, size=1e-2):
