@@ -125,7 +125,7 @@ class Fit:
             settled = (np.abs(delta) / np.sqrt(variance)).max(initial=0.0) <= tolerance
             if (it >= least and settled) or (damping > 0 and gain <= 0.05):
                 break
-        self._linearise()
+        self._linearise(kept=True)
         # rows that err together count once for the time that they do
         times = [autocorrelation_time(part.residual) for part in self.parts]
         self.autocorrelation = max(times) if np.isfinite(self.nu) else 1.0
@@ -181,16 +181,16 @@ class Fit:
                     return gain, delta, damping
         return 0.0, delta, damping
 
-    def _linearise(self) -> None:
-        """Set what each block of rows adds, the precision and the gradient."""
-        size, blocks = len(self.active), len(self.parts[0].edges) - 1
+    def _linearise(self, *, kept: bool = False) -> None:
+        """Set the precision and the gradient; what each block of rows adds may be kept."""
+        size, blocks = len(self.active), len(self.parts[0].edges) - 1 if kept else 1
         self.grams, self.moments = np.zeros((blocks, size, size)), np.zeros((blocks, size))
         for part in self.parts:
             root = part.weigh()
             for k, (rows, x) in enumerate(part.by_blocks(self.beta, self.active)):
                 flat = (x * root[rows, :, None]).reshape(-1, size)
-                self.grams[k] += flat.T @ flat
-                self.moments[k] += flat.T @ (root[rows] * part.residual[rows]).ravel()
+                self.grams[k % blocks] += flat.T @ flat
+                self.moments[k % blocks] += flat.T @ (root[rows] * part.residual[rows]).ravel()
         self.precision = with_prior(self.grams.sum(axis=0), self.sd, self.known)
         self.gradient = self.moments.sum(axis=0) - self._pull(self.beta)
 

@@ -181,7 +181,7 @@ def pass_gate(start: Start, chain: tuple[str, ...], rows: Sequence[Rows], nu: fl
     def fit(free: tuple[str, ...], begin: Array) -> Fit:
         made = Fit(structure, rows, begin, structure.prior(free), nu=nu)
         if gaussian:  # exact rows may be far along a curved valley, such as that of a lens
-            made.settle(100)
+            made.settle(60)
         steps, tolerance = (20, 1e-3) if gaussian else (10, SETTLED)
         return made.maximise(steps=steps, tolerance=tolerance)
 
