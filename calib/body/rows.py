@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from ..arm.spatial_chain import Motion
 from ..common.arrays import Array
-from .measurement import Measurement, Sight
 from .parameters import Block, Indices
 from .structure import Structure
+from .views import Measurement, Sight
 
 _AT_ONCE = 3000  # rows whose derivatives are held together
 
@@ -49,7 +49,7 @@ class Beside(Measurement):
 
     def __post_init__(self) -> None:
         told = {
-            "blocks": self.one.blocks,
+            "outputs": self.one.outputs,
             "noise": self.one.noise,
             "within": self.every[0].within,
             "floating": self.every[0].floating,
@@ -76,10 +76,6 @@ class Beside(Measurement):
     def look(self, own: Mapping[str, Any], motion: Motion, also: Array) -> Sight:
         """See the chain."""
         return self.one.look(own, motion, also)
-
-    def residual(self, z: Array, predicted: Array) -> Array:
-        """Residuals (n, m) of observed against predicted outputs."""
-        return self.one.residual(z, predicted)
 
 
 def together(structure: _Structure, rows: Sequence[Rows]) -> _Structure:

@@ -19,10 +19,9 @@ from ..arm.spatial_chain import GRAVITY, Deviations, Links, Motion, SpatialChain
 from ..common.arrays import Array
 from . import settings
 from .curves import curve_shape
-from .measurement import Measurement, Moved
 from .parameters import Block, Hyper, Indices
-from .spatial_view import InSpace, Placed, compose
 from .structure import Ladder, Structure
+from .views import InSpace, Measurement, Moved, compose
 
 
 @dataclass(frozen=True, eq=False)
@@ -227,12 +226,6 @@ class SpatialStructure(Structure):
         """How the chain differs from its nominal one."""
         parts = (self.shifts, self.turns, self.groups["tool"], self.groups["tool.rotation"])
         return Deviations(*(beta[index] for index in parts))
-
-    def sensor(self, beta: Array) -> Placed:
-        """The sensor: where it stands, its scale and its lens."""
-        assert isinstance(self.measurement, InSpace)  # noqa: S101 - other readings are of fits alone
-        placed: Placed = self.fixed(beta).sensor["placed"]
-        return placed
 
 
 def _axes(rotation: Array) -> Array:

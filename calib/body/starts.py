@@ -9,7 +9,7 @@ import numpy as np
 
 from ..common.arrays import Array
 from .fit import Fit
-from .planar import PlanarStructure
+from .planar import PlanarStructure, planar_starts
 from .rows import Rows
 from .settings import APART, RIVAL_START, SIMULATED_FLOOR, STUDENT
 from .spatial import SpatialStructure
@@ -33,7 +33,7 @@ class Start:
 def candidates(structure: Structure, q: Array, z: Array) -> Sequence[tuple[Structure, Array]]:
     """Structures (signs, mirror, chain) with parameters (d,) to begin with, the best ones first."""
     if isinstance(structure, PlanarStructure):
-        return structure.starts(q, z)
+        return planar_starts(structure, q, z)
     assert isinstance(structure, SpatialStructure)  # noqa: S101
     return spatial_starts(structure, q, z)
 

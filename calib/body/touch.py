@@ -22,11 +22,11 @@ from .belief import Body, Second
 from .covariance import as_kept
 from .fit import BLOCKS
 from .fitting import BodyFit, fit
-from .measurement import Columns, Measurement
 from .parameters import Block, Hyper, Indices
 from .rows import Rows, together
 from .settings import FINER, FREE, SOCKET
 from .spatial import SpatialStructure
+from .views import Columns, Measurement
 
 _POSTURES = 400  # all over the joints' range, of which the mean motion is that of the whole arm
 
@@ -41,7 +41,7 @@ class Touch(Measurement):
     size: float  # of the arm [m]
     sized: bool  # whether anything tells how large the arm is
 
-    blocks = (3,)
+    outputs = 3
     floating = True
     free = ("point",)
     tool = Hyper("tool", SOCKET, (1.0, 1.0))
@@ -73,7 +73,7 @@ class Stated(Measurement):
 
     known: tuple[Known, ...]
 
-    blocks = (1,)
+    outputs = 1
     noise = 1.0
 
     def look(self, own: Mapping[str, Any], motion: Motion, also: Array) -> _Told:  # noqa: ARG002

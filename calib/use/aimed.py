@@ -18,7 +18,7 @@ from ..body.belief import Body
 from ..body.corners import Corners
 from ..body.rows import Beside
 from ..body.spatial import SpatialStructure, structure_of
-from ..body.spatial_view import InSpace
+from ..body.views import InSpace
 from ..common.arrays import Array
 from ..common.rows import number_rows
 from ..common.scale import Scale

@@ -6,7 +6,7 @@ from touching import MM, World
 
 from calib.body.fit import Fit
 from calib.body.parameters import Prior
-from calib.body.rows import Rows, together
+from calib.body.rows import together
 from calib.body.spatial import structure_of
 from calib.body.touch import touching
 from calib.samples.sockets import Known
