@@ -49,8 +49,6 @@ class SpatialStructure(Structure):
     informed: bool = True
     gravity: tuple[float, float, float] = GRAVITY  # (3,) [m/s2], in the root frame
     simulated: bool = False  # whether the rows are samples of a simulation
-    # whether the rows are too few to move joint origins; `spatial_starts` finds out
-    few: bool = False
     reading: Measurement | None = None  # what is measured, where its view's name does not say all
 
     @property
@@ -195,8 +193,6 @@ class SpatialStructure(Structure):
         frame, drawn = self.frame_groups, self.informed
         chain = (*frame, "placement", *(("offset",) if drawn else ()))
         bent = (*chain, "elastic") if drawn and len(self.groups["elastic"]) else chain
-        if drawn and self.few:
-            return (("frame", frame),)
         ladder = (
             ("frame", frame, drawn),
             ("offsets", (*frame, "offset"), drawn and self.camera),
