@@ -48,8 +48,6 @@ class SpatialStructure(Structure):
     informed: bool = True
     gravity: tuple[float, float, float] = GRAVITY  # (3,) [m/s2], in the root frame
     simulated: bool = False  # whether the rows are samples of a simulation
-    # whether the rows are too few to move joint origins; `spatial_starts` finds out
-    few: bool = False
     reading: Measurement | None = None  # what is measured, where its view's name does not say all
 
     @property
@@ -176,8 +174,6 @@ class SpatialStructure(Structure):
     def members(self) -> Ladder:
         """The gate's members from simple to rich."""
         frame, drawn = self.frame_groups, self.informed
-        if drawn and self.few:
-            return (("frame", frame),)
         chain = (*frame, "placement", *(("offset",) if drawn else ()))
         bends = drawn and len(self.groups["elastic"]) > 0
         bent = (*chain, "elastic") if bends else chain

@@ -19,7 +19,7 @@ import numpy as np
 
 from ..arm.spatial_chain import Motion, move
 from ..common.arrays import Array
-from .curves import HARMONICS, curve_slope, curve_value, powers
+from .curves import HARMONICS, curve_slope, curve_value, waves_of
 from .parameters import Block, Gaussian, Hyper, Indices, Label, Part, Prior
 from .views import PLANAR, SPATIAL, Measurement, Moved, Placed, Sight, ViewKind, compose
 
@@ -307,9 +307,10 @@ class Structure:
         def put(indices: Indices, columns: Callable[[], Array]) -> None:
             """Set the columns (..., outputs, n) of parameters, if one of them is asked for."""
             stands = place[indices.ravel()]
-            if (stands >= 0).any():
+            asked = stands >= 0
+            if asked.any():
                 found = columns().reshape(len(stands), outputs, n)
-                out[:, :, stands[stands >= 0]] = found[stands >= 0].transpose(2, 1, 0)
+                out[:, :, stands[asked]] = found[asked].transpose(2, 1, 0)
 
         for name, own in sight.columns():
             put(groups[name], own)
@@ -326,12 +327,8 @@ class Structure:
         put(groups["gain"], lambda: led * (joints * self.directions).T[:, None])
         for indices, moved in self.moving(motion):
             put(indices, lambda moved=moved: sight.push(*moved()))  # type: ignore[misc]
-        for k in range(self.dof):
-            stands = place[groups[f"curve.{k}"]]
-            if (stands >= 0).any():
-                waves = powers(joints[:, k])
-                factors = np.concatenate([waves.real, waves.imag], axis=1)[:, stands >= 0]
-                out[:, :, stands[stands >= 0]] = led[k].T[:, :, None] * factors[:, None]
+        for k, q_k in enumerate(joints.T):
+            put(groups[f"curve.{k}"], lambda k=k, q_k=q_k: waves_of(q_k)[:, None] * led[k])  # type: ignore[misc]
         return sight.values, out
 
     def predict_and_slope(self, q: Array, beta: Array) -> tuple[Array, Array]:
