@@ -302,31 +302,27 @@ def _fitted(structure: SpatialStructure, views: _Views, kept: Mask) -> list[_Exp
 
 def _refuse_readings(structure: SpatialStructure, views: _Views, board: Board) -> None:
     """Refuse joints, an eye or a board of which another reading explains the poses far better."""
-    q, names, poses = views.q, structure.joint_names, views.poses
-    own, inverse, sd = _closed_form(structure, q, poses)
-    if own > _FAR:
-        turns = np.swapaxes(exponential(poses[:, 3:]), 1, 2)
-        other = np.column_stack([-np.einsum("pij,pj->pi", turns, poses[:, :3]), -poses[:, 3:]])
-        if _closed_form(structure, q, other)[0] < _CLEAR * own:
-            eye, where = ("base", "stands still") if views.in_hand else ("hand", "is in the hand")
-            raise OptionError(
-                f"the pictures are explained where the camera {where}: give eye={eye!r}",
-                parameter="eye", value=eye,
-            )  # fmt: skip
-        some, hint = thinned(len(q), _TRIED), "check which row is of which picture"
-        late = (
-            (np.roll(q, k, axis=0), Finding("late", f"they are {abs(k)} row late or early", hint))
-            for k in (-1, 1)
-        )
-        units, orders, *signs = readings(
-            q, names, structure.revolute, any_order=len(names) <= MOST_ORDERED
-        )
-        for others in (units, late, *signs, orders):  # the simplest first
-            tried = [(_closed_form(structure, each[some], poses[some])[0], r) for each, r in others]
-            left, best = min(tried, key=lambda each: each[0], default=(np.inf, None))
-            if best is not None and left < _CLEAR * own:
-                hint = "correct the header of the joints" if best.kind == "exchanged" else best.hint
-                raise LogError(f"the pictures fit the joints only if {best.words}", hint=hint)
+    poses, names = views.poses, structure.joint_names
+    own, inverse, sd = _closed_form(structure, views.q, poses)
+    some = thinned(len(poses), _TRIED)
+    seen, turns = poses[some], exponential(poses[some, 3:])
+    back = np.column_stack([-np.einsum("pji,pj->pi", turns, seen[:, :3]), -seen[:, 3:]])
+    eye, where = ("base", "stands still") if views.in_hand else ("hand", "is in the hand")
+    other = Finding("eye", f"the camera {where}", f"give `eye={eye!r}`")
+    late = Finding("late", "they are a row late or early", "check which row is of which picture")
+    units, orders, *signs = readings(
+        views.q, names, structure.revolute, any_order=len(names) <= MOST_ORDERED
+    )
+    rolled = ((np.roll(views.q, k, axis=0), late) for k in (-1, 1))
+    for group in ([(views.q, other)], units, rolled, *signs, orders) if own > _FAR else ():
+        misfits = [  # the simplest first
+            (_closed_form(structure, each[some], back if why is other else seen)[0], why)
+            for each, why in group
+        ]
+        left, best = min(misfits, key=lambda each: each[0], default=(np.inf, other))
+        if left < _CLEAR * own:
+            hint = "correct the header of the joints" if best.kind == "exchanged" else best.hint
+            raise LogError(f"the pictures fit the joints only if {best.words}", hint=hint)
     if abs(inverse - 1.0) > _SIZED + _SURE * sd:
         raise LogError(
             f"the board's squares measure {1e3 * board.square / inverse:.4g} mm by the arm's "
