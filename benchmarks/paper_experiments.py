@@ -146,8 +146,7 @@ def _one_sided(pair: Association, samples: Samples) -> tuple[Association, Associ
     a = wiring.activity(motor, motor.scale.to_unit(samples.q))
     b = wiring.activity(sensory, sensory.scale.to_unit(samples.x))
     mine, theirs = (np.asarray(part.multiply(part).sum(axis=0)).ravel() for part in (a, b))
-    back = wiring.link((b.T @ a).tocsr(), theirs, mine).T.tocsr()
-    back.sort_indices()
+    back = wiring.link((b.T @ a).tocsr(), theirs, mine).transposed()
     return (
         Association(motor, sensory, wiring.link((a.T @ b).tocsr(), mine, theirs), wiring),
         Association(motor, sensory, back, wiring),

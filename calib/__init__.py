@@ -45,10 +45,10 @@ if TYPE_CHECKING:
     from .model_file.loading import load as load
     from .recording.handeye import HandEye as HandEye
     from .recording.handeye import handeye as handeye
-    from .samples.babbling import babble as babble
     from .samples.logs import read_log as read_log
     from .samples.logs import write_log as write_log
     from .samples.samples import Samples as Samples
+    from .samples.samples import babble as babble
     from .samples.simulation import Simulation as Simulation
     from .show.preview.server import Preview as Preview
     from .show.preview.server import preview as preview
@@ -87,9 +87,8 @@ _NAMES = {
     "model.model": "Model",
     "model_file.loading": "load",
     "recording.handeye": "HandEye handeye",
-    "samples.babbling": "babble",
     "samples.logs": "read_log write_log",
-    "samples.samples": "Samples",
+    "samples.samples": "Samples babble",
     "samples.simulation": "Simulation",
     "show.preview.server": "Preview preview",
     "show.report.page": "figures report",

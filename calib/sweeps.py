@@ -16,8 +16,7 @@ from .common.choices import READOUTS
 from .common.parallel import keep_one_blas_thread, one_blas_thread
 from .common.wording import one_line, suggestion
 from .errors import CalibError, OptionError
-from .samples.babbling import babble
-from .samples.samples import Samples
+from .samples.samples import Samples, babble
 from .training.learn import Progress
 from .training.options import TrainingOptions
 from .training.train import train

@@ -11,7 +11,6 @@ from calib.arm.loading import arm_from_urdf
 from calib.body.covariance import root_of
 from calib.body.spatial import structure_of
 from calib.common.scale import TURN
-from calib.maps.predictor import BodyInBox
 from calib.samples.camera import Camera
 
 L1, L2 = 0.30, 0.25
@@ -152,8 +151,7 @@ def six():
     for group in ("tool.rotation", "placement", "offset", "elastic", "curve.1", "curve.4"):
         beta[structure.groups[group]] += rng.normal(0, 1e-3, len(structure.groups[group]))
     body = replace(drawn.body, beta=beta)
-    smooth = BodyInBox(body, drawn.motor.scale)
-    return replace(drawn, body=body, predictor=replace(drawn.predictor, smooth=smooth))
+    return replace(drawn, body=body)
 
 
 @cache
@@ -176,9 +174,5 @@ def in_plane():
         drawn.body, structure=structure, beta=beta, active=np.arange(structure.size),
         root=root_of(covariance + shared @ shared.T), second=None,
     )  # fmt: skip
-    smooth = BodyInBox(body, drawn.motor.scale)
     bounds = np.zeros(drawn.motor.size)
-    return replace(
-        drawn, body=body, predictor=replace(drawn.predictor, smooth=smooth), bounds=bounds,
-        model_bounds=bounds,
-    )  # fmt: skip
+    return replace(drawn, body=body, bounds=bounds, model_bounds=bounds)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from ..common.scale import Scale
 from ..errors import CalibError
 from ..maps import local_models
 from ..maps.association import Association
+from ..maps.links import Compressed
 from ..maps.local_models import NO_MODELS, exponents
 from ..maps.map import Map
 from ..maps.model_selection import blocks, select
@@ -29,9 +30,6 @@ from ..training.evaluate import error_sizes, evaluate_residuals, summarise
 from .causes import Cause
 from .comparison import Comparison
 from .frame import carried_offset
-
-if TYPE_CHECKING:
-    from scipy.sparse import csr_array
 
 _PER_NODE = 5
 _DEGREE, _SAMPLES = 2, 20  # of local models where there were none
@@ -157,14 +155,14 @@ def rebuilt(found: Comparison, body: Body) -> Model:
         degree = max(model.predictor.models.degree, _DEGREE)
         samples = max(_SAMPLES, 2 * len(exponents(u.shape[1], degree)))
         models = local_models.fit(motor, np.arange(motor.size), u, added, (degree, samples))
-    predictor = Predictor(motor, BodyInBox(body, motor.scale), models)
-    sensory = _moved(model, before[: len(nodes)], predictor.value(nodes))
+    after = Predictor(motor, BodyInBox(body, motor.scale), models).value(nodes)
+    sensory = _moved(model, before[: len(nodes)], after)
     reading, position = (body.bound(q[: len(nodes)], noise=noise) for noise in (True, False))
     winners = motor.nearest(found.u)[1][:, 0]
     return replace(
         model,
         association=replace(old, motor=motor, sensory=sensory),
-        predictor=predictor,
+        local=models,
         body=body,
         rows=None,
         seconds={},
@@ -191,13 +189,13 @@ def _moved(model: Model, before: Array, after: Array) -> Map:
 
 
 def settled_model(
-    model: Model, motor: Map, sensory: Map, q: Array, x: Array, links: csr_array | None = None
+    model: Model, motor: Map, sensory: Map, q: Array, x: Array, links: Compressed | None = None
 ) -> Model:
     """A model with maps as they are now, which have followed some samples.
 
     q, x : (n, dof), (n, m) [unit], samples since the change
-    links : (motor, sensory) sparse array, links as they are; by default those at which eq. 11 comes
-        to rest for the samples.
+    links : (motor, sensory), links as they are; by default those at which eq. 11 comes to rest for
+        the samples.
     """
     scale, wiring, body, found = motor.scale, model.association.wiring, model.body, None
     # a short stream may have been shown again and again
@@ -224,7 +222,6 @@ def settled_model(
             seen = drawn, predictor.value(drawn)
     association = linked(*seen) if links is None else Association(motor, sensory, links, wiring)
     if predictor is None:  # maps and links alone, their errors from every other block
-        predictor = Predictor(motor, association.linear, NO_MODELS)
         folds, rows, errors = blocks(len(u)), np.arange(len(u)), np.empty(len(u))
         for half in (0, 1):
             held, shown = (np.concatenate(folds[k::2]) for k in (half, 1 - half))
@@ -233,7 +230,7 @@ def settled_model(
     made = replace(
         model,
         association=association,
-        predictor=predictor,
+        local=NO_MODELS if predictor is None else predictor.models,
         body=None if found is None else found.body,
         visited=np.bincount(motor.nearest(u)[1][:, 0], minlength=motor.size) > 0,
         rows=Rows.of(scale.from_unit(u), x) if model.rows is not None else None,

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property, partial
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Annotated, Any, cast
 
 import numpy as np
 
-from ..common.arrays import Array, Index
+from ..common.arrays import Array, Index, Own, Shape
 from ..common.choices import READOUTS
-from ..common.frozen import freeze, frozen
+from ..common.frozen import freeze
 from ..common.parallel import side_by_side
 from ..errors import OptionError
 from .linear_models import LinearModels, regress
@@ -50,7 +50,7 @@ class Association:
     Attributes
     ----------
     motor, sensory : Map
-    linked : Compressed or csr_array of shape (motor nodes, sensory nodes)
+    linked : Compressed of shape (motor nodes, sensory nodes)
         Strength c_ij of each connection; `links` is the same as a csr_array.
     wiring : Wiring
         How they were learned (eq. 5) and how active nodes are (eq. 6).
@@ -59,12 +59,12 @@ class Association:
         spacings and half precision, as a model file keeps it; 0 where not known.
     """
 
-    motor: Map
-    sensory: Map
-    linked: Compressed | csr_array
+    motor: Annotated[Map, Own(nodes="nodes", d="dof")]
+    sensory: Annotated[Map, Own(nodes="places", d="width")]
+    linked: Annotated[Compressed, Own()]
     wiring: Wiring = WIRINGS["reciprocal"]
-    motor_shifts: Array | None = None
-    sensory_shifts: Array | None = None
+    motor_shifts: Annotated[Array, Shape("nodes", "dof", kept="f2")] | None = None
+    sensory_shifts: Annotated[Array, Shape("places", "width", kept="f2")] | None = None
 
     def __repr__(self) -> str:
         strong = f"{len(self.linked.data):,} links"
@@ -72,9 +72,6 @@ class Association:
 
     def __post_init__(self) -> None:
         freeze(self, "motor_shifts", "sensory_shifts")
-        links = self.linked
-        data, indices, indptr = map(frozen, (links.data, links.indices, links.indptr))
-        object.__setattr__(self, "linked", Compressed(data, indices, indptr, links.shape))
 
     @cached_property
     def links(self) -> csr_array:
@@ -184,7 +181,7 @@ class Association:
     @cached_property
     def partners(self) -> Compressed:
         """Links by sensory node, (sensory nodes, motor nodes), or those of the nearest linked."""
-        links = cast("Compressed", self.linked).transposed()
+        links = self.linked.transposed()
         return links.take(_linked(self.sensory, np.diff(links.indptr)))
 
     @cached_property

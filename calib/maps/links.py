@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..common.arrays import Array, Index
+from ..common.arrays import Array, Index, Shape
+from ..common.frozen import ReadOnly
 from ..errors import OptionError
 from .map import Map
 
@@ -54,7 +55,7 @@ class Wiring:
         rows = np.arange(0, a.size + 1, k)
         return csr_array((a.ravel(), index.ravel(), rows), shape=(len(u), network.size))
 
-    def link(self, together: csr_array, motor: Array, sensory: Array) -> csr_array:
+    def link(self, together: csr_array, motor: Array, sensory: Array) -> Compressed:
         """Links (motor nodes, sensory nodes) at the fixed point of Oja's rule (eq. 5).
 
         Where its mean change vanishes, c_ij = <a_i a_j> / <a_j^2>, or with both sides
@@ -87,7 +88,7 @@ def wiring_of(links: str) -> Wiring:
     return WIRINGS[links]
 
 
-def without_weak(links: csr_array | Array) -> csr_array:
+def without_weak(links: csr_array | Array) -> Compressed:
     """Links (motor nodes, sensory nodes), sparse or dense, that count for one of their nodes."""
     from scipy.sparse import csr_array
 
@@ -99,8 +100,8 @@ def without_weak(links: csr_array | Array) -> csr_array:
     links.data[weak] = 0.0
     links.eliminate_zeros()
     links.sort_indices()
-    links.data = links.data.astype(np.float32).astype(float)  # as a model file keeps them
-    return links
+    data = links.data.astype(np.float32).astype(float)  # as a model file keeps them
+    return Compressed(data, links.indices, links.indptr, links.shape)
 
 
 def _reached(square: Array) -> Array:
@@ -108,12 +109,13 @@ def _reached(square: Array) -> Array:
     return np.divide(-np.expm1(-square), square, out=np.zeros_like(square), where=square > 0)
 
 
-class Compressed(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class Compressed(ReadOnly):
     """A sparse matrix by rows; SciPy's `csr_array` has the same attributes."""
 
-    data: Array  # (nnz,), entries, row by row
-    indices: NDArray[np.integer]  # (nnz,), column of each entry
-    indptr: NDArray[np.integer]  # (rows + 1,), where each row begins, and the end
+    data: Annotated[Array, Shape("nnz", kept="f4")]  # entries, row by row
+    indices: Annotated[NDArray[np.int32], Shape("nnz")]  # column of each entry
+    indptr: Annotated[NDArray[np.int32], Shape("ends")]  # where each row begins, and the end
     shape: tuple[int, int]  # rows and columns
 
     @property

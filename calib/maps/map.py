@@ -43,7 +43,7 @@ class Map:
     units: Annotated[Array, Shape("nodes", "d")]
     lattice: Lattice | Graph
     scale: Scale
-    history: Annotated[Array, Shape("epochs", "columns")]
+    history: Annotated[Array, Shape("epochs", 4)]
 
     def __post_init__(self) -> None:
         freeze(self, "units", "history")

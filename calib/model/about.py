@@ -16,8 +16,6 @@ from ..common.frozen import ReadOnly
 from ..errors import LogError, ModelError
 from ..samples.samples import Samples
 
-_OPTIONS = ("map", "rule", "epochs", "sigma")
-_WIDEST = 1e9  # range of a joint [rad or m]
 _LARGEST, _START = 3_000_000, b"\xff\xd8\xff"  # bytes of a photo, and the first of a JPEG
 
 MOST_ROWS = 5_000
@@ -35,7 +33,8 @@ class About(ReadOnly):
     lower: Annotated[Array, Shape("dof")]  # [rad or m], learned range of each joint
     upper: Annotated[Array, Shape("dof")]
     locked: Mapping[str, float]  # other joints and where they are held [rad or m]
-    plane: Mapping[str, Any] | None  # its "origin", "x" and "y" in the root link's frame [m]
+    # its "origin", "x" and "y" in the root link's frame [m]
+    plane: Mapping[str, tuple[float, float, float]] | None
     unit: str  # unit of the positions
     bound_of: str  # "true position" or "sensor reading": what the expected error bounds
     source: str  # "simulation" or "log"
@@ -82,35 +81,12 @@ class About(ReadOnly):
             )
         return log.q[:, [log.joint_names.index(name) for name in self.joint_names]]
 
-    def possible(self) -> bool:
-        """Whether the facts of a file make sense."""
-        names, sizes = self.joint_names, self.upper - self.lower
-        simulated, plane = self.simulation or {}, self.plane or {}
-        positions = {"x", "y", "distance"}
-        return (
-            all(names)
-            and 1 <= len(set(names)) == len(names) == len(self.revolute) == len(sizes)
-            and bool(((sizes > 0.0) & (sizes < _WIDEST)).all())
-            and all(
-                np.shape(np.add(plane[key], 0.0)) == (3,) for key in ("origin", "x", "y") if plane
-            )
-            and math.isfinite(simulated.get("noise", 0.0))
-            and all(isinstance(each, str) for each in simulated.get("changes", ()))
-            and min(self.picture or (1,)) >= 1
-            and min(self.samples, self.seed, self.tested, self.left_out) >= 0
-            and set(_OPTIONS) <= set(self.options)
-            and all(
-                positions <= set(told["forward"]) and {*names, "distance"} <= set(told["inverse"])
-                for told in self.errors.values()
-            )
-        )
-
 
 @dataclass(frozen=True)
 class Photo:
     """A JPEG of the arm by the camera that measured it, at most 3 MB; its borders are positions."""
 
-    jpeg: bytes  # the picture
+    jpeg: Annotated[bytes, Shape("bytes")]  # the picture
     # [unit], positions of its left, right, lower and upper border. Of pixels the lower one is the
     # larger: they count from the top.
     box: tuple[float, float, float, float]

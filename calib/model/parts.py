@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..common.arrays import Array
+from ..body.approach import Approach
+from ..body.belief import Body
+from ..common.arrays import Array, Mask, Own, Shape
 from ..common.choices import MAP_READOUTS
 from ..common.frozen import freeze
 from ..common.wording import one_line
@@ -19,20 +22,17 @@ from ..kernel.compiled import Compiled
 from ..kernel.posterior import CompactPosterior
 from ..maps.association import Association, check_readout
 from ..maps.linear_models import LinearModels
-from ..maps.local_models import NO_MODELS
+from ..maps.local_models import NO_MODELS, LocalModels
 from ..maps.map import Map, search_tree
 from ..maps.node_bounds import blend_nodes
 from ..maps.predictor import BodyInBox, Predictor
-from .about import Rows
+from .about import About, Photo, Rows
 from .baseline import KNOWN, Baseline
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
     from scipy.spatial import cKDTree
 
-    from ..body.approach import Approach
-    from ..body.belief import Body
-    from .about import About, Photo
 
 MOST_SHARE = 0.1  # of the reach: where the bound on the position exceeds it, there is no answer
 MOST_BLENDED = 3  # joints up to which bounds are blended between the motor map's nodes
@@ -44,31 +44,36 @@ ROUNDED = 1e-5
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Parts:
-    """The fields of a :class:`calib.Model`."""
+    """The fields of a :class:`calib.Model`, as a model file keeps them."""
 
     about: About  # what it is a model of and where it came from
     association: Association  # motor map, sensory map and the links between them
-    predictor: Predictor  # body, and local models of the motor nodes for what it leaves over
-    # (motor nodes,) [unit], 95 % bounds around each node, on what `about.bound_of` says and on
-    # the true position in the sensor's frame
-    bounds: Array
-    model_bounds: Array
-    visited: NDArray[np.bool_]  # (motor nodes,), those that training samples have visited
-    body: Body | None = None  # the kinematic model under the maps, with intervals
+    # of the motor nodes, for what the body leaves over
+    local: Annotated[LocalModels, Own()]
+    # [unit], 95 % bounds around each motor node, on what `about.bound_of` says and on the true
+    # position in the sensor's frame
+    bounds: Annotated[Array, Shape("nodes")]
+    model_bounds: Annotated[Array, Shape("nodes")]
+    visited: Annotated[Mask, Shape("nodes")]  # motor nodes that training samples have visited
+    # the kinematic model under the maps, with intervals
+    body: Annotated[Body, Own()] | None = None
     rows: Rows | None = None  # measured rows that are kept with the model of a log
     # earlier states of this model: trained, adapted, with their errors
-    history: tuple[dict[str, Any], ...] = ()
+    history: tuple[Mapping[str, Any], ...] = ()
     baseline: Baseline | None = None  # what an undisturbed arm's distortions look like
-    # how long the steps of its training took; not stored in a file
-    seconds: dict[str, float] = field(default_factory=dict)
+    # how long the steps of its training took
+    seconds: dict[str, float] = field(default_factory=dict, metadata={"kept": False})
     approach: Approach | None = None  # backlash, where the direction of motion counts
-    photo: Photo | None = None  # by the camera that measured the arm, to draw the map over
+    # by the camera that measured the arm, to draw the map over
+    photo: Annotated[Photo, Own()] | None = None
 
     # what `warm_up` compiled, which answers single queries
     kernel: ClassVar[Compiled | None] = None
 
     def __post_init__(self) -> None:
         freeze(self, "bounds", "model_bounds", "visited")
+        if np.array_equal(self.bounds, self.model_bounds):  # one answer is enough
+            object.__setattr__(self, "model_bounds", self.bounds)
 
     def __getstate__(self) -> dict[str, Any]:
         """What was compiled for single queries stays behind when a model is pickled."""
@@ -115,6 +120,13 @@ class Parts:
         return {}
 
     @cached_property
+    def predictor(self) -> Predictor:
+        """The default readout: body, or linear models of the links, and the nodes' own models."""
+        body, scale = self.body, self.motor.scale
+        smooth = self.association.linear if body is None else BodyInBox(body, scale)
+        return Predictor(self.motor, smooth, self.local)
+
+    @cached_property
     def solver(self) -> Solver:
         """Solver of the inverse direction."""
         return Solver(self.association, self.predictor)
@@ -124,8 +136,7 @@ class Parts:
         """Solver of the inverse direction of the body alone, without local models."""
         if self.body is None:
             raise OptionError("readout 'body': the model has no body, choose another readout")
-        smooth = BodyInBox(self.body, self.motor.scale)
-        return Solver(self.association, Predictor(self.motor, smooth, NO_MODELS))
+        return Solver(self.association, replace(self.predictor, models=NO_MODELS))
 
     @cached_property
     def most_bound(self) -> float:

@@ -1,8 +1,8 @@
 """Fields: any dataclass as plain data and arrays, and back, as its own annotations say.
 
 Arrays are annotated with their axes, see `calib.common.arrays.Shape`: they become tensors that are
-named by their place, such as ``motor.scale.lower``.  Everything else becomes JSON.  What is read
-may come from a stranger: types, shapes, and that numbers are finite, are checked here.
+named by their place, such as ``about.lower``.  Everything else becomes JSON.  What is read may come
+from a stranger: types, shapes, and that numbers are finite, are checked here.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..body.covariance import pack, unpack
-from ..common.arrays import TRIANGLE, Own, Shape
+from ..common.arrays import TRIANGLE, Shape
 from ..common.checks import LARGEST
 from ..errors import ModelError
 
@@ -26,67 +26,57 @@ Tensors = dict[str, NDArray[Any]]
 Kinds = Mapping[Any, tuple[type, ...]]
 """Classes that may stand for a base class; a key `kind` tells which."""
 
+_MISSING = object()  # of no type
+
 
 class _Hint(NamedTuple):
     """What an annotation says."""
 
     kinds: tuple[Any, ...]  # types that a value may have
-    shape: Shape | None  # of an array, or of bytes
-    own: Own | None  # axes of an object inside of another
+    mark: Any  # `Shape` of an array, `Own` of an object with axes of its own
     optional: bool
 
     @staticmethod
     def of(kind: Any) -> _Hint:
-        marks: tuple[Any, ...] = ()
-        optional = False
-        while (origin := get_origin(kind)) in (Annotated, UnionType, Union):
-            first, *more = get_args(kind)
-            if origin is Annotated:
-                kind, marks = first, (*marks, *more)
-                continue
-            parts = tuple(part for part in (first, *more) if part is not NoneType)
-            optional |= len(parts) <= len(more)
-            if len(parts) > 1:
-                return _Hint(parts, None, None, optional)
-            kind = parts[0]
-        shape = next((mark for mark in marks if isinstance(mark, Shape)), None)
-        own = next((mark for mark in marks if isinstance(mark, Own)), None)
-        return _Hint((kind,), Shape("bytes") if kind is bytes else shape, own, optional)
+        kinds: tuple[Any, ...] = (kind,)
+        if get_origin(kind) in (UnionType, Union):
+            kinds = tuple(each for each in get_args(kind) if each is not NoneType)
+        optional, mark = NoneType in get_args(kind), None
+        if get_origin(kinds[0]) is Annotated:
+            *kinds, mark = get_args(kinds[0])  # type: ignore[assignment]
+        return _Hint(tuple(kinds), mark, optional)
 
 
 def write(value: Any, kind: Any, kinds: Kinds) -> tuple[Any, Tensors]:
     """A value of a type as JSON-ready data, and its arrays by name."""
     tensors: Tensors = {}
 
-    def told(value: Any, kind: Any, path: str) -> Any:
-        hint = _Hint.of(kind)
+    def told(value: Any, hint: _Hint, path: str) -> Any:
         if not is_dataclass(value):
             return _json(value)
         own: Any = type(value)
         parts = {"kind": _name(own)} if len(_classes(hint, kinds)) > 1 else {}
-        for name, hinted in _hints(own).items():
-            part, shape, place = getattr(value, name), _Hint.of(hinted).shape, _under(path, name)
-            if shape is None:
-                parts[name] = told(part, hinted, place)
+        for name, inner in _hints(own).items():
+            part, place = getattr(value, name), _under(path, name)
+            if not isinstance(inner.mark, Shape):
+                parts[name] = told(part, inner, place)
             elif part is not None:
-                tensors[place] = _kept(part, shape)
+                tensors[place] = _kept(part, inner.mark)
         return parts
 
-    return told(value, kind, ""), tensors
+    return told(value, _Hint.of(kind), ""), tensors
 
 
 def read(kind: Any, told: Any, tensors: Tensors, kinds: Kinds) -> Any:
     """The value of a type that was written; ModelError where something is wrong with it."""
 
-    def given(kind: Any, told: Any, path: str, sizes: dict[str, int]) -> Any:
-        hint = _Hint.of(kind)
-        if hint.shape:
-            if path not in tensors:
-                if hint.optional:
-                    return None
-                raise ModelError(f"array {path!r} is missing")
-            array = _checked(tensors[path], hint, path, sizes)
-            return array.tobytes() if hint.kinds[0] is bytes else array
+    def given(hint: _Hint, told: Any, path: str, sizes: dict[str, int]) -> Any:
+        if isinstance(hint.mark, Shape):
+            if path in tensors:
+                return _checked(tensors[path], hint, path, sizes)
+            if hint.optional:
+                return None
+            raise ModelError(f"array {path!r} is missing")
         if told is None and hint.optional:
             return None
         classes = _classes(hint, kinds)
@@ -98,19 +88,16 @@ def read(kind: Any, told: Any, tensors: Tensors, kinds: Kinds) -> Any:
         own: Any = classes[0] if len(classes) == 1 else found.get(told.get("kind", ""))
         if own is None:
             raise ModelError(f"{path} is of kind {told.get('kind')!r:.60}, expected {list(found)}")
-        inner = hint.own.inner(sizes) if hint.own else sizes
+        inner = hint.mark.inner(sizes) if hint.mark else sizes
         values = {
             name: given(part, told.get(name, _MISSING), _under(path, name), inner)
             for name, part in _hints(own).items()
         }
-        if hint.own:
-            hint.own.outer(inner, sizes)
+        if hint.mark:
+            hint.mark.outer(inner, sizes)
         return own(**values)
 
-    return given(kind, told, "", {})
-
-
-_MISSING = object()  # of no type
+    return given(_Hint.of(kind), told, "", {})
 
 
 def _classes(hint: _Hint, kinds: Kinds) -> tuple[Any, ...]:
@@ -126,10 +113,11 @@ def _name(own: type) -> str:
 
 
 @cache
-def _hints(kind: Any) -> dict[str, Any]:
-    """Annotations of a dataclass's fields."""
+def _hints(kind: Any) -> dict[str, _Hint]:
+    """What the annotations of a dataclass's fields say, but for those that no file keeps."""
     hints = get_type_hints(kind, include_extras=True)
-    return {each.name: hints[each.name] for each in fields(kind)}
+    kept = (each.name for each in fields(kind) if each.metadata.get("kept", True))
+    return {name: _Hint.of(hints[name]) for name in kept}
 
 
 def _json(value: Any) -> Any:
@@ -164,18 +152,15 @@ def _value(kind: Any, value: Any, path: str) -> Any:
 def _kept(value: Any, shape: Shape) -> NDArray[Any]:
     """An array as a file keeps it: whole numbers in as few bytes as they need."""
     array: Any = np.frombuffer(value, np.uint8) if isinstance(value, bytes) else value
-    if shape.kept == TRIANGLE:
-        array = pack(array)
-    kind = (
-        shape.stored if array.dtype.kind == "f" else np.min_scalar_type(int(array.max(initial=0)))
-    )
+    array = pack(array) if shape.kept == TRIANGLE else array
+    floats = array.dtype.kind == "f"
+    kind = shape.stored if floats else np.min_scalar_type(int(array.max(initial=0)))
     return np.ascontiguousarray(array.astype(kind))
 
 
-def _checked(array: NDArray[Any], hint: _Hint, path: str, sizes: dict[str, int]) -> NDArray[Any]:
+def _checked(array: NDArray[Any], hint: _Hint, path: str, sizes: dict[str, int]) -> Any:
     """An array of the type and shape that its annotation says, with finite numbers."""
-    kind, shape = hint.kinds[0], hint.shape
-    assert shape is not None  # noqa: S101
+    kind, shape = hint.kinds[0], hint.mark
     wanted = np.dtype(np.uint8 if kind is bytes else get_args(get_args(kind)[1])[0])
     fits = array.dtype.kind == "u"
     if wanted.kind == "f":
@@ -193,4 +178,4 @@ def _checked(array: NDArray[Any], hint: _Hint, path: str, sizes: dict[str, int])
         raise ModelError(
             f"{path} is {array.dtype} {array.shape}, expected {expected} {axes}, finite numbers"
         )
-    return array.astype(wanted, copy=False)
+    return array.tobytes() if kind is bytes else array.astype(wanted, copy=False)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import stat
-from dataclasses import fields
 from pathlib import Path
 
 from ..errors import ModelError
@@ -41,5 +40,4 @@ def load(path: str | os.PathLike[str], *, warm: bool = False) -> Model:
 
 def from_bytes(data: bytes, name: str = "model") -> Model:
     """Read a model from the content of its file; `name` is for messages."""
-    parts = parts_of(data, name)
-    return Model(**{each.name: getattr(parts, each.name) for each in fields(parts)})
+    return parts_of(Model, data, name)

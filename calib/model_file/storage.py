@@ -6,20 +6,26 @@ import hashlib
 import json
 import os
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, TypeVar
 
 from numpy.typing import NDArray
 
+from ..body.planar import PlanarStructure
+from ..body.spatial import SpatialStructure
+from ..body.structure import Structure
 from ..common.atomic import atomic_write
 from ..common.parallel import one_blas_thread
 from ..errors import CalibError, ModelError
 from ..model.parts import Parts
-from .contents import build, described
+from .fields import read, write
+from .sense import check
 
-VERSION = 4  # of the format, as ``docs/format.md`` describes it
+VERSION = 5  # of the format, as ``docs/format.md`` describes it
+KINDS = {Structure: (PlanarStructure, SpatialStructure)}
 _KEY = "calib"
 # what building a model from a description without sense raises
 _NONSENSE = (CalibError, ArithmeticError, AttributeError, LookupError, TypeError, ValueError)
+_M = TypeVar("_M", bound=Parts)
 
 
 def save(model: Parts, path: str | os.PathLike[str]) -> None:
@@ -30,7 +36,7 @@ def save(model: Parts, path: str | os.PathLike[str]) -> None:
     """
     data = to_bytes(model)
     try:
-        parts_of(data, os.fspath(path))
+        parts_of(Parts, data, os.fspath(path))
     except ModelError as error:
         raise ModelError(
             f"the new model cannot be read back, so nothing was written: {error.message}",
@@ -44,10 +50,32 @@ def to_bytes(model: Parts) -> bytes:
     from safetensors.numpy import save as pack
 
     with one_blas_thread():  # a covariance is factored on the way into the file
-        header, tensors = described(model)
+        header, tensors = write(model, Parts, KINDS)
     header["format"] = VERSION
     header["sha256"] = _checksum(tensors, header)
     return bytes(pack(tensors, metadata={_KEY: _canonical(header)}))
+
+
+def parts_of(kind: type[_M], data: bytes, name: str) -> _M:
+    """A model of a class from the content of its file; `name` is for messages."""
+    header, tensors = _unpack(data, name)
+    version = header.get("format")
+    if version != VERSION:
+        remedy = "an older program wrote it, train the model again"
+        if isinstance(version, int) and version > VERSION:
+            remedy = "a newer program wrote it, upgrade this one with 'pip install -U calib-arm'"
+        raise ModelError(f"{name}: model format {version!r}, expected {VERSION}: {remedy}")
+    if header.get("sha256") != _checksum(tensors, header):
+        raise ModelError(
+            f"{name}: damaged or edited, it does not match its checksum: restore or train it again"
+        )
+    try:
+        model: _M = read(kind, header, tensors, KINDS)
+        check(model)
+    except _NONSENSE as error:
+        reason = " ".join(str(error).split())[:120]
+        raise ModelError(f"{name}: not a complete model ({reason}), train it again") from error
+    return model
 
 
 def _canonical(header: Mapping[str, Any]) -> str:
@@ -66,26 +94,6 @@ def _checksum(tensors: Mapping[str, NDArray[Any]], header: Mapping[str, Any]) ->
     # a text may hold a lone surrogate, which UTF-8 alone refuses
     digest.update(_canonical(rest).encode("utf-8", "surrogatepass"))
     return digest.hexdigest()
-
-
-def parts_of(data: bytes, name: str = "model") -> Parts:
-    """Read a model from the content of its file; `name` is for messages."""
-    header, tensors = _unpack(data, name)
-    version = header.get("format")
-    if version != VERSION:
-        remedy = "an older program wrote it, train the model again"
-        if isinstance(version, int) and version > VERSION:
-            remedy = "a newer program wrote it, upgrade this one with 'pip install -U calib-arm'"
-        raise ModelError(f"{name}: model format {version!r}, expected {VERSION}: {remedy}")
-    if header.get("sha256") != _checksum(tensors, header):
-        raise ModelError(
-            f"{name}: damaged or edited, it does not match its checksum: restore or train it again"
-        )
-    try:
-        return build(header, tensors)
-    except _NONSENSE as error:
-        reason = " ".join(str(error).split())[:120]
-        raise ModelError(f"{name}: not a complete model ({reason}), train it again") from error
 
 
 def _unpack(data: bytes, name: str) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:

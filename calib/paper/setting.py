@@ -13,8 +13,7 @@ from ..arm.arm import PlanarArm
 from ..arm.loading import load_arm
 from ..common.arrays import Array
 from ..errors import OptionError
-from ..samples.babbling import babble
-from ..samples.samples import Samples
+from ..samples.samples import Samples, babble
 
 _Report = Callable[[float, str], None]  # the share of the work that is done and what is being done
 

@@ -72,11 +72,16 @@ class Trajectory:
         return motion if is_path(samples.q, motion.joined) else None
 
     @cached_property
+    def step(self) -> float:
+        """The usual time from row to row [unit]."""
+        step = np.diff(self.time)
+        return float(np.median(step[step > 0])) if (step > 0).any() else 0.0
+
+    @cached_property
     def joined(self) -> Mask:
         """Whether each row but the last goes on to the next one without a pause (n - 1,)."""
         step = np.diff(self.time)
-        usual = float(np.median(step[step > 0])) if (step > 0).any() else 0.0
-        return np.asarray((step > 0) & (step <= settings.LONGEST_PAUSE * usual))
+        return np.asarray((step > 0) & (step <= settings.LONGEST_PAUSE * self.step))
 
     def before(self, delay: float) -> tuple[Array, Array]:
         """Joints (n, dof) at the rows' times less `delay`, and their velocity [../unit].
@@ -93,6 +98,12 @@ class Trajectory:
                 path = CubicHermiteSpline(t, q, np.gradient(q, t, axis=0))
                 result[:, inside] = path(when[inside]), path(when[inside], 1)
         return result[0], result[1]
+
+    def moved(self, samples: Samples, delay: float) -> Samples:
+        """The rows whose joints are known `delay` [unit] before, with these."""
+        q, _ = self.before(delay)
+        known = np.asarray(np.isfinite(q).all(axis=1))
+        return replace(samples.take(known), q=q[known])
 
 
 def with_offset(samples: Samples, offset: float) -> Samples:

@@ -38,14 +38,17 @@ def fit_sound_rows(samples: Samples, fit: _Fit) -> tuple[Samples, SmoothPart, li
     if samples.simulation is not None:
         return samples, fit(samples), []
     notes: list[str] = []
+    motion, start = Trajectory.of(samples), 0.0
     if samples.arm is not None and not samples.in_time:
         shift = rows_behind(samples.arm.forward, samples.q, samples.x, samples.unit)
-        if shift:
+        if shift and motion is None:  # poses beside the positions of others
             rows = np.arange(max(shift, 0), len(samples) + min(shift, 0))
             samples = replace(samples.take(rows), q=samples.q[rows - shift])
             notes = [f"positions are moved by {-shift:+d} rows to those of their joints"]
-    part = fit(samples)
-    samples, again, told = _without_delay(samples, part.fit.body, fit)
+        elif motion is not None:
+            start = shift * motion.step
+    part = fit(motion.moved(samples, start) if motion and start else samples)
+    samples, again, told = _without_delay(samples, motion, part.fit.body, fit, start)
     part = again or part
     notes += told + _other_order(samples, part, fit)
     kept, told = contradictions(samples, samples.x - part.fit.body.predict(samples.q))
@@ -94,7 +97,7 @@ def sound_log(model: Model, samples: Samples) -> tuple[Samples, list[str]]:
     samples = replace(samples, q=model.about.joints_of(samples), **limits)
     notes: list[str] = []
     if model.body is not None:
-        samples, _, notes = _without_delay(samples, model.body)
+        samples, _, notes = _without_delay(samples, Trajectory.of(samples), model.body)
     predicted = model.forward(samples.q)
     residual = samples.x - predicted
     known = np.asarray(np.isfinite(predicted).all(axis=1))
@@ -112,23 +115,28 @@ def sound_log(model: Model, samples: Samples) -> tuple[Samples, list[str]]:
 
 
 def _without_delay(
-    samples: Samples, body: Body, fit: _Fit | None = None
+    samples: Samples,
+    motion: Trajectory | None,
+    body: Body,
+    fit: _Fit | None = None,
+    start: float = 0.0,
 ) -> tuple[Samples, SmoothPart | None, list[str]]:
     """The log with its joints at the times of its positions, where a delay is clear.
 
     fit : fits the body anew to moved samples; without it the body is that of another log
+    start : a delay that rows have shown, with which the body was fitted
     Returns the samples, the smooth part of moved ones, and notes.
     """
-    motion = Trajectory.of(samples)
-    delay = None if motion is None else _delay(samples, motion, body, 0.0, fresh=fit is not None)
+    delay = None if motion is None else _delay(samples, motion, body, start, fresh=fit is not None)
+    if motion is not None and start:  # beside which its rest explains little, or nothing
+        told = delay or Delay(start, 0.1 * motion.step, motion.unit, 1.0)
+        delay = replace(told, share=1.0)
     if motion is None or delay is None or not delay.clear:
         return samples, None, [delay.note()] if delay is not None and delay.note() else []
 
     moved, part = samples, None
     for _ in range(_ROUNDS):  # where joints jump, a delay by rows is found by several
-        q, _ = motion.before(delay.value)
-        known = np.asarray(np.isfinite(q).all(axis=1))
-        moved = replace(samples.take(known), q=q[known])
+        moved = motion.moved(samples, delay.value)
         if fit is not None:  # with curves that have not followed the delay
             part = fit(moved)
             body = part.fit.body

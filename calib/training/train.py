@@ -14,7 +14,6 @@ from ..common.parallel import one_blas_thread, side_by_side
 from ..errors import LogError
 from ..maps.local_models import NO_MODELS
 from ..maps.model_selection import select
-from ..maps.predictor import Predictor
 from ..model.about import About, Rows
 from ..model.baseline import Paths, learn_baseline
 from ..model.model import Model
@@ -125,16 +124,18 @@ def _learned(samples: Samples, options: TrainingOptions, progress: Progress) -> 
 
     begin(0.7, "local models")
     motor, u = association.motor, scale.to_unit(samples.q)
-    predictor, left = Predictor(motor, association.linear, NO_MODELS), None
+    local, left = NO_MODELS, None
     if part is not None:
         own = u[part.rows], samples.x[part.rows]
-        predictor, left = select(motor, *own, part.smooth, part.fit.held_out)
+        chosen, left = select(motor, *own, part.smooth, part.fit.held_out)
+        local = chosen.models
 
     begin(0.8, "evaluation")
     empty, visited = np.zeros(motor.size), np.zeros(motor.size, dtype=bool)
     visited[motor.nearest(u)[1][:, 0]] = True
     about = _about(samples, options, taught(samples, part, options))
-    model = Model(about, association, predictor, empty, empty, visited, predictor.body)
+    body = None if part is None else part.fit.body
+    model = Model(about, association, local, empty, empty, visited, body)
     if simulation is not None:
         seed = options.stream("bounds")
         (bounds, known_u, known_x), tested = side_by_side(
@@ -148,7 +149,7 @@ def _learned(samples: Samples, options: TrainingOptions, progress: Progress) -> 
         reading, position = node_bounds(model, known_u, tested.errors[model.default_readout])
         model = replace(model, bounds=reading, model_bounds=position)
     some = slice(None, None, max(1, len(samples) // _TESTED))
-    miss = np.linalg.norm(predictor.value(u[some]) - samples.x[some], axis=1)
+    miss = np.linalg.norm(model.predictor.value(u[some]) - samples.x[some], axis=1)
     baseline = learn_baseline(association, known_u, known_x, miss)
     if part is None and simulation is None:
         baseline = replace(baseline, paths=Paths.of(motor, baseline.motor, known_u))
@@ -183,7 +184,7 @@ def _about(samples: Samples, options: TrainingOptions, taught: bool) -> About:
         **{"robot": "", "tip": "", "locked": {}, "urdf": "", "options": options.to_json()} | told,
         plane=None
         if plane is None
-        else {k: getattr(plane, k).tolist() for k in ("origin", "x", "y")},
+        else {k: tuple(getattr(plane, k).tolist()) for k in ("origin", "x", "y")},
         bound_of="true position" if simulation is not None else "sensor reading",
         source="simulation" if simulation is not None else "log",
         taught=taught,

@@ -17,7 +17,7 @@ from ..arm.rotations import exponential, logarithm
 from ..body.belief import Body
 from ..body.corners import Corners
 from ..body.spatial import SpatialStructure, structure_of
-from ..body.spatial_view import InSpace
+from ..body.views import InSpace
 from ..common.arrays import Array
 from ..common.rows import number_rows
 from ..common.scale import Scale

@@ -7,7 +7,7 @@ from scipy.sparse import csr_array
 from calib.common.scale import TURN, Scale
 from calib.maps.association import Association
 from calib.maps.lattice import Lattice
-from calib.maps.links import BANDWIDTH
+from calib.maps.links import BANDWIDTH, Compressed
 from calib.maps.map import Map
 
 
@@ -23,7 +23,13 @@ def associate(motor, sensory, links):
     dense = np.zeros((motor.size, sensory.size))
     for (i, j), strength in links.items():
         dense[i, j] = strength
-    return Association(motor, sensory, csr_array(dense))
+    return linked(motor, sensory, dense)
+
+
+def linked(motor, sensory, dense):
+    links = csr_array(dense)
+    rows = Compressed(links.data, links.indices, links.indptr, links.shape)
+    return Association(motor, sensory, rows)
 
 
 @pytest.fixture
@@ -51,7 +57,7 @@ def test_winner_forward_is_the_winners_strongest_partner():
 def test_activity_forward_is_the_mean_of_the_partners_weighted_through_the_links():
     sensory = line([0.1, 0.4, 0.9], d=2)
     c = np.array([[0.2, 0.0, 0.7], [0.4, 0.5, 0.0]])
-    pair = Association(line([0.0, 1.0]), sensory, csr_array(c))
+    pair = linked(line([0.0, 1.0]), sensory, c)
     u = np.array([[0.3], [0.5]])
     a = np.exp(-((u - [[0.0, 1.0]]) ** 2) / BANDWIDTH**2)  # eq. 6, spacing 1
     expected = (a @ c @ [0.1, 0.4, 0.9]) / (a @ c).sum(axis=1)

@@ -5,7 +5,7 @@ import pytest
 
 from calib.arm.loading import load_arm
 from calib.errors import OptionError
-from calib.samples.babbling import MAX_SAMPLES, babble
+from calib.samples.samples import babble
 
 
 @pytest.fixture(scope="module")
@@ -69,7 +69,7 @@ def test_the_samples_carry_what_draws_fresh_exact_ones(arm):
     ("arguments", "message"),
     [
         ({"n": 0}, "samples is 0, expected a whole number, 1 to"),
-        ({"n": MAX_SAMPLES + 1}, "10,000,000"),
+        ({"n": 10_000_001}, "10,000,000"),
         ({"n": True}, "samples is True, expected a whole number"),
         ({"seed": -1}, "seed is -1"),
         ({"noise": -0.1}, "noise is -0.1"),

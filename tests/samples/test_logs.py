@@ -12,10 +12,9 @@ from log_files import GOOD, refused
 from calib import train
 from calib.arm.loading import load_arm
 from calib.errors import CalibError, LogError
-from calib.samples.babbling import babble
 from calib.samples.joint_values import locked_from_log
 from calib.samples.logs import read_log, write_log
-from calib.samples.samples import Samples
+from calib.samples.samples import Samples, babble
 from calib.samples.tables import read_batch, write_table
 
 
