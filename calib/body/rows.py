@@ -14,7 +14,7 @@ from ..arm.spatial_chain import Motion
 from ..common.arrays import Array
 from .parameters import Block, Indices
 from .structure import Structure
-from .views import Measurement, Sight
+from .views import Measurement, Placed, Sight
 
 _AT_ONCE = 3000  # rows whose derivatives are held together
 
@@ -69,9 +69,9 @@ class Beside(Measurement):
         """The parameters of the chain's own sensor, then of the others."""
         return tuple(block for each in self.every[::-1] for block in each.parameters())
 
-    def ready(self, own: Mapping[str, Array]) -> Mapping[str, Any]:
-        """What any of them asks for."""
-        return {name: told for each in self.every for name, told in each.ready(own).items()}
+    def placed(self, own: Mapping[str, Array]) -> Placed:
+        """The chain's own sensor."""
+        return self.every[-1].placed(own)
 
     def look(self, own: Mapping[str, Any], motion: Motion, also: Array) -> Sight:
         """See the chain."""
