@@ -277,10 +277,12 @@ class Model(Parts):
         NaN where there is no position.  Raises QueryError if the model is of a planar arm, of
         pixels, or knows no arm in space.
         """
+        from ..arm.rotations import quaternion_of
         from .space import Space
 
         rows, single = checked_rows(q, self.about.joint_names, "joint values")
-        position, turns = self.answered(rows), Space.of(self).seen_turns(rows)
+        space, position = Space.of(self), self.answered(rows)
+        turns = quaternion_of(space.sensor[0] @ space.evaluate(rows)[1])
         turns[np.isnan(position[:, 0])] = np.nan
         return (position[0], turns[0]) if single else (position, turns)
 

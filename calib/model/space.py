@@ -27,12 +27,10 @@ from ..errors import QueryError
 from ..inverse.newton import Newton, Positions
 from ..inverse.pose import TOLERANCE, Joints, Poses, pose_branches
 from ..inverse.solver import free_directions
-from ..inverse.starts import drawn, twins
+from ..inverse.starts import drawn
 from .parts import Parts
 
-_BESIDE = 0.5  # rad: of joints no further from `near` the other branches are looked for there
-_FOLDED, _ACROSS = 0.1, 0.3  # as `twins` has them, beside `near`
-_FEW = 12  # of a start that is near
+_BESIDE = 0.1  # [rad or m]: joints so near are an answer, without a look at other branches
 _STEPS = 40  # of a search whose residual stays
 #: A pose or a position counts as reached within this share of the arm's length.
 REACHED = 1e-6
@@ -123,10 +121,6 @@ class Space:
         turn, shift, scale = self.sensor
         return scale * position @ turn.T + shift, turn @ rotation
 
-    def seen_turns(self, q: Array) -> Array:
-        """Orientations (n, 4) of the tip in the sensor's frame, as quaternions."""
-        return quaternion_of(self.sensor[0] @ self.evaluate(q)[1])
-
     def to_base(self, position: Array, rotation: Array) -> tuple[Array, Array]:
         """Positions (n, 3) [m] and orientations (n, 3, 3) in the base frame."""
         turn, shift, scale = self.sensor
@@ -205,11 +199,6 @@ class Space:
         newton, scale, wish = self._posing, self._scale, self._unit(near)
         target, spare = Poses.target(p, r), wish.shape[1] > 6
         u, left = newton.refine(wish, target, 1e-3 * TOLERANCE)
-        if len(u) and not spare:  # another branch is as near only beside a fold
-            away = np.linalg.norm(scale.difference(u, wish), axis=1)
-            row, across = twins(newton, u, _FOLDED, np.minimum(2.0 * away, _ACROSS))
-            found = newton.refine(across, target[row], steps=_FEW)
-            newton.take_better(u, left, wish, row, *found)
         moved = np.abs(scale.difference(u, wish) * scale.span).max(axis=1)
         beside = (left <= TOLERANCE * self.length) & (moved <= _BESIDE) & (not spare)
         alone = np.flatnonzero(~beside | every)
@@ -264,10 +253,9 @@ def _undistorted(seen: Array, lens: Array) -> Array:
     bent = (seen - (u0, v0)) / f
     r = radius = np.linalg.norm(bent, axis=1)
     for _ in range(_LENS):  # r (1 + k1 r^2) = radius by Newton's rule
-        slope = 1 + 3 * k1 * r * r
-        r = r - (r * (1 + k1 * r * r) - radius) / np.where(np.abs(slope) > 1e-6, slope, 1e-6)
-    bad = (1 + 3 * k1 * r * r <= 0) | (np.abs(r * (1 + k1 * r * r) - radius) > 1e-9)
-    if bad.any():  # the lens folds over
+        slope = np.maximum(1 + 3 * k1 * r * r, 1e-6)  # 0 where the lens folds over
+        r = r - (r * (1 + k1 * r * r) - radius) / slope
+    if (bad := ~(np.abs(r * (1 + k1 * r * r) - radius) <= 1e-9)).any():
         raise QueryError(
             f"pixel {seen[bad][0].round(1).tolist()} lies beyond what a lens of k1 {k1:.3g} can "
             f"show: expected one nearer to ({u0:.0f}, {v0:.0f})"
