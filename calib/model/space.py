@@ -252,9 +252,8 @@ def _undistorted(seen: Array, lens: Array) -> Array:
     f, u0, v0, k1 = lens
     bent = (seen - (u0, v0)) / f
     r = radius = np.linalg.norm(bent, axis=1)
-    for _ in range(_LENS):  # r (1 + k1 r^2) = radius by Newton's rule
-        slope = np.maximum(1 + 3 * k1 * r * r, 1e-6)  # 0 where the lens folds over
-        r = r - (r * (1 + k1 * r * r) - radius) / slope
+    for _ in range(_LENS):  # r (1 + k1 r^2) = radius by Newton's rule, not beyond the lens's fold
+        r = r - (r * (1 + k1 * r * r) - radius) / np.maximum(1 + 3 * k1 * r * r, 1e-6)
     if (bad := ~(np.abs(r * (1 + k1 * r * r) - radius) <= 1e-9)).any():
         raise QueryError(
             f"pixel {seen[bad][0].round(1).tolist()} lies beyond what a lens of k1 {k1:.3g} can "
