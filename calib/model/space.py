@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -38,6 +38,8 @@ _STARTS = 64  # joints from which what was missed is tried again
 _LENS = 30  # iterations of a lens turned round
 _FAMILIES = 4  # ways of more than six joints to a pose that are told
 
+_Belief = TypeVar("_Belief", Body, Second)
+
 
 @dataclass(frozen=True, eq=False)
 class Space:
@@ -52,10 +54,7 @@ class Space:
     def of(model: Parts) -> Space:
         """The arm of a model, made once; QueryError if the model knows no chain in space."""
         if "space" not in model.remembered:
-            about = model.about
-            body = _in_base(model.body) if model.body is not None else None
-            if body is None and about.source == "simulation":
-                body = _drawn(model)
+            about, body = model.about, _in_base(model.body) or _drawn(model)
             if body is None:
                 raise QueryError(
                     "the model knows no arm in space in its base frame: expected one that was "
@@ -90,8 +89,7 @@ class Space:
         Its turn about and its shift along the first joint's axis are a convention.  A camera cannot
         tell the arm's size either: without `size` that is left out too.
         """
-        own = self.model.body
-        body = self.body if size or own is None else _in_base(own, size=False) or self.body
+        body = self.body if size else _in_base(self.model.body, size=False) or self.body
         return body.bound(np.atleast_2d(np.asarray(q, dtype=float)), noise=False)
 
     def free(self, q: Array, rows: int) -> Array:
@@ -262,36 +260,29 @@ def _undistorted(seen: Array, lens: Array) -> Array:
     return np.asarray(bent * (r / np.where(radius > 0, radius, 1.0))[:, None])
 
 
-def _in_base(body: Body, *, size: bool = True) -> Body | None:
-    """The body with its sensor left out, its outputs the tip in the base frame [m], by convention.
-
-    A base frame behind a fitted sensor is turned about the first joint's axis as the belief has it.
-    """
-    structure: Any = body.structure
-    if structure.kind != "spatial" or not structure.informed:
+def _in_base(body: Body | None, *, size: bool = True) -> Body | None:
+    """A drawn body without its sensor, its outputs the tip in the base frame [m], by convention."""
+    structure: Any = None if body is None else body.structure
+    if body is None or structure.kind != "spatial" or not structure.informed:
         return None
 
-    def alone(belief: Body | Second) -> dict[str, Any]:
+    def alone(belief: _Belief) -> _Belief:
+        # a base frame behind a sensor is turned about the first axis as the belief has it
         free = structure.view != "base"
         root = without_gauge(structure, belief, size) if free else belief.root
-        kept = ~np.isin(belief.active, sensor_of(structure))
-        return {
-            "beta": without_sensor(structure, belief.beta)[1],
-            "active": belief.active[kept],
-            "root": root[kept],
-            "noise": np.zeros(3),
-        }
+        own, kept = belief.active, ~np.isin(belief.active, sensor_of(structure))
+        beta = without_sensor(structure, belief.beta)[1]
+        return replace(belief, beta=beta, active=own[kept], root=root[kept], noise=np.zeros(3))
 
-    base, none, second = without_sensor(structure, body.beta)[0], np.zeros(3), body.second
-    if second is not None:
-        second = replace(second, **alone(second))
-    return replace(body, structure=base, **alone(body), tau=none, residual=none, second=second)
+    base, none = without_sensor(structure, body.beta)[0], np.zeros(3)
+    second = body.second and alone(body.second)
+    return replace(alone(body), structure=base, tau=none, residual=none, second=second)
 
 
 def _drawn(model: Parts) -> Body | None:
     """The drawn arm of a simulation whose arm and sensor were not changed."""
     about = model.about
-    if not about.urdf or (about.simulation or {}).get("changes"):
+    if about.source != "simulation" or not about.urdf or (about.simulation or {}).get("changes"):
         return None
     arm = arm_from_urdf(about.urdf, about.joint_names, about.tip, lock=about.locked)
     if not isinstance(arm, SpatialArm):
