@@ -30,7 +30,7 @@ from .score import GroupTest, Tested, bound_test, group_tests
 from .settings import FEW_WRONG, OUTLIER, UNEXPLAINED
 
 _LEAST_ROWS = 10  # fewest different rows that a judgement or a correction can rest on
-_MISREAD = ("exchanged", "turns", "inverted")
+_MISREAD = ("exchanged", "turns")
 _WIDE = 0.5  # least spread of rows in any direction, over that of the learned range
 _CELLS = 5  # along each joint, for the share of the range that a log measured
 _CORNER = 0.5  # share of a joint's range below which it is said how little was covered

@@ -33,7 +33,8 @@ PosePredict = Callable[[Array], tuple[Array, Array]]
 class Finding:
     """Something that is wrong with a log, or looks so."""
 
-    kind: str  # unit, degrees, exchanged, reversed, mirrored, inverted, turns
+    # still, copied, unit, inverted, turns, degrees, exchanged, reversed, mirrored
+    kind: str
     words: str
     hint: str = ""  # the remedy, with Python's names of options
     parameter: str | None = None
@@ -43,6 +44,105 @@ class Finding:
 
 _Reading = tuple[Array, Finding]
 """Joint values (n, dof) read otherwise, and what that would mean, "... only if" its words hold."""
+
+
+def diagnose(
+    predict: Predict | None,
+    q: Array,
+    x: Array,
+    names: Sequence[str],
+    revolute: Sequence[bool],
+    *,
+    unit: str = "m",
+    turns: Array | None = None,
+    pose: PosePredict | None = None,
+    left_handed: bool = False,
+) -> tuple[Finding, ...]:
+    """Find what is wrong with a log, the gravest first; empty where it fits as it is.
+
+    predict : positions of an arm that may differ from the log's by some percent; without it what
+        never moves, or is a copy, is told
+    q, x : (n, dof), (n, m), joint values [rad or m] and positions [unit], in the order of the log
+    names, revolute : of the joints: their names, and which of them turn
+    unit : of the positions; a scale is doubted in metres alone
+    turns : (n, 4), the log's orientations as qx, qy, qz, qw
+    pose : where known, positions and orientations of the arm; a tool of unknown size may hide a
+        wrist joint that is reversed from positions alone
+    left_handed : whether axes that are mirrored need no word
+
+    Examples
+    --------
+    >>> import calib
+    >>> arm = calib.load_arm("two_link")
+    >>> log = calib.babble(arm, 100, seed=0)
+    >>> for finding in diagnose(arm.forward, log.q[:, ::-1], log.x, arm.joint_names, (True, True)):
+    ...     print(finding.kind, finding.value)
+    exchanged ['shoulder', 'elbow']
+    """
+    if predict is None:
+        return _unmoved(q, x, names)
+    rows = thinned(len(q), settings.DIAGNOSED_ROWS)
+    q, x, turns = q[rows], x[rows], None if turns is None else turns[rows]
+    predicted = predict(q)
+    known = np.isfinite(predicted).all(axis=1)
+    few = len(q) < settings.FEWEST_ROWS or known.mean() <= 0.5
+    if few or not np.ptp(predicted[known], axis=0).any():
+        return ()
+    flat, size = unit == "px" or predicted.shape[1] != x.shape[1], spread(x)
+
+    def left(q: Array, *, tool: bool = True) -> float:
+        """Median distance that is left of rows read otherwise; `tool`: one of unknown size."""
+        found, affine = predict(q), flat
+        known = np.isfinite(found).all(axis=1)
+        if known.mean() < 0.6:
+            return float("inf")
+        if tool and pose is not None and len(q) >= settings.TOOL_ROWS:  # positions are linear in it
+            place, turn = pose(q)
+            found, affine = np.column_stack([place, matrix_of(turn).reshape(-1, 9)]), True
+        return misfit(found[known], x[known], affine=affine)
+
+    ratio = size / max(spread(predicted), 1e-300)
+    usual = settings.USUAL_SIZE[0] < ratio < settings.USUAL_SIZE[1]
+    if unit == "m" and not usual and (hint := unit_hint(ratio)):
+        words = f"the positions extend over {ratio:.4g} times what the robot's links allow, in m"
+        return (Finding("unit", words, hint.removeprefix("; "), "unit", "m"),)
+    if turns is not None and pose is not None and (wrong := _turned(*pose(q), x, turns)):
+        return (wrong,)
+    own = left(q)
+    found: tuple[Finding, ...] = ()
+    any_order = own > settings.GOOD * size and len(names) <= settings.MOST_ORDERED
+    tried = readings(q, names, revolute, any_order=any_order) if own > settings.SMALL * size else ()
+    for others in tried:  # the simplest first; of two that explain the log the first is told
+        fits = [r for r in others if left(r[0]) < settings.FAR_BETTER * own]
+        if fits:  # a tool of unknown size explains what a mirror does: by the place alone
+            _, best = min(fits, key=lambda r: left(r[0], tool=False))
+            best = replace(best, words=f"the log fits the robot only if {best.words}")
+            if best.kind == "reversed" and predicted.shape[1] == 2:  # its signs may be learned
+                best = replace(best, hint="", mistake=False)
+            found = (best,)
+            break
+    if not (left_handed or flat or any(each.mistake for each in found)):
+        mirror = np.array([-1.0, *[1.0] * (x.shape[1] - 1)])
+        plain, mirrored = (misfit(predicted[known], x[known] * m) for m in (1.0, mirror))
+        if mirrored < settings.FAR_BETTER * plain:
+            words = (
+                "the positions are mirrored, compared with the robot: the sensor's axes are "
+                "left-handed, or one of them is reversed"
+            )
+            found = (*found, Finding("mirrored", words, mistake=False))
+    return found
+
+
+def refuse_mistakes(findings: Sequence[Finding], label: str = "the log") -> list[str]:
+    """Refuse a log for the first finding that is a mistake; return the others as notes.
+
+    Raises LogError.
+    """
+    for f in findings:
+        if f.mistake:
+            words = f"{label}: {f.words}"
+            raise LogError(words, hint=f.hint or None, parameter=f.parameter, value=f.value)
+    return [f"{label}: {'; '.join(filter(None, (f.words, f.hint)))}" for f in findings]
 
 
 def readings(
@@ -55,9 +155,9 @@ def readings(
     joints = range(len(names))
 
     def units() -> Iterator[_Reading]:
-        words, other = "its joint values are", "degrees"
-        degrees = Finding(other, f"{words} degrees", "give `degrees=True`", other, value=False)
-        radians = Finding(other, f"{words} radians", "leave out `degrees`", other, value=True)
+        words, kind = "its joint values are", "degrees"
+        degrees = Finding(kind, f"{words} degrees", "give `degrees=True`", kind, value=False)
+        radians = Finding(kind, f"{words} radians", "leave out `degrees`", kind, value=True)
         yield np.where(revolute, np.deg2rad(q), q), degrees
         yield np.where(revolute, np.rad2deg(q), q), radians
 
@@ -82,104 +182,6 @@ def readings(
     return units(), orders(), signs(1), signs(2)
 
 
-def refuse_mistakes(findings: Sequence[Finding], label: str = "the log") -> list[str]:
-    """Refuse a log for the first finding that is a mistake; return the others as notes.
-
-    Raises LogError.
-    """
-    for finding in findings:
-        if finding.mistake:
-            raise LogError(
-                f"{label}: {finding.words}",
-                hint=finding.hint or None,
-                parameter=finding.parameter,
-                value=finding.value,
-            )
-    return [f"{label}: {'; '.join(filter(None, (f.words, f.hint)))}" for f in findings]
-
-
-def diagnose(
-    predict: Predict,
-    q: Array,
-    x: Array,
-    names: Sequence[str],
-    revolute: Sequence[bool],
-    *,
-    unit: str = "m",
-    turns: Array | None = None,
-    pose: PosePredict | None = None,
-    left_handed: bool = False,
-) -> tuple[Finding, ...]:
-    """Find what is wrong with a log, the gravest first; empty where it fits as it is.
-
-    predict : positions of an arm that may differ from the log's by some percent
-    q, x : (n, dof), (n, m), joint values [rad or m] and positions [unit], in the order of the log
-    names, revolute : of the joints: their names, and which of them turn
-    unit : of the positions; a scale is doubted in metres alone
-    turns : (n, 4), the log's orientations as qx, qy, qz, qw
-    pose : where known, positions and orientations of the arm; a tool of unknown size may hide a
-        wrist joint that is reversed from positions alone
-    left_handed : whether axes that are mirrored need no word
-
-    Examples
-    --------
-    >>> import calib
-    >>> arm = calib.load_arm("two_link")
-    >>> log = calib.babble(arm, 100, seed=0)
-    >>> for finding in diagnose(arm.forward, log.q[:, ::-1], log.x, arm.joint_names, (True, True)):
-    ...     print(finding.kind, finding.value)
-    exchanged ['shoulder', 'elbow']
-    """
-    rows = thinned(len(q), settings.DIAGNOSED_ROWS)
-    q, x, turns = q[rows], x[rows], None if turns is None else turns[rows]
-    predicted = predict(q)
-    known = np.isfinite(predicted).all(axis=1)
-    few = len(q) < settings.FEWEST_ROWS or known.mean() <= 0.5
-    if few or not np.ptp(predicted[known], axis=0).any():
-        return ()
-    flat = unit == "px" or predicted.shape[1] != x.shape[1]
-
-    def left(q: Array, *, tool: bool = True) -> float:
-        """Median distance that is left of rows read otherwise; `tool`: one of unknown size."""
-        found, affine = predict(q), flat
-        known = np.isfinite(found).all(axis=1)
-        if known.mean() < 0.6:
-            return float("inf")
-        if tool and pose is not None and len(q) >= settings.TOOL_ROWS:  # positions are linear in it
-            place, turn = pose(q)
-            found, affine = np.column_stack([place, matrix_of(turn).reshape(-1, 9)]), True
-        return aligned_misfit(found[known], x[known], affine=affine)
-
-    wrong = _unit_of(spread(x) / max(spread(predicted), 1e-300)) if unit == "m" else None
-    if wrong is None and turns is not None and pose is not None:
-        wrong = _poses(*pose(q), x, turns)
-    if wrong is not None:
-        return (wrong,)
-    found, own, size = [], left(q), spread(x)
-    any_order = own > settings.GOOD * size and len(names) <= settings.MOST_ORDERED
-    tried = readings(q, names, revolute, any_order=any_order) if own > settings.SMALL * size else ()
-    for others in tried:  # the simplest first; of two that explain the log the first is told
-        fits = [r for r in others if left(r[0]) < settings.FAR_BETTER * own]
-        if fits:  # a tool of unknown size explains what a mirror does: by the place alone
-            _, best = min(fits, key=lambda r: left(r[0], tool=False))
-            words = f"the log fits the robot only if {best.words}"
-            if best.kind != "reversed" or predicted.shape[1] != 2:
-                return (replace(best, words=words),)
-            # a planar arm's signs may be learned
-            found = [replace(best, words=words, hint="", mistake=False)]
-            break
-    if not (left_handed or flat):
-        mirror = np.array([-1.0, *[1.0] * (x.shape[1] - 1)])
-        plain, mirrored = (aligned_misfit(predicted[known], x[known] * m) for m in (1.0, mirror))
-        if mirrored < settings.FAR_BETTER * plain:
-            words = (
-                "the positions are mirrored, compared with the robot: the sensor's axes are "
-                "left-handed, or one of them is reversed"
-            )
-            found.append(Finding("mirrored", words, mistake=False))
-    return tuple(found)
-
-
 def unit_hint(ratio: float) -> str:
     """Return what a log's scale against its model's says of its unit, as the end of a message."""
     for name, factor in METRES.items():
@@ -194,15 +196,25 @@ def spread(x: Array) -> float:
     return float(np.median(np.linalg.norm(x - np.median(x, axis=0), axis=1)))
 
 
-def _unit_of(ratio: float) -> Finding | None:
-    """Positions that extend over a multiple of what they should, if that is a unit's."""
-    if settings.USUAL_SIZE[0] < ratio < settings.USUAL_SIZE[1] or not (hint := unit_hint(ratio)):
-        return None
-    words = f"the positions extend over {ratio:.4g} times what the robot's links allow, in m"
-    return Finding("unit", words, hint.removeprefix("; "), "unit", "m")
+def _unmoved(q: Array, x: Array, names: Sequence[str]) -> tuple[Finding, ...]:
+    """What never moves, and joints that are copies; in space a sensor may see a plane's points."""
+    found = []
+    if len(q) < 2:
+        found.append(Finding("still", "one usable row; learning needs two or more"))
+    axes = ("x", "y") if x.shape[1] == 2 else ()
+    for name, column in zip((*names, *axes), (*q.T, *x.T), strict=False):
+        if not np.ptp(column):
+            words = f"{name} is {column[0]:g} in every row; what does not move cannot be learned"
+            hint = "leave it out of `joints`" if name in names else ""
+            found.append(Finding("still", words, hint, "joints", name))
+    for one, other in itertools.combinations(range(len(names)), 2):
+        if np.array_equal(q[:, one], q[:, other]):
+            words = f"joints {names[one]!r} and {names[other]!r} have the same values: a copy"
+            found.append(Finding("copied", words))
+    return tuple(found)
 
 
-def _poses(place: Array, nominal: Array, x: Array, turns: Array) -> Finding | None:
+def _turned(place: Array, nominal: Array, x: Array, turns: Array) -> Finding | None:
     """Quaternions `turns` that do not turn as the joints predict, and the reading that does."""
     known = np.isfinite(place).all(axis=1) & np.isfinite(nominal).all(axis=1)
     if known.sum() < settings.FEWEST_ROWS:
@@ -223,19 +235,19 @@ def _poses(place: Array, nominal: Array, x: Array, turns: Array) -> Finding | No
 
     own = away(x, seen)
     order = "{'qx': 'qy', 'qy': 'qz', 'qz': 'qw', 'qw': 'qx'}"
-    inverse = -(back @ x[:, :, None])[:, :, 0]
     others = (
-        (inverse, back, "inverted", "the poses are inverted: they are those of the sensor in the "
-         "tool's frame", "write the tool's pose in the sensor's: -R'x, the conjugate quaternion"),
-        (x, matrix_of(turns[:, [1, 2, 3, 0]]), "turns", "qx, qy, qz, qw are in the order w, x, y, "
-         "z", f"give `columns={order}`"),
-        (x, back, "inverted", "the orientations are inverted: of the sensor in the tool's frame",
+        (-(back @ x[:, :, None])[:, :, 0], back, "the poses are inverted: they are those of the "
+         "sensor in the tool's frame", "write the tool's pose in the sensor's: -R'x, the conjugate "
+         "quaternion"),
+        (x, matrix_of(turns[:, [1, 2, 3, 0]]), "qx, qy, qz, qw are in the order w, x, y, z",
+         f"give `columns={order}`"),
+        (x, back, "the orientations are inverted: of the sensor in the tool's frame",
          "conjugate the quaternions: change the signs of qx, qy and qz"),
     )  # fmt: skip
-    for where, read, kind, words, hint in others if own[1] > settings.TURNED else ():
+    for where, read, words, hint in others if own[1] > settings.TURNED else ():
         better = away(where, read) < settings.FAR_BETTER * own
         if better[1] and (better[0] or where is x):
-            return Finding(kind, words, hint, "columns")
+            return Finding("turns", words, hint, "columns")
     return None
 
 
@@ -250,7 +262,7 @@ def rows_behind(predict: Predict, q: Array, x: Array, unit: str = "m", most: int
         return 0
     rows = most + thinned(n - 2 * most, settings.DIAGNOSED_ROWS)
     found = {
-        shift: aligned_misfit(predicted[rows - shift], x[rows], affine=unit == "px")
+        shift: misfit(predicted[rows - shift], x[rows], affine=unit == "px")
         for shift in range(-most, most + 1)
     }
     best = min(found, key=lambda shift: (found[shift], abs(shift)))
@@ -263,17 +275,17 @@ def is_path(q: Array, joined: Mask | slice = slice(None)) -> bool:
     return bool(np.max(step / np.maximum(np.ptp(q, axis=0), 1e-12)) <= settings.PATH)
 
 
-def aligned_misfit(a: Array, b: Array, *, affine: bool = False) -> float:
-    """Median distance of `b` (n, m) from `a` (n, k), turned, shifted and scaled.
-
-    Where `affine`, or the one has more coordinates, the best affine map instead.  No reflection: a
-    mirrored sensor is to be seen as a misfit.  Rows that contradict most others do not count.
-    """
+def misfit(a: Array, b: Array, *, affine: bool = False) -> float:
+    """Median distance of `b` (n, m) from `a` (n, k), `aligned`."""
     return float(np.median(np.linalg.norm(b - aligned(a, b, affine=affine), axis=1)))
 
 
 def aligned(a: Array, b: Array, *, affine: bool = False) -> Array:
-    """`a` (n, k), brought to `b` (n, m) whatever a few rows contradict; see `aligned_misfit`."""
+    """`a` (n, k), turned, shifted and scaled to `b` (n, m), whatever a few rows contradict.
+
+    Where `affine`, or the one has more coordinates, by the best affine map instead.  No reflection:
+    a mirrored sensor is to be seen as a misfit.
+    """
     affine = affine or a.shape[1] != b.shape[1]
     features = np.column_stack([a, np.ones(len(a))])
     # spreads about the median: single wrong rows decide nothing

@@ -5,12 +5,11 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from itertools import combinations
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from ..arm.arm import SpatialArm
+from ..arm.arm import Arm, SpatialArm
 from ..arm.plane import Plane, fit_plane
 from ..arm.ranges import Range
 from ..common.arrays import Array, Index, Mask
@@ -31,15 +30,11 @@ from .roles import (
     find_roles,
     from_angles,
     log_columns,
-    sees_pixels,
 )
-from .samples import Samples
+from .samples import POSITION, Samples
 from .tables import Source, open_source, write_table
 from .touches import read_touches
 from .wrong_rows import rows_in_words
-
-if TYPE_CHECKING:
-    from ..arm.arm import Arm
 
 
 def read_log(
@@ -97,7 +92,8 @@ def read_log(
     most = whole("most", most, 2, 2**31)
     source = open_source(path)
     columns = {k: v for k, v in (usual or {}).items() if v in source.header} | dict(columns or {})
-    if sees_pixels(source.header, columns, arm.joint_names if arm else joints or ()):
+    given = {*source.header} - {*(arm.joint_names if arm else joints or ())}
+    if not {*POSITION} & {*source.header, *columns} and {*PIXELS.values()} <= given:
         columns |= PIXELS
         unit = unit or "px"
     if unit is not None and source.unit not in (None, unit):
@@ -110,7 +106,7 @@ def read_log(
     unit = unit or source.unit or "m"
     if "point" in source.header or "point" in columns:
         return read_touches(source, arm, joints, columns, degrees=degrees, unit=unit)
-    roles = find_roles(source, arm, joints, columns)
+    roles, read = find_roles(source, arm, joints, columns)
     outputs = arm.outputs if arm is not None and outputs is None else outputs
     if len(roles.axes) < (outputs or 2) and unit != "px":  # a camera sees two
         raise LogError(
@@ -124,26 +120,24 @@ def read_log(
         words = f"{listed(prismatic)} named as sliding: expected some of the joints"
         raise OptionError(f"{words} {listed(names)}", parameter="prismatic")
     check_ranges(ranges, dict(zip(names, revolute, strict=True)))
+
     drawn, total = source.drawn(most, seed)
-    timed = ["time"] if "time" in source.header and "time" not in roles.columns else []
-    values, numbers = drawn.numbers([*roles.columns, *timed])
-    values, time = np.split(values, [len(roles.columns)], axis=1)
+    timed = ["time"] if "time" in source.header and "time" not in read else []
+    values, numbers = drawn.numbers([*read, *timed])
+    values, time = np.split(values, [len(read)], axis=1)
     turning = np.flatnonzero(revolute) if degrees else slice(0)
     values[:, turning] = np.deg2rad(values[:, turning])
     held = f"{total:,} rows: {most:,} of them, drawn evenly, are held; other counts are of these"
-    notes = [held] if total > most else []
     kept, dropped, left_out, told = _sound(source.label, values, numbers, roles, revolute, ranges)
+    notes = [held] * (total > most) + told
     values, time, numbers = values[kept], time[kept], numbers[kept]
-    q, x, turns, spread = roles.split(values)
-    _check_motion(source.label, q, x, roles)
-    settled = []
+    q, x, turns, spread = np.split(values, np.cumsum([len(some) for some in roles[:3]]), axis=1)
+    lower, upper = np.empty((2, len(names)))
     for k, name in enumerate(names):
         own = None if arm is None else (float(arm.lower[k]), float(arm.upper[k]))
         joint = LoggedJoint(source.label, name, revolute[k], ranges.get(name, own), degrees)
-        settled.append(joint.settle(q[:, k], numbers))
-    q = np.stack([column for column, *_ in settled], axis=1)
-    lower, upper = np.array([each for _, each, _ in settled]).T
-    notes += [*told, *(note for *_, more in settled for note in more)]
+        q[:, k], (lower[k], upper[k]), told = joint.settle(q[:, k], numbers)
+        notes += told
     x, plane, told = _in_plane(source.label, x, numbers, unit, arm, outputs)
     notes += told
     camera = None
@@ -155,21 +149,28 @@ def read_log(
     size = float(np.ptp(x, axis=0).max())
     if arm is None and unit == "m" and size > settings.LARGEST_ARM:
         notes.append(f"the positions extend over {size:.4g} m; if they are in mm, give `unit='mm'`")
-    oriented = bool(roles.turns) and plane is None
+    if roles.turns == QUATERNION:
+        turns = turns / np.linalg.norm(turns, axis=1)[:, None]
+        turns = np.where(turns[:, 3:] < 0, -turns, turns)
+    elif roles.turns:
+        turns = from_angles(np.deg2rad(turns) if degrees else turns)
+    orientation = turns if roles.turns and plane is None else None
+    # what can be nothing but a mistake is refused, what may be intended told
+    refuse_mistakes(diagnose(None, q, x, names, revolute), source.label)
+    if arm is not None:
+        found = diagnose(
+            arm.forward, q, x, names, revolute, unit=unit, turns=orientation,
+            pose=arm.pose if isinstance(arm, SpatialArm) else None, left_handed=plane is not None,
+        )  # fmt: skip
+        notes += refuse_mistakes(found, source.label)
     samples = Samples(
-        q=q,
-        x=x,
-        joint_names=names,
-        lower=lower,
-        upper=upper,
-        revolute=revolute,
-        unit=unit,
+        q, x, names, lower, upper, revolute, unit,
         dropped=dropped,
         arm=replace(arm, lower=lower, upper=upper) if arm else None,
         notes=tuple(notes),
         plane=plane,
-        orientation=_quaternions(turns, roles, degrees) if oriented else None,
-        covariance=covariances(spread, source.label) if oriented and roles.spread else None,
+        orientation=orientation,
+        covariance=covariances(spread, source.label) if roles.spread and plane is None else None,
         columns=columns,
         degrees=degrees and any(revolute),
         camera=camera,
@@ -177,18 +178,8 @@ def read_log(
         rows=numbers,
         time=time[:, 0] if timed and np.isfinite(time).all() else None,
         left_out=left_out,
-    )
-    samples = samples if time_offset is None else with_offset(samples, time_offset)
-    if arm is None:
-        return samples
-    # what the kinematics show to be a mistake is refused, what may be intended is told
-    pose = arm.pose if isinstance(arm, SpatialArm) else None
-    findings = diagnose(
-        arm.forward, samples.q, samples.x, samples.joint_names, samples.revolute,
-        unit=samples.unit, turns=samples.orientation, left_handed=plane is not None, pose=pose,
     )  # fmt: skip
-    told = refuse_mistakes(findings, source.label)
-    return replace(samples, notes=(*samples.notes, *told))
+    return samples if time_offset is None else with_offset(samples, time_offset)
 
 
 def write_log(samples: Samples, path: str | os.PathLike[str]) -> None:
@@ -231,10 +222,10 @@ def _sound(
         np.logical_and(kept, ~wrong, out=kept)
         return int(wrong.sum())
 
-    finite = np.asarray(np.abs(values) < LARGEST)
-    lacking = listed(np.array(roles.columns)[~np.asarray(finite.all(axis=0))])
-    words = f"miss a finite number (2.5, not 2,5) of {lacking}"
-    dropped = leave_out(~np.asarray(finite.all(axis=1)), words)
+    finite = np.abs(values) < LARGEST
+    names = np.array([name for some in roles for name in some])
+    words = f"miss a finite number (2.5, not 2,5) of {listed(names[~finite.all(axis=0)])}"
+    dropped = leave_out(np.asarray(~finite.all(axis=1)), words)
     values[~kept] = 0.0
     for k in (k for k, name in enumerate(roles.joints) if name in chosen):
         low, high = chosen[roles.joints[k]]
@@ -243,8 +234,8 @@ def _sound(
         away = (column < low - edge) | (column > high + edge)
         leave_out(away, f"have {roles.joints[k]} outside of the chosen range")
         values[:, k] = np.clip(column, low, high)
-    q, x, turns, spread = roles.split(values)
-    zero: Mask = kept & np.asarray((x == 0.0).all(axis=1))
+    q, x, turns, _ = np.split(values, np.cumsum([len(some) for some in roles[:3]]), axis=1)
+    zero: Mask = kept & (x == 0.0).all(axis=1)
     left_out = 0
     # a single row, or one place of the joints, may be the origin of the sensor
     if zero.sum() > 1 and np.ptp(q[zero], axis=0).any() and not zero[kept].all():
@@ -254,30 +245,7 @@ def _sound(
         unturned = kept & (np.abs(length - 1) > ROUNDING)
         words = f"hold no orientation: qx, qy, qz, qw of length {length[np.argmax(unturned)]:.4g}"
         left_out += leave_out(unturned, f"{words}, expected 1")
-    if roles.spread:
-        variance = spread[:, [0, 6, 11]].sum(axis=1)  # of x, y and z
-        unsure = variance > settings.UNSURE**2 * np.median(np.abs(variance[kept]))
-        left_out += leave_out(unsure, "have a covariance far wider than usual")
     return np.flatnonzero(kept), dropped, left_out, notes
-
-
-def _check_motion(label: str, q: Array, x: Array, roles: Roles) -> None:
-    """Refuse columns that do not move, or joints that are copies of each other."""
-    if len(q) < 2:
-        raise LogError(f"{label} has one usable row; learning needs two or more")
-    columns = dict(zip(roles.joints, q.T, strict=True))
-    for name, column in (columns | dict(zip(roles.axes, x.T, strict=True))).items():
-        if not np.ptp(column) and (name in columns or len(roles.axes) == 2):
-            raise LogError(
-                f"{label}: {name} is {column[0]:g} in every row; what does not move cannot be "
-                "learned",
-                hint="leave it out of `joints`" if name in columns else None,
-                parameter="joints",
-                value=name,
-            )
-    for one, other in combinations(columns, 2):
-        if np.array_equal(columns[one], columns[other]):
-            raise LogError(f"{label}: joints {one!r} and {other!r} have the same values: a copy")
 
 
 def _in_plane(
@@ -305,11 +273,3 @@ def _in_plane(
         f"{vector(plane.origin)}, out-of-plane rms {rms:.4g} {unit}"
     )
     return plane.project(x), plane, [told]
-
-
-def _quaternions(turns: Array, roles: Roles, degrees: bool) -> Array:
-    """Unit quaternions (n, 4), w not below 0, of a log's columns."""
-    if roles.turns != QUATERNION:
-        return from_angles(np.deg2rad(turns) if degrees else turns)
-    turns = turns / np.linalg.norm(turns, axis=1)[:, None]
-    return np.where(turns[:, 3:] < 0, -turns, turns)

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -32,44 +31,25 @@ ROUNDING = 0.01
 """A quaternion's length may differ from 1 by this much: files round to a few digits."""
 
 
-@dataclass(frozen=True)
-class Roles:
-    """What a log is read from, and the columns that have other names."""
+class Roles(NamedTuple):
+    """What a log is read for, by the usual names of columns."""
 
     joints: tuple[str, ...]  # base to tip
     axes: tuple[str, ...]  # `("x", "y")` or `("x", "y", "z")`
     turns: tuple[str, ...]  # `QUATERNION`, `("roll", "pitch", "yaw")`, or nothing
     spread: tuple[str, ...]  # `COVARIANCE`, or nothing
-    called: Mapping[str, str]
-
-    @property
-    def columns(self) -> list[str]:
-        """The columns: of each joint, axis, part of the orientation and of its covariance."""
-        names = (*self.joints, *self.axes, *self.turns, *self.spread)
-        return [self.called.get(name, name) for name in names]
-
-    def split(self, values: Array) -> tuple[Array, Array, Array, Array]:
-        """Columns (n, columns) of joints, positions, orientations and covariances."""
-        ends = np.cumsum([len(self.joints), len(self.axes), len(self.turns)])
-        q, x, turns, spread = np.split(values, ends, axis=1)
-        return q, x, turns, spread
 
 
 def find_roles(
     source: Source, arm: Arm | None, joints: Sequence[str] | None, called: Mapping[str, str]
-) -> Roles:
-    """Decide which columns to read, or say which choices there are.
+) -> tuple[Roles, list[str]]:
+    """Decide what to read, and from which columns; or say which choices there are.
 
     The joints are those of the arm, or else `joints`; `called` are other names of columns. z is
     among the axes where the log has one.
     """
     names = joint_names(source, arm, joints)
     locked = tuple(arm.locked) if arm is not None else ()  # named for `locked_from_log`
-    there = {
-        name
-        for name in (*POSITION, *QUATERNION, *_ANGLES)
-        if called.get(name, name) in source.header
-    }
     for name, column in called.items():
         if name not in (*names, *POSITION, *QUATERNION, *_ANGLES, *locked):
             raise OptionError(
@@ -78,22 +58,23 @@ def find_roles(
                 parameter="columns",
                 value=name,
             )
-    space = "z" not in names and ("z" in called or "z" in there)
+    there = {*source.header, *called} - {*names}
     turns: tuple[str, ...] = ()
-    if space and (arm is None or arm.outputs == 3):
+    if "z" in there and (arm is None or arm.outputs == 3):
         for parts in (_ANGLES, QUATERNION):  # of one that is named in part the rest is missed
-            if not {*parts} & {*names} and (there.issuperset(parts) or {*parts} & {*called}):
+            if there.issuperset(parts) or {*parts} & {*called}:
                 turns = parts
-    spread = COVARIANCE if turns and {*COVARIANCE} <= {*source.header} else ()
-    roles = Roles(names, POSITION if space else POSITION[:2], turns, spread, called)
-    if len({*roles.columns}) < len(roles.columns):
+    spread = COVARIANCE if turns and there.issuperset(COVARIANCE) else ()
+    roles = Roles(names, POSITION if "z" in there else POSITION[:2], turns, spread)
+    columns = [called.get(name, name) for some in roles for name in some]
+    if len({*columns}) < len(columns):
         raise OptionError(
-            f"columns {listed(roles.columns)}: one is taken twice; each joint and position needs "
+            f"columns {listed(columns)}: one is taken twice; each joint and position needs "
             "a column and a name of its own",
             parameter="columns",
-            value=roles.columns,
+            value=columns,
         )
-    return roles
+    return roles, columns
 
 
 def joint_names(source: Source, arm: Arm | None, joints: Sequence[str] | None) -> tuple[str, ...]:
@@ -112,12 +93,6 @@ def joint_names(source: Source, arm: Arm | None, joints: Sequence[str] | None) -
             parameter="joints",
         )
     return names
-
-
-def sees_pixels(header: Sequence[str], called: Mapping[str, str], joints: Sequence[str]) -> bool:
-    """Whether positions are the columns u and v, because none is named x, y or z."""
-    others = {*POSITION} & {*header, *called}
-    return not others and {*PIXELS.values()} <= {*header} - {*joints}
 
 
 def parse_columns(text: str) -> dict[str, str]:

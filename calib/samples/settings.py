@@ -10,9 +10,6 @@ HELD_ROWS = 200_000
 ROUNDED, SLACK = 1e-4, 0.05
 """Shares of a range by which values may leave it: limits are rounded, and arms differ."""
 
-SMALL_GAP, LARGE_GAP = 0.1, 0.5
-"""Gaps between angles [rad] below which they fill the circle, and beyond which no joint goes."""
-
 LOCKED, STILL = {True: math.radians(5.0), False: 2e-2}, {True: math.radians(0.5), False: 1e-3}
 """Motion [rad where a joint turns, else m] of a locked joint that takes part, and that is told."""
 

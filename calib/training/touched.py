@@ -12,8 +12,8 @@ from ..body.fit import Fit
 from ..body.parameters import Prior
 from ..body.settings import STUDENT
 from ..body.spatial import SpatialStructure, structure_of
-from ..body.spatial_view import InSpace
 from ..body.touch import Touch, fit_touches, restated
+from ..body.views import InSpace
 from ..common.arrays import Array
 from ..errors import LogError
 from ..model.model import Model

@@ -95,15 +95,6 @@ def test_more_than_one_turn_becomes_one(file):
     assert (log.q[inside, 0] == a[inside]).all()
 
 
-def test_a_joint_that_works_across_the_seam_gets_a_range_without_the_gap(file):
-    a = np.linspace(2.0, 4.5, 60)
-    wrapped = np.angle(np.exp(1j * a))
-    log = read_log(file(table({"a": wrapped, "b": np.cos(a)}, 60)), joints=["a", "b"])
-    np.testing.assert_allclose(log.q[:, 0], a - TURN, atol=1e-12)
-    assert log.lower[0] == pytest.approx(2.0 - TURN)
-    assert log.upper[0] == pytest.approx(4.5 - TURN)
-
-
 def test_a_joint_of_the_arm_that_turns_all_round_has_its_turn_about_the_log(arm, file):
     free = replace(arm, lower=[0, -math.pi], upper=[1.6, math.pi])
     elbow = np.r_[np.linspace(-4.0, -3.8, 20), np.linspace(-1.2, -1.0, 20)]  # with a gap of its own
