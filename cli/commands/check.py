@@ -10,7 +10,7 @@ from .. import options as opt
 from ..camera import log_of_pictures
 from ..options import option
 from ..output import NO, Outcome, TextTable, number, say
-from ..samples import Reading, log_for
+from ..samples import Compared, log_for
 from ..units import units_of
 
 if TYPE_CHECKING:
@@ -33,7 +33,7 @@ def check(
     data: opt.NewLog,
     cause: opt.WhatChanged = None,
     tolerance: Annotated[float | None, option("--tolerance S", "Exit 3 if unseen [m].")] = None,
-    reading: Reading,
+    reading: Compared,
     joints_file: opt.JointsFile = None,
     camera: opt.DatasetCamera = None,
 ) -> Outcome:
