@@ -15,7 +15,7 @@ from ..common.rows import checked_rows
 from ..common.wording import one_line, quoted, suggestion
 from ..errors import OptionError
 from .plane import Plane
-from .ranges import Range, checked_range, cut_to_one_turn, notes_of_turns
+from .ranges import Range, checked_range, notes_of_turns, one_turn
 from .rotations import quaternion_of
 from .spatial_chain import SpatialChain
 
@@ -169,26 +169,21 @@ class Arm:
         return tuple("rad" if turns else "m" for turns in self.revolute)
 
     def with_range(self: _A, ranges: Mapping[str, Range]) -> _A:
-        """Return the arm with only a part, (lower, upper) [rad or m], of some joints' ranges."""
-        checked = {}
+        """Return the arm with only a part, (lower, upper) [rad or m], of some joints' ranges.
+
+        Of joints that can turn more than once it is one turn.
+        """
+        lower, upper = self.lower.copy(), self.upper.copy()
+        turning: dict[str, Range] = {}
         for name, chosen in ranges.items():
             k = self._index(name, "ranges")
-            unit = "rad" if self.revolute[k] else "m"
-            checked[name] = checked_range(name, chosen, self.limits[k], unit)
-        return self.spanning(checked)
-
-    def spanning(self: _A, ranges: Mapping[str, Range]) -> _A:
-        """Return the arm with ranges that are known to be within limits, cut to one turn each."""
-        lower, upper = self.lower.copy(), self.upper.copy()
-        cut: dict[str, Range] = {}
-        for name, chosen in ranges.items():
-            k, turn, more = self.joint_names.index(name), chosen, False
+            if chosen != self.limits[k]:
+                chosen = checked_range(name, chosen, self.limits[k], self.units_of_joints[k])
+            lower[k], upper[k] = one_turn(chosen) if self.revolute[k] else chosen
             if self.revolute[k]:
-                turn, more = cut_to_one_turn(chosen)
-            lower[k], upper[k] = turn
-            if more:
-                cut[name] = turn
-        return replace(self, lower=lower, upper=upper, notes=(*self.notes, *notes_of_turns(cut)))
+                turning[name] = chosen
+        notes = (*self.notes, *notes_of_turns(turning))
+        return replace(self, lower=lower, upper=upper, notes=notes)
 
     def _links(self) -> Array:
         """Vectors (dof, 3) [m] from each active joint to the next, the last to the tip, at zero."""

@@ -7,7 +7,9 @@ arm. Joints that are not active are locked.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Collection, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,12 +18,21 @@ import numpy as np
 from ..common.wording import listed, one_line, quoted, suggestion
 from ..errors import OptionError, RobotError
 from .arm import PlanarArm, SpatialArm
-from .finding import MOST_JOINTS, Choice, find_arm, find_tip, is_flat
-from .plane import check_tip, common_normal, plane_of
-from .posture import Kinematics, Posture, folded, followers
-from .ranges import Range, check_joint_limits, neutral, travel, unit_of
+from .finding import (
+    MOST_JOINTS,
+    TIP_NAMES,
+    Chain,
+    check_tip,
+    find_chains,
+    find_tip,
+    planar_part,
+    plane_normal,
+)
+from .plane import plane_of
+from .posture import Kinematics, Posture, folded
+from .ranges import Range, check_joint_limits
 from .robots import resolve_robot
-from .urdf import Joint, Urdf, parse_urdf, read_urdf
+from .urdf import Joint, Mimic, Urdf, parse_urdf, read_urdf
 
 __all__ = ["PlanarArm", "SpatialArm", "arm_from_urdf", "load_arm"]
 
@@ -46,8 +57,8 @@ def load_arm(
     robot : str or Path
         Path to a URDF, or the name of a bundled robot.
     joints : sequence of str, optional
-        Active joints in any order, 2 to 7; by default those of the arm that reaches furthest,
-        before its fingers.
+        Active joints in any order, 2 to 7; by default those of the chain that reaches furthest,
+        before its hand.
     tip : str, optional
         The link (or the fixed joint) whose position is sensed.
     lock : mapping of str to float, optional
@@ -55,7 +66,7 @@ def load_arm(
     ranges : mapping of str to (lower, upper), optional
         Part of a joint's range [rad or m] to babble and learn.
     planar : bool
-        Whether to look only for planar arms within the robot.
+        Whether to take only the joints that move the tip within one plane.
     columns : collection of str, optional
         Columns of a log: without `joints`, joints that are none of them are locked.
 
@@ -102,102 +113,136 @@ def arm_from_urdf(
     `name` is used where the URDF gives its robot none.
     """
     urdf = parse_urdf(text, name)
-    notes = list(urdf.notes)
     lock, ranges = dict(lock or {}), dict(ranges or {})
-    if isinstance(joints, str):
-        joints = [joint.strip() for joint in joints.split(",")]
     for locked in lock:
         _movable(urdf, locked, "lock")
-    tip = None if tip is None else _find_link(urdf, tip)
-    kinematics = Kinematics(urdf)
-    values = held_values(urdf, lock)
-    choice = Choice(joints, tip, lock, ranges, planar, columns)
-    active, tip, flat = _select(urdf, kinematics.posture(values), choice, notes)
-    path = urdf.path(tip)
-    following = followers(urdf, path, active)
-    if flat and following:
-        name, (leader, _, _) = next(iter(following.items()))
-        raise RobotError(
-            f"joint {quoted(name)} mimics the active {quoted(leader)} on the way to the tip: "
-            "coupled joints are not supported in a planar arm; choose others"
-        )
-    moving = [joint for joint in path if joint in active or joint.name in following]
-    posture = kinematics.posture({**values, **{joint.name: 0.0 for joint in moving}})
-    held = {j.name: values[j.name] for j in path if j.movable and j not in moving}
-    notes += _lock_notes(urdf, held, lock)
-    parts: dict[str, Any] = {
-        "name": urdf.name,
-        "joint_names": tuple(joint.name for joint in active),
-        "lower": np.zeros(len(active)),
-        "upper": np.zeros(len(active)),
-        "revolute": tuple(joint.revolute for joint in active),
-        "tip": tip,
-        "locked": held,
-        "urdf": text,
-        "notes": tuple(map(one_line, notes)),
-        "limits": tuple(travel(joint) for joint in active),
-        "chain": folded(moving, active, following, tip, posture, None if flat else urdf),
-    }
-    arm: PlanarArm | SpatialArm
-    if flat:
-        check_tip(active[-1], tip, urdf, posture)
-        plane = plane_of(common_normal(active, posture), posture.links[tip])
-        arm = PlanarArm(plane=plane, **parts)
+    wanted = None if tip is None else _find_link(urdf, tip)
+    kinematics, values = Kinematics(urdf), held_values(urdf, lock)
+    if joints is None:
+        usable = [
+            joint
+            for joint in urdf.joints
+            if joint.movable and not joint.mimic and joint.name not in lock
+            and (joint.name in ranges or not joint.stuck)
+        ]  # fmt: skip
+        free = [joint for joint in usable if columns is None or joint.name in columns]
+        posture, logged = kinematics.posture(values), columns is not None
+        active, tip, notes = _found(urdf, posture, free, wanted, lock, planar=planar, logged=logged)
+        if idle := [
+            joint.name for joint in urdf.path(tip) if joint in usable and joint not in free
+        ]:
+            notes.append(f"locked because the log has no columns for them: {listed(idle)}")
     else:
-        arm = SpatialArm(**parts)
-    others = [joint for joint in active if joint.name not in ranges]
-    check_joint_limits(others)
-    return arm.with_range(ranges).spanning({joint.name: travel(joint) for joint in others})
-
-
-def _select(
-    urdf: Urdf, posture: Posture, choice: Choice, notes: list[str]
-) -> tuple[list[Joint], str, bool]:
-    """Return the active joints, base to tip, the tip link, and whether the arm is planar."""
-    if choice.joints is None:
-        found, note = find_arm(urdf, posture, choice)
-        notes += note
-        return found
-    active = _named_joints(urdf, choice.joints, choice.lock)
-    tip = choice.tip
-    if tip is None:
-        last = max(active, key=lambda joint: len(urdf.path(joint.child)))
-        tip = find_tip(urdf, last.child)
-        if sum(last in urdf.path(link) for link in urdf.links) > 2:  # more than link and tip
-            notes.append(f"tip {quoted(tip)} was chosen (`tip` changes it)")
-    path = urdf.path(tip)
-    for joint in active:
-        if joint not in path:
-            raise RobotError(
-                f"joint {quoted(joint.name)} does not move the tip {quoted(tip)}: joints that "
-                f"do: {listed(j.name for j in path if j.movable)}"
-            )
-    active = [joint for joint in path if joint in active]
-    flat = choice.planar or is_flat(urdf, posture, active, tip)
-    if flat:
-        common_normal(active, posture)
-    elif len(active) > MOST_JOINTS:
+        named = re.split(r"\s*,\s*", joints.strip()) if isinstance(joints, str) else joints
+        active, tip = _named(urdf, named, wanted, lock)
+        notes = []
+    if wanted is None and not tip.lower().endswith(TIP_NAMES):
+        notes.append(f"tip {quoted(tip)} was chosen (`tip` changes it)")
+    names, following = [joint.name for joint in active], dict[str, Mimic]()
+    for joint in urdf.path(tip):
+        if joint.movable and (mimic := urdf.followed(joint, lock)).leader in names:
+            following[joint.name] = mimic
+    copies = [name for name in following if name not in names]
+    posture = kinematics.posture({**values, **dict.fromkeys(following, 0.0)})
+    normal = plane_normal(active, posture, wanted=planar)
+    if copies and planar:
+        raise RobotError(
+            f"joint {quoted(copies[0])} mimics the active {quoted(following[copies[0]].leader)} on "
+            "the way to the tip: expected no such joint in a planar arm; choose others"
+        )
+    normal = None if copies else normal
+    if normal is None and len(active) > MOST_JOINTS:
         raise OptionError(
             f"`joints` names {len(active)} joints, expected 2 to {MOST_JOINTS}",
             hint="lock the others",
             parameter="joints",
         )
-    return active, tip, flat
+    stay = {j.name: values[j.name] for j in urdf.path(tip) if j.movable and j.name not in following}
+    if normal is not None:
+        check_tip(active[-1], tip, posture)
+    others = [joint for joint in active if joint.name not in ranges]
+    check_joint_limits(others)
+    parts: dict[str, Any] = {
+        "name": urdf.name,
+        "joint_names": tuple(names),
+        "lower": np.zeros(len(active)),
+        "upper": np.zeros(len(active)),
+        "revolute": tuple(joint.revolute for joint in active),
+        "tip": tip,
+        "locked": stay,
+        "urdf": text,
+        "notes": tuple(map(one_line, (*urdf.notes, *notes, *_lock_notes(urdf, stay, lock)))),
+        "limits": tuple(joint.travel for joint in active),
+        "chain": folded(urdf, following, names, tip, posture, weighed=normal is None),
+    }
+    arm: PlanarArm | SpatialArm = (
+        SpatialArm(**parts)
+        if normal is None
+        else PlanarArm(plane=plane_of(normal, posture.place(tip)), **parts)
+    )
+    return arm.with_range({**ranges, **{joint.name: joint.travel for joint in others}})
 
 
-def _named_joints(urdf: Urdf, joints: Sequence[str], lock: Mapping[str, float]) -> list[Joint]:
+def _found(
+    urdf: Urdf,
+    posture: Posture,
+    free: Sequence[Joint],
+    tip: str | None,
+    lock: Mapping[str, float],
+    *,
+    planar: bool,
+    logged: bool,
+) -> tuple[list[Joint], str, list[str]]:
+    """Return active joints, base to tip, and the tip, for users who named none; and notes."""
+    chains = find_chains(urdf, posture, free, tip)
+    if not chains:
+        stuck = [joint for joint in urdf.joints if joint.stuck and joint.name not in lock]
+        if len(free) + len(stuck) > 1:
+            check_joint_limits([joint for joint in stuck if joint not in free])
+        hint = "if columns have other names, give `columns={'JOINT': 'COLUMN'}`"
+        movable = listed(joint.name for joint in urdf.joints if joint.movable)
+        raise RobotError(
+            f"no arm{f' to {quoted(tip)}' if tip else ''}: it needs two joints in one chain; of "
+            f"the movable joints {movable} these are free: {listed(j.name for j in free)}",
+            hint=hint if logged else "name other `joints`, `tip` or `lock`",
+        )
+    parts = [planar_part(chain, posture) for chain in chains]
+    flat = planar or plane_normal(chains[0].joints, posture) is not None
+    if flat:
+        chains = [part or chain for part, chain in zip(parts, chains, strict=True)]
+    else:
+        chains = [replace(chain, joints=chain.joints[-MOST_JOINTS:]) for chain in chains]
+    best, *others = chains
+    if others and logged:  # a log was measured on one of them only; in simulation the first serves
+        raise RobotError(
+            f"the robot has {len(chains)} arms of one reach, choose one: {_of(chains)}"
+        )
+    notes = [f"chosen by reach: {best} (others: {_of(others)})"] if others else []
+    if parts[0] and not flat:
+        notes.append(f"the arm moves in space; `planar=True` takes its planar part: {parts[0]}")
+    return list(best.joints), best.tip, notes
+
+
+def _of(chains: Sequence[Chain], most: int = 6) -> str:
+    """The options that name each chain, the first `most` of them."""
+    return "; ".join(map(str, chains[:most])) + ("; ..." if len(chains) > most else "")
+
+
+def _named(
+    urdf: Urdf, joints: Sequence[str], tip: str | None, lock: Mapping[str, float]
+) -> tuple[list[Joint], str]:
+    """Return the joints that a user named, base to tip, and the tip."""
     active: list[Joint] = []
     for name in joints:
         joint = _movable(urdf, name, "joints")
-        if joint.mimic:
-            raise RobotError(
-                f"joint {quoted(name)} mimics {quoted(joint.mimic.leader)} and cannot move on "
-                "its own: choose that one"
+        held = "locked" if name in lock else "named already" if joint in active else None
+        held = f"a mimic of {quoted(joint.mimic.leader)}" if joint.mimic else held
+        if held:
+            raise OptionError(
+                f"`joints`: {quoted(name)} is {held}: expected joints that move on their own",
+                parameter="joints",
+                value=name,
             )
-        if joint in active:
-            raise OptionError(f"`joints` has {quoted(name)} twice", parameter="joints", value=name)
-        if name in lock:
-            raise OptionError(f"joint {quoted(name)} is both active and locked: choose one")
         active.append(joint)
     if len(active) < 2:
         raise OptionError(
@@ -206,7 +251,16 @@ def _named_joints(urdf: Urdf, joints: Sequence[str], lock: Mapping[str, float]) 
             parameter="joints",
             value=list(joints),
         )
-    return active
+    if tip is None:
+        tip = find_tip(urdf, max(active, key=lambda joint: len(urdf.path(joint.child))).child)
+    path = urdf.path(tip)
+    for joint in active:
+        if joint not in path:
+            raise RobotError(
+                f"joint {quoted(joint.name)} does not move the tip {quoted(tip)}: joints that "
+                f"do: {listed(j.name for j in path if j.movable)}"
+            )
+    return [joint for joint in path if joint in active], tip
 
 
 def _movable(urdf: Urdf, name: str, parameter: str) -> Joint:
@@ -231,19 +285,22 @@ def _find_link(urdf: Urdf, tip: str) -> str:
 def held_values(urdf: Urdf, lock: Mapping[str, float]) -> dict[str, float]:
     """Values of all movable joints when held: as told, as their leader, or neutral."""
     movable = [joint for joint in urdf.joints if joint.movable]
-    values = {joint.name: float(lock.get(joint.name, neutral(joint))) for joint in movable}
+    values = {joint.name: float(lock.get(joint.name, joint.neutral)) for joint in movable}
     for joint in movable:
         if not np.isfinite(values[joint.name]):
             raise OptionError(
                 f"`lock` of {quoted(joint.name)} is {lock[joint.name]}: expected a finite "
-                f"number [{unit_of(joint)}]",
+                f"number [{joint.unit}]",
                 parameter="lock",
                 value=lock[joint.name],
             )
-        if joint.mimic and joint.mimic.leader in values and joint.name not in lock:
-            leader = values[joint.mimic.leader]
-            values[joint.name] = joint.mimic.multiplier * leader + joint.mimic.offset
-    return values
+    mimics = {joint.name: urdf.followed(joint, lock) for joint in movable}
+    return {
+        name: mimic.multiplier * values[mimic.leader] + mimic.offset
+        if mimic.leader in values
+        else values[name]
+        for name, mimic in mimics.items()
+    }
 
 
 def _lock_notes(urdf: Urdf, held: Mapping[str, float], lock: Mapping[str, float]) -> list[str]:
@@ -251,14 +308,12 @@ def _lock_notes(urdf: Urdf, held: Mapping[str, float], lock: Mapping[str, float]
     notes: list[str] = []
     for name in [name for name in held if name in lock]:
         joint = _movable(urdf, name, "lock")
-        lower, upper = travel(joint)
+        lower, upper = joint.travel
         if not lower <= held[name] <= upper:
             notes.append(
                 f"`lock={{{name!r}: {held[name]:g}}}` lies outside the joint's limits "
-                f"{lower:g}:{upper:g} [{unit_of(joint)}]"
+                f"{lower:g}:{upper:g} [{joint.unit}]"
             )
     if neutral_ones := [f"{name}={held[name]:.4g}" for name in held if name not in lock]:
         notes.append(f"locked at neutral: {listed(neutral_ones, 8)} (`lock` changes it)")
-    if idle := [name for name in lock if name not in held]:
-        notes.append(f"locked joints that do not move the tip: {listed(idle)}")
     return notes

@@ -9,7 +9,6 @@ parallel to xy therefore keeps the reference frame's own x and y.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,10 +16,7 @@ from numpy.typing import ArrayLike
 
 from ..common.arrays import Array
 from ..common.frozen import own_floats
-from ..common.wording import listed, quoted, vector
 from ..errors import LogError, RobotError
-from .posture import Posture
-from .urdf import Joint, Urdf
 
 #: Axes closer to the normal than this (cosine of 45 degrees, rounding apart) are skipped.
 _NEAR_NORMAL = np.cos(np.pi / 4) + 1e-6
@@ -118,68 +114,3 @@ def fit_plane(points: ArrayLike) -> tuple[Plane, float]:
         raise LogError("the positions lie on one line: no plane can be fitted to them")
     plane = plane_of(directions[2], centroid)
     return plane, float(np.sqrt(np.mean(plane.distances(p) ** 2)))
-
-
-#: Two axes closer than this [rad] count as parallel (or across each other).
-PARALLEL = 1e-4
-#: A tip nearer than this [m] to the last joint's axis is not moved by it.
-MIN_LEVER = 1e-6
-
-
-def fits(joint: Joint, axis: Array, normal: Array) -> bool:
-    """Whether a joint moves within the plane across a normal."""
-    if joint.revolute:
-        return bool(np.linalg.norm(np.cross(axis, normal)) <= PARALLEL)
-    return bool(abs(axis @ normal) <= PARALLEL)
-
-
-def common_normal(active: Sequence[Joint], posture: Posture) -> Array:
-    """Return the direction all active joints agree on, or name the one that does not."""
-    axes = {joint.name: posture.axes[joint.name] for joint in active}
-    turning = [axes[joint.name] for joint in active if joint.revolute]
-    if turning:
-        # The direction that most joints share; the first of them where several tie.
-        votes = [sum(fits(joint, axes[joint.name], axis) for joint in active) for axis in turning]
-        normal = turning[int(np.argmax(votes))]
-    else:
-        crossed = [np.cross(axis, axes[active[0].name]) for axis in axes.values()]
-        normal = max(crossed, key=lambda vector: float(np.linalg.norm(vector)))
-        length = float(np.linalg.norm(normal))
-        if length < PARALLEL:
-            raise RobotError(
-                f"joints {listed(axes)} all slide along {vector(axes[active[0].name])}: "
-                "they move the tip along a line, not over a plane"
-            )
-        normal = normal / length
-    for joint in active:
-        axis = axes[joint.name]
-        if not fits(joint, axis, normal):
-            wanted = "parallel to" if joint.revolute else "perpendicular to"
-            raise RobotError(
-                f"the arm is not planar: joint {quoted(joint.name)} has the axis {vector(axis)} "
-                f"in the root frame, expected one {wanted} the others' normal {vector(normal)}",
-                hint="choose other `joints`, or leave out `planar`",
-                parameter="joints",
-            )
-    # antiparallel axes are one direction; the mean keeps a joint's own tilt small
-    aligned = [axis if axis @ normal > 0 else -axis for axis in turning]
-    return np.mean(aligned, axis=0) if aligned else normal
-
-
-def check_tip(last: Joint, tip: str, urdf: Urdf, posture: Posture) -> None:
-    """Refuse a tip on the axis of the last turning joint: that joint would not move it."""
-    axis, point = posture.axes[last.name], posture.points[last.name]
-    beyond = [link for link in urdf.links if last in urdf.path(link)]
-    levers = [np.linalg.norm(np.cross(axis, posture.links[link] - point)) for link in beyond]
-    pairs = zip(beyond, levers, strict=True)
-    moved = [link for link, lever in pairs if not last.revolute or lever >= MIN_LEVER]
-    if tip not in moved:
-        remedy = (
-            f"choose a tip off the axis from {listed(moved)}"
-            if moved
-            else "add a tip link on a fixed joint to the URDF"
-        )
-        raise RobotError(
-            f"joint {quoted(last.name)} does not move the tip {quoted(tip)}, which lies on its "
-            f"axis: leave the joint out or {remedy}"
-        )

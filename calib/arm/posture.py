@@ -1,4 +1,4 @@
-"""Posture: where Pinocchio puts joints and links, and the chain of few joints that they make."""
+"""Posture: where Pinocchio puts the links, and the chain of few joints that they make."""
 
 from __future__ import annotations
 
@@ -11,17 +11,22 @@ import numpy as np
 from ..common.arrays import Array
 from ..errors import RobotError
 from .spatial_chain import SpatialChain
-from .urdf import Joint, Urdf
+from .urdf import Joint, Mimic, Urdf
 
 
 @dataclass(frozen=True, eq=False)
 class Posture:
-    """Axes and positions at one posture, in the root link's frame."""
+    """Where links are, and with them the joints whose child they are, in the root link's frame."""
 
-    axes: dict[str, Array]  # (3,), unit axis of each movable joint
-    points: dict[str, Array]  # (3,) [m], origin of each movable joint's frame
-    links: dict[str, Array]  # (3,) [m], origin of each link's frame
-    rotations: dict[str, Array]  # (3, 3), orientation of each link's frame
+    frames: dict[str, Array]  # (4, 4), transform of each link's frame
+
+    def place(self, link: str) -> Array:
+        """Origin (3,) [m] of a link's frame."""
+        return self.frames[link][:3, 3]
+
+    def axis(self, joint: Joint) -> Array:
+        """Unit axis (3,) of a joint."""
+        return np.asarray(self.frames[joint.child][:3, :3] @ _direction(joint))
 
 
 class Kinematics:
@@ -39,8 +44,7 @@ class Kinematics:
                 f"robots need Pinocchio, which cannot be imported ({error}): pip install pin"
             ) from None
         self._pin: Any = pin
-        self._urdf, self._model = urdf, pin.Model()
-        self._joints: dict[str, int] = {}
+        self._model, self._joints = pin.Model(), dict[str, int]()
         # of each link the joint that carries it, and its placement there
         self._links: dict[str, tuple[int, Any]] = {urdf.root: (0, pin.SE3.Identity())}
         # a URDF may list a joint before the one that carries it
@@ -56,107 +60,66 @@ class Kinematics:
 
     def posture(self, values: Mapping[str, float]) -> Posture:
         """Return the posture at joint values [rad or m]; joints not named are at zero."""
-        frames = self.transforms(values)
-        # a movable joint's frame is that of its child, in which its axis is at rest
-        movable = [(joint, frames[joint.child]) for joint in self._urdf.joints if joint.movable]
-        return Posture(
-            {joint.name: frame[:3, :3] @ _direction(joint) for joint, frame in movable},
-            {joint.name: frame[:3, 3] for joint, frame in movable},
-            {link: frame[:3, 3] for link, frame in frames.items()},
-            {link: frame[:3, :3] for link, frame in frames.items()},
-        )
-
-    def transforms(self, values: Mapping[str, float]) -> dict[str, Array]:
-        """Transforms (4, 4) of every link in the root's frame at joint values [rad or m]."""
         data, q = self._model.createData(), np.zeros(self._model.nq)
         for name, value in values.items():
             q[self._joints[name] - 1] = value  # each joint has one value
         self._pin.forwardKinematics(self._model, data, q)
-        return {link: (data.oMi[k] * there).homogeneous for link, (k, there) in self._links.items()}
+        links = self._links.items()
+        return Posture({link: (data.oMi[k] * there).homogeneous for link, (k, there) in links})
 
 
 def _direction(joint: Joint) -> Array:
-    """Unit axis (3,) of a joint in its own frame."""
+    """Unit axis (3,) of a joint in its own frame, which is its child's."""
     axis = np.array(joint.axis)
     return np.asarray(axis / np.linalg.norm(axis))
 
 
-#: The active joint that a mimic joint follows, its multiplier and its offset [rad or m].
-_Following = Mapping[str, tuple[str, float, float]]
-
-
-def followers(urdf: Urdf, path: Sequence[Joint], active: Sequence[Joint]) -> _Following:
-    """Mimic joints on the way to the tip that follow an active joint, directly or through others.
-
-    Returns the active joint, the multiplier and the offset of each.
-    """
-    names = {joint.name for joint in active}
-    found: dict[str, tuple[str, float, float]] = {}
-    for joint in path:
-        scale, offset, other, seen = 1.0, 0.0, joint, {joint.name}
-        while other.mimic and other.name not in names:
-            offset += scale * other.mimic.offset
-            scale *= other.mimic.multiplier
-            leader = urdf.joint(other.mimic.leader)
-            if leader is None or leader.name in seen:
-                break
-            seen.add(leader.name)
-            other = leader
-        if joint.name not in names and joint.movable and other.name in names:
-            found[joint.name] = (other.name, scale, offset)
-    return found
-
-
 def folded(
-    moving: Sequence[Joint],
-    active: Sequence[Joint],
-    following: _Following,
+    urdf: Urdf,
+    moving: Mapping[str, Mimic],
+    active: Sequence[str],
     tip: str,
     posture: Posture,
-    urdf: Urdf | None,
+    *,
+    weighed: bool,
 ) -> SpatialChain:
-    """Return the chain of an arm; `posture` has its moving joints at zero.
+    """Return the chain of an arm.
 
-    `moving` are the active joints and their followers, base to tip; `urdf` states
-    the masses that they carry, None where gravity does not matter.
+    moving : what each joint that moves the tip follows, base to tip; an active one itself
+    posture : with the moving joints at zero
+    weighed : whether the masses that it carries are told
     """
-    columns = {joint.name: k for k, joint in enumerate(active)}
-    coupling, bias = np.zeros((len(moving), len(active))), np.zeros(len(moving))
-    for i, joint in enumerate(moving):
-        leader, scale, bias[i] = following.get(joint.name, (joint.name, 1.0, 0.0))
-        coupling[i, columns[leader]] = scale
+    joints = [joint for joint in urdf.path(tip) if joint.name in moving]
+    coupling = np.zeros((len(joints), len(active)))
+    for row, mimic in zip(coupling, moving.values(), strict=True):
+        row[active.index(mimic.leader)] = mimic.multiplier
     return SpatialChain(
-        np.array([posture.axes[joint.name] for joint in moving]),
-        np.array([posture.points[joint.name] for joint in moving]),
-        posture.links[tip],
-        posture.rotations[tip],
-        tuple(joint.revolute for joint in moving),
+        np.array([posture.axis(joint) for joint in joints]),
+        np.array([posture.place(joint.child) for joint in joints]),
+        posture.place(tip),
+        posture.frames[tip][:3, :3],
+        tuple(joint.revolute for joint in joints),
         coupling,
-        bias,
-        *(_carried(urdf, posture, moving) if urdf else ()),
+        np.array([mimic.offset for mimic in moving.values()]),
+        *(_carried(urdf, posture, joints) if weighed else ()),
     )
 
 
 def _carried(urdf: Urdf, posture: Posture, joints: Sequence[Joint]) -> tuple[Array, Array]:
-    """Lump the masses beyond each joint of a chain, up to the next joint of the chain.
+    """Masses (m,) [kg] beyond each joint of a chain, up to the next, and their centres (m, 3) [m].
 
     Links beside the chain (fingers, covers) hang on the last chain joint below them and do not
-    move of their own. `posture` has all joints of the chain at zero.
-
-    Returns masses : (m,) [kg]
-    Returns centres : (m, 3) [m], in the root frame. Both are empty where the URDF states no mass
-        for any of them.
+    move of their own. Both are empty where the URDF states no mass for any.
     """
     order = {joint.name: k for k, joint in enumerate(joints)}
     masses, moments = np.zeros(len(joints)), np.zeros((len(joints), 3))
     for link, (mass, centre) in urdf.masses.items():
-        below = [order[joint.name] for joint in urdf.path(link) if joint.name in order]
-        if below:
+        if below := [order[joint.name] for joint in urdf.path(link) if joint.name in order]:
             masses[below[-1]] += mass
-            place = posture.links[link] + posture.rotations[link] @ np.array(centre)
-            moments[below[-1]] += mass * place
+            moments[below[-1]] += mass * (posture.frames[link] @ [*centre, 1.0])[:3]
     if not masses.any():
         return np.zeros(0), np.zeros((0, 3))
-    points = np.array([posture.points[joint.name] for joint in joints])
-    safe = np.where(masses > 0, masses, 1.0)[:, None]
-    return masses, np.where(masses[:, None] > 0, moments / safe, points)
+    centres = np.array([posture.place(joint.child) for joint in joints])
+    held = masses > 0
+    centres[held] = moments[held] / masses[held, None]
+    return masses, centres

@@ -7,74 +7,23 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from ..common.scale import TURN
+from ..common.wording import listed
 from ..errors import OptionError, RobotError
-from .urdf import Joint
+from .urdf import MAX_TRAVEL, Joint
+from .urdf import Range as Range
 
-#: A sliding joint that claims to travel further than this [m] states no usable limit.
-_MAX_TRAVEL = 1_000.0
 #: Limits that exceed one turn or a range that exceeds its limits by less than this are
 #: rounding (3.1416, 1.5708), and are clipped in silence.
 _ROUNDING = 1e-3
 
-Range = tuple[float, float]
-
-
-def unit_of(joint: Joint) -> str:
-    """Return the unit of a joint's value: rad or m."""
-    return "rad" if joint.revolute else "m"
-
-
-def limits_fault(joint: Joint) -> str | None:
-    """Say why a joint's limits cannot bound its babbling, or None if they can."""
-    if joint.kind == "continuous":
-        return None
-    if joint.limits is None:
-        return "it states no limits"
-    lower, upper = joint.limits
-    if lower > upper:
-        return f"its limits are inverted ({lower:g} > {upper:g})"
-    if lower == upper:
-        return f"its limits leave no room ({lower:g} to {upper:g})"
-    if not joint.revolute and not upper - lower <= _MAX_TRAVEL:
-        return f"its limits are unusable ({lower:g} to {upper:g} m)"
-    return None
-
-
-def fixed_by_limits(joint: Joint) -> bool:
-    """Whether a joint's limits leave it no room at all."""
-    return joint.limits is not None and joint.limits[0] == joint.limits[1]
-
-
-def travel(joint: Joint) -> Range:
-    """Range that a joint can mechanically reach, infinite where its limits do not say."""
-    if joint.limits is None or limits_fault(joint):
-        return -math.inf, math.inf
-    return joint.limits
-
-
-def neutral(joint: Joint) -> float:
-    """Zero, clipped into the joint's limits where it has sensible ones."""
-    lower, upper = travel(joint)
-    if fixed_by_limits(joint) and joint.limits is not None:
-        lower, upper = joint.limits
-    return min(max(0.0, lower), upper)
-
 
 def check_joint_limits(joints: Sequence[Joint]) -> None:
     """Ask for `ranges` of all joints whose limits are unusable."""
-    faulty = [joint for joint in joints if limits_fault(joint)]
-    if faulty:
-        faults = "; ".join(
-            f"joint {joint.name!r} cannot be babbled, {limits_fault(joint)}" for joint in faulty
-        )
-        raise RobotError(faults, hint=f"give {ranges_wanted(faulty)}", parameter="ranges")
-
-
-def ranges_wanted(joints: Sequence[Joint]) -> str:
-    """Return the parameter that would give these joints a range, to be filled in."""
-    entries = ", ".join(f"{joint.name!r}: (LOWER, UPPER)" for joint in joints)
-    units = sorted({unit_of(joint) for joint in joints})
-    return f"`ranges={{{entries}}}` [{', '.join(units)}]"
+    if faulty := [joint for joint in joints if joint.fault]:
+        faults = "; ".join(f"joint {j.name!r} cannot be babbled, {j.fault}" for j in faulty)
+        wanted = ", ".join(f"{joint.name!r}: (LOWER, UPPER)" for joint in faulty)
+        units = ", ".join(sorted({joint.unit for joint in faulty}))
+        raise RobotError(faults, hint=f"give `ranges={{{wanted}}}` [{units}]", parameter="ranges")
 
 
 def checked_range(name: str, chosen: Range, limits: Range, unit: str) -> Range:
@@ -94,32 +43,22 @@ def checked_range(name: str, chosen: Range, limits: Range, unit: str) -> Range:
             f"{shown}: outside the joint's limits {limits[0]:.6g}:{limits[1]:.6g} [{unit}]",
             **fields,
         )
-    if unit == "m" and upper - lower > _MAX_TRAVEL:
-        raise OptionError(f"{shown}: expected a travel of at most {_MAX_TRAVEL:g} m", **fields)
+    if unit == "m" and upper - lower > MAX_TRAVEL:
+        raise OptionError(f"{shown}: expected a travel of at most {MAX_TRAVEL:g} m", **fields)
     return max(lower, limits[0]), min(upper, limits[1])
 
 
-def cut_to_one_turn(chosen: Range) -> tuple[Range, bool]:
-    """Cut a revolute joint's range to one turn, centred as near to 0 as it allows.
-
-    Returns the range and whether more than rounding was cut, which `notes_of_turns` tells
-    """
+def one_turn(chosen: Range) -> Range:
+    """Cut a turning joint's range to one turn, centred as near to 0 as it allows."""
     lower, upper = chosen
     if upper - lower <= TURN:
-        return chosen, False
+        return chosen
     # the turn around 0 where the range holds it, else the end that is nearest to 0
     centre = min(max(0.0, lower + TURN / 2), upper - TURN / 2)
-    return (centre - TURN / 2, centre + TURN / 2), upper - lower > TURN + _ROUNDING
+    return centre - TURN / 2, centre + TURN / 2
 
 
-def notes_of_turns(cut: Mapping[str, Range]) -> list[str]:
-    """Tell which joints' ranges were cut to one turn, a line for each range."""
-    notes = []
-    for lower, upper in dict.fromkeys(cut.values()):
-        names = [repr(name) for name, turn in cut.items() if turn == (lower, upper)]
-        joints = f"joint {names[0]}" if len(names) == 1 else f"joints {', '.join(names)}"
-        notes.append(
-            f"{joints} can turn more than once: one turn{'' if len(names) == 1 else ' each'} is "
-            f"used, {lower:.4f} to {upper:.4f} rad"
-        )
-    return notes
+def notes_of_turns(chosen: Mapping[str, Range]) -> list[str]:
+    """Tell of which turning joints' ranges more than rounding is cut to one turn."""
+    cut = [repr(name) for name, (low, high) in chosen.items() if high - low > TURN + _ROUNDING]
+    return [f"{listed(cut)} can turn more than once: one turn of each is used"] if cut else []

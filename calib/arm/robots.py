@@ -6,7 +6,7 @@ import re
 from dataclasses import dataclass
 from pathlib import Path
 
-from ..common.wording import listed, quoted, suggestion
+from ..common.wording import quoted, suggestion
 from ..errors import RobotError
 from .urdf import parse_urdf, read_urdf
 
@@ -32,7 +32,15 @@ def robots_folder() -> Path:
 
 def list_robots() -> tuple[RobotEntry, ...]:
     """Return the bundled robots, sorted by name."""
-    return tuple(_read_entry(path) for path in sorted(robots_folder().glob("*.urdf")))
+    entries = []
+    for path in sorted(robots_folder().glob("*.urdf")):
+        text = read_urdf(path)
+        urdf = parse_urdf(text, path.stem)
+        joints = tuple(joint.name for joint in urdf.joints if joint.movable)
+        found = _DESCRIPTION.search(text)
+        description = " ".join(found[1].split()) if found else ""
+        entries.append(RobotEntry(path.stem, joints, len(joints), description, path))
+    return tuple(entries)
 
 
 def resolve_robot(robot: str | Path) -> Path:
@@ -43,31 +51,16 @@ def resolve_robot(robot: str | Path) -> Path:
 
     Raises RobotError if it is neither, with the names there are.
     """
-    text = str(robot)
     names = {path.stem: path for path in robots_folder().glob("*.urdf")}
-    if isinstance(robot, str) and text in names:
-        return names[text]
-    if not text.strip() or "\0" in text:
-        raise RobotError(
-            f"robot {text!r}: expected a path to a URDF or one of {listed(sorted(names))}"
-        )
+    if isinstance(robot, str) and robot in names:
+        return names[robot]
     path = Path(robot)
     try:
-        found = path.exists()
-    except OSError:  # a name too long for the file system
-        found = False
-    if found:
-        return path
+        if str(robot).strip() and path.exists():
+            return path
+    except (OSError, ValueError):  # a name too long for the file system, or with a null byte
+        pass
     raise RobotError(
-        f"robot {quoted(text)}: no such file and no bundled robot; give a path to a URDF, or "
+        f"robot {quoted(str(robot))}: no such file and no bundled robot; give a path to a URDF, or "
         f"{suggestion(path.stem, sorted(names))}"
     )
-
-
-def _read_entry(path: Path) -> RobotEntry:
-    text = read_urdf(path)
-    urdf = parse_urdf(text, path.stem)
-    joints = tuple(joint.name for joint in urdf.joints if joint.movable)
-    found = _DESCRIPTION.search(text)
-    description = " ".join(found.group(1).split()) if found else ""
-    return RobotEntry(path.stem, joints, len(joints), description, path)

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Annotated, NamedTuple
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -70,15 +70,6 @@ class Motion:
         return np.cross(about, (self.position - self.origins)[:, None], axis=2), about
 
 
-class Placements(NamedTuple):
-    """A chain as links between frames: what Pinocchio and the exported C are made of."""
-
-    strides: Array  # (m, 3) [m], from each joint's origin to the next, in the frame before
-    turns: Array  # (m, 3, 3), turn of each joint's origin against the frame before
-    tip: Array  # (3,) [m], place of the tip in the last joint's frame
-    tip_turn: Array  # (3, 3), its orientation there
-
-
 @dataclass(frozen=True, eq=False)
 class SpatialChain:
     """A serial chain of m joints that are moved by dof values, at its zero posture."""
@@ -124,7 +115,7 @@ class SpatialChain:
 
     def motion(self, q: Array) -> Motion:
         """Where its parts are at joint values (n, dof) [rad or m]."""
-        return move(self._still, self.values(q))
+        return move(self.still, self.values(q))
 
     def positions(self, q: Array) -> Array:
         """Positions of the tip: (n, dof) -> (n, 3) [m].
@@ -174,7 +165,7 @@ class SpatialChain:
         swung, _, axes, g = self._pulled(q, gravity)
         # torques are the gradient of a potential: what joint i does to all joints beyond, turned
         # about its axis, both ways round
-        slopes = np.einsum("ixn,jxn->ijn", cross(g, axes) * self._still.turning, swung)
+        slopes = np.einsum("ixn,jxn->ijn", cross(g, axes) * self.still.turning, swung)
         beyond = np.triu(np.ones((self.joints, self.joints)))[..., None]
         slopes = slopes * beyond
         slopes += np.swapaxes(slopes * (1.0 - np.eye(self.joints))[..., None], 0, 1)
@@ -188,7 +179,7 @@ class SpatialChain:
         weights = np.cumsum(self.masses[::-1])[::-1][:, None, None]
         swung = cross(motion.axes, moments - weights * motion.places)
         if not all(self.revolute):
-            swung = np.where(self._still.turning, swung, weights * motion.axes)
+            swung = np.where(self.still.turning, swung, weights * motion.axes)
         return swung, (swung * g).sum(axis=1), motion.axes, g
 
     @cached_property
@@ -196,19 +187,9 @@ class SpatialChain:
         return np.asarray((self.centres - self.points)[..., None])
 
     @cached_property
-    def _still(self) -> Links:
-        """The nominal links."""
+    def still(self) -> Links:
+        """The links of the nominal chain."""
         return Links.of(self, Deviations.none(self.joints))
-
-    def placements(self, moved: Deviations | None = None) -> Placements:
-        """Its links, of the nominal chain where no deviations are given."""
-        moved = moved or Deviations.none(self.joints)
-        return Placements(
-            np.diff(self.points, axis=0, prepend=np.zeros((1, 3))) + moved.shifts,
-            exponential(moved.turns),
-            self.tip - self.points[-1] + self.rotation @ moved.tool,
-            self.rotation @ exponential(moved.tool_turn),
-        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -224,6 +205,13 @@ class Links:
     rotation: Array  # (3, 3), orientation of the flange
     tool: Array  # (3, 1) [m]
     tool_turn: Array | None  # (3, 3); None where it does not turn
+
+    @property
+    def tip(self) -> tuple[Array, Array]:
+        """Place (3,) [m] and orientation (3, 3) of the tip in the last joint's frame."""
+        place = self.strides[-1] + self.rotation @ self.tool
+        turn = self.rotation if self.tool_turn is None else self.rotation @ self.tool_turn
+        return place[:, 0], turn
 
     @staticmethod
     def of(chain: SpatialChain, moved: Deviations) -> Links:

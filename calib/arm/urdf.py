@@ -9,31 +9,32 @@ from __future__ import annotations
 import math
 import re
 import xml.etree.ElementTree as ET
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from typing import NamedTuple
 
 from ..common.wording import listed, quoted, suggestion
 from ..errors import RobotError
 
 MAX_BYTES = 50_000_000
 MAX_JOINTS = 1_000  # Pinocchio recurses along the chain and overflows its stack beyond
+MAX_TRAVEL = 1_000.0  # [m]; a slide that claims more states no usable limit
 _MAX_OFFSET = 1e6  # [m]; further out a double has no micrometres left
 _LONGEST_AXIS = 1e6  # Pinocchio squares it
 _HEAVIEST = 1e5  # [kg]; heavier is a mistake in the file, not an arm's link
 
-_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
-_INFINITE = re.compile(r"([+-]?)inf(inity)?", re.IGNORECASE)
+_NUMBER = re.compile(r"[+-]?((\d+\.?\d*|\.\d+)(e[+-]?\d+)?|inf(inity)?)", re.IGNORECASE)
 
-Vector = tuple[float, float, float]
+Vector = tuple[float, ...]
+Range = tuple[float, float]
 
 MOVABLE = ("revolute", "continuous", "prismatic")
 
 
-@dataclass(frozen=True)
-class Mimic:
+class Mimic(NamedTuple):
     """A joint's coupling to another: value = multiplier * leader + offset."""
 
     leader: str
@@ -52,7 +53,7 @@ class Joint:
     xyz: Vector
     rpy: Vector
     axis: Vector
-    limits: tuple[float, float] | None
+    limits: Range | None
     mimic: Mimic | None
 
     @property
@@ -64,6 +65,39 @@ class Joint:
     def revolute(self) -> bool:
         """Whether the joint turns (rad) rather than slides (m)."""
         return self.kind != "prismatic"
+
+    @property
+    def unit(self) -> str:
+        """Unit of the joint's value."""
+        return "rad" if self.revolute else "m"
+
+    @property
+    def stuck(self) -> bool:
+        """Whether its limits leave it no room at all."""
+        return self.limits is not None and self.limits[0] == self.limits[1]
+
+    @property
+    def fault(self) -> str | None:
+        """Why its limits cannot bound what is babbled, None if they can."""
+        if self.kind == "continuous":
+            return None
+        if self.limits is None:
+            return "it states no limits"
+        lower, upper = self.limits
+        if lower < upper and (self.revolute or upper - lower <= MAX_TRAVEL):
+            return None
+        return f"its limits {lower:g} to {upper:g} {self.unit} are unusable"
+
+    @property
+    def travel(self) -> Range:
+        """Range that it can mechanically reach, infinite where its limits do not say."""
+        return (-math.inf, math.inf) if self.limits is None or self.fault else self.limits
+
+    @property
+    def neutral(self) -> float:
+        """Zero, clipped into its limits where it has sensible ones."""
+        lower, upper = self.limits if self.stuck and self.limits else self.travel
+        return min(max(0.0, lower), upper)
 
 
 @dataclass(frozen=True)
@@ -91,6 +125,20 @@ class Urdf:
             path.append(self._above[link])
             link = path[-1].parent
         return tuple(reversed(path))
+
+    def followed(self, joint: Joint, stops: Collection[str] = ()) -> Mimic:
+        """What a joint follows in the end, over other mimic joints that are none of `stops`.
+
+        That is the joint itself where it follows none.
+        """
+        scale, offset, passed = 1.0, 0.0, [joint.name, *stops]
+        stop = joint.name in stops
+        while not stop and joint.mimic and (leader := self.joint(joint.mimic.leader)):
+            offset += scale * joint.mimic.offset
+            scale *= joint.mimic.multiplier
+            stop, joint = leader.name in passed, leader
+            passed.append(joint.name)
+        return Mimic(joint.name, scale, offset)
 
     def below(self, link: str) -> tuple[Joint, ...]:
         """Joints that a link carries directly, in file order."""
@@ -138,14 +186,12 @@ def parse_urdf(text: str, name: str = "robot") -> Urdf:
     own_name = (robot.get("name") or "").strip()
     if not own_name:
         notes.append(f"the URDF gives the robot no name: {name} is used")
-    links = _names(robot, "link")
-    joint_names = _names(robot, "joint")
-    if max(len(joint_names), len(links) - 1) > MAX_JOINTS:
-        raise RobotError(
-            f"the URDF has {len(links)} links and {len(joint_names)} joints, expected at most "
-            f"{MAX_JOINTS} joints"
-        )
-    joints = tuple(_read_joint(node, set(links), notes) for node in robot.findall("joint"))
+    links, joint_names = _names(robot, "link"), _names(robot, "joint")
+    if not links:
+        raise RobotError("the URDF has no links: expected a robot with links and joints")
+    if len(joint_names) > MAX_JOINTS:
+        raise RobotError(f"the URDF has {len(joint_names)} joints, expected at most {MAX_JOINTS}")
+    joints = tuple(_read_joint(node, links, notes) for node in robot.findall("joint"))
     for joint in joints:
         if joint.mimic and joint.mimic.leader not in joint_names:
             notes.append(
@@ -158,42 +204,32 @@ def parse_urdf(text: str, name: str = "robot") -> Urdf:
 
 
 def _parse_xml(text: str) -> ET.Element:
-    upper = text.upper()
     for mark in ("<!DOCTYPE", "<!ENTITY"):
-        if mark in upper:
+        if mark in text.upper():
             raise RobotError(
                 f"the URDF holds {mark}: document types and entities are refused; remove it "
                 "and write its values out"
             )
+    expand = "expand xacro first, for example: xacro robot.xacro > robot.urdf"
     try:
         robot = ET.fromstring(text)  # noqa: S314 - entities were refused above
     except (ET.ParseError, ValueError) as error:
-        if "unbound prefix" in str(error) and "<xacro:" in text:
-            raise _xacro_error("<xacro:...>") from None
-        cut = any(word in str(error) for word in ("no element", "unclosed", "no closing"))
-        remedy = "the file seems truncated, fetch it again" if cut else "correct it there"
+        remedy = expand if "<xacro:" in text else "correct it there, or fetch a truncated file anew"
         raise RobotError(f"the URDF is not well-formed XML ({error}): {remedy}") from None
     if robot.tag != "robot":
-        hint = " (SDF: convert it to URDF first)" if robot.tag == "sdf" else ""
-        raise RobotError(f"the file's root element is <{robot.tag[:60]}>, expected <robot>{hint}")
+        raise RobotError(
+            f"the file's root element is <{robot.tag[:60]}>, expected <robot>: convert SDF and "
+            "other formats to URDF first"
+        )
     for node in robot.iter():
-        if isinstance(node.tag, str) and "xacro}" in node.tag:
-            raise _xacro_error(f"<xacro:{node.tag.split('}')[1]}>")
-        for value in node.attrib.values():
-            if "${" in value:
-                raise _xacro_error(value)
+        for word in (node.tag, *node.attrib.values()):
+            if "xacro}" in word or "${" in word:
+                raise RobotError(f"the URDF still holds {quoted(word)}: {expand}")
     return robot
 
 
-def _xacro_error(found: str) -> RobotError:
-    return RobotError(
-        f"the URDF still holds xacro ({quoted(found)}): expand it first, "
-        "for example: xacro robot.xacro > robot.urdf"
-    )
-
-
-def _names(robot: ET.Element, tag: str) -> list[str]:
-    """Names of all elements of one kind: stated, and each only once."""
+def _names(robot: ET.Element, tag: str) -> dict[str, None]:
+    """Names of all elements of one kind, in file order: stated, and each only once."""
     names: dict[str, None] = {}
     for number, node in enumerate(robot.findall(tag), 1):
         name = node.get("name", "")
@@ -202,47 +238,48 @@ def _names(robot: ET.Element, tag: str) -> list[str]:
         if name in names:
             raise RobotError(f"two {tag}s are named {quoted(name)}: rename one of them")
         names[name] = None
-    if not names and tag == "link":
-        raise RobotError("the URDF has no links: expected a robot with links and joints")
-    return list(names)
+    return names
 
 
-def _read_joint(node: ET.Element, links: set[str], notes: list[str]) -> Joint:
-    name = node.get("name", "")
+def _read_joint(node: ET.Element, links: Collection[str], notes: list[str]) -> Joint:
+    name, kind = node.get("name", ""), node.get("type", "")
     where = f"joint {quoted(name)}"
-    kind = node.get("type", "")
-    if kind in ("floating", "planar"):
-        raise RobotError(
-            f"{where} is {kind}: only fixed, revolute, continuous and prismatic joints are "
-            "supported; make it fixed"
-        )
     if kind not in (*MOVABLE, "fixed"):
         raise RobotError(
-            f"{where} has type {quoted(kind)}, expected one of fixed, {', '.join(MOVABLE)}"
+            f"{where} has type {quoted(kind)}: only fixed, revolute, continuous and prismatic "
+            "joints are supported; make it fixed"
         )
     parent, child = (_end(node, tag, where, links) for tag in ("parent", "child"))
-    origin = node.find("origin")
-    xyz = _vector(origin, "xyz", where, (0.0, 0.0, 0.0))
-    rpy = _vector(origin, "rpy", where, (0.0, 0.0, 0.0))
-    if max(map(abs, xyz)) > _MAX_OFFSET:
+    xyz = _numbers(node, "origin", "xyz", (0.0, 0.0, 0.0), where)
+    rpy = _numbers(node, "origin", "rpy", (0.0, 0.0, 0.0), where)
+    if (far := max(map(abs, xyz))) > _MAX_OFFSET:
         raise RobotError(
-            f"{where}: origin xyz reaches {max(map(abs, xyz)):g} m, expected at most "
-            f"{_MAX_OFFSET:g} m: URDF placements are in metres"
+            f"{where}: origin xyz reaches {far:g} m, expected at most {_MAX_OFFSET:g} m: URDF "
+            "placements are in metres"
         )
-    axis = (1.0, 0.0, 0.0)
+    axis: Vector = (1.0, 0.0, 0.0)
     if kind != "fixed":
-        stated = node.find("axis")
-        if stated is None or "xyz" not in stated.attrib:
+        x, y, z = axis = _numbers(node, "axis", "xyz", axis, where)
+        if node.find("axis[@xyz]") is None:
             notes.append(f"{where} has no <axis>: URDF's default, x, is used")
-        axis = _vector(stated, "xyz", where, axis)
         if not 1 / _LONGEST_AXIS <= math.hypot(*axis) <= _LONGEST_AXIS:
-            shown = " ".join(f"{part:g}" for part in axis)
-            raise RobotError(f"{where} has the axis {shown}: give a direction such as 0 0 1")
-    limits = _limits(node, where) if kind in ("revolute", "prismatic") else None
-    return Joint(name, kind, parent, child, xyz, rpy, axis, limits, _mimic(node, where))
+            raise RobotError(
+                f"{where} has the axis {x:g} {y:g} {z:g}: give a direction such as 0 0 1"
+            )
+    limits: Range | None = None
+    if kind in ("revolute", "prismatic") and {"lower", "upper"} & set(_attributes(node, "limit")):
+        (lower,) = _numbers(node, "limit", "lower", (0.0,), where, infinite=True)
+        (upper,) = _numbers(node, "limit", "upper", (0.0,), where, infinite=True)
+        limits = lower, upper
+    mimic: Mimic | None = None
+    if (follows := node.find("mimic")) is not None:
+        (multiplier,) = _numbers(node, "mimic", "multiplier", (1.0,), where)
+        (offset,) = _numbers(node, "mimic", "offset", (0.0,), where)
+        mimic = Mimic(follows.get("joint", ""), multiplier, offset)
+    return Joint(name, kind, parent, child, xyz, rpy, axis, limits, mimic)
 
 
-def _end(node: ET.Element, tag: str, where: str, links: set[str]) -> str:
+def _end(node: ET.Element, tag: str, where: str, links: Collection[str]) -> str:
     ends = node.findall(tag)
     if len(ends) != 1:
         raise RobotError(f"{where} has {len(ends)} <{tag}> elements, expected one")
@@ -255,85 +292,57 @@ def _end(node: ET.Element, tag: str, where: str, links: set[str]) -> str:
     return link
 
 
-def _limits(node: ET.Element, where: str) -> tuple[float, float] | None:
-    limit = node.find("limit")
-    if limit is None or not {"lower", "upper"} & set(limit.attrib):
-        return None
-    lower, upper = (
-        _number(limit.get(key, "0"), f"{where}: limit {key}", infinite=True)
-        for key in ("lower", "upper")
-    )
-    return lower, upper
+def _attributes(node: ET.Element, path: str) -> Mapping[str, str]:
+    """Attributes of a part of an element, none where it is not there."""
+    part = node.find(path)
+    return {} if part is None else part.attrib
 
 
-def _mimic(node: ET.Element, where: str) -> Mimic | None:
-    mimic = node.find("mimic")
-    if mimic is None:
-        return None
-    multiplier, offset = (
-        _number(mimic.get(key, default), f"{where}: mimic {key}")
-        for key, default in (("multiplier", "1"), ("offset", "0"))
-    )
-    return Mimic(mimic.get("joint", ""), multiplier, offset)
-
-
-def _vector(node: ET.Element | None, key: str, where: str, default: Vector) -> Vector:
-    text = None if node is None else node.get(key)
-    if node is None or text is None:
+def _numbers(
+    node: ET.Element, path: str, key: str, default: Vector, where: str, *, infinite: bool = False
+) -> Vector:
+    """Read an attribute's numbers as URDF libraries do, not as Python does (1_000, nan)."""
+    text = _attributes(node, path).get(key)
+    if text is None:
         return default
-    parts = text.split()
-    if len(parts) != 3:
-        raise RobotError(f"{where}: <{node.tag} {key}={quoted(text)}>, expected three numbers")
-    x, y, z = (_number(part, f"{where}: {node.tag} {key}") for part in parts)
-    return x, y, z
-
-
-def _number(text: str, where: str, *, infinite: bool = False) -> float:
-    """Read a number as URDF libraries do, not as Python does (1_000, nan)."""
-    text = text.strip()
-    if infinite and _INFINITE.fullmatch(text):
-        return -math.inf if text.startswith("-") else math.inf
-    value = float(text) if len(text) <= 64 and _NUMBER.fullmatch(text) else math.nan
-    if not (math.isfinite(value) or (infinite and math.isinf(value))):
-        raise RobotError(f"{where} is {quoted(text)}, expected a finite number")
-    return value
+    values = tuple(
+        float(word) if len(word) <= 64 and _NUMBER.fullmatch(word) else math.nan
+        for word in text.split()
+    )
+    usable = [not math.isnan(v) if infinite else math.isfinite(v) for v in values]
+    if len(values) != len(default) or not all(usable):
+        count = {1: "a finite number", 3: "three finite numbers"}[len(default)]
+        raise RobotError(f"{where}: {path} {key} is {quoted(text)}, expected {count}")
+    return values
 
 
 def _masses(robot: ET.Element) -> Iterator[tuple[str, tuple[float, Vector]]]:
     """Masses and centres of links; what is no positive finite number is left out."""
     for link in robot.findall("link"):
-        origin, mass = link.find("inertial/origin"), link.find("inertial/mass")
-        if mass is not None:
-            with suppress(RobotError):
-                value = _number(mass.get("value", ""), "mass")
-                if 0 < value < _HEAVIEST:
-                    yield link.get("name", ""), (value, _vector(origin, "xyz", "mass", (0, 0, 0)))
+        with suppress(RobotError):
+            (mass,) = _numbers(link, "inertial/mass", "value", (0.0,), "mass")
+            if 0 < mass < _HEAVIEST:
+                centre = _numbers(link, "inertial/origin", "xyz", (0.0, 0.0, 0.0), "mass")
+                yield link.get("name", ""), (mass, centre)
 
 
-def _find_root(links: list[str], joints: tuple[Joint, ...]) -> str:
+def _find_root(links: Collection[str], joints: tuple[Joint, ...]) -> str:
     """Return the one link without a parent, or say why the links are no tree."""
-    above: dict[str, Joint] = {}
-    for joint in joints:
-        if joint.child in above:
-            raise RobotError(
-                f"link {quoted(joint.child)} has two parents, joints "
-                f"{quoted(above[joint.child].name)} and {quoted(joint.name)}: remove one"
-            )
-        above[joint.child] = joint
+    above = {joint.child: joint for joint in joints}
     roots = [link for link in links if link not in above]
-    if len(roots) > 1:
-        raise RobotError(
-            f"the URDF has {len(roots)} root links, {listed(map(quoted, roots), 4)}: "
-            "expected one; join them with fixed joints"
-        )
-    reached, waiting = set[str](), list(roots)
-    while waiting:
-        reached.add(link := waiting.pop())
-        waiting += [joint.child for joint in joints if joint.parent == link]
-    loop = next((link for link in links if link not in reached), None)
-    if loop is not None:
-        raise RobotError(
-            f"link {quoted(loop)} is part of a loop of joints: a URDF must be a tree; "
-            f"remove joint {quoted(above[loop].name)}"
-        )
+    reached = list(roots)
+    for link in reached:  # grows as it goes; a link with two parents is reached by one
+        reached += [j.child for j in joints if j.parent == link and above[j.child] is j]
+    faults = {
+        f"{len(roots)} root links, join them with fixed joints": roots if len(roots) > 1 else [],
+        "joints to a link that has another parent, remove one": [
+            joint.name for joint in joints if above[joint.child] is not joint
+        ],
+        "joints in a loop, remove one": [
+            joint.name for joint in joints if joint.child not in reached
+        ],
+    }
+    for fault, names in faults.items():
+        if names:
+            raise RobotError(f"the URDF is no tree of links: {fault}: {listed(names, 4)}")
     return roots[0]

@@ -22,13 +22,12 @@ from ..arm.spatial_chain import Motion
 from ..common.arrays import Array
 from .belief import Body
 from .fitting import BodyFit, fit
-from .measurement import Columns, Measurement
 from .parameters import Block, Indices
 from .settings import FINER
 from .spatial import SpatialStructure
 from .spatial_start import frame
-from .spatial_view import InSpace, Placed, pixels
 from .touch import restated
+from .views import Columns, InSpace, Measurement, pixels
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,7 +38,6 @@ class Corners(Measurement):
     in_hand: bool  # whether the camera is in the hand
     begin: Array  # (d,), parameters to begin a fit with
 
-    blocks = (2,)
     curves = False  # of 20 pictures they explained a board that had been moved by 5 cm
     within = FINER
 
@@ -67,7 +65,7 @@ class Corners(Measurement):
             by = np.concatenate(
                 [np.broadcast_to(np.eye(3), turn.shape), -cross_matrix(arm)], axis=2
             )
-        camera = pixels(Placed("pinhole", np.eye(3), np.zeros(3), 1.0, own["lens"]), point.T)
+        camera = pixels(own["lens"], point.T)
         slope = np.asarray(camera.slope).transpose(2, 0, 1)
         return _Corner(camera.values, seen, camera, (slope @ by).transpose(1, 2, 0))
 

@@ -19,10 +19,9 @@ from ..arm.spatial_chain import GRAVITY, Deviations, Links, Motion, SpatialChain
 from ..common.arrays import Array
 from . import settings
 from .curves import curve_shape
-from .measurement import Measurement, Moved
 from .parameters import Block, Hyper, Indices
-from .spatial_view import InSpace, Placed, compose
 from .structure import Ladder, Structure
+from .views import InSpace, Measurement, Moved, compose
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,8 +49,6 @@ class SpatialStructure(Structure):
     informed: bool = True
     gravity: tuple[float, float, float] = GRAVITY  # (3,) [m/s2], in the root frame
     simulated: bool = False  # whether the rows are samples of a simulation
-    # whether the rows are too few to move joint origins; `spatial_starts` finds out
-    few: bool = False
     reading: Measurement | None = None  # what is measured, where its view's name does not say all
 
     @property
@@ -196,8 +193,6 @@ class SpatialStructure(Structure):
         frame, drawn = self.frame_groups, self.informed
         chain = (*frame, "placement", *(("offset",) if drawn else ()))
         bent = (*chain, "elastic") if drawn and len(self.groups["elastic"]) else chain
-        if drawn and self.few:
-            return (("frame", frame),)
         ladder = (
             ("frame", frame, drawn),
             ("offsets", (*frame, "offset"), drawn and self.camera),
@@ -227,12 +222,6 @@ class SpatialStructure(Structure):
         """How the chain differs from its nominal one."""
         parts = (self.shifts, self.turns, self.groups["tool"], self.groups["tool.rotation"])
         return Deviations(*(beta[index] for index in parts))
-
-    def sensor(self, beta: Array) -> Placed:
-        """The sensor: where it stands, its scale and its lens."""
-        assert isinstance(self.measurement, InSpace)  # noqa: S101 - other readings are of fits alone
-        placed: Placed = self.fixed(beta).sensor["placed"]
-        return placed
 
 
 def _axes(rotation: Array) -> Array:

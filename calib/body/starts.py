@@ -9,7 +9,7 @@ import numpy as np
 
 from ..common.arrays import Array
 from .fit import Fit
-from .planar import PlanarStructure
+from .planar import PlanarStructure, planar_starts
 from .settings import APART, RIVAL_START, STUDENT
 from .spatial import SpatialStructure
 from .spatial_start import spatial_starts
@@ -32,7 +32,7 @@ class Start:
 def candidates(structure: Structure, q: Array, z: Array) -> Sequence[tuple[Structure, Array]]:
     """Structures (signs, mirror, chain) with parameters (d,) to begin with, the best ones first."""
     if isinstance(structure, PlanarStructure):
-        return structure.starts(q, z)
+        return planar_starts(structure, q, z)
     assert isinstance(structure, SpatialStructure)  # noqa: S101
     if structure.reading is not None:
         return [(structure, structure.reading.start(structure, q))]

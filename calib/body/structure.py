@@ -20,9 +20,8 @@ import numpy as np
 from ..arm.spatial_chain import Motion, move
 from ..common.arrays import Array
 from .curves import HARMONICS, curve_slope, curve_value, powers
-from .measurement import Measurement, Moved, Sight
 from .parameters import Block, Gaussian, Hyper, Indices, Label, Part, Prior
-from .views import VIEWS_OF_BODIES, ViewKind
+from .views import PLANAR, SPATIAL, Measurement, Moved, Placed, Sight, ViewKind, compose
 
 Ladder = tuple[tuple[str, tuple[str, ...]], ...]
 """The gate's members from simple to rich: a name and the blocks that it frees."""
@@ -75,7 +74,7 @@ class Structure:
     @property
     def seen_as(self) -> ViewKind:
         """The kind of its sensor."""
-        return VIEWS_OF_BODIES[self.kind][self.view]
+        return (PLANAR if self.kind == "planar" else SPATIAL)[self.view]
 
     @property
     def outputs(self) -> int:
@@ -85,7 +84,7 @@ class Structure:
     @property
     def blocks(self) -> tuple[int, ...]:
         """Sizes of the outputs that share a unit and a noise: ``(2,)``, ``(3,)``, ``(3, 3)``."""
-        return self.measurement.blocks
+        return (3, 3) if self.outputs == 6 else (self.outputs,)
 
     @property
     def extents(self) -> Array:
@@ -220,6 +219,10 @@ class Structure:
             last = self._kept[key] = (own, self._fixed(own))
         return last[1]
 
+    def __getstate__(self) -> dict[str, Any]:
+        """What is pickled: not what is kept of beliefs and rows."""
+        return {name: own for name, own in vars(self).items() if name not in ("_kept", "_last")}
+
     @cached_property
     def _kept(self) -> dict[int | None, tuple[Array, Fixed]]:
         return {}
@@ -271,13 +274,25 @@ class Structure:
         motion = self.move(self.joint_values(q, beta), beta)
         return motion, self.measurement.look(self.fixed(beta).sensor, motion, q[:, self.dof :])
 
+    def sensor(self, beta: Array) -> Placed:
+        """The sensor: where it stands, its scale and its lens."""
+        placed: Placed = self.fixed(beta).sensor["placed"]
+        return placed
+
     def predict(self, q: Array, beta: Array) -> Array:
         """Outputs (n, m) at joint values (n, dof); a rotation is a rotation vector."""
         return self.seen(q, beta)[1].values
 
     def residual(self, z: Array, predicted: Array) -> Array:
-        """Residuals (n, m) of observed against predicted outputs."""
-        return self.measurement.residual(z, predicted)
+        """Residuals (n, m) of observed against predicted outputs.
+
+        Of a pose, the last three are the rotation vector, in the sensor's frame, that turns the
+        predicted orientation into the observed one.
+        """
+        out = np.asarray(z - predicted)
+        if len(self.blocks) == 2:
+            out[:, 3:] = compose(z[:, 3:], -predicted[:, 3:])
+        return out
 
     def retract(self, beta: Array, delta: Array) -> Array:
         """`beta` (d,) moved by `delta` (d,): the sum, or a step on a rotation."""

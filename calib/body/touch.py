@@ -24,11 +24,10 @@ from .belief import Body, Second
 from .covariance import as_kept
 from .fit import BLOCKS, Fit
 from .fitting import BodyFit, fit
-from .measurement import Columns, Measurement
 from .parameters import Block, Indices
 from .settings import FINER, FREE, LOG_FLOOR, STATED, STUDENT
 from .spatial import SpatialStructure
-from .spatial_view import InSpace
+from .views import Columns, InSpace, Measurement
 
 _POSTURES = 400  # all over the joints' range, of which the mean motion is that of the whole arm
 
@@ -48,8 +47,6 @@ class Touch(Measurement):
     known: tuple[Known, ...] = ()
     noise: float = STATED  # of a touch [m]
     sensor: float = STATED  # of a measured position [m]
-
-    blocks = (3,)
 
     @property
     def within(self) -> tuple[float, float]:  # type: ignore[override]

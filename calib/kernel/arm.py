@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 
 from ..arm.rotations import exponential
-from ..arm.spatial_chain import Deviations, Links, Placements, SpatialChain, move
+from ..arm.spatial_chain import Deviations, Links, SpatialChain, move
 from ..body.curves import HARMONICS
-from ..body.spatial_view import Placed, pixels
+from ..body.views import pixels
 from ..common.arrays import Array
 
 
@@ -34,8 +34,7 @@ class KernelArm:
     shift: Array  # (3,)
     aim: Array  # (3, 3), orientation of the sensor
     outputs: int  # coordinates of a position: 2 or 3
-    lens: Array  # (4,), focal length, centre, k1
-    projective: bool  # whether what is seen is divided by its depth
+    lens: Array | None  # (4,), focal length, centre, k1; None where nothing is divided by a depth
     curves: Array  # (dof, 96), or (0, 96) where there are none
     # (dof, dof) each, cosines and sines of the summed angles up to joint k that bend joint i
     flex: Array | None = None
@@ -49,9 +48,9 @@ class KernelArm:
         return (_planar if structure.kind == "planar" else _spatial)(structure, beta)
 
     @cached_property
-    def links(self) -> Placements:
+    def links(self) -> Links:
         """Its links as the body has them."""
-        return self.chain.placements(self.moved)
+        return Links.of(self.chain, self.moved)
 
     def joints(self, q: Array) -> Array:
         """Values (m, n) of the chain's joints."""
@@ -59,7 +58,7 @@ class KernelArm:
 
     def derivatives(self, q: Array) -> tuple[Array, Array]:
         """As `calib_derivatives` of C: positions by all that may be off (D, m, n), by joints."""
-        motion, eye = move(Links.of(self.chain, self.moved), self.joints(q)), np.eye(3)
+        motion, eye = move(self.links, self.joints(q)), np.eye(3)
         linear = eye[:, None, :, None] * motion.position[:, None]
         shifts = np.repeat(eye[:, :, None], len(q), axis=2)
         moved = self.view @ np.swapaxes(motion.frames, 1, 2)
@@ -75,10 +74,10 @@ class KernelArm:
             waves = [own[i] * wave(psi[k]) for k, i in each for wave in (np.cos, np.sin)]
             parts.append(np.array(waves))
         geometry = np.concatenate([part.reshape(-1, 3, len(q)) for part in parts])
-        if not self.projective:
+        if self.lens is None:
             return geometry[:, : self.outputs], own[:, : self.outputs]
         seen = self.view @ motion.position + self.shift[:, None]
-        sight = pixels(Placed("pinhole", eye, np.zeros(3), 1.0, self.lens), seen)
+        sight = pixels(self.lens, seen)
         return np.concatenate([sight.seen(geometry), sight.refocused()]), sight.seen(own)
 
 
@@ -100,9 +99,8 @@ def _spatial(structure: Any, beta: Array) -> KernelArm:
     return KernelArm(
         structure, beta, structure.chain, structure.deviations(beta),
         np.ones(structure.chain.joints), beta[groups["gain"]], beta[groups["offset"]],
-        sensor.scale * sensor.rotation, sensor.shift, sensor.rotation, min(structure.outputs, 3),
-        sensor.lens, structure.outputs == 2, _curves(structure, beta), bending=elastic,
-        gravity=pull,
+        sensor.matrix[:, :3], sensor.shift, sensor.rotation, min(structure.outputs, 3),
+        sensor.lens, _curves(structure, beta), bending=elastic, gravity=pull,
     )  # fmt: skip
 
 
@@ -121,25 +119,13 @@ def _planar(structure: Any, beta: Array) -> KernelArm:
     flex = np.zeros((2, dof, dof))
     for (i, k), pair in zip(structure.pairs, beta[groups["elastic"]].reshape(-1, 2), strict=True):
         flex[:, i, k] = pair
-    a, b = beta[groups["view.shear"]]
-    (turn,), (scale,) = beta[groups["view.rotation"]], beta[groups["view.scale"]]
-    linear = np.exp(scale) * exponential(np.array([0.0, 0.0, turn]))
-    linear[:2, :2] = linear[:2, :2] @ [[1 + a, b], [b, 1 - a]] @ np.diag([1.0, structure.mirror])
-    shift, tilt = np.append(beta[groups["view.shift"]], 0.0), beta[groups["view.tilt"]]
-    lens = beta[groups["lens"]]
-    projective = bool(tilt.any() or lens[0]) or structure.view == "homography"
-    focal = np.array([1.0, 0.0, 0.0, 0.0])
-    if projective:  # the picture's plane before a camera whose lens has its own centre and size
-        size = 1.5 * structure.extent
-        centre = np.asarray(structure.centre) + size * lens[1:]
-        focal = np.array([size, *centre, lens[0]])
-        start = (shift[:2] - centre) / size
-        linear = linear / size
-        linear[2] = *tilt, 0.0
-        linear[:2] += np.outer(start, linear[2])
-        shift = np.append(start, 1.0)
+    sensor = structure.sensor(beta)
+    if structure.view == "homography":
+        sensor = sensor.whole or sensor
+    view, size = np.zeros((3, 4)), len(sensor.matrix)
+    view[:size, :2], view[:size, 3] = sensor.matrix[:, :2], sensor.shift
     return KernelArm(
         structure, beta, chain, Deviations.none(dof), slid, beta[groups["gain"]] * way * slid,
-        np.where(turns, offset, 0.0), linear, shift, np.eye(3), 2, focal, projective,
+        np.where(turns, offset, 0.0), view[:, :3], view[:, 3], np.eye(3), 2, sensor.lens,
         _curves(structure, beta), flex, np.where(turns, way, 0.0),
     )  # fmt: skip

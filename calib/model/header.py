@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ..body.covariance import NORMAL_95
 from ..body.curves import HARMONICS
-from ..body.spatial_view import LEAST_DEPTH
+from ..body.views import LEAST_DEPTH
 from ..common.arrays import Array
 from ..common.rows import thinned
 from ..errors import CalibError, OptionError
@@ -100,7 +100,8 @@ class Header:
             else f"calib_posterior(inside, calib_{extra})"
             for nodes, extra in (("bound", "more"), ("true_bound", "less"))
         )  # fmt: skip
-        lengths = np.linalg.norm(np.vstack([arm.links.strides[1:], arm.links.tip]), axis=1)
+        stops = [arm.links.strides[1:-1, :, 0], arm.links.tip[0]]
+        lengths = np.linalg.norm(np.vstack(stops), axis=1)
         return {
             **_SEARCH, **_PRECISION[single],
             "posterior": posterior is not None, "bound": bound, "model_bound": model_bound,
@@ -110,7 +111,7 @@ class Header:
             "harmonics": HARMONICS, "normal": NORMAL_95, "curved": len(arm.curves) > 0,
             "waved": posterior is not None and bool(posterior.waved.any()),
             "gravity": len(arm.bending) > 0, "flexible": arm.flex is not None,
-            "projective": arm.projective, "placed": arm.outputs == 3, "nearest": LEAST_DEPTH,
+            "projective": arm.lens is not None, "placed": arm.outputs == 3, "nearest": LEAST_DEPTH,
             "trusted": "" if trusted else blended, "local": local, "silent": SILENT,
             "full": float(FULL), "terms": models.coefficients.shape[1] if local else 1,
             "slack": -float(ROUNDED), "extent": float(model.solver.extent),
@@ -144,7 +145,7 @@ class Header:
             "shift": arm.shift, "aim": arm.aim.ravel(),
             "start_q": self._starts[0], "start_x": self._starts[1],
         }  # fmt: skip
-        if arm.projective:
+        if arm.lens is not None:
             tables["lens"] = arm.lens
         if len(arm.curves):
             waves = arm.curves.reshape(-1, 2, HARMONICS)
@@ -153,7 +154,7 @@ class Header:
             tables |= {"way": arm.way, "flex_cos": arm.flex[0], "flex_sin": arm.flex[1]}
         if len(arm.bending):
             tables |= {
-                "drawn": chain.placements().strides, "mass": chain.masses,
+                "drawn": chain.still.strides[:-1, :, 0], "mass": chain.masses,
                 "centre": chain.centres - chain.points, "gravity": arm.gravity,
             }  # fmt: skip
         if self.local or kept is None or not trusted:
@@ -214,10 +215,10 @@ class Header:
 def _arm(name: str, arm: KernelArm, single: bool, *, own: bool) -> str:
     """The constant of one arm, the body's or the nominal one's."""
     bending = arm.bending if own and len(arm.bending) else np.zeros(arm.chain.joints)
-    links = arm.links
+    links, (place, turn) = arm.links, arm.links.tip
     parts = (
-        arm.gain, arm.offset, bending, arm.chain.axes, links.strides, links.turns.reshape(-1, 9),
-        links.tip, links.tip_turn.ravel(),
+        arm.gain, arm.offset, bending, arm.chain.axes, links.strides[:-1, :, 0],
+        links.turns.reshape(-1, 9), place, turn.ravel(),
     )  # fmt: skip
     words = [braces(np.asarray(part, dtype=float), single) for part in parts]
     return f"static const calib_arm {name} = {{\n" + ",\n".join([*words, str(int(own))]) + "};\n"

@@ -18,8 +18,7 @@ from ..arm.rotations import quaternion_of
 from ..body.belief import Body, Second
 from ..body.sensor import sensor_of, without_gauge, without_sensor
 from ..body.spatial import structure_of
-from ..body.spatial_view import pixels
-from ..body.views import is_camera
+from ..body.views import is_camera, pixels
 from ..common.arrays import Array
 from ..common.rows import checked_rows
 from ..common.scale import Scale
@@ -163,7 +162,7 @@ class Space:
             return np.ones(len(points), dtype=bool)
         sensor = own.structure.sensor(own.beta)
         seen = points @ sensor.rotation.T + sensor.shift
-        ahead, view = seen[:, 2] > 0, pixels(sensor, seen.T)
+        ahead, view = seen[:, 2] > 0, pixels(sensor.lens, seen.T)
         size = self.model.about.picture or tuple(2 * sensor.lens[1:3])
         inside = ((view.values >= 0) & (view.values <= size)).all(axis=1)
         # where the lens folds over, the picture shrinks as the point moves outwards

@@ -11,8 +11,8 @@ from ..body.fit import Fit
 from ..body.parameters import Prior
 from ..body.settings import STUDENT
 from ..body.spatial import SpatialStructure, structure_of
-from ..body.spatial_view import InSpace
 from ..body.touch import Touch, TouchFit, fit_touches, restated
+from ..body.views import InSpace
 from ..common.arrays import Mask
 from ..errors import LogError
 from ..maps.predictor import BodyInBox

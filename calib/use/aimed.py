@@ -17,7 +17,7 @@ from ..arm.rotations import exponential, logarithm
 from ..body.belief import Body
 from ..body.corners import Corners
 from ..body.spatial import SpatialStructure, structure_of
-from ..body.spatial_view import InSpace
+from ..body.views import InSpace
 from ..common.arrays import Array
 from ..common.rows import number_rows
 from ..common.scale import Scale
@@ -141,7 +141,7 @@ def in_sight(
             "handeye: expected the board and `start`, joint values at which the camera sees it "
             "in the middle of its picture"
         )
-    size = np.array(Board.of(spec).size)
+    size = np.array(Board.parse(spec).size)
     away = lens[0] * size.max() / (_FILLED * picture[0])  # so far the board fills its share
     if isinstance(source, SpatialArm):
         structure = structure_of(source, "pose", lens=_LENS)

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..arm.arm import Arm
-from ..arm.ranges import Range, checked_range, travel
+from ..arm.ranges import Range, checked_range
 from ..arm.urdf import parse_urdf
 from ..body.views import is_camera
 from ..common.arrays import Array
@@ -88,7 +88,7 @@ def space_of(
     if isinstance(source, Arm):
         limits = dict(zip(names, source.limits, strict=True))
     elif source.about.urdf:
-        limits = {j.name: travel(j) for j in parse_urdf(source.about.urdf, "").joints}
+        limits = {j.name: j.travel for j in parse_urdf(source.about.urdf, "").joints}
     lower, upper = low.copy(), high.copy()
     for name, chosen in (ranges or {}).items():
         if name not in names:

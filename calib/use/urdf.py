@@ -23,7 +23,7 @@ from ..common.wording import for_people
 from ..errors import OptionError, RobotError
 
 if TYPE_CHECKING:
-    from .chain_geometry import Geometry
+    from .geometry import Geometry
 
 MOST_UNEXPLAINED = 0.01
 """Share of the arm's reach that a geometry may leave unexplained."""

@@ -13,7 +13,7 @@ from ..parsing import BadOption, check_file
 from ..units import units_of
 
 if TYPE_CHECKING:
-    from calib.use.chain_geometry import Geometry
+    from calib.use.geometry import Geometry
 
 _ENDINGS = {
     "output": (".h", ".hpp"),

@@ -24,7 +24,7 @@ def known(n: int, seed: int):
     """Rows of a two-link arm whose prior and noise are exactly those of the fit."""
     generator = np.random.default_rng(seed)
     s = PlanarStructure(
-        ("a", "b"), (True, True), "rigid", "m", 1.0, False, (1, 1), 1, 0.4, (0.0, 0.0),
+        ("a", "b"), (True, True), "rigid", "m", 1.0, (1, 1), 1, 0.4, (0.0, 0.0),
         Nominal((0.3, 0.25), (0.0, 0.0)), False,
     )  # fmt: skip
     prior = s.prior(("view.rotation", "view.shift", "length", "offset", "gain"))

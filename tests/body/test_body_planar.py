@@ -10,7 +10,7 @@ from calib.body.planar import PlanarStructure
 
 
 def structure(
-    revolute=(True, True), view="rigid", signs=None, mirror=1, nominal=None, lens=False
+    revolute=(True, True), view="rigid", signs=None, mirror=1, nominal=None
 ) -> PlanarStructure:
     n = len(revolute)
     return PlanarStructure(
@@ -19,7 +19,6 @@ def structure(
         view,
         "m",
         1.0,
-        lens,
         tuple(signs or (1,) * n),
         mirror,
         0.4,

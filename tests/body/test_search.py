@@ -3,9 +3,9 @@
 import numpy as np
 
 from calib.body.fit import Fit
-from calib.body.measurement import Measurement
 from calib.body.parameters import Prior
 from calib.body.structure import Structure
+from calib.body.views import Measurement
 from calib.common.scale import Scale
 from calib.maps.model_selection import misfit
 

@@ -10,8 +10,7 @@ from test_spatial_arm import FOLLOWED, MIXED, pinocchio_pose
 from calib.arm.loading import arm_from_urdf, load_arm
 from calib.body.spatial import structure_of
 from calib.errors import OptionError, RobotError
-from calib.use.chain_geometry import Geometry, fit_in_space
-from calib.use.geometry import fit_geometry
+from calib.use.geometry import Geometry, fit_geometry, fit_in_space
 from calib.use.urdf import corrected_urdf
 
 LOCKED = MIXED.replace('name="lift"', 'name="held"')

@@ -10,8 +10,7 @@ import calib
 from calib.arm.loading import arm_from_urdf
 from calib.body.spatial import structure_of
 from calib.errors import OptionError, RobotError
-from calib.use.chain_geometry import Geometry, InPlane, fit_in_plane
-from calib.use.geometry import fit_geometry
+from calib.use.geometry import Geometry, InPlane, fit_geometry, fit_in_plane
 from calib.use.urdf import corrected_urdf
 
 

@@ -108,7 +108,7 @@ class DrawnArm:
         about, found = self.about, []
         for row in np.atleast_2d(np.asarray(q, dtype=float)).tolist():
             values = {**about.locked, **dict(zip(about.joint_names, row, strict=True))}
-            found.append(self.kinematics.transforms(held_values(self.urdf, values)))
+            found.append(self.kinematics.posture(held_values(self.urdf, values)).frames)
         return {link: np.stack([each[link] for each in found]) for link in self.way}
 
     def tips(self, q: ArrayLike) -> Array:
