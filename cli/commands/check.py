@@ -91,14 +91,14 @@ def check(
 
 def _series(path: str, log: Samples) -> list[int]:
     """The series that each row is of, where the log's file has a column `episode`."""
-    from calib.samples.tables import open_source, read_columns
+    from calib.samples.tables import open_source
 
     if path == "-" or log.rows is None:
         return []
     source = open_source(path)
     if "episode" not in source.header:
         return []
-    return [int(k) for k in read_columns(source, ["episode"])[log.rows - 1, 0]]
+    return [int(k) for k in source.numbers(["episode"])[0][log.rows - 1, 0]]
 
 
 def _episode(
