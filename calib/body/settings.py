@@ -100,10 +100,6 @@ RIVAL_START, APART = 2.0, 0.05
 """A rival start has at most so many times the best one's residuals, and is another arm where it
 differs by this share of the extents: joint curves may prefer the wrong one of a path."""
 
-FEW_NUMBERS = 45
-"""Fewer numbers than this do not tell good joint origins from bad ones: of 10 draws of 10 rows of a
-real UR10, two that moved them ended worse than frames alone, by 1.1 and 1.8; of 15 rows none."""
-
 OTHER_ARM, OTHER_TURNS, CLEAR = 0.2, 0.3, 0.3
 """Median distance, as a share of the rows' spread, and median turn [rad] that are of another arm;
 and what another reading of the rows leaves of a misfit that it explains."""

@@ -20,7 +20,7 @@ from ..errors import LogError
 from .belief import Body
 from .fit import Fit
 from .parameters import Prior
-from .settings import CLEAR, FEW_NUMBERS, HELD_TOOL, OTHER_ARM, OTHER_TURNS, STUDENT, TARGET
+from .settings import CLEAR, HELD_TOOL, OTHER_ARM, OTHER_TURNS, STUDENT, TARGET
 from .spatial import SpatialStructure
 from .structure import Structure
 
@@ -56,11 +56,10 @@ def spatial_starts(
     q, z = q[rows], z[rows]
     if not structure.informed:
         return _random_chains(structure, q, z)
-    few, beta = not structure.camera and z.size < FEW_NUMBERS, frame(structure, q, z)
-    view = structure.view
+    beta, view = frame(structure, q, z), structure.view
     if view == "base pose" and np.linalg.norm(beta[structure.groups["tool.rotation"]]) > TARGET:
         view = "base target"
-    return [(replace(structure, few=few, view=view), beta)]
+    return [(replace(structure, view=view), beta)]
 
 
 def frame(structure: SpatialStructure, q: Array, z: Array, arm: Array | None = None) -> Array:

@@ -111,16 +111,21 @@ class Measurement:
         """The sensor's own parameters."""
         raise NotImplementedError
 
-    def ready(self, own: Mapping[str, Array]) -> Mapping[str, Any]:  # noqa: ARG002
-        """What follows from the sensor's own parameters alone, by further names for `look`."""
-        return {}
+    def placed(self, own: Mapping[str, Array]) -> Placed:
+        """The sensor at its parameters, by block."""
+        raise NotImplementedError
 
-    def look(self, own: Mapping[str, Any], motion: Motion, also: Array) -> Sight:
-        """See a chain with the sensor's parameters, by block.
+    def ready(self, own: Mapping[str, Array]) -> Mapping[str, Any]:
+        """What follows from the parameters alone, by further names for `look`."""
+        return {"placed": self.placed(own)}
+
+    def look(self, own: Mapping[str, Any], motion: Motion, also: Array) -> Sight:  # noqa: ARG002
+        """See a chain with the parameters, by block, and what follows from them.
 
         also : (n, g), what else a row tells: which point was touched, which corner was seen
         """
-        raise NotImplementedError
+        placed: Placed = own["placed"]
+        return placed.look(motion.position, motion.rotation if placed.posed else None)
 
     def start(self, structure: Any, q: Array) -> Array:
         """Parameters (d,) of a structure to begin a fit of rows (n, dof + g) with."""
@@ -257,25 +262,8 @@ def compose(first: Array, second: Array) -> Array:
     return np.asarray(logarithm(exponential(first) @ exponential(second)))
 
 
-class Optical(Measurement):
-    """Positions, poses or pixels of the tip."""
-
-    def placed(self, own: Mapping[str, Array]) -> Placed:
-        """The sensor."""
-        raise NotImplementedError
-
-    def ready(self, own: Mapping[str, Array]) -> Mapping[str, Any]:
-        """The sensor."""
-        return {"placed": self.placed(own)}
-
-    def look(self, own: Mapping[str, Any], motion: Motion, also: Array) -> View:  # noqa: ARG002
-        """See the tip."""
-        placed: Placed = own["placed"]
-        return placed.look(motion.position, motion.rotation if placed.posed else None)
-
-
 @dataclass(frozen=True, eq=False)
-class InSpace(Optical):
+class InSpace(Measurement):
     """Positions, poses or pixels of an arm in space."""
 
     kind: str  # one of :data:`SPATIAL`
@@ -323,7 +311,7 @@ class InSpace(Optical):
 
 
 @dataclass(frozen=True, eq=False)
-class InPlane(Optical):
+class InPlane(Measurement):
     """Two coordinates in the plane of an arm: turned, scaled, sheared, shifted, tilted, bent.
 
     With u in extents from a lens's free centre; with k = 0 the lens does nothing::

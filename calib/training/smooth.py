@@ -43,6 +43,11 @@ class SmoothPart:
     fit: BodyFit
     rows: Index  # (k,), rows of the samples that it rests on
 
+    @staticmethod
+    def of(samples: Samples, fit: BodyFit, rows: Index) -> SmoothPart:
+        """The body of a fit in the unit box of the samples."""
+        return SmoothPart(BodyInBox(fit.body, unit_box(samples)), fit, rows)
+
     @property
     def error(self) -> float:
         """Mean distance of held-out rows from the body [unit]."""
@@ -63,17 +68,15 @@ def find_smooth_part(samples: Samples, *, view: str = "auto", seed: int) -> Smoo
     travel = samples.upper - samples.lower
     told = warnings_of(q, samples.joint_names, samples.revolute, travel)
     found = replace(found, notes=(*told, *found.notes))
-    part = SmoothPart(BodyInBox(found.body, unit_box(samples)), found, rows)
+    part = SmoothPart.of(samples, found, rows)
     extent = float(np.linalg.norm(np.ptp(x, axis=0)))
     if part.error <= NO_ARM * extent or samples.simulation is not None:
         return part
-    arm = "planar arm" if x.shape[1] == 2 and samples.arm is None else "arm"
-    space = ", and whether the arm moves in space (then give its URDF)" if arm != "arm" else ""
     doubt = (
-        f"no {arm} explains the positions: held-out rows are missed by "
-        f"{100 * part.error / extent:.2g} % of their extent; check that `joints` names all that "
-        f"moved, base to tip, and that each row's joints and position are of one moment{space};"
-        " maps and links alone learn what is no arm: `body='none'`"
+        f"no {'arm' if samples.arm else 'planar arm'} explains the positions: held-out rows are "
+        f"missed by {100 * part.error / extent:.2g} % of their extent; check that `joints` names "
+        "all that moved, base to tip, that each row's joints and position are of one moment, and "
+        "give the URDF of an arm in space; maps and links alone learn what is no arm: `body='none'`"
     )
     return replace(part, fit=replace(found, notes=(*found.notes, doubt)))
 

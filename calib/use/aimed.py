@@ -141,7 +141,7 @@ def in_sight(
             "handeye: expected the board and `start`, joint values at which the camera sees it "
             "in the middle of its picture"
         )
-    size = np.array(Board.of(spec).size)
+    size = np.array(Board.parse(spec).size)
     away = lens[0] * size.max() / (_FILLED * picture[0])  # so far the board fills its share
     if isinstance(source, SpatialArm):
         structure = structure_of(source, "pose", lens=_LENS)

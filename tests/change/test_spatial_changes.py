@@ -37,6 +37,19 @@ def model(arm):
     return calib.train(log_of(arm, 0), size=6, motor_size=6)
 
 
+@pytest.mark.parametrize("seed", [0, 3, 11])
+def test_what_ten_rows_left_open_is_no_change(arm, seed):
+    """Links 2 % longer than drawn, held as drawn by ten rows, were told as changed ever after."""
+    changes = ["shoulder_lift.length=+2%", "elbow.length=-2%", "elbow.offset=0.01"]
+    few = calib.babble(arm, 10, seed=seed, noise=1e-4, changes=changes)
+    model = calib.train(replace(few, simulation=None), size=6)
+    fresh, exact = (calib.babble(arm, 30, seed=9, noise=s, changes=changes) for s in (1e-4, 0.0))
+    error = np.linalg.norm(model.forward(exact.q) - exact.x, axis=1)
+    assert error.mean() < 5e-4
+    assert np.mean(error <= model.expected_error(exact.q)) > 0.93
+    assert not calib.check(model, fresh).drifted
+
+
 def test_an_unchanged_arm_is_still_calibrated(arm, model):
     found = calib.check(model, log_of(arm, 1))
     assert not found.drifted
