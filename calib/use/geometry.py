@@ -336,7 +336,7 @@ def fit_in_plane(
     """
     structure = structure_of(arm, unit=unit, extent=_rms(x - x.mean(axis=0)), kind=InPlane)
     groups, start, scaled = structure.groups, structure.neutral(), free and unit != "m"
-    points, seen = arm.chain.positions(q), np.c_[x, np.zeros(len(x))]
+    points, seen = arm.chain.poses(q)[0], np.c_[x, np.zeros(len(x))]
     turn, shift, scale = arm.plane.basis, -arm.plane.basis @ arm.plane.origin, 1.0
     if free:  # before a sensor that sees the plane from behind it is turned half round
         turn, shift, scale = similarity(points, seen)
