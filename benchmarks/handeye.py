@@ -21,11 +21,11 @@ import cv2
 import numpy as np
 
 import calib
-from calib.arm.rotations import exponential, logarithm
+from calib.arm.rotations import logarithm
 from calib.body.corners import fit_corners, held_of
 from calib.body.sensor import SensorPose
 from calib.recording.board import Board
-from calib.recording.board_pictures import BoardPictures
+from calib.recording.board_pictures import BoardPictures, held_poses
 from calib.recording.lens import Lens
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
@@ -167,8 +167,8 @@ def opencv(rig: Rig, true: object) -> dict[str, tuple[float, float]]:
         return {}
     base, neutral = rig.structure.with_view("base"), rig.structure.neutral()
     p, turn = base.pose(rig.q, neutral)
-    seen = pictures(rig, rig.seen, 0, len(rig.q)).seen(lens_of(rig), False).poses
-    boards, shifts = exponential(seen[:, 3:]), seen[:, :3]
+    seen = pictures(rig, rig.seen, 0, len(rig.q)).poses(lens_of(rig))
+    boards, shifts = held_poses(seen, in_hand=False)
     out = {}
     kinds = ("TSAI", "PARK", "HORAUD", "ANDREFF", "DANIILIDIS")
     if not rig.in_hand:  # the base in the hand's frame takes the place of the hand in the base's

@@ -73,7 +73,7 @@ class Shooting:
             tags_at=MarkLayout.read(self.tags_at) if self.tags_at is not None else None,
             lens=lens,
             tag_size=parse_length(self.tag_size, "`tag_size`") if self.tag_size else None,
-            tag_height=parse_length(self.tag_height or "0", "`tag_height`", signed=True),
+            tag_height=parse_length(self.tag_height or "0mm", "`tag_height`", signed=True),
             pose=self.pose,
         )
 

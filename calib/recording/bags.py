@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
@@ -23,12 +22,9 @@ from ..samples.recorded import Recorded, told
 from .clocks import SURE, ClockError, align_clocks
 
 _JOINTS = ("sensor_msgs/msg/JointState",)
-#: Types of messages with a position, where it stands, and where the orientation does.
-_POSITIONS = {
-    "geometry_msgs/msg/PointStamped": ("point", None),
-    "geometry_msgs/msg/PoseStamped": ("pose.position", "pose.orientation"),
-    "geometry_msgs/msg/TransformStamped": ("transform.translation", "transform.rotation"),
-}
+_POSITIONS = tuple(
+    f"geometry_msgs/msg/{kind}" for kind in ("PointStamped", "PoseStamped", "TransformStamped")
+)
 _TF = "tf2_msgs/msg/TFMessage"
 #: Turns [rad] and lengths [m] below which a transform is the same.
 _SAME = 1e-9
@@ -62,21 +58,26 @@ def read_bag(
     check_limits(max_gap, still)
     with _reader(Path(path)) as reader:
         topics = {c.topic: c.msgtype for c in reader.connections}
-        source = _topic(topics, joints_topic, _JOINTS, "joints_topic", "JointState")
+        source = _topic(topics, joints_topic, _JOINTS, "joints_topic")
         names, times, values = _joint_states(reader, source, joints)
-        poses, frame = _poses(reader, topics, tip_topic, frames)
+        tips = sorted(topic for topic, kind in topics.items() if kind == _TF)
+        others = tip_topic or any(kind in _POSITIONS for kind in topics.values())
+        if not tips or (frames is None and tip_topic not in tips and others):
+            tips = [_topic(topics, tip_topic, (*_POSITIONS, _TF), "tip_topic")]
+        poses, frame = _poses(reader, tips, frames)
     poses = poses[np.argsort(poses[:, 0], kind="stable")]
-    stamps, x = poses[:, 0], poses[:, 1:4]
-    offset, notes = time_offset or 0.0, list[str]()
+    stamps, x, dropped, notes = poses[:, 0], poses[:, 1:4], dict[str, int](), list[str]()
     if time_offset is None:
-        offset, notes = _found_offset(stamps, x, times, values)
-    stamps = stamps + offset
+        time_offset, notes = _found_offset(stamps, x, times, values)
+    stamps = stamps + time_offset
     doubts = covered(stamps, times, max_gap) | {"not finite": ~np.isfinite(x).all(axis=1)}
     if still is not None:
         fast = joint_speed(stamps, times, values) > still
-        doubts[f"a joint moved faster than {still:g}"] = fast & ~np.any([*doubts.values()], axis=0)
-    usable = np.asarray(~np.any([*doubts.values()], axis=0))
-    dropped = {why: int(rows.sum()) for why, rows in doubts.items() if rows.any()}
+        doubts[f"a joint moved faster than {still:g}"] = fast
+    usable = np.ones(len(stamps), dtype=bool)
+    for why, wrong in doubts.items():
+        dropped[why] = int((usable & wrong).sum())
+        usable &= ~wrong
     notes += told(dropped, "positions")
     if not usable.any():
         hint = "change `max_gap`, `still` or `time_offset`"
@@ -90,7 +91,7 @@ def read_bag(
         source={"source": "bag", **({"frame": frame} if frame else {})},
         quaternion=poses[usable, 4:] if turned else None,
         time=stamps - stamps[0],
-        dropped=dropped,
+        dropped={why: count for why, count in dropped.items() if count},
         notes=tuple(notes),
     )
 
@@ -102,8 +103,6 @@ def _reader(path: Path) -> Iterator[Any]:
         from rosbags.typesys import Stores, get_typestore
     except ImportError:
         raise LogError(f"reading bags needs rosbags: {INSTALL.format('ros')}") from None
-    if not path.exists():
-        raise LogError(f"there is no file {str(path)!r}")
     try:
         reader = AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE))
         reader.open()
@@ -119,27 +118,27 @@ def _reader(path: Path) -> Iterator[Any]:
 
 
 def _topic(
-    topics: Mapping[str, str], chosen: str | None, types: Sequence[str], parameter: str, kind: str
+    topics: Mapping[str, str], chosen: str | None, types: Sequence[str], parameter: str
 ) -> str:
     """The topic that was chosen, or the only one of some types."""
-    fitting = sorted(name for name, each in topics.items() if each in types)
-    if chosen in fitting or (chosen is None and len(fitting) == 1):
-        return chosen or fitting[0]
-    shown = listed(f"{name} ({each.rpartition('/')[2]})" for name, each in sorted(topics.items()))
-    what = f"{len(fitting)} topics are a {kind}"
-    if chosen is not None:
-        is_one = f"is a {topics[chosen].rpartition('/')[2]}" if chosen in topics else "is not there"
-        what = f"topic {chosen!r} {is_one}, expected {kind}"
-    hint = f"name one as `{parameter}`"
-    raise LogError(f"{what}; the recording's topics: {shown}", hint=hint)
+    fitting = [name for name, kind in topics.items() if kind in types and chosen in (None, name)]
+    if len(fitting) == 1:
+        return fitting[0]
+    shown = listed(f"{name} ({kind.rpartition('/')[2]})" for name, kind in sorted(topics.items()))
+    kinds = ", ".join(kind.rpartition("/")[2] for kind in types)
+    raise LogError(
+        f"{len(fitting)} topics{f' {chosen!r}' if chosen else ''} are of {kinds}, expected one; "
+        f"the recording's topics: {shown}",
+        hint=f"name one as `{parameter}`",
+    )
 
 
-def _messages(reader: Any, topics: Sequence[str]) -> Iterator[tuple[float, Any]]:
-    """Time of each message [s], its own stamp where it has one, and the message."""
+def _messages(reader: Any, topics: Sequence[str]) -> Iterator[tuple[str, float, Any]]:
+    """Topic, time [s] and message of some topics; the message's own stamp where it has one."""
     connections = [c for c in reader.connections if c.topic in topics]
-    for connection, recorded, raw in reader.messages(connections=connections):
+    for connection, received, raw in reader.messages(connections=connections):
         message = reader.deserialize(raw, connection.msgtype)
-        yield _seconds(message, 1e-9 * recorded), message
+        yield connection.topic, _seconds(message, 1e-9 * received), message
 
 
 def _seconds(message: Any, received: float) -> float:
@@ -155,7 +154,7 @@ def _joint_states(
     names: tuple[str, ...] = tuple(joints or ())
     rows: dict[float, list[float]] = {}
     seen: set[str] = set()
-    for time, message in _messages(reader, [topic]):
+    for _, time, message in _messages(reader, [topic]):
         there = dict(zip(message.name, np.asarray(message.position).tolist(), strict=False))
         seen |= set(message.name)
         names = names or tuple(message.name)
@@ -163,9 +162,10 @@ def _joint_states(
         if all(np.isfinite(there.get(name, np.nan)) for name in names):
             rows.setdefault(time, [there[name] for name in names])
     if len(rows) < 2:
-        missing = [name for name in names if name not in seen]
-        what = f"no joint {missing[0]!r}" if missing else f"{len(rows)} joint states, 2 expected"
-        raise LogError(f"topic {topic!r} has {what}; its joints: {listed(sorted(seen))}")
+        raise LogError(
+            f"topic {topic!r} has {len(rows)} joint states of {listed(names)}, 2 expected; its "
+            f"joints: {listed(sorted(seen))}"
+        )
     times = np.array(sorted(rows))
     return names, times, np.array([rows[time] for time in times.tolist()])
 
@@ -174,16 +174,15 @@ def _found_offset(stamps: Array, x: Array, times: Array, values: Array) -> tuple
     """What has to be added to the stamps of positions [s], and what the user should be told."""
     apart = float(times[0] - stamps[0])
     common = min(times[-1], stamps[-1]) - max(times[0], stamps[0])
-    seen = np.where(np.isfinite(x).all(axis=1, keepdims=True), x, np.nan)
+    seen = np.where(np.isfinite(x).all(axis=1, keepdims=True), 1e3 * x, np.nan)
     try:
-        clocks = align_clocks(stamps - stamps[0], seen, times - times[0], values, unit="m")
+        clocks = align_clocks(stamps - stamps[0], seen, times - times[0], values, unit="mm")
     except ClockError as error:
         if common > 0:
             return 0.0, []  # the stamps are all that is known
         raise LogError(
             f"the clocks of joints and positions are {abs(apart):.10g} s apart: the joints start "
             f"at {times[0]:.10g} s, the positions at {stamps[0]:.10g} s, and {error}",
-            hint="give their difference as `time_offset`",
             parameter="time_offset",
         ) from None
     offset = clocks.offset + apart
@@ -193,70 +192,42 @@ def _found_offset(stamps: Array, x: Array, times: Array, values: Array) -> tuple
     return offset, [f"the positions' clock is corrected by {interval}, as the motion shows"]
 
 
-def _poses(
-    reader: Any, topics: Mapping[str, str], chosen: str | None, frames: Sequence[str] | None
-) -> tuple[Array, str]:
-    """The tip's times, places and quaternions (n, 8), 0 where there is none, and their frame."""
-    tf = sorted(topic for topic, kind in topics.items() if kind == _TF)
-    others = [topic for topic, kind in topics.items() if kind in _POSITIONS]
-    if tf and (frames is not None or chosen in tf or (chosen is None and not others)):
-        return _tf_poses(reader, tf, frames)
-    if frames is not None:
-        raise LogError("`frames` names frames of tf, and the recording has no tf")
-    kinds = "PointStamped, PoseStamped, TransformStamped or TFMessage"
-    target = _topic(topics, chosen, tuple(_POSITIONS), "tip_topic", kinds)
-    where, turn = _POSITIONS[topics[target]]
-    rows, frame = list[tuple[float, ...]](), ""
-    for time, message in _messages(reader, [target]):
-        turned = attrgetter(turn)(message) if turn else None
-        rows.append(_row(time, attrgetter(where)(message), turned))
-        frame = frame or str(message.header.frame_id)
-    if not rows:
-        raise LogError(f"topic {target!r} has no messages")
-    return np.array(rows), frame
+def _poses(reader: Any, topics: Sequence[str], frames: Sequence[str] | None) -> tuple[Array, str]:
+    """The tip's times, places and quaternions (n, 8), and their frame.
 
-
-def _row(time: float, place: Any, turn: Any) -> tuple[float, ...]:
-    quaternion = (turn.x, turn.y, turn.z, turn.w) if turn is not None else (0.0, 0.0, 0.0, 0.0)
-    return time, place.x, place.y, place.z, *quaternion
-
-
-def _tf_poses(
-    reader: Any, topics: Sequence[str], frames: Sequence[str] | None
-) -> tuple[Array, str]:
-    """The one moving transform of a tf tree between two frames, with the still ones around it."""
+    The one moving transform between two frames, with the still ones around it; a topic that is not
+    of tf counts as a transform to a frame of its name.
+    """
     parents: dict[str, str] = {}
     moves: dict[str, list[tuple[float, ...]]] = {}  # rows by child
-    for received, message in _messages(reader, topics):
-        for each in message.transforms:
-            child = each.child_frame_id
+    for topic, received, message in _messages(reader, topics):
+        tf = getattr(message, "transforms", None)
+        for child, each in (
+            [(topic, message)] if tf is None else [(t.child_frame_id, t) for t in tf]
+        ):
             if parents.setdefault(child, each.header.frame_id) == each.header.frame_id:
-                moved, time = each.transform, _seconds(each, received)
-                moves.setdefault(child, []).append(_row(time, moved.translation, moved.rotation))
+                moves.setdefault(child, []).append(_row(each, received))
     edges = {child: np.array(rows) for child, rows in moves.items()}
+    if frames is None and list(edges) == list(topics):
+        return edges[topics[0]], parents[topics[0]]
     moving = [
         child
         for child, rows in edges.items()
         if np.ptp(rows[:, 1:4], axis=0).max() >= _SAME or _turns(rows[:, 4:])
     ]
-    shown = listed(f"{parents[child]},{child}" for child in sorted(moving)) or "none"
-    if frames is None:
-        if len(moving) != 1:
-            hint = "name the sensor's frame and the tip's as `frames`"
-            raise LogError(f"{len(moving)} transforms of tf move: {shown}", hint=hint)
+    shown = listed(f"{parents[child]},{child}" for child in sorted(moving))
+    if frames is None and len(moving) == 1:
         frames = parents[moving[0]], moving[0]
-    parent, child = frames
-    path, at = list[str](), child
-    while at != parent:
-        if at not in edges or at in path:
-            raise LogError(f"tf has no way from {parent!r} to {child!r}; moving: {shown}")
+    path, (parent, at) = list[str](), frames or ("", "")
+    while at != parent and at in edges and at not in path:
         path.append(at)
         at = parents[at]
-    measured = [frame for frame in path if frame in moving]
+    measured = [child for child in moving if child in path and at == parent] if frames else moving
     if len(measured) != 1:
+        what = f" between {frames[0]!r} and {frames[1]!r}" if frames else ""
         raise LogError(
-            f"{len(measured)} transforms move between {parent!r} and {child!r}, expected the one "
-            f"that was measured; moving: {shown}"
+            f"{len(measured)} transforms of tf move{what}, expected one; moving: {shown}",
+            hint="name the sensor's frame and the tip's as `frames`",
         )
     place, turn = np.zeros((1, 3)), np.eye(3)[None]
     for frame in path:  # from the child up: x_parent = R x + t
@@ -265,6 +236,18 @@ def _tf_poses(
         place = (matrices @ place[:, :, None])[:, :, 0] + rows[:, 1:4]
         turn = matrices @ turn
     return np.hstack([edges[measured[0]][:, :1], place, quaternion_of(turn)]), parent
+
+
+def _row(stamped: Any, received: float) -> tuple[float, ...]:
+    """Time, place and quaternion of a message of a position, a pose or a transform."""
+    if hasattr(stamped, "transform"):
+        place, turn = stamped.transform.translation, stamped.transform.rotation
+    elif hasattr(stamped, "pose"):
+        place, turn = stamped.pose.position, stamped.pose.orientation
+    else:
+        place, turn = stamped.point, None
+    turned = (0.0, 0.0, 0.0, 1.0) if turn is None else (turn.x, turn.y, turn.z, turn.w)
+    return _seconds(stamped, received), place.x, place.y, place.z, *turned
 
 
 def _turns(rows: Array) -> bool:

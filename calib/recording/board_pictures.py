@@ -3,22 +3,21 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
-from ..arm.rotations import cross_matrix, exponential, logarithm, quaternion_of
-from ..common.arrays import Array, Index, Mask
+from ..arm.rotations import cross_matrix, quaternion_of
+from ..common.arrays import Array, Index
 from ..common.wording import listed
 from ..errors import LogError, OptionError
 from ..samples.recorded import Recorded
 from .board import LEAST_CORNERS, Board, BoardFinder
-from .joint_table import JointTable, match_rows, read_joints
+from .joint_table import JointTable, read_joints, read_shots
 from .lens import Lens, calibrate_lens
 from .lerobot import is_dataset, read_dataset
-from .pictures import Picture, list_pictures, read_series
+from .pictures import Picture
 from .reference import Pose, find_pose
 
 LEAST = 6
@@ -46,26 +45,17 @@ class BoardPictures:
     notes: tuple[str, ...]
     episodes: Index | None = None  # (p,), the series that each is of
 
-    def _poses(self, lens: Lens) -> tuple[Array, list[Pose]]:
-        """Corners (n, 3) of all pictures in OpenCV's frame of the board [m], and its poses."""
+    @property
+    def points(self) -> list[Array]:
+        """The corners that each picture shows (n, 3), in OpenCV's frame of the board [m]."""
         world = np.asarray(self.board.opencv().getChessboardCorners(), float)
-        each = [(world[list(c)], np.array([*c.values()])) for c in self.corners]
-        return np.concatenate([points for points, _ in each]), [find_pose(lens, *c) for c in each]
+        return [world[list(found)] for found in self.corners]
 
-    def seen(self, lens: Lens, in_hand: bool) -> BoardViews:
-        """Where the board is in each picture, seen through a lens."""
-        corners, poses = self._poses(lens)
-        places = np.concatenate([np.array([*found.values()]) for found in self.corners])
-        views = BoardViews(
-            self.names,
-            self.q,
-            np.array([np.concatenate([p.shift, logarithm(p.rotation)]) for p in poses]),
-            np.repeat(np.arange(len(poses)), [len(found) for found in self.corners]),
-            corners,
-            float(lens.focal.mean()) * lens.undistort(places) + lens.centre,
-            False,
-        )
-        return views.other_way() if in_hand else views
+    def poses(self, lens: Lens) -> list[Pose]:
+        """Where the board is before the camera in each picture."""
+        places = [np.array([*found.values()]) for found in self.corners]
+        pairs = zip(self.points, places, strict=True)
+        return [find_pose(lens, points, pixels) for points, pixels in pairs]
 
     def lens(self, known: Lens | None) -> tuple[Lens, tuple[str, ...]]:
         """The camera's lens, calibrated by the same pictures where it is not known; and doubts."""
@@ -78,18 +68,16 @@ class BoardPictures:
 
         The point that it tells is ahead of the camera, or in the middle of the board.
         """
-        poses, (width, height) = self._poses(lens)[1], self.board.size
-        turns, shift = np.array([p.rotation for p in poses]), np.array([p.shift for p in poses])
+        poses, (width, height) = self.poses(lens), self.board.size
+        turns, shift = held_poses(poses, in_hand)
         if in_hand:
-            at, sign = np.array([0.0, 0.0, _AHEAD * float(np.hypot(width, height))]), -1.0
-            back, arm = np.swapaxes(turns, 1, 2), at - shift
-            turns, x = back, np.einsum("pij,pj->pi", back, arm)
+            at = np.array([0.0, 0.0, _AHEAD * float(np.hypot(width, height))])
+            sign, back, arm = -1.0, turns, at - np.array([pose.shift for pose in poses])
         else:
-            at, sign = np.array([width / 2, height / 2, 0.0]), 1.0
-            back, arm = np.eye(3), turns @ at
-            x = arm + shift
+            at = np.array([width / 2, height / 2, 0.0])
+            sign, back, arm = 1.0, np.eye(3), turns @ at
         # a small turn and a shift of the board, in the camera's axes, move and turn what is told
-        change = np.zeros((len(x), 6, 6))
+        change = np.zeros((len(turns), 6, 6))
         change[:, :3, :3], change[:, :3, 3:] = -sign * back @ cross_matrix(arm), sign * back
         change[:, 3:, :3] = sign * back
         covariance = change @ np.array([p.covariance[:6, :6] for p in poses])
@@ -99,7 +87,7 @@ class BoardPictures:
             "point": at.tolist(), "size": list(self.size), "lens": lens.to_json(),
         }  # fmt: skip
         return Recorded(
-            self.joint_names, self.q, x, source=source,
+            self.joint_names, self.q, turns @ at + shift, source=source,
             noise=float(np.sqrt(np.einsum("njj->n", covariance[:, :3, :3]).mean() / 3)),
             quaternion=quaternion_of(turns), covariance=covariance, pictures=self.names,
             notes=self.notes,
@@ -107,40 +95,13 @@ class BoardPictures:
         )  # fmt: skip
 
 
-@dataclass(frozen=True, eq=False)
-class BoardViews:
-    """What is in the hand seen from what stands still, and the corners that tell it."""
-
-    names: tuple[str, ...]  # of the pictures
-    q: Array  # (p, dof) [rad or m]
-    poses: Array  # (p, 6), shift [m] and rotation vector
-    rows: Index  # (n,), the picture of each corner
-    corners: Array  # (n, 3), in the board's frame [m]
-    pixels: Array  # (n, 2), where a lens without distortion shows them
-    in_hand: bool  # whether the camera is
-
-    @property
-    def each(self) -> Array:
-        """Joints and corner (n, dof + 3) of each pixel, as the fit takes them."""
-        return np.column_stack([self.q[self.rows], self.corners])
-
-    def other_way(self) -> BoardViews:
-        """The same with camera and board exchanged."""
-        back = np.swapaxes(exponential(self.poses[:, 3:]), 1, 2)
-        shift = -np.einsum("pij,pj->pi", back, self.poses[:, :3])
-        poses = np.concatenate([shift, -self.poses[:, 3:]], axis=1)
-        return replace(self, poses=poses, in_hand=not self.in_hand)
-
-    def take(self, kept: Mask) -> BoardViews:
-        """The pictures of a mask (p,)."""
-        own = kept[self.rows]
-        return replace(
-            self,
-            names=tuple(name for name, stays in zip(self.names, kept, strict=True) if stays),
-            q=self.q[kept], poses=self.poses[kept],
-            rows=(np.cumsum(kept) - 1)[self.rows[own]],
-            corners=self.corners[own], pixels=self.pixels[own],
-        )  # fmt: skip
+def held_poses(poses: Sequence[Pose], in_hand: bool) -> tuple[Array, Array]:
+    """Turns (p, 3, 3) and shifts (p, 3) [m] of what is in the hand, seen from what stands still."""
+    turns, shifts = np.array([p.rotation for p in poses]), np.array([p.shift for p in poses])
+    if not in_hand:
+        return turns, shifts
+    turns = np.swapaxes(turns, 1, 2)
+    return turns, -np.einsum("pij,pj->pi", turns, shifts)
 
 
 def find_board(
@@ -160,61 +121,50 @@ def find_board(
     camera : of a dataset with several
     Raises LogError if too few pictures show the board; what they show instead is told.
     """
-    notes, damaged = list[str](), list[str]()
-    board = Board.of(board)
+    board, notes = Board.parse(board), list[str]()
     if is_dataset(pictures):
         joints, pictures, notes = read_dataset(str(pictures), names, camera)
     elif joints is None:
         raise OptionError("pictures need the joints beside them: expected `joints`")
     if not isinstance(joints, JointTable):
         joints = read_joints(joints, names, degrees=degrees, prismatic=prismatic)
+    rows = list(range(len(joints.q)))
     if isinstance(pictures, (str, os.PathLike)):
-        pairs, notes = match_rows(joints, list_pictures(pictures))
-        series = read_series([path for _, path in pairs], damaged)
-        shots = ((pairs[k][1].name, pairs[k][0], grey) for k, grey in series)
-    elif len(pictures) == len(joints.q):
-        known = joints.pictures or [f"picture {k + 1}" for k in range(len(pictures))]
-        shots = ((known[k], k, grey) for k, grey in enumerate(pictures))
+        rows, frames, notes = read_shots(joints, pictures)
+    elif len(pictures) == len(rows):
+        known = joints.pictures or [f"picture {k + 1}" for k in rows]
+        frames = zip(rows, known, pictures, strict=True)
     else:
-        raise LogError(f"{len(pictures)} pictures and {len(joints.q)} rows of joints")
+        raise LogError(f"{len(pictures)} pictures and {len(rows)} rows of joints: expected as many")
     finder, looked, size = BoardFinder(board), list[Picture](), (0, 0)
-    found, missing = list[tuple[str, int, dict[int, Array]]](), list[str]()
-    most = 0
-    for name, row, grey in shots:
-        corners = finder.find(grey)
+    seen = list[tuple[str, int, dict[int, Array]]]()
+    for number, name, grey in frames:
+        seen.append((name, rows[number], finder.find(grey)))
         size = (grey.shape[1], grey.shape[0])
-        most = max(most, len(corners))
-        if len(corners) >= LEAST_CORNERS:
-            found.append((name, row, corners))
-        else:
-            missing.append(name)
-            looked += [grey] * (len(looked) < _LOOKED)
-    count = len(found) + len(missing)
+        if len(seen[-1][2]) < LEAST_CORNERS and len(looked) < _LOOKED:
+            looked.append(grey)
+    found = [each for each in seen if len(each[2]) >= LEAST_CORNERS]
     if len(found) < LEAST:
         raise LogError(
-            f"the board is in {len(found)} of {count} pictures (at most {most} corners, expected "
-            f"{LEAST} with {LEAST_CORNERS} or more): {_instead(looked, board)}"
+            f"the board is in {len(found)} of {len(seen)} pictures, expected {LEAST} with "
+            f"{LEAST_CORNERS} corners or more (at most {max(len(c) for *_, c in seen)} found): "
+            f"{_instead(looked, board)}"
         )
-    notes += damaged[:5]
-    if missing:
+    if missing := [name for name, _, corners in seen if len(corners) < LEAST_CORNERS]:
         notes.append(f"no board in {len(missing)} pictures, left out: {listed(missing)}")
-    rows = [row for _, row, _ in found]
+    shown, kept, corners = zip(*found, strict=True)
     return BoardPictures(
-        board, joints.names, tuple(name for name, _, _ in found), joints.q[rows],
-        tuple(corners for *_, corners in found), size, count, tuple(notes),
-        None if joints.episodes is None else joints.episodes[rows],
+        board, joints.names, shown, joints.q[list(kept)], corners, size, len(seen), tuple(notes),
+        None if joints.episodes is None else joints.episodes[list(kept)],
     )  # fmt: skip
 
 
 def _instead(looked: Sequence[Picture], board: Board) -> str:
     """What pictures without the board show."""
     turned = replace(board, columns=board.rows, rows=board.columns)
-    tried: list[tuple[str, Board, Callable[[Any], Any]]] = [
-        ("the pictures are mirrored: turn that off in the camera's settings", board, np.fliplr),
-        (f"they show a board of {turned.columns}x{turned.rows} squares", turned, np.asarray),
-    ]
-    for words, other, change in tried:
-        finder = BoardFinder(other)
-        if any(len(finder.find(np.ascontiguousarray(change(p)))) >= LEAST_CORNERS for p in looked):
-            return words
+    if any(len(BoardFinder(turned).find(grey)) >= LEAST_CORNERS for grey in looked):
+        return f"they show a board of {turned.columns}x{turned.rows} squares"
+    finder, flipped = BoardFinder(board), [np.ascontiguousarray(grey[:, ::-1]) for grey in looked]
+    if any(len(finder.find(grey)) >= LEAST_CORNERS for grey in flipped):
+        return "the pictures are mirrored: turn that off in the camera's settings"
     return "check the board's columns, rows and dictionary"

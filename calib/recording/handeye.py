@@ -12,24 +12,39 @@ from typing import Any
 import numpy as np
 
 from ..arm.arm import Arm, SpatialArm
+from ..arm.rotations import exponential, logarithm, nearest_rotation
 from ..body.belief import Body
-from ..body.corners import Held, held_of
+from ..body.corners import Held, fit_corners, held_of
+from ..body.fitting import BodyFit
 from ..body.sensor import SensorPose
 from ..body.spatial import SpatialStructure, structure_of
+from ..common.arrays import Array, Index, Mask
 from ..common.choices import EYES
 from ..common.parallel import one_blas_thread
+from ..common.rows import thinned
 from ..common.wording import listed
-from ..errors import OptionError
+from ..errors import LogError, OptionError
+from ..samples.diagnosis import Finding, readings
+from ..samples.recorded import Recorded
 from ..samples.samples import Samples
+from ..samples.settings import MOST_ORDERED
 from .board import Board
-from .board_pictures import BoardPictures, BoardViews, Source, find_board
-from .board_trouble import explain
+from .board_pictures import LEAST, BoardPictures, Source, find_board, held_poses
 from .joint_table import JointTable
 from .lens import Lens
 
 _TURNED = np.radians(7.5)  # least spread of the hand's turns about each axis
 _FOCAL_SD, _CENTRE_SD, _K1_SD = 0.3, 0.05, 0.3  # of a lens to be found, shares of its width
 _Z95 = 1.96
+_ASTRAY = 8.0  # a picture this many times further off than the median shows another board
+_NEAR = 2.0  # px, below which a picture is never astray
+_SHARP = 0.5  # px, from which one half of the pictures may fit better
+_LEAST_SHARE = 0.4  # of the pictures that must agree
+_CLEAR = 0.4  # of the misfit: another reading of the joints explains the pictures better
+_FAR = 2e-2  # m, of poses, beyond which other readings are tried
+_SIZED, _SURE = 0.01, 5.0  # of the board's size, and sd: beyond both it is wrong
+_BUILT = 1e-3  # m, that an arm's origins are off at least where a size is doubted
+_TRIED = 10  # pictures that other readings are tried on
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,19 +123,26 @@ def handeye(
 
 def _solved(arm: SpatialArm, shots: BoardPictures, in_hand: bool, known: Lens | None) -> HandEye:
     lens, doubts = shots.lens(known)
-    structure = _structure(arm, lens, known is not None)
-    found = explain(structure, shots.seen(lens, in_hand), shots.board)
-    body, own, views = found.body, structure.groups["lens"], found.views
+    focal, width = float(lens.focal.mean()), lens.size[0]
+    sd = [_FOCAL_SD * focal, _CENTRE_SD * width, _CENTRE_SD * width, _K1_SD]
+    if known is not None:
+        told = np.sqrt(np.maximum(np.diag(lens.covariance), 0.0))
+        sd = [told[:2].mean(), *told[2:5]]
+    structure = structure_of(
+        arm, "pose", lens=(focal, *map(float, lens.centre), 0.0), lens_sd=tuple(map(float, sd))
+    )
+    views = _Views.of(shots, lens, in_hand)
+    _refuse_readings(structure, views, shots.board)
+    found = _explained(structure, views)
+    body, own, kept = found.body, structure.groups["lens"], found.kept
     f, u, v, k1 = (float(value) for value in body.beta[own])
     focal_95 = _Z95 * body.kappa * float(found.fit.body.deviations[own[0]])
-    sensor, held = SensorPose.of(body), held_of(body)
+    sensor, off, poses = SensorPose.of(body), float(found.off.mean()), views.poses[kept]
     assert sensor is not None  # noqa: S101 - the arm has a drawing
-    hand = _placed(held, body.kappa)
-    off = float(found.off.mean())
-    depth = float(np.median(np.linalg.norm(views.poses[:, :3], axis=1)))
+    hand = _placed(held_of(body), body.kappa)
     # corners were fitted without the distortion that was known: what was found comes on top
     glass = replace(
-        lens, focal=lens.focal * f / lens.focal.mean(), centre=np.array([u, v]),
+        lens, focal=lens.focal * f / focal, centre=np.array([u, v]),
         distortion=lens.distortion + k1 * np.eye(5)[0],
     )  # fmt: skip
     first, last = arm.joint_names[0], arm.joint_names[-1]
@@ -134,31 +156,20 @@ def _solved(arm: SpatialArm, shots: BoardPictures, in_hand: bool, known: Lens | 
     return HandEye(
         eye="hand" if in_hand else "base",
         pictures=shots.count,
-        used=len(views.q),
+        used=len(poses),
         hand=hand,
         base=_placed(sensor, body.kappa),
         reprojection={"mean": off, "max": float(found.off.max())},
-        millimetres=1e3 * off * depth / f,
+        millimetres=1e3 * off * float(np.median(np.linalg.norm(poses[:, :3], axis=1))) / f,
         lens={
             "focal": f, "centre": [u, v], "k1": float(glass.distortion[0]), "focal_95": focal_95,
             "known": known is not None,
         },
-        limited_by=_limit(views, listed(arm.joint_names[-2:]), focal_95 / f, off, shift),
-        notes=(*shots.notes, *doubts, *found.notes, gauge),
-        poses=_samples(arm, shots.log(glass, in_hand), found.kept),
+        limited_by=_limit(poses, listed(arm.joint_names[-2:]), focal_95 / f, off, shift),
+        notes=(*shots.notes, *doubts, *_left_out(shots.names, kept), gauge),
+        poses=_samples(arm, shots.log(glass, in_hand), kept),
         body=body,
     )  # fmt: skip
-
-
-def _structure(arm: SpatialArm, lens: Lens, known: bool) -> SpatialStructure:
-    """The arm before a camera, with what is known of its lens."""
-    focal, width = float(lens.focal.mean()), lens.size[0]
-    sd = [_FOCAL_SD * focal, _CENTRE_SD * width, _CENTRE_SD * width, _K1_SD]
-    if known:
-        told = np.sqrt(np.maximum(np.diag(lens.covariance), 0.0))
-        sd = [told[:2].mean(), *told[2:5]]
-    u, v = map(float, lens.centre)
-    return structure_of(arm, "pose", lens=(focal, u, v, 0.0), lens_sd=tuple(map(float, sd)))
 
 
 def _placed(place: SensorPose | Held, kappa: float) -> dict[str, Any]:
@@ -174,27 +185,172 @@ def _placed(place: SensorPose | Held, kappa: float) -> dict[str, Any]:
     }
 
 
-def _limit(views: BoardViews, wrist: str, focal: float, off: float, hand: float) -> str:
+def _limit(poses: Array, wrist: str, focal: float, off: float, hand: float) -> str:
     """What limits the accuracy, and what would help most."""
-    turns = np.linalg.svd(views.poses[:, 3:] - views.poses[:, 3:].mean(axis=0))[1]
-    spread = float(turns[-1]) / np.sqrt(len(views.q))
-    found = f"the arm's own errors (hand known to {hand:.1f} mm)"
+    turns = np.linalg.svd(poses[:, 3:] - poses[:, 3:].mean(axis=0))[1]
+    spread = float(turns[-1]) / np.sqrt(len(poses))
     add = f"add pictures with {wrist} turned by 30 deg and more, each way"
     if spread < _TURNED:
-        found = f"few turns of the wrist (by {np.degrees(spread):.1f} deg about one axis)"
-    elif focal > 0.01:
-        found = f"the lens (its focal length is known to {100 * focal:.1f} %)"
+        return f"few turns of the wrist (by {np.degrees(spread):.1f} deg about one axis); {add}"
+    if focal > 0.01:
         add = "add pictures with the board tilted, nearer and further away, or give a lens"
-    elif off > 0.5:
-        found, add = f"blur (corners miss by {off:.2g} px)", "let the arm stand still for each"
-    return f"{found}; {add}"
+        return f"the lens (its focal length is known to {100 * focal:.1f} %); {add}"
+    if off > 0.5:
+        return f"blur (corners miss by {off:.2g} px); let the arm stand still for each"
+    return f"the arm's own errors (hand known to {hand:.1f} mm); {add}"
 
 
-def _samples(arm: SpatialArm, log: Any, kept: Any) -> Samples:
+def _samples(arm: SpatialArm, log: Recorded, kept: Mask) -> Samples:
     """The pictures that agree as a log of poses."""
-    q = log.q[kept]
+    q, turned = log.q[kept], log.quaternion
+    assert turned is not None  # noqa: S101 - they are poses
     return Samples(
         q, log.x[kept], arm.joint_names, np.minimum(arm.lower, q.min(axis=0)),
-        np.maximum(arm.upper, q.max(axis=0)), arm.revolute, arm=arm,
-        orientation=log.quaternion[kept], source=log.about(),
+        np.maximum(arm.upper, q.max(axis=0)), arm.revolute, arm=arm, orientation=turned[kept],
+        source=log.about(),
     )  # fmt: skip
+
+
+def _left_out(names: tuple[str, ...], kept: Mask) -> list[str]:
+    """Say which pictures contradict the others."""
+    gone = [name for name, stays in zip(names, kept, strict=True) if not stays]
+    where = f"from {gone[0]} on" if len(gone) > 1 and not kept[-len(gone) :].any() else "in them"
+    return [
+        f"{len(gone)} pictures contradict the others and are left out ({listed(gone)}): {where} "
+        "camera or board was moved, the camera refocused or zoomed, or the joints are not theirs"
+    ] * bool(gone)
+
+
+@dataclass(frozen=True, eq=False)
+class _Views:
+    """What is in the hand seen from what stands still, and the corners that tell it."""
+
+    q: Array  # (p, dof) [rad or m]
+    poses: Array  # (p, 6), shift [m] and rotation vector
+    rows: Index  # (n,), the picture of each corner
+    corners: Array  # (n, 3), in the board's frame [m]
+    pixels: Array  # (n, 2), where a lens without distortion shows them
+    in_hand: bool  # whether the camera is
+
+    @staticmethod
+    def of(shots: BoardPictures, lens: Lens, in_hand: bool) -> _Views:
+        """The views of a board through a lens."""
+        turns, shifts = held_poses(shots.poses(lens), in_hand)
+        places = np.concatenate([np.array([*found.values()]) for found in shots.corners])
+        return _Views(
+            shots.q,
+            np.column_stack([shifts, logarithm(turns)]),
+            np.repeat(np.arange(len(turns)), [len(found) for found in shots.corners]),
+            np.concatenate(shots.points),
+            float(lens.focal.mean()) * lens.undistort(places) + lens.centre,
+            in_hand,
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class _Explained:
+    """The fit of the pictures that agree."""
+
+    fit: BodyFit
+    body: Body
+    kept: Mask  # (p,), which they are
+    off: Array  # (n,) [px], how far their corners are from where the fit puts them
+    usual: float  # [px], the median picture's
+
+
+def _explained(structure: SpatialStructure, views: _Views) -> _Explained:
+    """Fit the pictures that agree; raises in one line if too few do."""
+    number = np.arange(len(views.q))
+    half, found = len(number) // 2, list[_Explained]()
+    # a board that was moved once leaves one half whole
+    for kept in (number >= 0, number < half, number >= half):
+        if kept.sum() >= LEAST:
+            found += _fitted(structure, views, kept)
+        if found and found[-1].kept.mean() > 0.5 and found[-1].usual < _SHARP:
+            break
+    best = min(found, key=lambda each: each.usual / each.kept.mean(), default=None)
+    if best is None or best.usual > _NEAR or best.kept.mean() < _LEAST_SHARE:
+        raise LogError(
+            "no place of camera and board explains the pictures: check that each row of joints is "
+            "of its picture, whether it is this robot, and that camera and board were not moved"
+        )
+    return best
+
+
+def _fitted(structure: SpatialStructure, views: _Views, kept: Mask) -> list[_Explained]:
+    """The fit of the pictures that agree with those that it begins with, none where it fails."""
+    for _ in range(4):
+        own = kept[views.rows]
+        rows = (np.cumsum(kept) - 1)[views.rows[own]]
+        try:
+            fit, body = fit_corners(
+                structure, views.q[kept], views.poses[kept], rows, views.corners[own],
+                views.pixels[own], views.in_hand,
+            )  # fmt: skip
+        except (LogError, np.linalg.LinAlgError):
+            return []
+        seen = fit.body.predict(np.column_stack([views.q[views.rows], views.corners]))
+        off = np.linalg.norm(views.pixels - seen, axis=1)
+        by_picture = np.array([np.median(off[views.rows == k]) for k in range(len(kept))])
+        usual = float(np.median(by_picture[kept]))
+        found = _Explained(fit, body, kept, off[own], usual)
+        kept = by_picture < max(_ASTRAY * usual, _NEAR)
+        if (kept == found.kept).all() or kept.sum() < LEAST:
+            break
+    return [found]
+
+
+def _refuse_readings(structure: SpatialStructure, views: _Views, board: Board) -> None:
+    """Refuse joints, an eye or a board of which another reading explains the poses far better."""
+    poses, names = views.poses, structure.joint_names
+    own, inverse, sd = _closed_form(structure, views.q, poses)
+    some = thinned(len(poses), _TRIED)
+    seen, turns = poses[some], exponential(poses[some, 3:])
+    back = np.column_stack([-np.einsum("pji,pj->pi", turns, seen[:, :3]), -seen[:, 3:]])
+    eye, where = ("base", "stands still") if views.in_hand else ("hand", "is in the hand")
+    other = Finding("eye", f"the camera {where}", f"give `eye={eye!r}`")
+    late = Finding("late", "they are a row late or early", "check which row is of which picture")
+    units, orders, *signs = readings(
+        views.q, names, structure.revolute, any_order=len(names) <= MOST_ORDERED
+    )
+    rolled = ((np.roll(views.q, k, axis=0), late) for k in (-1, 1))
+    for group in ([(views.q, other)], units, rolled, *signs, orders) if own > _FAR else ():
+        misfits = [  # the simplest first
+            (_closed_form(structure, each[some], back if why is other else seen)[0], why)
+            for each, why in group
+        ]
+        left, best = min(misfits, key=lambda each: each[0], default=(np.inf, other))
+        if left < _CLEAR * own:
+            hint = "correct the header of the joints" if best.kind == "exchanged" else best.hint
+            raise LogError(f"the pictures fit the joints only if {best.words}", hint=hint)
+    if abs(inverse - 1.0) > _SIZED + _SURE * sd:
+        raise LogError(
+            f"the board's squares measure {1e3 * board.square / inverse:.4g} mm by the arm's "
+            f"motions, {1e3 * board.square:.4g} mm as said: measure the print, and give its size "
+            "in `board`"
+        )
+
+
+def _closed_form(structure: SpatialStructure, q: Array, poses: Array) -> tuple[float, float, float]:
+    """Median misfit [m] of poses that the drawing predicts, one over the board's size, its sd.
+
+    Turns between two pictures are conjugate, Z_k Z_l' = Y A_k A_l' Y' (Park and Martin 1994); then
+    places z = Y p / size + Y R tool + shift are linear in tool, shift and 1 / size.
+    """
+    place, turns = structure.with_view("base").pose(q, structure.neutral())
+    seen, away, count = exponential(poses[:, 3:]), np.linalg.norm(poses[:, :3], axis=1), len(q)
+    first, second = np.triu_indices(count, 1)
+    a, b = (logarithm(each[first] @ np.swapaxes(each[second], 1, 2)) for each in (turns, seen))
+    frame = nearest_rotation(b.T @ a)
+    turned = frame @ turns
+    hand = nearest_rotation((np.swapaxes(turned, 1, 2) @ seen).sum(axis=0))
+    # what neither tool nor shift follow of the tip's places, and of the poses'
+    others = np.concatenate([turned, np.tile(np.eye(3), (count, 1, 1))], axis=2).reshape(-1, 6)
+    both = np.column_stack([(place @ frame.T).ravel(), poses[:, :3].ravel()])
+    tip, told = (both - others @ np.linalg.lstsq(others, both, rcond=1e-9)[0]).T
+    miss = np.linalg.norm((told - tip).reshape(count, 3), axis=1)
+    bent = away * np.linalg.norm(logarithm(seen @ np.swapaxes(turned @ hand, 1, 2)), axis=1)
+    square = max(float(tip @ tip), 1e-9)  # of few joints nothing tells the size
+    inverse = float(tip @ told) / square
+    noise = max(float(((told - inverse * tip) ** 2).mean()), _BUILT**2)
+    return float(np.median(miss + bent)), inverse, float(np.sqrt(noise / square))

@@ -3,22 +3,21 @@
 from __future__ import annotations
 
 import os
-from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
 from ..common.arrays import Array, Index
 from ..common.wording import listed
 from ..errors import LogError
-from ..samples.tables import Source, open_source, read_columns
+from ..samples.tables import Source, open_source
+from .pictures import Frame, list_pictures, read_series
 
-_TIMES = ("time", "timestamp", "stamp", "t", "seconds", "time_s")
-_PICTURES = ("picture", "image", "file", "filename", "photo")
+_TIMES = ("time", "timestamp", "stamp", "t")
+_PICTURES = ("picture", "image", "file", "filename")
 _EPISODES = ("episode", "episode_index")
-_OTHERS = {"x", "y", "z", "qx", "qy", "qz", "qw", "frame", "index", *_EPISODES}
+_OTHERS = {*_TIMES, *_PICTURES, *_EPISODES, "x", "y", "z", "qx", "qy", "qz", "qw"}
 _TURNS = 4.0 * np.pi  # [rad]; joints that go beyond two turns are taken for degrees
 
 
@@ -49,89 +48,65 @@ def read_joints(
     Raises LogError if there are no joints, or they look like degrees and are not said to be.
     """
     source = open_source(path)
-    stamps, time = _column(source, _TIMES)
-    _, series = _column(source, _EPISODES)
-    picture = _named(source, _PICTURES)
-    taken = {stamps, picture}
-    others = (n for n in source.header if n not in taken and n.lower() not in _OTHERS)
-    names = tuple(others if joints is None else joints)
-    values = read_columns(source, names)
+    stamp, picture, series = (_named(source, kind) for kind in (_TIMES, _PICTURES, _EPISODES))
+    names = [name for name in source.header if name.lower() not in _OTHERS]
+    values = source.numbers(names if joints is None else joints)[0]
     if joints is None:
-        numbers = np.flatnonzero(np.isfinite(values).any(axis=0))
-        names, values = tuple(names[k] for k in numbers), values[:, numbers]
-    if not names:
-        raise LogError(
-            f"{source.label} has no column of numbers that could be a joint; columns: "
-            f"{listed(source.header)}"
-        )
+        numbers = np.isfinite(values).any(axis=0)
+        names, values = [names[k] for k in np.flatnonzero(numbers)], values[:, numbers]
+    names = list(names if joints is None else joints)
+    time = None if stamp is None else source.numbers([stamp])[0][:, 0]
     good = np.isfinite(values).all(axis=1) & (True if time is None else np.isfinite(time))
-    q, keep = values[good], np.flatnonzero(good)
-    if not len(q):
-        raise LogError(f"{source.label} has no row with all of {listed(names)}")
-    turning = [k for k, name in enumerate(names) if name not in prismatic]
+    if not names or not good.any():
+        raise LogError(
+            f"{source.label} has no row with numbers for {listed(names)}: expected a column for "
+            f"each joint; columns: {listed(source.header)}"
+        )
+    q, turning = values[good], [k for k, name in enumerate(names) if name not in prismatic]
+    most = float(np.abs(q[:, turning]).max(initial=0.0))
     if degrees:
         q[:, turning] = np.deg2rad(q[:, turning])
-    for k in turning:
-        most = float(np.abs(q[:, k]).max())
-        if not degrees and most > _TURNS:
-            told = f"{source.label}: {names[k]} goes to {most:.4g} rad, more than two turns"
-            raise LogError(f"{told}: are these degrees? expected rad, or `degrees=True`")
+    elif most > _TURNS:
+        told = f"{source.label}: a joint goes to {most:.4g} rad, more than two turns"
+        raise LogError(f"{told}: are these degrees? expected rad, or `degrees=True`")
     pictures = None
     if picture:  # one may stand with its folder, of this system or another
-        cells = source.read([picture])[picture].to_list()
-        named = [str(cell or "").strip().replace("\\", "/") for cell in cells]
-        pictures = tuple(named[k].rpartition("/")[2] for k in keep)
+        cells = np.array(source.read([picture])[picture].to_list(), object)[good]
+        named = (str(cell or "").strip().replace("\\", "/") for cell in cells)
+        pictures = tuple(name.rpartition("/")[2] for name in named)
     return JointTable(
-        source.label,
-        names,
-        q,
-        None if time is None else time[good],
-        pictures,
-        len(values) - len(q),
-        None if series is None else series[good].astype(np.intp),
-    )
+        source.label, tuple(names), q, None if time is None else time[good], pictures,
+        int((~good).sum()),
+        None if series is None else source.numbers([series])[0][good, 0].astype(np.intp),
+    )  # fmt: skip
 
 
-def _named(source: Source, names: Sequence[str]) -> str | None:
-    known = {name.lower(): name for name in reversed(source.header)}
-    return next((known[name] for name in names if name in known), None)
+def _named(source: Source, kinds: Sequence[str]) -> str | None:
+    return next((name for name in source.header if name.lower() in kinds), None)
 
 
-def _column(source: Source, names: Sequence[str]) -> tuple[str | None, Array | None]:
-    """The first of some columns that is there, and its numbers (n,)."""
-    name = _named(source, names)
-    return name, None if name is None else read_columns(source, [name])[:, 0]
+def read_shots(
+    table: JointTable, source: str | os.PathLike[str] | Sequence[str]
+) -> tuple[list[int], Iterator[Frame], list[str]]:
+    """Rows of the joints (p), in their order, the picture of each, and what is left out.
 
-
-def match_rows(
-    table: JointTable, pictures: Sequence[Path]
-) -> tuple[list[tuple[int, Path]], list[str]]:
-    """Pair rows of the joints with their pictures, in the rows' order; notes say what is left.
-
-    Raises LogError if their names do not fit, or without names their counts.
+    Notes of damaged pictures come as these are read.
+    Raises LogError if names of pictures do not fit, or without names their counts.
     """
-    if table.pictures is None:
-        rows = len(table.q) + table.dropped
-        if rows != len(pictures) or table.dropped:
-            why = f", {table.dropped} of them with a missing value" if table.dropped else ""
-            raise LogError(
-                f"{len(pictures)} pictures and {rows} rows of joints in {table.label}{why}: "
-                "expected one row for each picture in the order of names, or a column 'picture'"
-            )
-        return list(enumerate(pictures)), []
-    by_name = {path.stem: path for path in reversed(pictures)}
-    by_name |= {path.name: path for path in pictures}
-    pairs = [(row, by_name[n]) for row, n in enumerate(table.pictures) if n in by_name]
-    twice = [path.name for path, rows in Counter(path for _, path in pairs).items() if rows > 1]
-    if twice or not pairs:
-        names = f"more than one row for {listed(twice, 3)}" if twice else "none of the pictures"
+    found, notes = list_pictures(source), list[str]()
+    rows, paths = list(range(len(table.q))), found
+    if table.pictures is not None:
+        by_name = {name: path for path in reversed(found) for name in (path.stem, path.name)}
+        rows = [row for row, name in enumerate(table.pictures) if name in by_name]
+        paths = [by_name[table.pictures[row]] for row in rows]
+        left = len(table.pictures) - len(rows), len(found) - len(rows)
+        kinds = "rows of joints, without a picture", "pictures, without joints"
+        notes = [f"{n} {what}, are left out" for n, what in zip(left, kinds, strict=True) if n]
+    if not rows or len(set(paths)) != len(rows) or (table.pictures is None and table.dropped):
+        named = f", which name {listed(table.pictures, 3)}" if table.pictures else ""
         raise LogError(
-            f"{table.label} names {names}: it has {listed(table.pictures, 3)}, there are "
-            f"{listed((p.name for p in pictures), 3)}; expected one row for each picture"
+            f"{len(found)} pictures and {len(table.q) + table.dropped} rows of joints in "
+            f"{table.label} ({table.dropped} with a missing value){named}: expected one row for "
+            "each picture, in the order of names or by a column 'picture'"
         )
-    notes = []
-    if missing := len(table.pictures) - len(pairs):
-        notes.append(f"{missing} rows of joints left out: their pictures are not there")
-    if more := len(pictures) - len(pairs):
-        notes.append(f"{more} pictures left out: no row of joints names them")
-    return pairs, notes
+    return rows, read_series(paths, notes), notes

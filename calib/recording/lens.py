@@ -1,7 +1,4 @@
-"""A camera's lens: calibrated once from a few pictures of a board, kept in a JSON file.
-
-Millimetres need it: without it a picture's border is off by several pixels.
-"""
+"""A camera's lens: calibrated once from a few pictures of a board, kept in a JSON file."""
 
 from __future__ import annotations
 
@@ -26,6 +23,7 @@ from .pictures import list_pictures, opencv, read_series
 _LEAST_PICTURES = 4  # of a board that a calibration needs
 _DOUBT = 0.03  # share of the focal length that its sd may be
 _TANGENTIAL = 10  # pictures from which a lens that sits askew can be told
+_MISSES = 1.0  # [px] rms, beyond which a calibration is doubtful
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +35,6 @@ class Lens:
     centre: Array  # principal point (2,) [px]
     distortion: Array  # k1, k2, p1, p2, k3 (5,)
     rms: float = 0.0  # distance of the calibration's corners from their places [px]
-    pictures: int = 0  # in how many
     # of `parameters`; zero where a lens is taken for exact (9, 9)
     covariance: Array = field(default_factory=lambda: np.zeros((9, 9)))
 
@@ -85,14 +82,12 @@ class Lens:
         Raises KeyError, TypeError, ValueError if it is none.
         """
         width, height = (int(side) for side in told["size"])
-        known = {"covariance": np.zeros((9, 9)), **told}
         shapes = {"focal": 2, "centre": 2, "distortion": 5, "covariance": (9, 9)}
+        known = {"covariance": np.zeros((9, 9)), **told}
         values = {name: np.array(known[name], float).reshape(n) for name, n in shapes.items()}
-        finite = all(np.isfinite(each).all() for each in values.values())
-        if not finite or min(width, height, *values["focal"]) <= 0:
-            raise ValueError("the lens has impossible values")
-        rms, pictures = float(told.get("rms", 0.0)), int(told.get("pictures", 0))
-        return cls((width, height), **values, rms=rms, pictures=pictures)
+        if not min(width, height, *values["focal"]) > 0:
+            raise ValueError(f"size {width}x{height}, focal lengths {values['focal'].tolist()}")
+        return cls((width, height), **values, rms=float(told.get("rms", 0.0)))
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write it as JSON."""
@@ -114,11 +109,11 @@ def calibrate_lens(
     cv2 = opencv()
     usable = [c for c in corners if len(c) >= LEAST_CORNERS]
     if len(usable) < _LEAST_PICTURES:
-        most = max(map(len, corners), default=0)
         raise LogError(
             f"the board is in {len(usable)} of {len(corners)} pictures of the lens (at most "
-            f"{most} corners found, {LEAST_CORNERS} expected in each): take {_LEAST_PICTURES} or "
-            "more, 10 are better, near and tilted, and check the board's numbers"
+            f"{max(map(len, corners), default=0)} corners found, {LEAST_CORNERS} expected in "
+            f"each): take {_LEAST_PICTURES} or more, 10 are better, near and tilted, and check the "
+            "board's numbers"
         )
     world = board.corners().astype(np.float32)
     objects = [world[list(c)] for c in usable]
@@ -132,42 +127,42 @@ def calibrate_lens(
             # below 0.001 px the misfit is rounding, and its logarithm would decide
             score = count * np.log(max(fit[0], 1e-3) ** 2) + terms * np.log(count)
             fits.append((float(score), terms, fit))
-    best = min(fits, key=lambda each: each[0], default=None)
-    lens, doubt = (None, np.inf) if best is None else _made(objects, size, *best[1:])
-    if lens is None or not doubt <= _DOUBT or not lens.focal.max() <= 50 * max(size):
+    doubt = np.inf
+    if fits:
+        _, terms, fit = min(fits, key=lambda each: each[0])
+        rms, matrix, found, _, _, spread, *_ = fit
+        distortion = np.pad(np.ravel(found)[:5], (0, max(5 - np.size(found), 0)))
+        focal, doubt = np.diag(matrix)[:2].copy(), float(np.ravel(spread)[0] / matrix[0, 0])
+    if not doubt <= _DOUBT or not focal.max() <= 50 * max(size):
         raise LogError(
             f"the pictures of the board determine the focal length to {100 * doubt:.2g} % only, "
             "3 % expected: tilt the board this way and that between them"
         )
-    if lens.rms <= 1.0:
-        return lens, ()
-    return lens, (
-        f"lens: the corners miss their places by {lens.rms:.2g} px rms; check that the board is "
-        "flat and printed at its true size, and that the pictures are sharp",
+    lens = Lens(size, focal, matrix[:2, 2].copy(), distortion, float(rms))
+    lens = replace(lens, covariance=_covariance(objects, lens, terms, *fit[3:5]))
+    notes = (
+        f"lens: the corners miss their places by {rms:.2g} px rms; check that the board is flat "
+        "and printed at its true size, and that the pictures are sharp",
     )
+    return lens, notes if rms > _MISSES else ()
 
 
-def _made(
-    objects: Sequence[Any], size: tuple[int, int], terms: int, fit: Sequence[Any]
-) -> tuple[Lens, float]:
-    """The lens of a fit with its covariance; and the sd of its focal length, a share."""
-    rms, matrix, distortion, turns, shifts, spread, *_ = fit
-    bent = np.zeros(5)
-    bent[: min(np.size(distortion), 5)] = np.ravel(distortion)[:5]
-    # of each picture's normal equations what remains once its pose is eliminated
-    free, precision = 4 + terms, np.zeros((4 + terms, 4 + terms))
-    for points, turn, shift in zip(objects, turns, shifts, strict=True):
-        J = opencv().projectPoints(points, turn, shift, matrix, bent)[1]
-        pose, lens = J[:, :6], J[:, 6 : 6 + free]
-        precision += lens.T @ (lens - pose @ np.linalg.lstsq(pose, lens, rcond=None)[0])
-    count = 2 * sum(map(len, objects))
+def _covariance(
+    objects: Sequence[Any], lens: Lens, terms: int, turns: Sequence[Any], shifts: Sequence[Any]
+) -> Array:
+    """Covariance (9, 9) of a lens, from what each picture's pose leaves of its derivatives."""
+    free, count = 4 + terms, 2 * sum(map(len, objects))
+    precision = np.zeros((free, free))
+    for points, *pose in zip(objects, turns, shifts, strict=True):
+        slopes = opencv().projectPoints(points, *pose, lens.matrix, lens.distortion)[1]
+        by_pose, by_lens = slopes[:, :6], slopes[:, 6 : 6 + free]
+        by_lens = by_lens - by_pose @ np.linalg.lstsq(by_pose, by_lens, rcond=None)[0]
+        precision += by_lens.T @ by_lens
     # rms is of distances: half of its square along each axis
-    variance = 0.5 * rms**2 * count / max(count - 6 * len(objects) - free, 1)
+    variance = 0.5 * lens.rms**2 * count / max(count - 6 * len(objects) - free, 1)
     covariance = np.zeros((9, 9))
     covariance[:free, :free] = np.linalg.pinv(precision) * variance
-    focal = np.array([matrix[0, 0], matrix[1, 1]])
-    made = Lens(size, focal, matrix[:2, 2].copy(), bent, float(rms), len(objects), covariance)
-    return made, float(np.ravel(spread)[0] / focal[0])
+    return covariance
 
 
 def load_lens(
@@ -184,24 +179,21 @@ def load_lens(
     if not Path(path).is_dir() and not any(mark in str(path) for mark in "*?["):
         try:
             return Lens.from_json(json.loads(Path(path).read_text(encoding="utf-8"))), ()
-        except OSError as error:
-            raise LogError(f"cannot read {str(path)!r}: {error.strerror}") from None
-        except (ValueError, KeyError, TypeError):
+        except (OSError, ValueError, KeyError, TypeError) as error:
             raise LogError(
-                f"{path} is no lens: expected the lens.json of an earlier run, or a folder of "
-                "pictures of the board"
+                f"{path} is no lens ({error}): expected the lens.json of an earlier run, or a "
+                "folder of pictures of the board"
             ) from None
     if board is None:
         raise OptionError("`lens` is a folder of pictures: expected `board` too, which they show")
-    finder, pictures, notes = BoardFinder(board), list_pictures(path), list[str]()
-    corners, size = [], (0, 0)
-    for _, grey in read_series(pictures, notes):
+    finder, notes, corners, size = BoardFinder(board), list[str](), [], (0, 0)
+    for _, _, grey in read_series(list_pictures(path), notes):
         size = (grey.shape[1], grey.shape[0])
         corners.append(finder.find(grey))
     lens, doubts = calibrate_lens(corners, board, size)
     notes.append(
-        f"lens of {lens.pictures} of {len(pictures)} pictures: focal length "
-        f"{lens.focal[0]:.1f} px, corners miss their places by {lens.rms:.2f} px rms"
+        f"lens of {len(corners)} pictures: focal length {lens.focal[0]:.1f} px, corners miss their "
+        f"places by {lens.rms:.2f} px rms"
     )
     if output is not None:
         lens.save(output)

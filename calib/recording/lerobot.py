@@ -10,6 +10,7 @@ import json
 import os
 from collections import defaultdict
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -55,18 +56,16 @@ def read_dataset(
         named = next(iter(named.values())) if isinstance(named, dict) else named
         columns = {str(name).removesuffix(".pos"): k for k, name in enumerate(named)}
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
-        raise LogError(
-            f"{root}: meta/info.json is not that of a LeRobotDataset: {error!r}"
-        ) from None
-    if not version.startswith("v3"):
-        raise LogError(f"{root} is a LeRobotDataset {version}, expected v3.0")
+        raise LogError(f"{root}: meta/info.json is not a LeRobotDataset's: {error!r}") from None
     cameras = [name for name, each in features.items() if each.get("dtype") == "video"]
-    found = [name for name in cameras if camera is None or name.endswith(camera)]
-    if len(found) != 1:
-        raise LogError(f"the dataset has the videos {listed(cameras)}: name one with `camera`")
+    found = [name for name in cameras if name.endswith(camera or "")]
     names = tuple(joints or (name for name in columns if name != _SHARE))
-    if missing := [name for name in names if name not in columns]:
-        raise LogError(f"{root} has no joint {missing[0]!r}; its joints: {listed(columns)}")
+    if not version.startswith("v3") or len(found) != 1 or set(names) - set(columns):
+        raise LogError(
+            f"{root} is a LeRobotDataset {version} of the joints {listed(columns)} and the videos "
+            f"{listed(cameras)}: expected v3.0, the joints {listed(names)}, and one video, of "
+            "several by its name as `camera`"
+        )
     wanted = [_STATE, "timestamp", "episode_index"]
     rows = pl.read_parquet(root / "data" / "**" / "*.parquet", columns=wanted)
     state = np.array(rows[_STATE].to_list(), float)[:, [columns[name] for name in names]]
@@ -78,8 +77,8 @@ def read_dataset(
     for one in pl.read_parquet(root / "meta/episodes" / "**" / "*.parquet").iter_rows(named=True):
         place = {part: one[f"{key}/{part}"] for part in ("chunk_index", "file_index")}
         path = root / info["video_path"].format(video_key=found[0], **place)
-        own = taken[episode[taken] == one["episode_index"]]
         begin = float(one[f"{key}/from_timestamp"])
+        own = taken[episode[taken] == one["episode_index"]]
         frames[path] += [(begin + float(time[k]), int(k)) for k in own]
     near = 0.5 / float(info["fps"])
     seen = [each for path, asked in frames.items() for each in _frames(path, asked, near)]
@@ -101,10 +100,10 @@ def read_dataset(
 
 def _radians(state: Array) -> tuple[Array, str]:
     """Joint values [rad], and what they were: the dataset does not say."""
-    values = np.abs(state)
-    if values.max() <= _TURN:
+    most = float(np.abs(state).max())
+    if most <= _TURN:
         return state, "radians"
-    if values.max() <= _BOUND + 1e-3 and (values >= _BOUND - 1e-3).any():
+    if _BOUND - 1e-3 <= most <= _BOUND + 1e-3:
         raise LogError(
             "the joints are shares of each motor's range, -100 to 100, and no angles: record with "
             "`--robot.use_degrees=true`"
@@ -121,12 +120,11 @@ def _still(q: Array, time: Array, episode: Array) -> tuple[Index, bool]:
     window = np.floor(time / _WINDOW) + 1e6 * episode
     order = np.lexsort((speed, window))
     slowest = order[np.unique(window[order], return_index=True)[1]]
-    still = slowest[speed[slowest] < _STILL]
-    if moving := len(still) < min(_LEAST, len(slowest)):
-        still = np.sort(slowest[np.argsort(speed[slowest])[:_MOST]])
-    kept = [still[0]]
-    for k in still[1:]:
-        if np.abs(q[k] - q[kept[-1]]).max() > _APART:
+    moving = bool(np.count_nonzero(speed[slowest] < _STILL) < min(_LEAST, len(slowest)))
+    limit = np.sort(speed[slowest])[:_MOST][-1] if moving else _STILL
+    kept = list[int]()
+    for k in slowest[speed[slowest] <= limit].tolist():
+        if not kept or np.abs(q[k] - q[kept[-1]]).max() > _APART:
             kept.append(k)
     return np.array(kept)[thinned(len(kept), _MOST)], moving
 
@@ -134,7 +132,7 @@ def _still(q: Array, time: Array, episode: Array) -> tuple[Index, bool]:
 def _frames(path: Path, wanted: list[tuple[float, int]], near: float) -> list[tuple[int, Picture]]:
     """Rows and grey frames that stand within `near` [s] of the wanted times; none of no video."""
     left, found = sorted(wanted), []
-    try:
+    with suppress(LogError):
         for stamp, grey in Video(path).frames():
             while left and stamp > left[0][0] + near:
                 left.pop(0)
@@ -142,6 +140,4 @@ def _frames(path: Path, wanted: list[tuple[float, int]], near: float) -> list[tu
                 break
             if abs(stamp - left[0][0]) <= near:
                 found.append((left.pop(0)[1], grey))
-    except LogError:
-        pass
     return found

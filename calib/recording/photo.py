@@ -80,12 +80,6 @@ def take_photo(
 
 def read_photo(path: Path) -> Picture:
     """Return a picture, or the first frame of a video, as red, green, blue."""
-    try:
-        there = path.is_file()
-    except (OSError, ValueError):  # too long, or no name of a file
-        there = False
-    if not there:
-        raise LogError(f"there is no photo {os.fspath(path)!r}")
     if path.suffix.lower() in PICTURES:
         return read_picture(path, colour=True)
     grey = next((frame for _, frame in Video(path).frames()), None)

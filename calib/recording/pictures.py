@@ -5,7 +5,6 @@ from __future__ import annotations
 import io
 import os
 import re
-import warnings
 from collections.abc import Iterator, Sequence
 from glob import glob
 from importlib import import_module
@@ -22,27 +21,21 @@ from ..errors import LogError
 Picture = NDArray[np.uint8]
 """Grey (height, width), or with three colours (height, width, 3)."""
 
-_INSTALL = f"reading pictures needs OpenCV: {INSTALL.format('camera')}"
+Frame = tuple[int, str, Picture]
+"""Number and name of a grey picture, and the picture."""
 
 
 def opencv() -> Any:
     """Import OpenCV and silence what it and FFmpeg write to standard error.
 
-    Raises LogError if it is missing or older than 4.11.
+    Raises LogError if it is missing.
     """
     os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")
     os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # read when a video is opened
     try:
-        cv2: Any = import_module("cv2")
+        return import_module("cv2")
     except ImportError:
-        raise LogError(_INSTALL) from None
-    if tuple(int(part) for part in cv2.__version__.split(".")[:2]) < (4, 11):
-        raise LogError(f"OpenCV {cv2.__version__} is too old, expected 4.11 or later: {_INSTALL}")
-    if hasattr(cv2, "setLogLevel"):  # 4.x
-        cv2.setLogLevel(0)
-    else:
-        cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
-    return cv2
+        raise LogError(f"reading pictures needs OpenCV: {INSTALL.format('camera')}") from None
 
 
 class UnreadableError(LogError):
@@ -58,24 +51,19 @@ def _natural(path: Path) -> list[tuple[int, int | str]]:
 def list_pictures(source: str | os.PathLike[str] | Sequence[str]) -> list[Path]:
     """Return the pictures of a folder, a pattern such as `shots/*.jpg` or names, in natural order.
 
-    Raises LogError if there is no such folder, or no picture in it.
+    Raises LogError if there is none.
     """
     if not isinstance(source, (str, os.PathLike)):
         return sorted({path for each in source for path in list_pictures(each)}, key=_natural)
-    text = os.fspath(source)
-    folder = Path(text)
-    if folder.is_dir():
-        found = [p for p in folder.iterdir() if p.suffix.lower() in PICTURES and p.is_file()]
-    elif folder.is_file():
-        found = [folder]
+    text, found = os.fspath(source), [Path(source)]
+    if found[0].is_dir():
+        found = [path for path in found[0].iterdir() if path.suffix.lower() in PICTURES]
     elif any(mark in text for mark in "*?["):
-        named = map(Path, glob(text))  # noqa: PTH207 - a pattern may start at a root
-        found = [path for path in named if path.is_file()]
-    else:
-        raise LogError(f"there is no folder {text!r}: expected a folder of pictures or a pattern")
-    found = [p for p in found if not p.name.startswith(".")]
+        found = [Path(name) for name in glob(text)]  # noqa: PTH207 - a pattern may start at a root
+    found = [path for path in found if path.is_file() and not path.name.startswith(".")]
     if not found:
-        raise LogError(f"no pictures in {text!r}: expected {', '.join(PICTURES)}")
+        kinds = ", ".join(PICTURES)
+        raise LogError(f"no pictures in {text!r}: expected a folder of {kinds}, or a pattern")
     return sorted(found, key=_natural)
 
 
@@ -83,34 +71,29 @@ def read_picture(path: str | os.PathLike[str], *, colour: bool = False) -> Pictu
     """Read a picture whole: grey (height, width), or red, green, blue (height, width, 3).
 
     By Pillow: OpenCV returns half of a cut JPEG without a word.
-    Raises UnreadableError if it is cut off, damaged or no picture.
+    Raises UnreadableError if it is cut off, damaged, too large or no picture.
     """
-    from PIL import Image, ImageOps, UnidentifiedImageError
+    from PIL import Image, ImageOps
 
-    name = Path(path).name
     try:
-        content = Path(path).read_bytes()
-        with warnings.catch_warnings():
-            warnings.simplefilter("error", Image.DecompressionBombWarning)
-            with Image.open(io.BytesIO(content)) as opened:
-                opened.load()
-                image = ImageOps.exif_transpose(opened)
-                if image.mode.startswith("I") or image.mode == "F":
-                    values = np.asarray(image, float)
-                    scale = 256.0 if values.max(initial=0.0) > 255 else 1.0
-                    image = Image.fromarray(np.clip(values / scale, 0, 255).astype(np.uint8))
-                return np.array(image.convert("RGB" if colour else "L"))
-    except UnidentifiedImageError:
-        raise UnreadableError(f"{name} is no picture") from None
-    except (Image.DecompressionBombWarning, Image.DecompressionBombError):
-        raise UnreadableError(f"{name} is larger than 90 million pixels") from None
-    except (OSError, ValueError, SyntaxError, EOFError, MemoryError) as error:
-        why = "is cut off" if "truncated" in str(error).lower() else f"cannot be read: {error}"
-        raise UnreadableError(f"{name} {why}") from None
+        with Image.open(io.BytesIO(Path(path).read_bytes())) as opened:
+            opened.load()
+            image = ImageOps.exif_transpose(opened)
+            if image.mode.startswith("I") or image.mode == "F":
+                values = np.asarray(image, float)
+                scale = 256.0 if values.max(initial=0.0) > 255 else 1.0
+                image = Image.fromarray(np.clip(values / scale, 0, 255).astype(np.uint8))
+            return np.array(image.convert("RGB" if colour else "L"))
+    except (
+        OSError, ValueError, SyntaxError, EOFError, MemoryError, Image.DecompressionBombError
+    ) as error:  # fmt: skip
+        cut = "truncated" in str(error).lower()
+        what = "is cut off" if cut else "is no picture that can be read"
+        raise UnreadableError(f"{Path(path).name} {what}") from None
 
 
-def read_series(paths: Sequence[Path], damaged: list[str]) -> Iterator[tuple[int, Picture]]:
-    """Yield the numbers and the grey pictures of one camera; say of others why they are left out.
+def read_series(paths: Sequence[Path], damaged: list[str]) -> Iterator[Frame]:
+    """Yield the grey pictures of one camera; say of others why they are left out.
 
     Raises LogError if they have several sizes: intrinsics hold for one setting of a camera.
     """
@@ -128,7 +111,7 @@ def read_series(paths: Sequence[Path], damaged: list[str]) -> Iterator[tuple[int
                 "expected one camera with one setting"
             )
         size = now
-        yield number, grey
+        yield number, path.name, grey
     if size is None:
         folder = os.fspath(paths[0].parent)
         raise LogError(f"no picture in {folder!r} can be read: {damaged[0]}")
@@ -138,17 +121,15 @@ class Video:
     """A video that OpenCV can read; LogError if it is none."""
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
-        cv2 = opencv()
         self.name = Path(path).name
         try:
             with Path(path).open("rb") as file:
                 start = file.read(512)
-        except FileNotFoundError:
-            raise LogError(f"there is no file {os.fspath(path)!r}") from None
         except OSError as error:
             raise LogError(f"cannot read {os.fspath(path)!r}: {error.strerror}") from None
         # FFmpeg draws a text file as a video of its letters
         text = bool(start) and all(32 <= byte < 127 or byte in b"\r\n\t" for byte in start)
+        cv2 = opencv()
         self._capture: Any = None if text else cv2.VideoCapture(os.fspath(path), cv2.CAP_FFMPEG)
         if self._capture is None or not self._capture.isOpened():
             raise LogError(
@@ -158,14 +139,12 @@ class Video:
 
     def frames(self) -> Iterator[tuple[float, Picture]]:
         """Yield times [s] and grey frames."""
-        cv2, capture = opencv(), self._capture
+        cv2, capture, last = opencv(), self._capture, -np.inf
         rate = float(capture.get(cv2.CAP_PROP_FPS))
-        last = -np.inf
         while (read := capture.read())[0] and read[1] is not None:
-            frame = read[1]
             stamp = float(capture.get(cv2.CAP_PROP_POS_MSEC)) / 1e3
             if not stamp > last:  # a file without times: its rate must do
                 stamp = max(last, 0.0) + 1.0 / rate if rate > 0 and last > -np.inf else 0.0
-            last = stamp
+            last, frame = stamp, read[1]
             yield stamp, frame if frame.ndim == 2 else cv2.cvtColor(frame, cv2.COLOR_BGR2GRAY)
         capture.release()

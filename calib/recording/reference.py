@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 from ..arm.rotations import cross_matrix, exponential, similarity
 from ..common.arrays import Array
 from ..errors import LogError
-from ..samples.tables import open_source, read_columns
+from ..samples.tables import open_source
 from .board import LEAST_CORNERS, Board
 from .lens import Lens
 from .pictures import opencv
@@ -47,14 +47,6 @@ class Pose:
     def camera(self) -> Array:
         """The camera's place in the frame [m]."""
         return -self.rotation.T @ self.shift
-
-    @property
-    def doubt(self) -> tuple[float, float]:
-        """Standard deviations of the turn [rad] and of the camera's place [m], all axes."""
-        # a turn of the frame by w moves the camera in it by shift x w
-        A = np.c_[cross_matrix(self.shift), np.eye(3)]
-        place = A @ self.covariance[:6, :6] @ A.T
-        return float(np.sqrt(np.trace(self.covariance[:3, :3]))), float(np.sqrt(np.trace(place)))
 
 
 def find_pose(lens: Lens, points: Array, pixels: Array) -> Pose:
@@ -105,14 +97,11 @@ class PlaneReference:
 
     def positions(self, pixels: ArrayLike) -> Array:
         """Return x and y (n, 2) [m] where rays of pixels (n, 2) meet the plane, else NaN."""
-        flat = self.lens.undistort(pixels)
+        flat, camera = self.lens.undistort(pixels), self.pose.camera
         rays = np.c_[flat, np.ones(len(flat))] @ self.pose.rotation
-        camera = self.pose.camera
         with np.errstate(divide="ignore", invalid="ignore"):
-            far = (self.height - camera[2]) / rays[:, 2]
-            x = camera[:2] + far[:, None] * rays[:, :2]
-        x[~(far > 0.0)] = np.nan
-        return np.asarray(x)
+            far = (self.height - camera[2]) / rays[:, 2:]
+            return np.asarray(np.where(far > 0.0, camera[:2] + far * rays[:, :2], np.nan))
 
     def pixels(self, positions: Array) -> Array:
         """Return where points (n, 2) [m] of the plane appear."""
@@ -123,9 +112,8 @@ class PlaneReference:
 
     def noise(self, pixels: Array) -> tuple[Array, Array]:
         """Return the scale of a pixel (n,), and the sd (n,) that pose and lens make for all [m]."""
-        base = self.positions(pixels)
+        base, variance = self.positions(pixels), np.zeros(len(pixels))
         x, y = (self.positions(pixels + step) - base for step in _HALF)
-        variance = np.zeros(len(base))
         values, vectors = np.linalg.eigh(self.pose.covariance)
         for d in (vectors * np.sqrt(np.maximum(values, 0.0))).T:
             turned = exponential(d[:3]) @ self.pose.rotation
@@ -136,13 +124,8 @@ class PlaneReference:
 
     def told(self) -> dict[str, Any]:
         """Return the camera's pose over the frame, as plain values."""
-        return {
-            "kind": "plane",
-            "rotation": self.pose.rotation.tolist(),
-            "camera": self.pose.camera.tolist(),
-            "doubt": list(self.pose.doubt),
-            "height": self.height,
-        }
+        rotation, camera = self.pose.rotation.tolist(), self.pose.camera.tolist()
+        return {"kind": "plane", "rotation": rotation, "camera": camera, "height": self.height}
 
     @classmethod
     def of(cls, about: Mapping[str, Any]) -> PlaneReference:
@@ -181,33 +164,32 @@ class MarkLayout:
         Raises LogError if there are fewer than four, or a tag has two places.
         """
         source = open_source(path)
-        rows = read_columns(source, ["tag", "x", "y"])
-        ids = rows[:, 0]
-        whole = (ids % 1 == 0).all() and (np.abs(rows[:, 1:]) < 20.0).all()
-        if not whole or len(rows) < 4 or len(set(ids)) < len(rows):
+        rows = source.numbers(["tag", "x", "y"])[0]
+        good = (rows[:, 0] % 1 == 0) & (np.abs(rows[:, 1:]) < 20.0).all(axis=1)
+        points = {int(row[0]): row[1:] for row in rows[good]}
+        if len(rows) < 4 or len(points) < len(rows):
             raise LogError(
-                f"{source.label} has {len(rows)} rows: expected four tags or more around the "
-                "workspace, each once, with its id under 'tag' and metres under 'x' and 'y'"
+                f"{source.label} has {len(rows)} rows, {len(points)} tags: expected four or more "
+                "around the workspace, each once, its id under 'tag' and metres under 'x' and 'y'"
             )
-        return MarkLayout("the frame of tags", {int(row[0]): row[1:] for row in rows}, 4)
+        return MarkLayout("the frame of tags", points, 4)
 
 
 def watch(
-    layout: MarkLayout, seen: Sequence[tuple[int, Marks]], lens: Lens, height: float = 0.0
+    layout: MarkLayout, seen: Mapping[int, Marks], lens: Lens, height: float = 0.0
 ) -> tuple[PlaneReference, frozenset[int]]:
     """Find the reference in a recording, and the pictures in which it is elsewhere.
 
-    seen : numbers of pictures, in order, and what they show
+    seen : what pictures show, by their number
     height : of the tag's plane over the layout's [m]
     Raises LogError if the reference is not there, or elsewhere in many pictures.
     """
     # a hand in the picture hides some marks
-    looked = {number: marks for number, marks in seen if len(marks) >= layout.least}
+    looked = {number: marks for number, marks in seen.items() if len(marks) >= layout.least}
     if not looked:
-        most = max((len(marks) for _, marks in seen), default=0)
         raise LogError(
-            f"{layout.what} is too small, hidden or not there: at most {most} found in a "
-            f"picture, {layout.least} expected"
+            f"{layout.what} is too small, hidden or not there: at most "
+            f"{max(map(len, seen.values()), default=0)} found in a picture, {layout.least} expected"
         )
     middle = _middle([*looked.values()])
     off = frozenset(number for number, marks in looked.items() if _elsewhere(middle, marks))
@@ -218,9 +200,8 @@ def watch(
             "its autofocus off, or make a log of each part"
         )
     kept = _middle([marks for number, marks in looked.items() if number not in off])
-    numbers = [n for n in kept if n in layout.points]
-    points = np.array([[*layout.points[n], 0.0] for n in numbers])
-    pose = find_pose(lens, points, np.array([kept[n] for n in numbers]))
+    points = np.array([[*layout.points[number], 0.0] for number in kept])
+    pose = find_pose(lens, points, np.array([*kept.values()]))
     return PlaneReference(lens, pose, height), off
 
 
@@ -229,12 +210,11 @@ def _middle(group: Sequence[Marks]) -> dict[int, Array]:
     return {n: np.median([m[n] for m in group if n in m], axis=0) for n in numbers}
 
 
-def _elsewhere(one: Marks, other: Marks) -> bool:
-    """Whether the marks that both show moved, by the median of them, or grew by a new focus."""
-    # a pose would take most of a focus, and be off by a millimetre away from the board
-    both = [n for n in one if n in other]
-    if len(both) < 3:
-        return False
-    a, b = (np.array([marks[n] for n in both]) for marks in (one, other))
+def _elsewhere(middle: Marks, marks: Marks) -> bool:
+    """Whether marks moved, by the median of them, or grew by a new focus.
+
+    A pose would take most of a focus, and be off by a millimetre away from the board.
+    """
+    a, b = np.array([middle[n] for n in marks]), np.array([*marks.values()])
     moved, growth = np.linalg.norm(b - a, axis=1), similarity(a, b)[2] - 1.0
     return bool(np.median(moved) > _MOVED or (abs(growth) > _STRETCH and moved.max() > _MOVED))

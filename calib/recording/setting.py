@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -15,7 +15,7 @@ from ..common.wording import listed
 from ..errors import LogError, OptionError
 from .board import Board, BoardFinder
 from .lens import Lens
-from .pictures import Picture
+from .pictures import Frame, Picture
 from .reference import MarkLayout, Marks
 from .tags import Tag, TagFinder
 
@@ -38,40 +38,40 @@ class Setup:
     tag_size: float | None = None  # side of the tip's tag: its pose needs it [m]
     tag_height: float = 0.0  # of the tip's tag above the board, or the tags on the desk [m]
     pose: bool = False  # whether z and the orientation of the tag are wanted too
-    finder: TagFinder = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        at = self.tags_at.points if self.tags_at is not None else {}
-        board, height, metric = self.board, self.tag_height, self.board or self.tags_at
-        printed = 0  # tags of this dictionary on the board
-        if board is not None and board.dictionary.lower() == self.dictionary.lower():
-            printed = board.columns * board.rows // 2
+        layout, board = self.layout, self.board
+        same = board is not None and board.dictionary.lower() == self.dictionary.lower()
+        taken = board.tags if board is not None and same else 0
         refusals = {
             "`board` and `tags_at` are both given: expected one of them": board and self.tags_at,
             "`board` or `tags_at` is given without `lens`: positions in metres may be off by "
             "centimetres; take 10 pictures of a board and give their folder as `lens`": (
-                metric and self.lens is None
+                layout and self.lens is None
             ),
-            f"`tag_height={height:g}`: expected less than 10 m": not abs(height) <= 10.0,
             "`tag_height` is given without `board` or `tags_at`, above which it is measured": (
-                height and not metric
+                self.tag_height and not layout
             ),
             "the tag's pose needs `lens` and `tag_size`": (
                 self.pose and (self.lens is None or self.tag_size is None)
             ),
-            f"tag {self.tag} is on the tip and in `tags_at`: expected another id": self.tag in at,
-            f"tag {self.tag} is printed on the board too, which has 0 to {printed - 1} of "
-            f"{self.dictionary}: take another id": self.tag < printed,
+            f"tag {self.tag} is on the tip and in `tags_at`, or printed on the board too: take "
+            "another id": self.tag < taken or (self.tags_at and self.tag in self.tags_at.points),
         }
         for message, wrong in refusals.items():
             if wrong:
                 raise OptionError(message)
-        object.__setattr__(self, "finder", TagFinder(self.dictionary, {self.tag, *at}))
 
     @cached_property
     def layout(self) -> MarkLayout | None:
         """What positions are told in, if not pixels."""
         return MarkLayout.of_board(self.board) if self.board is not None else self.tags_at
+
+    @cached_property
+    def finder(self) -> TagFinder:
+        """Finds the tip's tag and those on the desk."""
+        at = self.tags_at.points if self.tags_at is not None else {}
+        return TagFinder(self.dictionary, {self.tag, *at})
 
     @cached_property
     def _boards(self) -> BoardFinder | None:
@@ -81,9 +81,10 @@ class Setup:
         """Return what a picture shows of the reference."""
         if self._boards is not None:
             return self._boards.find(grey)
-        at = self.tags_at.points if self.tags_at is not None else {}
-        counts = Counter(tag.number for tag in tags)
-        return {t.number: t.centre for t in tags if t.number in at and counts[t.number] == 1}
+        counts, at = Counter(t.number for t in tags), self.tags_at and self.tags_at.points
+        return {
+            t.number: t.centre for t in tags if counts[t.number] == 1 and t.number in (at or ())
+        }
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,39 +92,42 @@ class Sightings:
     """What pictures show."""
 
     numbers: Array  # pictures in which the tag is sharp (n,)
+    names: tuple[str, ...]  # and theirs
     tags: tuple[Tag, ...]  # the tag in each of them
-    marks: tuple[tuple[int, Marks], ...]  # what some pictures show of the reference, by number
+    marks: dict[int, Marks]  # what some pictures show of the reference, by number
     reasons: Counter[str]  # why pictures have no tag, and how many
+    count: int  # pictures in all
     size: tuple[int, int]  # width and height of the pictures [px]
-    pixels: Array  # places of the tag's centre (n, 2) [px]
+
+    @cached_property
+    def pixels(self) -> Array:
+        """Places of the tag's centre (n, 2) [px]."""
+        return np.array([tag.centre for tag in self.tags])
 
 
-def sight(
-    frames: Iterable[tuple[int, str, Picture]], setting: Setup, what: str, every: int, looks: int
-) -> Sightings:
-    """Find the tag of a setting, and the reference, in pictures with their numbers and names.
+def sight(frames: Iterable[Frame], setting: Setup, what: str, every: int = 1) -> Sightings:
+    """Find the tag of a setting, and the reference, in pictures.
 
     what : what messages call the pictures
-    every : one of so many is kept, to tell which tags are there should this one not be
-    looks : the reference is looked for in one of so many
+    every : the reference is looked for in one of so many; some of these are kept, to tell which
+        tags are there should this one not be
     Raises LogError if the tag is there twice in more than a tenth, or nowhere.
     """
-    found, marks, sample, twice = dict[int, Tag](), list[tuple[int, Marks]](), list[Picture](), []
-    reasons, size, count = Counter[str](), (0, 0), 0
+    found, marks, sample = dict[int, tuple[str, Tag]](), dict[int, Marks](), list[Picture]()
+    reasons, size, count, twice = Counter[str](), (0, 0), 0, list[str]()
     for number, name, grey in frames:
-        count += 1
-        size = (grey.shape[1], grey.shape[0])
+        count, size = count + 1, (grey.shape[1], grey.shape[0])
         if setting.lens is not None and setting.lens.size != size:
             known = "{}x{}".format(*setting.lens.size)
             raise LogError(f"{name} is {size[0]}x{size[1]}, the lens was calibrated with {known}")
         tags = setting.finder.find(grey)
-        if setting.layout is not None and number % looks == 0:
-            marks.append((number, setting.marks(grey, tags)))
-        if number % every == 0 and len(sample) < LOOKS:
-            sample.append(grey)
+        if number % every == 0:
+            sample += [grey] * (len(sample) < LOOKS)
+            if setting.layout is not None:
+                marks[number] = setting.marks(grey, tags)
         tips = [tag for tag in tags if tag.number == setting.tag]
         if len(tips) == 1 and tips[0].sharp:
-            found[number] = tips[0]
+            found[number] = name, tips[0]
         elif len(tips) > 1:
             twice.append(name)
             reasons[f"tag {setting.tag} is there twice"] += 1
@@ -135,15 +139,13 @@ def sight(
             f"({listed(twice, 3)}): cover one, or print another id for the tip"
         )
     if not found:
-        finder, seen = TagFinder(setting.dictionary), Counter[int]()
-        for grey in sample:
-            seen.update({tag.number for tag in finder.find(grey)})
+        finder = TagFinder(setting.dictionary)
+        seen = Counter(n for grey in sample for n in {t.number for t in finder.find(grey)})
         shown = listed([f"{number} ({times} times)" for number, times in seen.most_common()], 6)
         raise LogError(
-            f"tag {setting.tag} is in none of {count} {what}: {len(sample)} of them show "
-            f"{shown or 'no tag'} of {setting.dictionary}; check the id, the dictionary, that it "
-            "is sharp and has a white border"
+            f"tag {setting.tag} is in none of {count} {what}: {len(sample)} of them show {shown} "
+            f"of {setting.dictionary}; check the id, the dictionary, that it is sharp and has a "
+            "white border"
         )
-    pixels = np.array([tag.centre for tag in found.values()])
-    numbers = np.array(list(found))
-    return Sightings(numbers, tuple(found.values()), tuple(marks), reasons, size, pixels)
+    names, sharp = zip(*found.values(), strict=True)
+    return Sightings(np.array(list(found)), names, sharp, marks, reasons, count, size)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -16,8 +16,8 @@ from ..errors import LogError
 from ..samples.joint_values import MAX_GAP, SETTLE, check_limits, covered, joint_speed, joints_at
 from ..samples.recorded import Recorded, told
 from .clocks import Clocks, align_clocks
-from .joint_table import JointTable, match_rows
-from .pictures import Picture, Video, list_pictures, read_series
+from .joint_table import JointTable, read_shots
+from .pictures import Frame, Video
 from .reference import PlaneReference, square_pose, watch
 from .setting import LOOKS, Setup, Sightings, sight
 from .tags import LEAST_NOISE, Tag
@@ -27,15 +27,11 @@ _STILL = 2.0  # [px]; a tag that moves less over a recording does not move
 _REST = 0.01  # a joint that moves slower rests [rad/s or m/s]
 _LEAST = 3  # frames that a rest must have
 _PAUSE = 0.25  # without the tag, that a rest may have [s]
-_LEAST_FRAMES = 10  # a video of fewer frames is none
-_SHUTTER = 0.03  # that a rolling shutter takes from the first row to the last [s]
 _SHAKE = 0.5  # a tag that moves more has not come to rest [px]
 
 
 def log_pictures(
-    source: str | os.PathLike[str] | Sequence[str],
-    joints: JointTable,
-    setting: Setup,
+    source: str | os.PathLike[str] | Sequence[str], joints: JointTable, setting: Setup
 ) -> Recorded:
     """Make a log from pictures of an arm with a printed tag on its tip.
 
@@ -43,17 +39,12 @@ def log_pictures(
     joints : one row for each picture, by their column of names or in natural order
     Raises LogError in one line, if no log can be made.
     """
-    pairs, notes = match_rows(joints, list_pictures(source))
-    names = [path.name for _, path in pairs]
-    damaged: list[str] = []
-    series = read_series([path for _, path in pairs], damaged)
-    frames = ((number, names[number], grey) for number, grey in series)
-    seen = sight(frames, setting, "pictures", max(1, len(pairs) // LOOKS), 1)
-    seen.reasons["cut off or damaged"] = len(damaged)
-    q = joints.q[[pairs[number][0] for number in seen.numbers]]
+    rows, frames, notes = read_shots(joints, source)
+    seen = sight(frames, setting, "pictures")
+    seen.reasons["cut off or damaged"] = len(rows) - seen.count
+    q = joints.q[[rows[number] for number in seen.numbers]]
     if len(q) > 1:
         _check_motion(q, seen, setting.tag, f"{len(q)} pictures")
-    reference, off = _reference(setting, seen)
     with one_blas_thread():
         shift, own, other = row_shift(q, seen.pixels)
     if shift:
@@ -63,23 +54,15 @@ def log_pictures(
             f"{other:.2g} px, a picture's own to {own:.2g} px; is a picture missing?"
         )
     # rows that contradict the others, as a second tag makes them, are found by who learns from them
-    bumped = np.isin(seen.numbers, list(off))
-    seen.reasons["the reference is elsewhere in them: camera bumped, shaken, refocused?"] = int(
-        bumped.sum()
-    )
-    rows = np.flatnonzero(~bumped)
+    reference, off = _reference(setting, seen)
+    kept = np.flatnonzero(~np.isin(seen.numbers, list(off)))
+    reason = "the reference is elsewhere in them: camera bumped, shaken, refocused?"
+    seen.reasons[reason] = len(q) - len(kept)
     return _assembled(
-        setting,
-        reference,
-        [seen.tags[k] for k in rows],
-        seen.reasons,
-        "pictures",
-        joint_names=joints.names,
-        q=q[rows],
-        source={"source": "pictures", "size": list(seen.size)},
-        pictures=tuple(names[number] for number in seen.numbers[rows]),
-        notes=[*notes, *damaged[:5]],
-    )
+        setting, seen, reference, [seen.tags[k] for k in kept], "pictures", notes,
+        {"source": "pictures"},
+        joint_names=joints.names, q=q[kept], pictures=tuple(seen.names[k] for k in kept),
+    )  # fmt: skip
 
 
 def log_video(
@@ -108,10 +91,15 @@ def log_video(
     joint_time, first = np.unique(stamps, return_index=True)
     if len(first) < 2:
         raise LogError(f"{joints.label} has {len(first)} times: expected a column 'time' [s]")
-    q = joints.q[first]
-    video, times, notes = Video(path), list[float](), list[str]()
+    q, video, times, notes = joints.q[first], Video(path), list[float](), list[str]()
+
+    def frames() -> Iterator[Frame]:
+        for number, (stamp, grey) in enumerate(video.frames()):
+            times.append(stamp)
+            yield number, f"{video.name} at {stamp:.1f} s", grey
+
     every = max(1, video.claimed // LOOKS) if 0 < video.claimed < 10**7 else 100
-    seen = sight(_frames(video, times), setting, "frames", every, every)
+    seen = sight(frames(), setting, "frames", every)
     time, reasons = np.array(times), seen.reasons
     if video.claimed > 1.05 * len(time) + 2:
         notes.append(f"{len(time)} of {video.claimed} frames can be read: it is cut off")
@@ -122,8 +110,7 @@ def log_video(
     if time_offset is None:
         clocks = align_clocks(time, pixels, joint_time, q, revolute)
         notes.append(clocks.words())
-    when = clocks.joints_time(time)
-    usable = np.isfinite(pixels[:, 0])
+    when, usable = clocks.joints_time(time), np.isfinite(pixels[:, 0])
     doubts = {"a jump of the track": jumps(pixels)} | covered(when, joint_time, max_gap)
     for why, wrong in doubts.items():
         reasons[why] = int((usable & wrong).sum())
@@ -133,57 +120,27 @@ def log_video(
             f"the clocks are apart: the video runs from {when[0]:.2f} to {when[-1]:.2f} s of the "
             f"joints' clock, which has {joint_time[0]:.2f} to {joint_time[-1]:.2f} s"
         )
-    speed = joint_speed(when, joint_time, q)
-    slow = usable & (speed < (_REST if still is None else still))
-    groups = [np.array([k]) for k in np.flatnonzero(slow)]
+    slow = usable & (joint_speed(when, joint_time, q) < (_REST if still is None else still))
     if still is None:
-        groups = _rests(when, pixels, slow)
+        groups, kind = _rests(when, pixels, slow), "the arm moves"
         notes.append(f"{len(groups)} rests of {np.mean([0, *map(len, groups)]):.0f} frames")
-    kind = "the arm moves" if still is None else f"a joint moves faster than {still:g}"
+    else:
+        groups, kind = list(np.flatnonzero(slow)[:, None]), f"a joint moves faster than {still:g}"
     reasons[kind] = int(usable.sum() - sum(map(len, groups)))
     if not groups:
         raise LogError(
             f"the arm never rests for {_LEAST} frames of {video.name}, or moves as slowly as "
             "`still`: record it with stops"
         )
-    tag_of = dict(zip(seen.numbers.tolist(), seen.tags, strict=True))
-    tags = [_middle([tag_of[k] for k in group.tolist()]) for group in groups]
-    if still is not None:
-        # a rolling shutter sees lower rows later; the clocks' offset takes the mean of that
-        there = np.isfinite(pixels[:, 0])
-        pace = np.linalg.norm(np.gradient(pixels[there], when[there], axis=0), axis=1)
-        late = _SHUTTER * float(pixels[there, 1].std()) / seen.size[1] * pace / np.sqrt(2.0)
-        more = np.interp(when[slow], when[there], late)
-        tags = [
-            replace(tag, noise=float(np.hypot(tag.noise, each)))
-            for tag, each in zip(tags, more, strict=True)
-        ]
-        notes.append(f"the noise allows for a rolling shutter of {1e3 * _SHUTTER:g} ms")
-    reference, _ = _reference(setting, seen)
-    there = joints_at(when, joint_time, q)
-    rows = np.array([np.median(when[g]) for g in groups])
+    tag_of, there = dict(zip(seen.numbers, seen.tags, strict=True)), joints_at(when, joint_time, q)
+    rows = np.array([np.median(when[group]) for group in groups])
     return _assembled(
-        setting,
-        reference,
-        tags,
-        reasons,
-        "frames",
-        joint_names=joints.names,
-        q=np.array([there[g].mean(axis=0) for g in groups]),
-        source={"source": "video", "size": list(seen.size), "time_offset": clocks.offset,
-                "rate": clocks.rate},
+        setting, seen, _reference(setting, seen)[0],
+        [_middle([tag_of[k] for k in group]) for group in groups], "frames", notes,
+        {"source": "video", "time_offset": clocks.offset, "rate": clocks.rate},
+        joint_names=joints.names, q=np.array([there[g].mean(axis=0) for g in groups]),
         time=rows - rows[0],
-        notes=notes,
     )  # fmt: skip
-
-
-def _frames(video: Video, times: list[float]) -> Iterator[tuple[int, str, Picture]]:
-    """Yield numbers, names and grey frames of a video, and note their times [s]."""
-    for number, (time, grey) in enumerate(video.frames()):
-        times.append(time)
-        yield number, f"{video.name} at {time:.1f} s", grey
-    if len(times) < _LEAST_FRAMES:
-        raise LogError(f"{video.name} has {len(times)} frames, {_LEAST_FRAMES} expected")
 
 
 def _rests(when: Array, pixels: Array, still: Mask) -> list[Index]:
@@ -192,15 +149,13 @@ def _rests(when: Array, pixels: Array, still: Mask) -> list[Index]:
     moved = np.linalg.norm(np.diff(pixels[frames], axis=0), axis=1) > _SHAKE
     rests = []
     for run in np.split(frames, np.flatnonzero(moved | (np.diff(when[frames]) > _PAUSE)) + 1):
-        inside = (when[run] >= when[run[:1]] + SETTLE) & (when[run] <= when[run[-1:]] - SETTLE)
-        if inside.sum() < _LEAST:
-            continue
-        # the arm may still swing where its joints stand: only frames near the median count
-        settled = run[inside]
-        away = np.linalg.norm(pixels[settled] - np.median(pixels[settled], axis=0), axis=1)
-        if (away < _SHAKE).sum() >= _LEAST:
+        first, last = when[run[:1]] + SETTLE, when[run[-1:]] - SETTLE
+        settled = run[(when[run] >= first) & (when[run] <= last)]
+        if len(settled) >= _LEAST:
+            # the arm may still swing where its joints stand: only frames near the median count
+            away = np.linalg.norm(pixels[settled] - np.median(pixels[settled], axis=0), axis=1)
             rests.append(settled[away < _SHAKE])
-    return rests
+    return [rest for rest in rests if len(rest) >= _LEAST]
 
 
 def _middle(tags: Sequence[Tag]) -> Tag:
@@ -233,23 +188,21 @@ def _reference(setting: Setup, seen: Sightings) -> tuple[PlaneReference | None, 
 
 def _assembled(
     setting: Setup,
+    seen: Sightings,
     reference: PlaneReference | None,
     tags: Sequence[Tag],
-    reasons: Mapping[str, int],
     what: str,
+    notes: list[str],
+    about: dict[str, Any],
     **more: Any,
 ) -> Recorded:
-    """Put a log together from the tags of some pictures, and why others, of `what`, have none.
-
-    `more` are further fields of the log; its source and notes are completed.
-    """
+    """Put a log together from the tags of some pictures, and why others, of `what`, have none."""
     pixels = np.array([tag.centre for tag in tags])
     x, unit, quaternion, scale, common = pixels, "px", None, np.ones(1), np.zeros(1)
-    about: dict[str, Any] = {"tag": setting.tag, "dictionary": setting.dictionary}
-    about["reference"] = {"kind": "pixels"}
+    about |= {"size": list(seen.size), "tag": setting.tag, "dictionary": setting.dictionary}
+    about["reference"] = {"kind": "pixels"} if reference is None else reference.told()
     if reference is not None:
         x, unit, (scale, common) = reference.positions(pixels), "m", reference.noise(pixels)
-        about["reference"] = reference.told()
     lens, size = setting.lens, setting.tag_size
     if lens is not None:
         about["lens"] = lens.to_json()
@@ -264,18 +217,12 @@ def _assembled(
         quaternion, unit = quaternion_of(turns), "m"
     shared = float(np.sqrt(np.mean(common**2)))
     noise = np.array([tag.noise for tag in tags]) * scale
-    notes = [*more.pop("notes"), *told(reasons, what)]
+    notes = notes + told(seen.reasons, what)
     if steep := sum(tag.upright < 0.5 for tag in tags):
         notes.append(f"the tag is seen at more than 60 deg in {steep} rows: let it face the camera")
     return Recorded(
-        x=x,
-        unit=unit,
-        noise=float(np.hypot(np.sqrt(np.mean(noise**2)), shared)),
-        common=shared,
-        pixels=pixels,
-        source={**more.pop("source"), **about},
-        quaternion=quaternion,
-        dropped={why: count for why, count in reasons.items() if count},
-        notes=tuple(notes),
-        **more,
-    )
+        x=x, unit=unit, noise=float(np.hypot(np.sqrt(np.mean(noise**2)), shared)), common=shared,
+        pixels=pixels, source=about, quaternion=quaternion,
+        dropped={why: count for why, count in seen.reasons.items() if count},
+        notes=tuple(notes), **more,
+    )  # fmt: skip

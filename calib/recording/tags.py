@@ -78,11 +78,11 @@ def find_dictionary(name: str) -> Any:
     """
     aruco = opencv().aruco
     known = {key[5:].lower(): key for key in dir(aruco) if key.startswith("DICT_")}
-    plain = name.strip().lower().removeprefix("dict_").replace("-", "_")
-    for candidate in (plain, f"apriltag_{plain}", plain.replace("apriltag", "apriltag_")):
-        if candidate in known:
-            return aruco.getPredefinedDictionary(getattr(aruco, known[candidate]))
-    raise OptionError(f"dictionary {name!r}: {suggestion(plain, sorted(known))}")
+    plain = name.lower().removeprefix("dict_")
+    key = known.get(plain) or known.get(f"apriltag_{plain}")
+    if key is None:
+        raise OptionError(f"dictionary {name!r}: {suggestion(plain, sorted(known))}")
+    return aruco.getPredefinedDictionary(getattr(aruco, key))
 
 
 class TagFinder:
@@ -92,8 +92,8 @@ class TagFinder:
         aruco, known = opencv().aruco, find_dictionary(dictionary)
         count = len(known.bytesList)
         self.numbers = tuple(range(count) if wanted is None else sorted(set(wanted)))
-        if bad := [number for number in self.numbers if not 0 <= number < count]:
-            raise OptionError(f"tag {bad[0]}: expected 0 to {count - 1}, the ids of {dictionary}")
+        for number in {*self.numbers[:1], *self.numbers[-1:]}:
+            tag_cells(number, dictionary)  # refuses what is none
         if wanted is not None:
             some = np.ascontiguousarray(known.bytesList[list(self.numbers)])
             known = aruco.Dictionary(some, known.markerSize, known.maxCorrectionBits)
@@ -122,7 +122,7 @@ class TagFinder:
             square.astype(np.float32), corners.astype(np.float32)
         )
         found, likeness = _laid(grey, (255.0 * pattern).astype(np.uint8), np.asarray(start))
-        refined = mapped(found, square)
+        refined = _mapped(found, square)
         moved = np.linalg.norm(refined - corners, axis=1).max()
         if likeness < _SHARP or moved > 0.1 * _sides(corners).max() + 2.0:
             return tag
@@ -154,11 +154,12 @@ def lay_corners(grey: Picture, corners: Mapping[int, Array], board: Any) -> dict
     if len(corners) < 4:
         return {}
     seen = np.array([*corners.values()])
-    flat = np.asarray(board.getChessboardCorners())[list(corners), :2] / board.getSquareLength()
+    flat = np.array(board.getChessboardCorners(), float)[list(corners), :2]
+    flat /= board.getSquareLength()
     over = opencv().findHomography(flat, seen, opencv().RANSAC, 3.0)[0]
     if over is None:
         return {}
-    side = np.linalg.norm(mapped(over, flat + 0.5) - mapped(over, flat - 0.5), axis=1)
+    side = np.linalg.norm(_mapped(over, flat + 0.5) - _mapped(over, flat - 0.5), axis=1)
     k = int(np.clip(round(_DENSE * np.median(side) / np.sqrt(2)), *_SQUARES))
     page, refined = _page(board, k), {}
     for number, place, there in zip(corners, flat, seen, strict=True):
@@ -167,9 +168,9 @@ def lay_corners(grey: Picture, corners: Mapping[int, Array], board: Any) -> dict
         # of the patch's pixels, via squares, to the picture; the lens shifts it by little
         scale = np.array([[1 / k, 0, (at[0] + 0.5) / k], [0, 1 / k, (at[1] + 0.5) / k], [0, 0, 1]])
         shift = np.eye(3)
-        shift[:2, 2] = there - mapped(over, place[None])[0]
+        shift[:2, 2] = there - _mapped(over, place[None])[0]
         found, likeness = _laid(grey, page[at[1] : end[1], at[0] : end[0]], shift @ over @ scale)
-        moved = mapped(found, (place * k - 0.5 - at)[None])[0]
+        moved = _mapped(found, (place * k - 0.5 - at)[None])[0]
         if likeness > 0.0 and np.linalg.norm(moved - there) < _FARTHEST:
             refined[number] = moved
     return refined
@@ -179,8 +180,8 @@ def _laid(grey: Picture, pattern: Picture, start: Array) -> tuple[Array, float]:
     """The homography (3, 3) that lays a pattern on a picture best, and its correlation, or 0."""
     cv2 = opencv()
     high, wide = pattern.shape
-    outline = mapped(start, np.array([[0, 0], [wide, 0], [wide, high], [0, high]]) - 0.5)
-    if not np.isfinite(outline).all() or np.abs(outline).max() > 1e5:
+    outline = _mapped(start, np.array([[0, 0], [wide, 0], [wide, high], [0, high]]) - 0.5)
+    if not np.abs(outline).max() < 1e5:
         return start, 0.0
     low = np.maximum(np.floor(outline.min(0)).astype(int) - 8, 0)
     end = np.maximum(np.ceil(outline.max(0)).astype(int) + 9, low + 1)
@@ -213,8 +214,6 @@ def _page(board: Any, k: int) -> Picture:
     return np.asarray(opencv().resize(drawn, size, interpolation=opencv().INTER_AREA))
 
 
-def mapped(homography: Array, places: Array) -> Array:
+def _mapped(homography: Array, places: Array) -> Array:
     """Map places (n, 2) by a homography (3, 3)."""
-    p = np.c_[places, np.ones(len(places))] @ homography.T
-    with np.errstate(divide="ignore", invalid="ignore"):
-        return np.asarray(p[:, :2] / p[:, 2:])
+    return np.asarray(opencv().perspectiveTransform(places[None], homography)[0])

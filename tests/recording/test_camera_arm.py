@@ -13,6 +13,7 @@ pytest.importorskip("cv2")
 from rendering import Camera, Desk
 
 import calib
+from calib.arm.rotations import cross_matrix
 from calib.errors import CalibError
 from calib.recording.board import Board
 from calib.recording.lens import Lens
@@ -26,7 +27,7 @@ BOARD = Board.parse("7x5:24mm:18mm:5x5_100")
 LAYOUT = MarkLayout.of_board(BOARD)
 BENT = np.array([DESK.camera.k1, 0.0, 0.0, 0.0, 0.0])
 SPREAD = np.diag([0.4, 0.4, 0.6, 0.6, 1e-3, 0, 0, 0, 0]) ** 2  # of a lens of ten pictures
-LENS = Lens(DESK.camera.size, np.full(2, DESK.camera.focal), DESK.camera.centre, BENT, 0.02, 10)
+LENS = Lens(DESK.camera.size, np.full(2, DESK.camera.focal), DESK.camera.centre, BENT, 0.02)
 
 
 def postures(count, seed):
@@ -52,7 +53,7 @@ def by_board(desk, q, seed):
     points = BOARD.corners()
     corners = desk.camera.project(points) + rng.normal(0, 0.01, (len(points), 2))
     lens = replace(LENS, covariance=SPREAD).moved(rng.normal(0, np.sqrt(np.diag(SPREAD))))
-    found, _ = watch(LAYOUT, [(0, dict(enumerate(corners)))], lens)
+    found, _ = watch(LAYOUT, {0: dict(enumerate(corners))}, lens)
     pixels = seen(desk, q, rng)
     x, common = found.positions(pixels), found.noise(pixels)[1]
     return samples(q, x, "m", float(np.sqrt(np.mean(common**2)))), found, lens
@@ -110,7 +111,11 @@ def test_what_pose_and_lens_leave_open_is_what_the_log_says(seed):
     log, found, _ = by_board(DESK, q, 10 + seed)
     off = np.sqrt(np.mean(np.square(log.x - DESK.tip(q))))
     assert 0.1 * log.shared < off < 3.0 * log.shared
-    turn, place = found.pose.doubt
+    covariance = found.pose.covariance[:6, :6]
+    # a turn of the frame by w moves the camera in it by shift x w
+    moves = np.c_[cross_matrix(found.pose.shift), np.eye(3)]
+    place = np.sqrt(np.trace(moves @ covariance @ moves.T))
+    turn = np.sqrt(np.trace(covariance[:3, :3]))
     assert np.linalg.norm(found.pose.camera - DESK.camera.position) < 3.5 * place
     assert 1e-4 < turn < 3e-3
 
@@ -133,10 +138,10 @@ def test_a_board_found_again_is_no_change_and_a_longer_link_is(in_metres):
 def marks(count=10, place=lambda k: DESK.camera):
     """What pictures show of the board, each with a camera of its own."""
     rng, points = np.random.default_rng(3), BOARD.corners()
-    return [
-        (k, dict(enumerate(place(k).project(points) + rng.normal(0, 0.03, (len(points), 2)))))
+    return {
+        k: dict(enumerate(place(k).project(points) + rng.normal(0, 0.03, (len(points), 2))))
         for k in range(count)
-    ]
+    }
 
 
 @pytest.mark.parametrize("scale", [lambda k: 1.0 + 0.004 * (k % 3), lambda k: 1.0 + 0.01 * (k > 4)])
@@ -152,7 +157,7 @@ def test_a_camera_that_refocuses_or_is_bumped_is_refused(scale):
 def test_pictures_of_a_shaken_camera_are_left_out():
     """They were placed by the board as the others saw it."""
     shaken = replace(DESK.camera, target=(0.2025, 0.08, 0.0))
-    still = watch(LAYOUT, [m for m in marks() if m[0] not in (3, 7)], LENS)[0]
+    still = watch(LAYOUT, {k: m for k, m in marks().items() if k not in (3, 7)}, LENS)[0]
     found, off = watch(LAYOUT, marks(place=lambda k: shaken if k in (3, 7) else DESK.camera), LENS)
     assert off == {3, 7}
     assert np.abs(found.pose.camera - still.pose.camera).max() < 1e-3

@@ -13,7 +13,7 @@ from rendering import Camera, Desk, board
 
 import calib
 from calib.arm.rotations import exponential, logarithm, matrix_of
-from calib.errors import LogError, OptionError
+from calib.errors import LogError
 from calib.recording.board import Board
 from calib.recording.board_pictures import BoardPictures
 from calib.recording.handeye import handeye
@@ -104,7 +104,7 @@ def test_a_wrong_reading_is_named():
         "columns are exchanged": rig.q[:, [0, 2, 1, 3, 4, 5]],
         "wrist_2 counts the other way": rig.q * (1, 1, 1, 1, -1, 1),
         "degrees": np.degrees(rig.q),
-        "1 row late": np.roll(rig.q, 1, axis=0),
+        "a row late": np.roll(rig.q, 1, axis=0),
     }
     for words, q in ways.items():
         with pytest.raises(LogError, match=words):
@@ -116,9 +116,8 @@ def test_a_wrong_board_and_a_wrong_eye_are_named(in_hand):
     rig = Rig(in_hand, seed=1, pictures=12)
     with pytest.raises(LogError, match="squares measure"):
         solve(rig, board="7x5:25mm:18mm:5x5_100")
-    with pytest.raises(OptionError, match="eye=") as told:
+    with pytest.raises(LogError, match=f"eye='{'hand' if in_hand else 'base'}'"):
         solve(rig, eye="base" if in_hand else "hand")
-    assert told.value.value == ("hand" if in_hand else "base")
 
 
 @pytest.mark.parametrize(("group", "step"), [("view.shift", 0.05), ("tool", 0.05), ("lens", 60.0)])

@@ -143,7 +143,7 @@ def test_joints_are_interpolated_to_the_positions(tmp_path, kind, name, tip):
 @pytest.mark.parametrize("kind", ["mcap", "ros2"])
 def test_poses_of_tf_between_two_frames(tmp_path, kind):
     bag = write(tmp_path / "a", kind, "TFMessage", turning=True)
-    with pytest.raises(LogError, match=r"2 transforms of tf move: base,link.*camera,tag"):
+    with pytest.raises(LogError, match=r"2 transforms of tf move.*base,link.*camera,tag"):
         read_bag(bag)
     found = read_bag(bag, frames=("world", "tool"))
     assert found.about()["frame"] == "world"
@@ -153,9 +153,9 @@ def test_poses_of_tf_between_two_frames(tmp_path, kind):
     assert np.abs(found.x - x_at(t) - away).max() < 1e-8
     expected = np.array([turn_at(each) for each in t])
     assert np.abs(np.abs((found.quaternion * expected).sum(axis=1)) - 1).max() < 1e-12
-    with pytest.raises(LogError, match="no way from 'base' to 'tool'"):
+    with pytest.raises(LogError, match="0 transforms of tf move between 'base' and 'tool'"):
         read_bag(bag, frames=("base", "tool"))
-    with pytest.raises(LogError, match=r"0 transforms move between 'tag' and 'tool'"):
+    with pytest.raises(LogError, match=r"0 transforms of tf move between 'tag' and 'tool'"):
         read_bag(bag, frames=("tag", "tool"))
 
 
@@ -169,7 +169,7 @@ def test_orientations_of_poses_become_columns(tmp_path, run):
     assert read_bag(write(tmp_path / "b", tip="PoseStamped")).quaternion is None  # left unset
     refused = run("log", bag, "--frames", "camera,tag", "-o", tmp_path / "no.csv")
     assert (refused.code, refused.err.count("\n")) == (1, 1)
-    assert "no tf" in refused.err
+    assert "0 transforms of tf" in refused.err
 
 
 def test_samples_in_motion_are_left_out(tmp_path):
@@ -197,17 +197,17 @@ def test_time_offset_undoes_latency(tmp_path):
 def test_topics_are_listed(tmp_path):
     path = write(tmp_path / "a")
     with pytest.raises(
-        LogError, match=r"topic '/tip' is not there.*/joint_states.*/tracker \(PointStamped\)"
+        LogError, match=r"0 topics '/tip' .*/joint_states.*/tracker \(PointStamped\)"
     ):
         read_bag(path, tip_topic="/tip")
-    with pytest.raises(LogError, match="is a JointState, expected PointStamped"):
+    with pytest.raises(LogError, match=r"0 topics .*expected one.*JointState"):
         read_bag(path, tip_topic="/joint_states")
-    with pytest.raises(LogError, match="no joint 'wrist'; its joints: elbow, shoulder"):
+    with pytest.raises(LogError, match=r"0 joint states of wrist.*its joints: elbow, shoulder"):
         read_bag(path, joints=["wrist"])
 
 
 def test_what_is_no_recording(tmp_path):
-    with pytest.raises(LogError, match="there is no file"):
+    with pytest.raises(LogError, match="no recording"):
         read_bag(tmp_path / "none.bag")
     (tmp_path / "text.bag").write_text("no bag\n")
     with pytest.raises(LogError, match=r"text\.bag is no recording"):

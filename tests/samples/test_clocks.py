@@ -56,7 +56,7 @@ def test_a_motion_that_repeats_itself_is_refused():
     wave = 2 * np.pi * t / 4.0
     q = 0.5 * np.stack([np.sin(wave), np.cos(wave), 0.5 * np.sin(2 * wave)], 1)
     time, x, _ = filmed(t, q, 6.0, 20.0, rng=rng)
-    with pytest.raises(ClockError, match=r"ambiguous|sure to"):
+    with pytest.raises(ClockError, match="no offset"):
         align_clocks(time, x, t, q)
 
 
@@ -64,7 +64,7 @@ def test_the_joints_of_another_run_are_refused():
     rng = np.random.default_rng(3)
     joint_time, q = stops(30, rng)
     time, x, _ = filmed(joint_time, q, 5.0, 18.0, rng=rng)
-    with pytest.raises(ClockError, match=r"no offset|ambiguous|sure to"):
+    with pytest.raises(ClockError, match="no offset"):
         align_clocks(time, x, *stops(30, rng))
 
 
@@ -82,7 +82,7 @@ def test_a_frame_rate_that_is_far_off_is_refused():
     rng = np.random.default_rng(5)
     joint_time, q = stops(30, rng)
     time, x, _ = filmed(joint_time, q, 5.0, 18.0, 0.02, rng=rng)
-    with pytest.raises(ClockError, match=r"rate|no offset|ambiguous|sure to"):
+    with pytest.raises(ClockError, match="no offset"):
         align_clocks(time, x, joint_time, q)
 
 
