@@ -76,7 +76,7 @@ def _origins(geometry: Geometry, urdf: Urdf) -> dict[str, Array]:
             parameter="tip",
             value=arm.tip,
         )
-    drawn = Kinematics(urdf).posture(arm.locked).frames
+    drawn = Kinematics(urdf).posture({**arm.locked, **dict.fromkeys(geometry.places, 0.0)}).frames
     offsets = structure.chain.coupling @ beta[structure.groups["offset"]]
     motion = move(structure.links(beta), offsets[:, None])
     carried, fitted = np.eye(4), {urdf.root: np.eye(4)}
