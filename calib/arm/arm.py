@@ -277,7 +277,7 @@ def checked_range(name: str, chosen: Range, limits: Range, unit: str) -> Range:
     most = math.inf if unit == "rad" else MAX_TRAVEL
     if not (within and math.isfinite(upper - lower) and upper - lower <= most):
         raise OptionError(
-            f"`ranges={{{name!r}: ({lower:g}, {upper:g})}}`: expected two finite numbers, the lower "
+            f"`ranges={{{name!r}: ({lower:g}, {upper:g})}}`: expected two finite numbers, lower "
             f"one first, within the joint's limits {limits[0]:.6g}:{limits[1]:.6g} [{unit}]"
             f"{'' if unit == 'rad' else f' and at most {most:g} m apart'}",
             parameter="ranges",
