@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
-from scipy.spatial import cKDTree
 
 from ..common.arrays import Array
 from ..common.rows import thinned
@@ -42,6 +43,8 @@ def moved_at(q: Array, residual: Array) -> tuple[int, float] | None:
     residual : (n, m), what a fit of all rows leaves [unit]
     Returns (row, typical displacement [unit]), or None where nothing moved or nobody can tell.
     """
+    from scipy.spatial import cKDTree  # takes .2 s
+
     rows = thinned(len(q), _ROWS)
     q, residual = q[rows], residual[rows]
     found: list[tuple[float, int, float]] = []
@@ -51,8 +54,9 @@ def moved_at(q: Array, residual: Array) -> tuple[int, float] | None:
             continue
         within, across = [], []
         for own, other in (sides, sides[::-1]):
-            near, at = cKDTree(q[own]).query(q[own], 2)
-            far, there = cKDTree(q[other]).query(q[own])
+            nearest: Any = cKDTree(q[own]).query(q[own], 2)
+            others: Any = cKDTree(q[other]).query(q[own])
+            (near, at), (far, there) = nearest, others
             chosen = far <= near[:, 1]
             left = residual[own]
             within.append(((left - left[at[:, 1]])[chosen] ** 2).sum(axis=1))
