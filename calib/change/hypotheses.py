@@ -156,7 +156,7 @@ def as_built(body: Body) -> Body:
     body = replace(body, tau=np.maximum(body.tau, LOG_FLOOR * np.asarray(structure.extents)))
     if not body.simulated:
         return body
-    metre = float(getattr(structure, "metre", 1.0))
+    metre = 1.0
     if structure.view not in ("rigid", "base", "pose"):
         metre = _length(body) / 0.3
     sd = _deviations(body, _arms(body), "built", BUILT_CURVE, metre)
