@@ -30,9 +30,8 @@ from .finding import (
 )
 from .plane import plane_of
 from .posture import Kinematics, Posture, folded
-from .ranges import Range, check_joint_limits
 from .robots import resolve_robot
-from .urdf import Joint, Mimic, Urdf, parse_urdf, read_urdf
+from .urdf import Joint, Mimic, Range, Urdf, parse_urdf, read_urdf
 
 __all__ = ["PlanarArm", "SpatialArm", "arm_from_urdf", "load_arm"]
 
@@ -161,7 +160,7 @@ def arm_from_urdf(
     if normal is not None:
         check_tip(active[-1], tip, posture)
     others = [joint for joint in active if joint.name not in ranges]
-    check_joint_limits(others)
+    _check_limits(others)
     parts: dict[str, Any] = {
         "name": urdf.name,
         "joint_names": tuple(names),
@@ -198,7 +197,7 @@ def _found(
     if not chains:
         stuck = [joint for joint in urdf.joints if joint.stuck and joint.name not in lock]
         if len(free) + len(stuck) > 1:
-            check_joint_limits([joint for joint in stuck if joint not in free])
+            _check_limits([joint for joint in stuck if joint not in free])
         hint = "if columns have other names, give `columns={'JOINT': 'COLUMN'}`"
         movable = listed(joint.name for joint in urdf.joints if joint.movable)
         raise RobotError(
@@ -280,6 +279,15 @@ def _find_link(urdf: Urdf, tip: str) -> str:
         what, hint = f"`tip`: frame {quoted(tip)} does not exist", suggestion(tip, urdf.links)
         raise RobotError(what, hint=hint, parameter="tip", value=tip)
     return tip if tip in urdf.links or joint is None else joint.child
+
+
+def _check_limits(joints: Sequence[Joint]) -> None:
+    """Ask for `ranges` of all joints whose limits are unusable."""
+    if faulty := [joint for joint in joints if joint.fault]:
+        faults = "; ".join(f"joint {j.name!r} cannot be babbled, {j.fault}" for j in faulty)
+        wanted = ", ".join(f"{joint.name!r}: (LOWER, UPPER)" for joint in faulty)
+        units = ", ".join(sorted({joint.unit for joint in faulty}))
+        raise RobotError(faults, hint=f"give `ranges={{{wanted}}}` [{units}]", parameter="ranges")
 
 
 def held_values(urdf: Urdf, lock: Mapping[str, float]) -> dict[str, float]:

@@ -267,7 +267,8 @@ def _read_joint(node: ET.Element, links: Collection[str], notes: list[str]) -> J
                 f"{where} has the axis {x:g} {y:g} {z:g}: give a direction such as 0 0 1"
             )
     limits: Range | None = None
-    if kind in ("revolute", "prismatic") and {"lower", "upper"} & set(_attributes(node, "limit")):
+    stated = [node.find(f"limit[@{key}]") for key in ("lower", "upper")]
+    if kind in ("revolute", "prismatic") and stated != [None, None]:
         (lower,) = _numbers(node, "limit", "lower", (0.0,), where, infinite=True)
         (upper,) = _numbers(node, "limit", "upper", (0.0,), where, infinite=True)
         limits = lower, upper
@@ -292,17 +293,12 @@ def _end(node: ET.Element, tag: str, where: str, links: Collection[str]) -> str:
     return link
 
 
-def _attributes(node: ET.Element, path: str) -> Mapping[str, str]:
-    """Attributes of a part of an element, none where it is not there."""
-    part = node.find(path)
-    return {} if part is None else part.attrib
-
-
 def _numbers(
     node: ET.Element, path: str, key: str, default: Vector, where: str, *, infinite: bool = False
 ) -> Vector:
     """Read an attribute's numbers as URDF libraries do, not as Python does (1_000, nan)."""
-    text = _attributes(node, path).get(key)
+    part = node.find(path)
+    text = None if part is None else part.get(key)
     if text is None:
         return default
     values = tuple(

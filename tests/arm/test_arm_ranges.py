@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from reference import pinocchio_forward, random_joints
 
+from calib.arm.arm import notes_of_turns, one_turn
 from calib.arm.loading import arm_from_urdf, load_arm
-from calib.arm.ranges import notes_of_turns, one_turn
 from calib.errors import OptionError, RobotError
 
 
