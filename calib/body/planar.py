@@ -86,6 +86,11 @@ class PlanarStructure(Structure):
     simulated: bool  # whether the rows are samples of a simulation
 
     @property
+    def directions(self) -> tuple[int, ...]:
+        """How each joint (dof,) moves with its log, 1 or -1."""
+        return self.signs
+
+    @property
     def reversals(self) -> int:
         """How many joints turn against their drawing, and whether the sensor sees a mirror."""
         drawn = self.nominal.signs if self.nominal else self.signs

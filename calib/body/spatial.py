@@ -50,11 +50,6 @@ class SpatialStructure(Structure):
     simulated: bool = False  # whether the rows are samples of a simulation
     reading: Measurement | None = None  # what is measured, where its view's name does not say all
 
-    @cached_property
-    def signs(self) -> tuple[int, ...]:  # type: ignore[override]
-        """How each joint (dof,) moves with its log: as the drawing, or the chain found, has it."""
-        return (1,) * self.dof
-
     @property
     def based(self) -> bool:
         """Whether the sensor's frame is the robot's root frame."""

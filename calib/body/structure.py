@@ -57,7 +57,6 @@ class Structure:
     wide: ClassVar[tuple[float, float]]
     joint_names: tuple[str, ...]  # names of the joints, base to tip
     revolute: tuple[bool, ...]  # which joints turn; the others slide
-    signs: tuple[int, ...]  # how each joint moves with its log, 1 or -1
     view: str  # one of :data:`calib.body.views.PLANAR` or `SPATIAL`
     unit: str  # unit of positions
     extent: float  # size of the workspace along an output [unit]
@@ -99,6 +98,11 @@ class Structure:
     def reversals(self) -> int:
         """How many joints turn against their drawing, and whether the sensor sees a mirror."""
         return 0
+
+    @property
+    def directions(self) -> tuple[int, ...]:
+        """How each joint (dof,) moves with its log, 1 or -1."""
+        return (1,) * self.dof
 
     def geometry(self) -> Sequence[Block]:
         """Blocks of the chain's geometry and of its joints."""
@@ -224,7 +228,7 @@ class Structure:
         own = {name: beta[indices] for name, indices in self.groups.items()}
         bent = [k for k in range(self.dof) if own[f"curve.{k}"].any()]
         curves = np.reshape([own[f"curve.{k}"] for k in bent], (-1, 2 * HARMONICS))
-        gain, elastic = own["gain"] * self.signs, own["elastic"]
+        gain, elastic = own["gain"] * self.directions, own["elastic"]
         return Fixed(
             gain[:, None], self.offsets(beta)[:, None], bent, curves,
             elastic if elastic.any() else None, self.links(beta),
@@ -320,7 +324,7 @@ class Structure:
 
         put(groups["elastic"], by_loads)
         put(groups["offset"], lambda: led)
-        put(groups["gain"], lambda: led * (joints * self.signs).T[:, None])
+        put(groups["gain"], lambda: led * (joints * self.directions).T[:, None])
         for indices, moved in self.moving(motion):
             put(indices, lambda moved=moved: sight.push(*moved()))  # type: ignore[misc]
         for k, q_k in enumerate(joints.T):

@@ -22,7 +22,7 @@ def words_of(structure: Structure, beta: Array, sd: Array) -> tuple[str, ...]:
 def _of_joints(structure: Structure, beta: Array, half: Array) -> Iterator[str]:
     """What each joint has of its own, `half` (d,) half widths of intervals."""
     away = beta - structure.neutral()
-    ways = dict(zip(structure.joint_names, structure.signs, strict=True))
+    ways = dict(zip(structure.joint_names, structure.directions, strict=True))
     joints: dict[str, dict[tuple[str, str], list[int]]] = {}
     for i, (group, joint, _, unit) in enumerate(structure.labels):
         if joint and half[i] > 0:
