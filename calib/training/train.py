@@ -22,9 +22,8 @@ from ..samples.samples import Samples
 from ..samples.wrong_rows import screen
 from .bounds import approached, node_bounds, play_of, play_words, simulated_bounds
 from .evaluate import answered_within, fresh_residuals, held_out_residuals, summarise
-from .learn import Progress, associate, resolved
-from .options import TrainingOptions
-from .smooth import find_smooth_part, taught, to_learn, unit_box
+from .learn import Progress, TrainingOptions, associate, resolved, unit_box
+from .smooth import find_smooth_part, taught, to_learn
 from .sound_rows import fit_sound_rows
 from .touched import fit_sockets
 
