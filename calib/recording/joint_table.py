@@ -11,7 +11,7 @@ import numpy as np
 from ..common.arrays import Array, Index
 from ..common.wording import listed
 from ..errors import LogError
-from ..samples.tables import Source, open_source, read_columns
+from ..samples.tables import Source, open_source
 from .pictures import Frame, list_pictures, read_series
 
 _TIMES = ("time", "timestamp", "stamp", "t")
@@ -50,12 +50,12 @@ def read_joints(
     source = open_source(path)
     stamp, picture, series = (_named(source, kind) for kind in (_TIMES, _PICTURES, _EPISODES))
     names = [name for name in source.header if name.lower() not in _OTHERS]
-    values = read_columns(source, names if joints is None else joints)
+    values = source.numbers(names if joints is None else joints)[0]
     if joints is None:
         numbers = np.isfinite(values).any(axis=0)
         names, values = [names[k] for k in np.flatnonzero(numbers)], values[:, numbers]
     names = list(names if joints is None else joints)
-    time = None if stamp is None else read_columns(source, [stamp])[:, 0]
+    time = None if stamp is None else source.numbers([stamp])[0][:, 0]
     good = np.isfinite(values).all(axis=1) & (True if time is None else np.isfinite(time))
     if not names or not good.any():
         raise LogError(
@@ -77,7 +77,7 @@ def read_joints(
     return JointTable(
         source.label, tuple(names), q, None if time is None else time[good], pictures,
         int((~good).sum()),
-        None if series is None else read_columns(source, [series])[good, 0].astype(np.intp),
+        None if series is None else source.numbers([series])[0][good, 0].astype(np.intp),
     )  # fmt: skip
 
 
