@@ -137,7 +137,9 @@ def _check(model: Parts) -> None:
         and min(model.bounds.min(), model.model_bounds.min()) >= 0.0
         and model.visited.any()
         and (model.rows is None or len(model.rows) <= MOST_ROWS)
-        and (model.approach is None or not (model.approach.play < 0.0).any())
+        and (
+            model.baseline is None or model.baseline.seen is None or model.baseline.seen.places.size
+        )
     ):
         raise ModelError("its parts do not fit together")
     for state in model.history:
