@@ -26,7 +26,7 @@ from .parameters import Indices
 from .rows import Rows, together
 from .settings import FINER
 from .spatial import SpatialStructure
-from .spatial_start import frame
+from .starts import frame
 from .touch import restated
 from .views import Columns, InSpace, Measurement, pixels
 

@@ -100,7 +100,7 @@ RIVAL_START, APART = 2.0, 0.05
 """A rival start has at most so many times the best one's residuals, and is another arm where it
 differs by this share of the extents: joint curves may prefer the wrong one of a path."""
 
-OTHER_ARM, OTHER_TURNS, CLEAR = 0.2, 0.3, 0.3
+OTHER_ARM, NO_CAMERA, OTHER_TURNS = 0.2, 0.03, 0.3
 """Median distance, as a share of the rows' spread, and median turn [rad] that are of another arm;
 and what another reading of the rows leaves of a misfit that it explains."""
 
