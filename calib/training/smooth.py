@@ -16,7 +16,6 @@ from ..body.planar import planar_structure
 from ..body.rows import Rows
 from ..body.sensor import doubtful_depth
 from ..body.spatial import structure_of, unknown_structure
-from ..body.spatial_start import refuse_pixels
 from ..body.telling import warnings_of
 from ..body.views import is_camera
 from ..common.arrays import Array, Index
@@ -152,7 +151,6 @@ def _fit_in_space(samples: Samples, rows: Index, view: str, seed: int) -> BodyFi
         lens, sd = camera.lens, camera.lens_sd
         template = structure_of(arm, "pinhole", unit="px", extent=extent, lens=lens, lens_sd=sd)
         found = fit(template, [Rows(q, x)], seed=seed)
-        refuse_pixels(found.body, q, x)
         return replace(found, notes=(*found.notes, *doubtful_depth(found.body, q)))
     metre, unused = METRES.get(samples.unit, 1.0), ""
     if isinstance(arm, SpatialArm) and not simulated:
