@@ -20,13 +20,10 @@ from ..common.arrays import Array, Index
 from ..common.rows import thinned
 from ..common.wording import listed
 from ..errors import LogError
-from ..samples.tables import Source, open_source, read_columns
+from ..samples.tables import open_source, read_columns
 from .pictures import Frame, Picture, Video, list_pictures, read_series
 
-_TIMES = ("time", "timestamp", "stamp", "t")
-_PICTURES = ("picture", "image", "file", "filename")
-_EPISODES = ("episode", "episode_index")
-_OTHERS = {*_TIMES, *_PICTURES, *_EPISODES, "x", "y", "z", "qx", "qy", "qz", "qw"}
+_OTHERS = {"time", "timestamp", "picture", "episode", "x", "y", "z", "qx", "qy", "qz", "qw"}
 _TURNS = 4.0 * np.pi  # [rad]; joints that go beyond two turns are taken for degrees
 _STATE = "observation.state"
 _SHARE = "gripper"  # always a share of its range, and no joint of the arm
@@ -65,15 +62,18 @@ def read_joints(
     Raises LogError if there are no joints, or they look like degrees and are not said to be.
     """
     source = open_source(path)
-    stamp, picture, series = (_named(source, kind) for kind in (_TIMES, _PICTURES, _EPISODES))
+    about = [
+        read_columns(source, [name])[:, 0] if name in source.header else None
+        for name in ("time", "episode")
+    ]
     names = [name for name in source.header if name.lower() not in _OTHERS]
     values = read_columns(source, names if joints is None else joints)
     if joints is None:
         numbers = np.isfinite(values).any(axis=0)
         names, values = [names[k] for k in np.flatnonzero(numbers)], values[:, numbers]
     names = list(names if joints is None else joints)
-    time = None if stamp is None else read_columns(source, [stamp])[:, 0]
-    good = np.isfinite(values).all(axis=1) & (True if time is None else np.isfinite(time))
+    good = np.isfinite(np.column_stack([values, *[each for each in about if each is not None]]))
+    good = good.all(axis=1)
     if not names or not good.any():
         raise LogError(
             f"{source.label} has no row with numbers for {listed(names)}: expected a column for "
@@ -87,19 +87,14 @@ def read_joints(
         told = f"{source.label}: a joint goes to {most:.4g} rad, more than two turns"
         raise LogError(f"{told}: are these degrees? expected rad, or `degrees=True`")
     pictures = None
-    if picture:  # one may stand with its folder, of this system or another
-        cells = np.array(source.read([picture])[picture].to_list(), object)[good]
+    if "picture" in source.header:  # one may stand with its folder, of this system or another
+        cells = np.array(source.read(["picture"])["picture"].to_list(), object)[good]
         named = (str(cell or "").strip().replace("\\", "/") for cell in cells)
         pictures = tuple(name.rpartition("/")[2] for name in named)
-    return JointTable(
-        source.label, tuple(names), q, None if time is None else time[good], pictures,
-        int((~good).sum()),
-        None if series is None else read_columns(source, [series])[good, 0].astype(np.intp),
-    )  # fmt: skip
-
-
-def _named(source: Source, kinds: Sequence[str]) -> str | None:
-    return next((name for name in source.header if name.lower() in kinds), None)
+    time, series = (None if each is None else each[good] for each in about)
+    episodes = None if series is None else series.astype(np.intp)
+    dropped = int((~good).sum())
+    return JointTable(source.label, tuple(names), q, time, pictures, dropped, episodes)
 
 
 def read_shots(
