@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from . import options as opt
 from .output import say
 from .parsing import BadOption
-from .samples import Reading, log_of
+from .samples import Compared, log_of
 
 if TYPE_CHECKING:
     from calib.model.model import Model
@@ -40,7 +40,7 @@ def photo_of_log(model: Model, log: Samples, data: str) -> Model:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Drawn(Reading):
+class Drawn(Compared):
     """What a model is drawn with, as typed."""
 
     data: opt.Data = None

@@ -65,13 +65,26 @@ class Babbling:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Logged:
-    """What stands in a log, as typed."""
+class Reading:
+    """How a log is read, as typed; with a model what is None is as in the log it was made from."""
 
     columns: opt.Columns = None
     unit: opt.Unit = None
     time_offset: opt.TimeOffset = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Logged(Reading):
+    """How a log is read that a model is made from."""
+
     prismatic: opt.Prismatic = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Compared(Reading):
+    """How a log is read that stands beside a model."""
+
+    degrees: opt.LogDegrees = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -176,27 +189,14 @@ def _arm_of_log(
     # its locked joints turn the last link of a planar arm about its joint, as an offset does
     if selection.tip is None and arm.outputs == 2 and arm.locked:
         say([f"positions are taken as those of {arm.tip}; `tip` names the frame that was measured"])
-    typed = {joint for joint, _ in selection.lock or ()}
-    others = [name for name in arm.locked if name not in typed]
-    if not others:
-        return arm
-    turns = kinds_of_joints(robot)
-    sliding = [name for name in others if not turns.get(name, True)]
+    others = {*arm.locked} - {joint for joint, _ in selection.lock or ()}
+    turns = kinds_of_joints(robot) if others else {}
     held, told = locked_from_log(
-        source, others, columns=columns, degrees=selection.degrees, prismatic=sliding
-    )
+        source, [name for name in arm.locked if name in others], columns=columns,
+        degrees=selection.degrees, prismatic=[n for n in others if not turns.get(n, True)],
+    )  # fmt: skip
     say(told)
     return selection.load(robot, held, header) if held else arm
-
-
-@dataclass(frozen=True, kw_only=True)
-class Reading:
-    """How a log is read, as typed; what is None is as in the log that a model was made from."""
-
-    columns: opt.Columns = None
-    unit: opt.Unit = None
-    time_offset: opt.TimeOffset = None
-    degrees: opt.LogDegrees = None
 
 
 def refuse(typed: Mapping[str, object], why: str) -> None:
@@ -206,7 +206,7 @@ def refuse(typed: Mapping[str, object], why: str) -> None:
             raise BadOption(f"--{name.replace('_', '-')} {why}")
 
 
-def log_for(model: Model, path: str, reading: Reading) -> Samples:
+def log_for(model: Model, path: str, reading: Compared) -> Samples:
     """Read a log of a model's joints, in the model's unit where that is known."""
     import calib
     from calib.common.scale import METRES
@@ -247,14 +247,14 @@ def log_for(model: Model, path: str, reading: Reading) -> Samples:
     return log
 
 
-def log_of(model: Model, path: str | None, reading: Reading) -> Samples | None:
+def log_of(model: Model, path: str | None, reading: Compared) -> Samples | None:
     """Read a log to look at, with a note where it does not fit the model; None for none."""
     import numpy as np
 
     from calib.samples.diagnosis import spread, unit_hint
 
     if path is None:
-        typed = {field.name: getattr(reading, field.name) for field in fields(Reading)}
+        typed = {field.name: getattr(reading, field.name) for field in fields(Compared)}
         refuse(typed, "applies to a log: expected --data LOG too")
         return None
     log = log_for(model, path, reading)

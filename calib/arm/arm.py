@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import ClassVar, TypeVar
@@ -12,19 +13,23 @@ from numpy.typing import ArrayLike
 from ..common.arrays import Array
 from ..common.frozen import own_floats
 from ..common.rows import checked_rows
-from ..common.wording import one_line, quoted, suggestion
+from ..common.scale import TURN
+from ..common.wording import listed, quoted, suggestion
 from ..errors import OptionError
 from .plane import Plane
-from .ranges import Range, checked_range, notes_of_turns, one_turn
 from .rotations import quaternion_of
 from .spatial_chain import SpatialChain
+from .urdf import MAX_TRAVEL, Range
 
 _A = TypeVar("_A", bound="Arm")
 
 _MIN_LENGTH = 1e-9
 """A link shorter than this [m] has no direction in which it could be lengthened."""
 
-_CACHED = 65_536  # rows whose intermediate arrays stay in the processor's cache
+_CACHED = 2_048  # rows whose intermediate arrays stay in the processor's cache
+
+
+_ROUNDING = 1e-3  # [rad or m] over one turn or a limit (3.1416, 1.5708) is clipped in silence
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
@@ -72,16 +77,9 @@ class Arm:
         """Freeze the arrays."""
         own_floats(self, "lower", "upper")
 
-    def __repr__(self) -> str:
-        """Say in a line which robot, joints and tip it is."""
-        words = (
-            f"{type(self).__name__} of {self.name}: {', '.join(self.joint_names)}, tip {self.tip}"
-        )
-        return one_line(words)
-
     def forward(self, q: ArrayLike) -> Array:
         """Positions (n, outputs) or (outputs,) [m] at joint values (n, dof) or (dof,)."""
-        return self._by_rows(q, self.chain.positions)
+        return self._by_rows(q, lambda rows: self.chain.poses(rows)[0])
 
     def jacobian(self, q: ArrayLike) -> Array:
         """Derivatives (n, k, dof) or (k, dof) of the position by joint values (n, dof) or (dof,).
@@ -110,7 +108,12 @@ class Arm:
         At joint values (n, dof) or (dof,) [rad or m], in the root link's frame; the m joints
         include mimic joints.
         """
-        return self._by_rows(q, self.chain.skeleton)
+
+        def stops(rows: Array) -> Array:
+            motion = self.chain.motion(rows)
+            return np.moveaxis(np.concatenate([motion.places, motion.position[None]]), 2, 0)
+
+        return self._by_rows(q, stops)
 
     @property
     def link_lengths(self) -> dict[str, float]:
@@ -232,7 +235,7 @@ class PlanarArm(Arm):
 
     def forward(self, q: ArrayLike) -> Array:
         """Positions in the plane (n, 2) or (2,) [m] at joint values (n, dof) or (dof,)."""
-        return self._by_rows(q, lambda rows: self.plane.project(self.chain.positions(rows)))
+        return self._by_rows(q, lambda rows: self.plane.project(self.chain.poses(rows)[0]))
 
     def jacobian(self, q: ArrayLike) -> Array:
         """Derivatives of the position by the joint values, (n, 2, dof) or (2, dof)."""
@@ -262,3 +265,38 @@ class SpatialArm(Arm):
     """
 
     outputs = 3
+
+
+def checked_range(name: str, chosen: Range, limits: Range, unit: str) -> Range:
+    """Return a range that the user chose, clipped into the limits if only rounding is over.
+
+    Raises OptionError if it is not finite, empty or inverted, or goes beyond the joint's limits.
+    """
+    lower, upper = (float(end) for end in chosen)
+    within = limits[0] - _ROUNDING <= lower < upper <= limits[1] + _ROUNDING
+    most = math.inf if unit == "rad" else MAX_TRAVEL
+    if not (within and math.isfinite(upper - lower) and upper - lower <= most):
+        raise OptionError(
+            f"`ranges={{{name!r}: ({lower:g}, {upper:g})}}`: expected two finite numbers, lower "
+            f"one first, within the joint's limits {limits[0]:.6g}:{limits[1]:.6g} [{unit}]"
+            f"{'' if unit == 'rad' else f' and at most {most:g} m apart'}",
+            parameter="ranges",
+            value=(lower, upper),
+        )
+    return max(lower, limits[0]), min(upper, limits[1])
+
+
+def one_turn(chosen: Range) -> Range:
+    """Cut a turning joint's range to one turn, centred as near to 0 as it allows."""
+    lower, upper = chosen
+    if upper - lower <= TURN:
+        return chosen
+    # the turn around 0 where the range holds it, else the end that is nearest to 0
+    centre = min(max(0.0, lower + TURN / 2), upper - TURN / 2)
+    return centre - TURN / 2, centre + TURN / 2
+
+
+def notes_of_turns(chosen: Mapping[str, Range]) -> list[str]:
+    """Tell of which turning joints' ranges more than rounding is cut to one turn."""
+    cut = [repr(name) for name, (low, high) in chosen.items() if high - low > TURN + _ROUNDING]
+    return [f"{listed(cut)} can turn more than once: one turn of each is used"] if cut else []

@@ -148,21 +148,15 @@ def check_tip(last: Joint, tip: str, posture: Posture) -> None:
 
 def _planes(joints: Sequence[Joint], posture: Posture) -> Iterator[tuple[Array, list[Joint]]]:
     """Normals (3,) of the planes that axes span, with the joints that move within each."""
-    axes = [posture.axis(joint) for joint in joints]
-    both = list(zip(joints, axes, strict=True))
-    normals = [axis for joint, axis in both if joint.revolute]
-    for one, other in combinations([axis for joint, axis in both if not joint.revolute], 2):
-        crossed = np.cross(one, other)
-        if (length := float(np.linalg.norm(crossed))) > _PARALLEL:
-            normals.append(crossed / length)
-    for normal in normals:
-        yield normal, [joint for joint, axis in both if _fits(joint, axis, normal)]
-
-
-def _fits(joint: Joint, axis: Array, normal: Array) -> bool:
-    """Whether a joint moves within the plane across a normal."""
-    off = np.linalg.norm(np.cross(axis, normal)) if joint.revolute else abs(axis @ normal)
-    return bool(off <= _PARALLEL)
+    axes = np.array([posture.axis(joint) for joint in joints])
+    turning = np.array([joint.revolute for joint in joints])
+    crossed = [np.cross(one, other) for one, other in combinations(axes[~turning], 2)]
+    sizes = [float(np.linalg.norm(normal)) for normal in crossed]
+    slid = [n / size for n, size in zip(crossed, sizes, strict=True) if size > _PARALLEL]
+    for normal in [*axes[turning], *slid]:
+        off = np.linalg.norm(np.cross(axes, normal), axis=1)
+        fits = np.where(turning, off, np.abs(axes @ normal)) <= _PARALLEL
+        yield normal, [joint for joint, within in zip(joints, fits, strict=True) if within]
 
 
 def _arm_tip(urdf: Urdf, posture: Posture, joint: Joint) -> str:

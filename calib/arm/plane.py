@@ -59,11 +59,6 @@ class Plane:
         offsets = np.asarray(points, dtype=float) - self.origin
         return np.asarray(offsets @ np.stack([self.x, self.y], axis=1))
 
-    def lift(self, coordinates: ArrayLike) -> Array:
-        """Points in space, (n, 3) or (3,), of coordinates in the plane, (n, 2) or (2,) [m]."""
-        offsets = np.asarray(coordinates, dtype=float) @ np.stack([self.x, self.y])
-        return np.asarray(self.origin + offsets)
-
     def distances(self, points: ArrayLike) -> Array:
         """Signed distances of points from the plane along the normal, (n, 3) -> (n,) [m]."""
         return np.asarray((np.asarray(points, dtype=float) - self.origin) @ self.normal)
@@ -103,14 +98,16 @@ def fit_plane(points: ArrayLike) -> tuple[Plane, float]:
     Returns the plane and rms [m], root mean square distance of the points from the plane
     """
     p = np.asarray(points, dtype=float)
-    if p.ndim != 2 or p.shape[1] != 3 or not np.isfinite(p).all():
-        raise LogError(f"a plane needs finite positions of shape (n, 3), got shape {p.shape}")
-    if len(p) < 3:
-        raise LogError(f"a plane needs at least 3 positions, got {len(p)}: add rows")
-    centroid = p.mean(axis=0)
-    # SVD of the centred points, not their normal equations: those lose half the digits
-    _, spread, directions = np.linalg.svd(p - centroid, full_matrices=False)
-    if spread[1] <= _MIN_SPREAD * max(spread[0], np.finfo(float).tiny):
-        raise LogError("the positions lie on one line: no plane can be fitted to them")
+    known = p.ndim == 2 and p.shape[1] == 3 and len(p) > 2 and np.isfinite(p).all()
+    if known:
+        centroid = p.mean(axis=0)
+        # SVD of the centred points, not their normal equations: those lose half the digits
+        _, spread, directions = np.linalg.svd(p - centroid, full_matrices=False)
+        known = spread[1] > _MIN_SPREAD * max(spread[0], np.finfo(float).tiny)
+    if not known:
+        raise LogError(
+            "a plane needs at least 3 finite positions of shape (n, 3) that do not lie on one "
+            f"line, got shape {p.shape}: add rows"
+        )
     plane = plane_of(directions[2], centroid)
     return plane, float(np.sqrt(np.mean(plane.distances(p) ** 2)))

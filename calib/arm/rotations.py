@@ -91,9 +91,7 @@ def similarity(a: Array, b: Array, *, mirrored: bool = False) -> tuple[Array, Ar
     middle, seen = a.mean(axis=0), b.mean(axis=0)
     u, s, vt = np.linalg.svd((b - seen).T @ (a - middle))
     sign = np.ones(len(s))
-    if (
-        not mirrored
-    ):  # of the orthogonal matrices that fit, the rotation: a mirror is another sensor
+    if not mirrored:  # of the orthogonal matrices that fit, the rotation
         sign[-1] = np.sign(np.linalg.det(u @ vt)) or 1.0
     turn = (u * sign) @ vt
     spread = float(((a - middle) ** 2).sum())

@@ -117,29 +117,10 @@ class SpatialChain:
         """Where its parts are at joint values (n, dof) [rad or m]."""
         return move(self.still, self.values(q))
 
-    def positions(self, q: Array) -> Array:
-        """Positions of the tip: (n, dof) -> (n, 3) [m].
-
-        The zero posture's tip, moved by the joints from the last to the first (Brockett's product
-        of exponentials): ten times faster than `motion`, which turns whole matrices.
-        """
-        values = self.values(q)
-        tip = np.repeat(self.tip[:, None], len(q), axis=1)
-        for i in reversed(range(self.joints)):
-            if self.revolute[i]:
-                point, axis = self.points[i][:, None], self.axes[i][:, None]
-                # Rodrigues, by cross products: BLAS would round one row otherwise than many
-                across = cross(axis, tip - point)
-                tip = tip + np.sin(values[i]) * across
-                tip = tip + (1.0 - np.cos(values[i])) * cross(axis, across)
-            else:
-                tip = tip + self.axes[i][:, None] * values[i]
-        return np.ascontiguousarray(tip.T)
-
     def poses(self, q: Array) -> tuple[Array, Array]:
         """Positions (n, 3) [m] and orientations (n, 3, 3) of the tip's frame."""
-        # the motion's tip differs in the last bit: a pose's position is what `positions` gives
-        return self.positions(q), np.moveaxis(self.motion(q).rotation, 2, 0).copy()
+        motion = self.motion(q)
+        return np.ascontiguousarray(motion.position.T), np.moveaxis(motion.rotation, 2, 0).copy()
 
     def jacobian(self, q: Array) -> Array:
         """Geometric Jacobian of the tip in the root frame: (n, dof) -> (n, 6, dof).
@@ -149,12 +130,6 @@ class SpatialChain:
         """
         twists = np.concatenate(self.motion(q).joints(), axis=1)
         return np.asarray(twists.transpose(2, 1, 0) @ self.coupling)
-
-    def skeleton(self, q: Array) -> Array:
-        """Joint origins and the tip, to draw the arm: (n, dof) -> (n, m + 1, 3) [m]."""
-        motion = self.motion(q)
-        stops = np.concatenate([motion.places, motion.position[None]])
-        return np.ascontiguousarray(np.moveaxis(stops, 2, 0))
 
     def torques(self, q: Array, gravity: ArrayLike = GRAVITY) -> Array:
         """Torque of gravity (3,) [m/s2] about each axis: (n, dof) -> (n, m) [N m; N of a slide]."""

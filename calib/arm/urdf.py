@@ -140,6 +140,13 @@ class Urdf:
             passed.append(joint.name)
         return Mimic(joint.name, scale, offset)
 
+    def values(self, told: Mapping[str, float]) -> dict[str, float]:
+        """Values [rad or m] of all movable joints: as told, as what they follow, or neutral."""
+        movable = [joint for joint in self.joints if joint.movable]
+        free = {joint.name: float(told.get(joint.name, joint.neutral)) for joint in movable}
+        follows = {joint.name: self.followed(joint, told) for joint in movable}
+        return {n: m.multiplier * free.get(m.leader, 0.0) + m.offset for n, m in follows.items()}
+
     def below(self, link: str) -> tuple[Joint, ...]:
         """Joints that a link carries directly, in file order."""
         return tuple(joint for joint in self.joints if joint.parent == link)
@@ -267,7 +274,8 @@ def _read_joint(node: ET.Element, links: Collection[str], notes: list[str]) -> J
                 f"{where} has the axis {x:g} {y:g} {z:g}: give a direction such as 0 0 1"
             )
     limits: Range | None = None
-    if kind in ("revolute", "prismatic") and {"lower", "upper"} & set(_attributes(node, "limit")):
+    stated = [node.find(f"limit[@{key}]") for key in ("lower", "upper")]
+    if kind in ("revolute", "prismatic") and stated != [None, None]:
         (lower,) = _numbers(node, "limit", "lower", (0.0,), where, infinite=True)
         (upper,) = _numbers(node, "limit", "upper", (0.0,), where, infinite=True)
         limits = lower, upper
@@ -292,17 +300,12 @@ def _end(node: ET.Element, tag: str, where: str, links: Collection[str]) -> str:
     return link
 
 
-def _attributes(node: ET.Element, path: str) -> Mapping[str, str]:
-    """Attributes of a part of an element, none where it is not there."""
-    part = node.find(path)
-    return {} if part is None else part.attrib
-
-
 def _numbers(
     node: ET.Element, path: str, key: str, default: Vector, where: str, *, infinite: bool = False
 ) -> Vector:
     """Read an attribute's numbers as URDF libraries do, not as Python does (1_000, nan)."""
-    text = _attributes(node, path).get(key)
+    part = node.find(path)
+    text = None if part is None else part.get(key)
     if text is None:
         return default
     values = tuple(

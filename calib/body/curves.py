@@ -1,23 +1,20 @@
 """Error curves of single joints: harmonics of the logged joint value with a stationary prior.
 
-A transmission error repeats every turn of a joint; real arms show 8 to 30 cycles a turn.  The
-prior variance of harmonic N falls like a Gaussian with a small floor, so that the curve returns to
-zero at angles that were never visited.
+A transmission error repeats every turn of a joint.  The prior variance of harmonic N falls like a
+Gaussian with a small floor, so that the curve returns to zero at angles that were never visited.
 """
 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..common.arrays import Array
 from .settings import CURVE_FLOOR, WIDTH
 
 HARMONICS = 48
+ORDERS = np.arange(1, HARMONICS + 1)
 
 _ROWS = 128  # at once: what is held of them fits into the cache
-
-ORDERS = np.arange(1, HARMONICS + 1)
 
 
 def curve_shape(*more: float) -> Array:
@@ -30,16 +27,15 @@ def curve_shape(*more: float) -> Array:
     return np.tile(shape / shape.mean(), 2)
 
 
-def powers(q: Array) -> NDArray[np.complex128]:
-    """``exp(j N q)`` (n, 48) for N = 1..48, by doubling."""
-    out = np.empty((len(q), HARMONICS), dtype=complex)
-    out[:, 0] = np.exp(1j * q)
-    done = 1
+def waves_of(q: Array) -> Array:
+    """Cosines, then sines (96, n) of N q for N = 1..48 at joint values (n,), by doubling."""
+    out = np.empty((HARMONICS, len(q)), dtype=complex)
+    out[0], done = np.exp(1j * q), 1
     while done < HARMONICS:
         more = min(done, HARMONICS - done)
-        np.multiply(out[:, :more], out[:, done - 1 : done], out=out[:, done : done + more])
+        np.multiply(out[:more], out[done - 1], out=out[done : done + more])
         done += more
-    return out
+    return np.concatenate([out.real, out.imag])
 
 
 def curve_value(q: Array, coefficients: Array) -> Array:
@@ -59,8 +55,3 @@ def curve_slope(q: Array, coefficients: Array) -> Array:
     """Derivative [rad/rad] of the curve by the joint value, as `curve_value`."""
     a, b = coefficients[..., :HARMONICS] * ORDERS, coefficients[..., HARMONICS:] * ORDERS
     return curve_value(q, np.concatenate([b, -a], axis=-1))
-
-
-def curve_rms(coefficients: Array) -> float:
-    """Root mean square [rad] of the curve over a turn."""
-    return float(np.sqrt((coefficients**2).sum() / 2))

@@ -54,9 +54,11 @@ class Block:
     scales: tuple[Hyper, ...] = ()  # whose sd the evidence chooses instead
 
     @staticmethod
-    def of(name: str, unit: str, names: Sequence[str], sd: Any, mean: Any = 0.0) -> Block:
+    def of(
+        name: str, unit: str, names: Sequence[str], sd: Any, mean: Any = 0.0, scales: Any = ()
+    ) -> Block:
         """Parameters of no joint, in one unit."""
-        return Block(name, tuple((None, each, unit) for each in names), mean, sd)
+        return Block(name, tuple((None, each, unit) for each in names), mean, sd, scales)
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import product
@@ -17,7 +17,7 @@ from . import settings
 from .curves import curve_shape
 from .nominal import Complex, Nominal, linear_chain, sides
 from .parameters import Block, Hyper, Indices
-from .structure import Ladder, Structure
+from .structure import Ladder, Moving, Structure
 from .views import PLANAR, InPlane, Moved
 
 _MOST = 16  # combinations of signs and mirrors that are refined
@@ -164,11 +164,7 @@ class PlanarStructure(Structure):
             length = length + np.where(turning, 0.0, values)
         return PlanarMotion(direction, direction * length, turning)
 
-    def moving(
-        self,
-        motion: PlanarMotion,  # type: ignore[override]
-        beta: Array,  # noqa: ARG002
-    ) -> Iterator[tuple[Indices, Callable[[], Moved]]]:
+    def moving(self, motion: PlanarMotion) -> Moving:  # type: ignore[override]
         """How the tip moves with each part of the geometry."""
         yield self.groups["length"], lambda: (_pairs(motion.direction), 0.0)
         if len(slides := np.flatnonzero(np.logical_not(self.revolute))):

@@ -1,9 +1,8 @@
 """Sensor: where a fitted camera or tracker stands in the arm's base frame, and how sure that is.
 
-No reading of a sensor that stands anywhere tells where the base is turned to about the first
-joint's axis nor how far along it; a camera's tells not even how large the arm is.  What is left of
-these directions, the gauge, is the prior's, so that what is known of an arm, and of its sensor's
-place, is also told without them.
+No reading of a sensor that stands anywhere tells the base's turn about the first joint's axis nor
+its shift along it, a camera's not even the arm's size: of this gauge the prior alone speaks, so
+that what is known is also told without it.
 """
 
 from __future__ import annotations
@@ -17,7 +16,7 @@ from ..arm.rotations import cross_matrix, quaternion_of
 from ..common.arrays import Array
 from ..errors import LogError
 from .parameters import Gaussian, Indices
-from .structure import OfStructure
+from .structure import OfStructure, Structure
 
 _SENSOR = ("view.rotation", "view.shift", "view.scale", "lens")
 """Groups of parameters that are the sensor's."""
@@ -29,11 +28,7 @@ _POSES = 60
 
 @dataclass(frozen=True, eq=False)
 class SensorPose:
-    """A sensor in the base frame of an arm in space.
-
-    The first joint's offset is zero by convention where it turns: the sensor turned about that
-    joint's axis, and the offset the other way, give the same readings.
-    """
+    """A sensor in the base frame of an arm in space; the first joint's offset is zero."""
 
     position: Array  # (3,) [m]
     # (3, 3), its columns are the sensor's axes; a camera's are x (right), y (down) and z (ahead)
@@ -58,25 +53,26 @@ class SensorPose:
         index = np.concatenate(
             [structure.groups[f"view.{part}"] for part in ("rotation", "shift", "scale")]
         )
-        # position = -R' t / s, and R turned by d on its left moves it by R' (d x t) / s
-        slope = -np.hstack([back @ cross_matrix(sensor.shift), back]) / sensor.scale
-        slope = np.hstack([slope, -position[:, None]])
-        turn = np.hstack([back, np.zeros((3, 4))])
         held = np.flatnonzero(np.isin(index, body.active))
         rows = np.searchsorted(body.active, index[held])
+        # position = -R' t / s, and R turned by d on its left moves it by R' (d x t) / s
+        slope = np.zeros((7, 7))
+        slope[:3, :3], slope[:3, 3:6] = -back @ cross_matrix(sensor.shift), -back
+        slope[:3] /= sensor.scale
+        slope[:3, 6], slope[3:6, :3] = -position, back
+        slope[6] = back[:, 2] @ slope[:3]  # along the line of sight
 
-        def spread(root: Array, by: Array) -> Array:
-            moved = by[:, held] @ root[rows]
-            return np.asarray(np.sqrt((moved**2).sum(axis=1)))
+        def spread(root: Array) -> Array:
+            return np.asarray(np.linalg.norm(slope[:, held] @ root[rows], axis=1))
 
         told = 0.0 * body.root
         if not based:
             told = without_gauge(structure, body, not structure.camera)
         first = structure.joint_names[0] if not based and structure.revolute[0] else None
-        own, own_turn = spread(body.root, slope), spread(body.root, turn)
-        told_sd, told_turn = spread(told, slope), spread(told, turn)
-        depth = float(spread(body.root, back[:, 2][None] @ slope)[0])
-        return SensorPose(position, back, own, own_turn, told_sd, told_turn, depth, first)
+        own, up_to = spread(body.root), spread(told)
+        return SensorPose(
+            position, back, own[:3], own[3:6], up_to[:3], up_to[3:6], float(own[6]), first
+        )
 
     @property
     def quaternion(self) -> Array:
@@ -99,18 +95,17 @@ class SensorPose:
 
     def words(self, what: str) -> list[str]:
         """Lines on where it stands; `what` it is."""
-        x, y, z = self.position
-        sx, sy, sz = 1e3 * 1.96 * self.position_sd
+        mm = 1.96e3 * self.position_sd
+        place = ", ".join(f"{v:.4f} ± {half:.1f} mm" for v, half in zip(self.position, mm))  # noqa: B905
         quaternion = ", ".join(f"{v:.5f}" for v in self.quaternion)
         lines = [
-            f"{what} at ({x:.4f} ± {sx:.1f} mm, {y:.4f} ± {sy:.1f} mm, {z:.4f} ± {sz:.1f} mm) in "
-            f"the base frame [m], turned within {np.degrees(1.96 * self.turn_sd.max()):.2g} deg, "
-            f"quaternion ({quaternion})"
+            f"{what} at ({place}) in the base frame [m], turned within "
+            f"{np.degrees(1.96 * self.turn_sd.max()):.2g} deg, quaternion ({quaternion})"
         ]
         if self.told_sd.max() < 0.8 * self.position_sd.max():
             size = "the arm's size, " if what == "camera" else ""
             lines.append(
-                f"  known to {1e3 * 1.96 * self.told_sd.max():.2g} mm but for what no reading "
+                f"  known to {1.96e3 * self.told_sd.max():.2g} mm but for what no reading "
                 f"tells: {size}a turn about and a shift along the first joint's axis"
             )
         if self.first:
@@ -167,7 +162,7 @@ def without_gauge(structure: Any, belief: Gaussian, size: bool) -> Array:
     return np.asarray(belief.root - (belief.root @ ways) @ ways.T)
 
 
-def sensor_of(structure: Any) -> Indices:
+def sensor_of(structure: Structure) -> Indices:
     """Indices of the sensor's parameters."""
     return np.concatenate([structure.groups[name] for name in _SENSOR])
 
@@ -175,6 +170,6 @@ def sensor_of(structure: Any) -> Indices:
 def without_sensor(structure: Any, beta: Array) -> tuple[Any, Array]:
     """The arm alone: its structure in the base frame [m], and parameters (d,)."""
     base = structure.with_view("base", unit="m", metre=1.0, extent=structure.chain.reach)
-    own = beta.copy()
-    own[sensor_of(structure)] = structure.neutral()[sensor_of(structure)]
-    return base, own
+    return base, np.where(
+        np.isin(np.arange(len(beta)), sensor_of(structure)), structure.neutral(), beta
+    )

@@ -1,13 +1,12 @@
 """Spatial body: a chain with a prior on every joint origin, seen by a tracker or a camera.
 
-It predicts what a sensor reads at joint values, and how that depends on each parameter. Source:
-the product of exponentials (Brockett 1984) with six numbers per joint origin, joint elasticity
+The product of exponentials (Brockett 1984) with six numbers per joint origin, joint elasticity
 under gravity, and an error curve per joint.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import product
@@ -17,11 +16,11 @@ import numpy as np
 
 from ..arm.spatial_chain import GRAVITY, Deviations, Links, Motion, SpatialChain
 from ..common.arrays import Array
-from . import settings
 from .curves import curve_shape
 from .parameters import Block, Hyper, Indices
-from .structure import Ladder, Structure
-from .views import InSpace, Measurement, Moved, compose
+from .settings import CURVE_RMS, CURVE_ROWS, ELASTIC, GAIN, SERVOS, SHIFT, TURN, WIDER
+from .structure import Ladder, Moving, Structure
+from .views import InSpace, Measurement, compose, is_camera
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +36,7 @@ class SpatialStructure(Structure):
     joint_names: tuple[str, ...]
     chain_names: tuple[str, ...]
     revolute: tuple[bool, ...]  # which active joints turn
-    view: str = "rigid"  # ``"base"``, ``"rigid"``, ``"similarity"``, ``"pose"`` or ``"pinhole"``
+    view: str = "rigid"  # one of :data:`calib.body.views.SPATIAL`
     unit: str = "m"  # unit of positions
     metre: float = 1.0  # units of positions in one metre; not used by a camera
     extent: float = 1.0  # size of the workspace along an output [unit]
@@ -64,10 +63,9 @@ class SpatialStructure(Structure):
     @cached_property
     def measurement(self) -> Measurement:
         """What its sensor measures."""
-        if self.reading is not None:
-            return self.reading
-        size = self._reach if self.camera else self.extent
-        return InSpace(self.view, self.unit, self.metre, size, self.lens, self.lens_sd)
+        size = self._reach if is_camera(self.view) else self.extent
+        view = InSpace(self.view, self.unit, self.metre, size, self.lens, self.lens_sd)
+        return self.reading or view
 
     @property
     def _reach(self) -> float:
@@ -85,58 +83,38 @@ class SpatialStructure(Structure):
 
     def geometry(self) -> Sequence[Block]:
         """Blocks of the tip, the joint origins and the joints."""
-        turning, informed = np.asarray(self.revolute), self.informed
-        weighted = self.chain_names if len(self.chain.masses) else ()
+        informed, joints, reach = self.informed, self.chain_names, self._reach
+        units = tuple("rad" if turns else "m" for turns in self.revolute)
         # in a free frame the first turning joint's offset and a turn of the frame about its axis
         # are one, and the first origin's place is the frame's own
-        first = 0 if self.based else 1
-        tool = self.seen_as.tool
-        held = (tool,) if tool is not None and informed else ()
-        own = np.arange(first, self.dof)
-        flat = np.repeat((self._reach, 3.0), 3)  # shifts and turns where no drawing says
-        turned, slid = own[turning[first:]], own[~turning[first:]]
-        placed = np.arange(6 * first, 6 * len(self.chain_names)).reshape(-1, 2, 3)
-        within = self.measurement.within
-        places = list(product((("shift", "m"), ("turn", "rad")), "xyz"))
+        first = 0 if self.based and not self.measurement.floating else 1
+        turned, slid = ([k for k in range(first, self.dof) if units[k] == u] for u in ("rad", "m"))
+        places = [(w, a, u) for (w, u), a in product((("shift", "m"), ("turn", "rad")), "xyz")]
+        origins = [(n, f"{n}.{what}.{axis}", unit) for n in joints for what, axis, unit in places]
+        placed = np.arange(6 * first, len(origins)).reshape(-1, 2, 3)
+        within, tool = self.measurement.within, self.measurement.tool
         drawn = (
-            Hyper("placement.shift", settings.SHIFT, within, indices=placed[:, 0].ravel()),
-            Hyper("placement.turn", settings.TURN, within, indices=placed[:, 1].ravel()),
+            Hyper("placement.shift", SHIFT, within, indices=placed[:, 0].ravel()),
+            Hyper("placement.turn", TURN, within, indices=placed[:, 1].ravel()),
         )
+        offsets = (
+            Hyper("offset", TURN, SERVOS, indices=turned),
+            Hyper("offset.slide", SHIFT, WIDER, indices=slid),
+        )
+        # where no drawing says, origins are anywhere; what one orientation does not tell is held
+        flat = np.tile(np.repeat((reach, 3.0), 3), len(joints))
+        held = (tool,) if tool is not None and informed else ()
+        bent = tuple((n, f"{n}.elastic", "rad") for n in joints) if len(self.chain.masses) else ()
+        turns = [f"tool.rotation.{axis}" for axis in "xyz"]
         return (
-            Block(
-                "tool", tuple((None, f"tool.{axis}", "m") for axis in "xyz"),
-                sd=self._reach, scales=held,  # what one orientation does not tell is held
-            ),
-            Block(
-                "tool.rotation", tuple((None, f"tool.rotation.{axis}", "rad") for axis in "xyz"),
-                sd=settings.TURN if self.view == "base pose" else 3.0,
-            ),
-            Block(
-                "placement",
-                tuple(
-                    (name, f"{name}.{what}.{axis}", unit)
-                    for name in self.chain_names for (what, unit), axis in places
-                ),
-                sd=0.0 if informed else np.tile(flat, len(self.chain_names)),
-                scales=drawn if informed else (),
-            ),
-            Block(
-                "offset", self.of_joints("offset", *("rad" if t else "m" for t in turning)),
-                scales=(
-                    Hyper("offset", settings.TURN, settings.SERVOS, indices=turned),
-                    Hyper("offset.slide", settings.SHIFT, settings.WIDER, indices=slid),
-                ),
-            ),
-            Block(
-                "gain", self.of_joints("gain", "1"), 1.0,
-                scales=(Hyper("gain", settings.GAIN, settings.WIDER),),
-            ),
-            Block(
-                "elastic", tuple((name, f"{name}.elastic", "rad") for name in weighted),
-                scales=(Hyper("elastic", settings.ELASTIC, pseudo=1.0),),
-            ),
-            *self.curves(settings.CURVE_RMS, settings.CURVE_ROWS, curve_shape()),
-        )  # fmt: skip
+            Block.of("tool", "m", [f"tool.{axis}" for axis in "xyz"], reach, scales=held),
+            Block.of("tool.rotation", "rad", turns, TURN if self.view == "base pose" else 3.0),
+            Block("placement", tuple(origins), 0.0, *((0.0, drawn) if informed else (flat,))),
+            Block("offset", self.of_joints("offset", *units), scales=offsets),
+            Block("gain", self.of_joints("gain", "1"), 1.0, scales=(Hyper("gain", GAIN, WIDER),)),
+            Block("elastic", bent, scales=(Hyper("elastic", ELASTIC, pseudo=1.0),)),
+            *self.curves(CURVE_RMS, CURVE_ROWS, curve_shape()),
+        )
 
     @cached_property
     def torque(self) -> float:
@@ -164,11 +142,16 @@ class SpatialStructure(Structure):
         """How outputs move with each logged joint (dof, m, n), from the chain's (c, m, n)."""
         return np.tensordot(self.chain.coupling.T, chained, axes=1)
 
+    def deviations(self, beta: Array) -> Deviations:
+        """How the chain differs from its nominal one."""
+        parts = (self.shifts, self.turns, self.groups["tool"], self.groups["tool.rotation"])
+        return Deviations(*(beta[index] for index in parts))
+
     def links(self, beta: Array) -> Links:
         """The chain's links."""
         return Links.of(self.chain, self.deviations(beta))
 
-    def moving(self, motion: Motion, beta: Array) -> Iterator[tuple[Indices, Callable[[], Moved]]]:  # noqa: ARG002
+    def moving(self, motion: Motion) -> Moving:
         """How the tip moves with each part of the geometry."""
         still = np.zeros((3, *motion.position.shape))
         yield self.groups["tool"], lambda: (_axes(motion.flange), 0.0)
@@ -192,12 +175,13 @@ class SpatialStructure(Structure):
         """The gate's members from simple to rich."""
         frame, drawn = self.frame_groups, self.informed
         chain = (*frame, "placement", *(("offset",) if drawn else ()))
-        bent = (*chain, "elastic") if drawn and len(self.groups["elastic"]) else chain
+        bends = drawn and len(self.groups["elastic"]) > 0
+        bent = (*chain, "elastic") if bends else chain
         ladder = (
             ("frame", frame, drawn),
             ("offsets", (*frame, "offset"), drawn and self.camera),
             ("chain", chain, True),
-            ("elastic", bent, bent is not chain),
+            ("elastic", bent, bends),
             ("curves", (*bent, "curve"), any(self.revolute) and self.measurement.curves),
         )
         return tuple((name, groups) for name, groups, wanted in ladder if wanted)
@@ -206,7 +190,7 @@ class SpatialStructure(Structure):
     def frame_groups(self) -> tuple[str, ...]:
         """Blocks that every member fits: the sensor's place and the tip that it sees."""
         lens = ("lens",) if self.camera and any(self.lens_sd) else ()
-        return (*self.seen_as.groups, *lens)
+        return (*self.seen_as.groups, *self.measurement.free, *lens)
 
     def with_view(self, view: str, **changes: Any) -> SpatialStructure:
         """Return the structure with another view."""
@@ -217,11 +201,6 @@ class SpatialStructure(Structure):
         motion = self.move(self.joint_values(q, beta), beta)
         # rows first and contiguous, or every product that follows would copy
         return np.ascontiguousarray(motion.position.T), np.moveaxis(motion.rotation, 2, 0).copy()
-
-    def deviations(self, beta: Array) -> Deviations:
-        """How the chain differs from its nominal one."""
-        parts = (self.shifts, self.turns, self.groups["tool"], self.groups["tool.rotation"])
-        return Deviations(*(beta[index] for index in parts))
 
 
 def _axes(rotation: Array) -> Array:
@@ -237,37 +216,31 @@ def structure_of(
     `options` are further attributes: unit, metre, extent, lens, lens_sd, gravity.
     """
     chain: SpatialChain = arm.chain
-    names = []
+    names: list[str] = []
     for i, leader in enumerate(chain.leaders):
         name = arm.joint_names[leader]
         names.append(name if name not in names else f"{name}.mimic{i}")
     options.setdefault("extent", max(chain.reach, 1e-9) * options.get("metre", 1.0))
-    kind = kind or SpatialStructure
-    return kind(chain, tuple(arm.joint_names), tuple(names), tuple(arm.revolute), view, **options)
+    own = tuple(arm.joint_names), tuple(names), tuple(arm.revolute)
+    return (kind or SpatialStructure)(chain, *own, view, **options)
 
 
 def unknown_structure(
-    joint_names: Sequence[str],
-    revolute: Sequence[bool],
-    extent: float,
-    unit: str = "m",
-    metre: float = 1.0,
-    simulated: bool = False,
-) -> SpatialStructure:
+    joint_names: Sequence[str], revolute: Sequence[bool], extent: float, unit: str = "m",
+    metre: float = 1.0, simulated: bool = False,
+) -> SpatialStructure:  # fmt: skip
     """Return the structure of a serial arm of which only its joints' names are known.
 
     extent : size of the workspace along an output [unit]: the positions' rms spread
     metre : units of positions in one metre
     """
-    dof = len(joint_names)
-    link = extent / metre / max(dof, 1)
-    up = np.array([0.0, 0.0, 1.0])
+    names, dof, up = tuple(joint_names), len(joint_names), np.array([0.0, 0.0, 1.0])
+    ends = np.outer(extent / metre / max(dof, 1) * np.arange(dof + 1), up)
     chain = SpatialChain(
-        np.tile(up, (dof, 1)), np.outer(link * np.arange(dof), up), dof * link * up, np.eye(3),
-        tuple(revolute), coupling=np.eye(dof), bias=np.zeros(dof),
+        np.tile(up, (dof, 1)), ends[:-1], ends[-1], np.eye(3), tuple(revolute), np.eye(dof),
+        np.zeros(dof),
     )  # fmt: skip
-    names = tuple(joint_names)
     return SpatialStructure(
-        chain, names, names, tuple(revolute), "base", unit=unit, metre=metre, extent=extent,
-        informed=False, simulated=simulated,
+        chain, names, names, tuple(revolute), "base", unit, metre, extent, informed=False,
+        simulated=simulated,
     )  # fmt: skip

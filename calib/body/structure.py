@@ -19,7 +19,7 @@ import numpy as np
 
 from ..arm.spatial_chain import Motion, move
 from ..common.arrays import Array
-from .curves import HARMONICS, curve_slope, curve_value, powers
+from .curves import HARMONICS, curve_slope, curve_value, waves_of
 from .parameters import Block, Gaussian, Hyper, Indices, Label, Part, Prior
 from .views import PLANAR, SPATIAL, Measurement, Moved, Placed, Sight, ViewKind, compose
 
@@ -27,7 +27,8 @@ Ladder = tuple[tuple[str, tuple[str, ...]], ...]
 """The gate's members from simple to rich: a name and the blocks that it frees."""
 
 
-_BELIEFS = 8  # vectors of parameters of which is kept what follows from them
+Moving = Iterator[tuple[Indices, Callable[[], Moved]]]
+"""Parameters of a chain's geometry, and how the tip moves with each of them."""
 
 
 class Fixed(NamedTuple):
@@ -39,7 +40,7 @@ class Fixed(NamedTuple):
     curves: Array  # (k, 96) [rad]
     elastic: Array | None  # (e,), None where nothing bends
     links: Any  # of the chain
-    sensor: Mapping[str, Any]  # the sensor's own parameters, by block, and what follows from them
+    own: Mapping[str, Any]  # all parameters, by block, and what follows from the sensor's
 
 
 class Structure:
@@ -67,11 +68,6 @@ class Structure:
         return len(self.joint_names)
 
     @property
-    def reversals(self) -> int:
-        """How many joints turn against their drawing, and whether the sensor sees a mirror."""
-        return 0
-
-    @property
     def seen_as(self) -> ViewKind:
         """The kind of its sensor."""
         return (PLANAR if self.kind == "planar" else SPATIAL)[self.view]
@@ -79,7 +75,7 @@ class Structure:
     @property
     def outputs(self) -> int:
         """Number m of outputs: 2 in the plane or pixels, 3 in space, 6 with orientation."""
-        return self.seen_as.outputs
+        return self.measurement.outputs
 
     @property
     def blocks(self) -> tuple[int, ...]:
@@ -89,14 +85,7 @@ class Structure:
     @property
     def extents(self) -> Array:
         """Size (m,) of the workspace along the outputs [unit]; 1 rad for rotations."""
-        out = np.full(self.outputs, self.extent)
-        out[3:] = 1.0
-        return out
-
-    @property
-    def directions(self) -> Sequence[float]:
-        """By how much each joint (dof,) of the chain moves with its log: 1 or -1, or its unit."""
-        return (1.0,) * self.dof
+        return np.where(np.arange(self.outputs) < 3, self.extent, 1.0)
 
     # What the kinds of chains give.
 
@@ -104,6 +93,16 @@ class Structure:
     def measurement(self) -> Measurement:
         """What its sensor measures."""
         raise NotImplementedError
+
+    @property
+    def directions(self) -> Sequence[float]:
+        """By how much each joint (dof,) of the chain moves with its log: 1 or -1, or its unit."""
+        return (1.0,) * self.dof
+
+    @property
+    def reversals(self) -> int:
+        """How many joints turn against their drawing, and whether the sensor sees a mirror."""
+        return 0
 
     def geometry(self) -> Sequence[Block]:
         """Blocks of the chain's geometry and of its joints."""
@@ -117,8 +116,8 @@ class Structure:
         """What `move` needs of the parameters."""
         raise NotImplementedError
 
-    def moving(self, motion: Motion, beta: Array) -> Iterator[tuple[Indices, Callable[[], Moved]]]:
-        """How the tip moves with each part of the geometry: parameters, and their motions."""
+    def moving(self, motion: Motion) -> Moving:
+        """How the tip moves with each part of the geometry."""
         raise NotImplementedError
 
     def loads(self, q: Array) -> tuple[Array, Indices]:
@@ -132,24 +131,20 @@ class Structure:
     # Parameters.
 
     @cached_property
-    def _blocks(self) -> tuple[Block, ...]:
+    def layout(self) -> tuple[Block, ...]:
         """The blocks of the sensor, the geometry and the joints."""
         return (*self.measurement.parameters(), *self.geometry())
 
     @cached_property
-    def _sensor(self) -> tuple[str, ...]:
-        return tuple(block.name for block in self.measurement.parameters())
-
-    @cached_property
     def labels(self) -> tuple[Label, ...]:
         """What each parameter (d,) is."""
-        return tuple(Label(block.name, *part) for block in self._blocks for part in block.parts)
+        return tuple(Label(block.name, *part) for block in self.layout for part in block.parts)
 
     @cached_property
     def groups(self) -> Mapping[str, Indices]:
         """Indices of the parameters of each block, by its name."""
-        ends = np.cumsum([len(block.parts) for block in self._blocks])
-        pairs = zip(self._blocks, ends, strict=True)
+        ends = np.cumsum([len(block.parts) for block in self.layout])
+        pairs = zip(self.layout, ends, strict=True)
         return {each.name: np.arange(end - len(each.parts), end) for each, end in pairs}
 
     @property
@@ -160,14 +155,14 @@ class Structure:
     def neutral(self) -> Array:
         """Parameters (d,) at the mean of the prior."""
         out = np.empty(self.size)
-        for block in self._blocks:
+        for block in self.layout:
             out[self.groups[block.name]] = block.mean
         return out
 
     def prior(self, free: Sequence[str]) -> Prior:
         """Prior that frees the blocks of `free`; ``"curve"`` stands for all joints' curves."""
         sd, hypers = np.zeros(self.size), []
-        for block in self._blocks:
+        for block in self.layout:
             if block.name in free or ("curve" in free and block.name.startswith("curve.")):
                 own = self.groups[block.name]
                 sd[own] = block.sd
@@ -213,28 +208,29 @@ class Structure:
         key = None if beta.flags.writeable else id(beta)
         last = self._kept.get(key)
         if last is None or not (last[0] is beta if key else np.array_equal(last[0], beta)):
-            if len(self._kept) > _BELIEFS:
+            if len(self._kept) > 8:  # beliefs
                 self._kept.clear()
             own = beta if key else beta.copy()
             last = self._kept[key] = (own, self._fixed(own))
-        return last[1]
-
-    def __getstate__(self) -> dict[str, Any]:
-        """What is pickled: not what is kept of beliefs and rows."""
-        return {name: own for name, own in vars(self).items() if name not in ("_kept", "_last")}
+        found: Fixed = last[1]
+        return found
 
     @cached_property
-    def _kept(self) -> dict[int | None, tuple[Array, Fixed]]:
+    def _kept(self) -> dict[Any, tuple[Array, Any]]:
+        """What follows from parameters, by their id, and from the last rows."""
         return {}
 
+    def __getstate__(self) -> dict[str, Any]:
+        """What is pickled: not what is kept."""
+        return {name: own for name, own in vars(self).items() if name != "_kept"}
+
     def _fixed(self, beta: Array) -> Fixed:
-        groups, own = self.groups, {name: beta[self.groups[name]] for name in self._sensor}
-        every = [beta[groups[f"curve.{k}"]] for k in range(self.dof)]
-        bent = [k for k, curve in enumerate(every) if curve.any()]
-        elastic = beta[groups["elastic"]]
+        own = {name: beta[indices] for name, indices in self.groups.items()}
+        bent = [k for k in range(self.dof) if own[f"curve.{k}"].any()]
+        curves = np.reshape([own[f"curve.{k}"] for k in bent], (-1, 2 * HARMONICS))
+        gain, elastic = own["gain"] * self.directions, own["elastic"]
         return Fixed(
-            (beta[groups["gain"]] * self.directions)[:, None], self.offsets(beta)[:, None],
-            bent, np.reshape([every[k] for k in bent], (-1, 2 * HARMONICS)),
+            gain[:, None], self.offsets(beta)[:, None], bent, curves,
             elastic if elastic.any() else None, self.links(beta),
             {**own, **self.measurement.ready(own)},
         )  # fmt: skip
@@ -253,14 +249,11 @@ class Structure:
 
     def _loads(self, q: Array) -> tuple[Array, Indices]:
         """Loads of rows, kept: a fit asks for the same again."""
-        if self._last.get("q") is not q:
-            self._last.update(q=q, loads=self.loads(q[:, : self.dof]))
-        found: tuple[Array, Indices] = self._last["loads"]
+        last = self._kept.get("loads")
+        if last is None or last[0] is not q:
+            last = self._kept["loads"] = (q, self.loads(q[:, : self.dof]))
+        found: tuple[Array, Indices] = last[1]
         return found
-
-    @cached_property
-    def _last(self) -> dict[str, Any]:
-        return {}
 
     def move(self, values: Array, beta: Array) -> Motion:
         """Where the chain is at the true values (c, n) of its joints."""
@@ -272,11 +265,11 @@ class Structure:
         Further columns than the joints' are what a row tells the measurement.
         """
         motion = self.move(self.joint_values(q, beta), beta)
-        return motion, self.measurement.look(self.fixed(beta).sensor, motion, q[:, self.dof :])
+        return motion, self.measurement.look(self.fixed(beta).own, motion, q[:, self.dof :])
 
     def sensor(self, beta: Array) -> Placed:
         """The sensor: where it stands, its scale and its lens."""
-        placed: Placed = self.fixed(beta).sensor["placed"]
+        placed: Placed = self.fixed(beta).own["placed"]
         return placed
 
     def predict(self, q: Array, beta: Array) -> Array:
@@ -314,9 +307,10 @@ class Structure:
         def put(indices: Indices, columns: Callable[[], Array]) -> None:
             """Set the columns (..., outputs, n) of parameters, if one of them is asked for."""
             stands = place[indices.ravel()]
-            if (stands >= 0).any():
+            asked = stands >= 0
+            if asked.any():
                 found = columns().reshape(len(stands), outputs, n)
-                out[:, :, stands[stands >= 0]] = found[stands >= 0].transpose(2, 1, 0)
+                out[:, :, stands[asked]] = found[asked].transpose(2, 1, 0)
 
         for name, own in sight.columns():
             put(groups[name], own)
@@ -331,14 +325,10 @@ class Structure:
         put(groups["elastic"], by_loads)
         put(groups["offset"], lambda: led)
         put(groups["gain"], lambda: led * (joints * self.directions).T[:, None])
-        for indices, moved in self.moving(motion, beta):
+        for indices, moved in self.moving(motion):
             put(indices, lambda moved=moved: sight.push(*moved()))  # type: ignore[misc]
-        for k in range(self.dof):
-            stands = place[groups[f"curve.{k}"]]
-            if (stands >= 0).any():
-                waves = powers(joints[:, k])
-                factors = np.concatenate([waves.real, waves.imag], axis=1)[:, stands >= 0]
-                out[:, :, stands[stands >= 0]] = led[k].T[:, :, None] * factors[:, None]
+        for k, q_k in enumerate(joints.T):
+            put(groups[f"curve.{k}"], lambda k=k, q_k=q_k: waves_of(q_k)[:, None] * led[k])  # type: ignore[misc]
         return sight.values, out
 
     def predict_and_slope(self, q: Array, beta: Array) -> tuple[Array, Array]:

@@ -7,7 +7,6 @@ from collections.abc import Iterator
 import numpy as np
 
 from ..common.arrays import Array
-from .curves import curve_rms
 from .structure import Structure
 
 
@@ -43,7 +42,7 @@ def _of_joints(structure: Structure, beta: Array, half: Array) -> Iterator[str]:
             elif group == "elastic":
                 parts.append(f"bends by {1e3 * size:.2f} mrad under load")
             elif group == "curve":
-                curves.append(f"joint curve of {joint} {1e3 * curve_rms(beta[at]):.2f} mrad rms")
+                curves.append(f"joint curve of {joint} {1e3 * size / np.sqrt(2):.2f} mrad rms")
             else:
                 moved = {"m": "origin moved", "rad": "turned"}[unit] if group != "length" else group
                 value = float(beta[at[0]]) if group == "length" else size

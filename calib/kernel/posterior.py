@@ -14,7 +14,7 @@ import numpy as np
 
 from ..body.belief import Body, Second
 from ..body.covariance import radius_95, root_of
-from ..body.curves import HARMONICS, powers
+from ..body.curves import HARMONICS, waves_of
 from ..body.settings import SHARED
 from ..common.arrays import Array
 from ..errors import OptionError
@@ -140,8 +140,7 @@ def _compact(
     own = np.zeros((dof, 4 * HARMONICS + 1))
     # of a curve by itself the variance is a trigonometric polynomial, sampled at enough places
     turn: Array = np.linspace(0.0, 2 * np.pi, 8 * HARMONICS, endpoint=False)
-    wave = powers(turn)
-    waves = np.concatenate([wave.real, wave.imag], axis=1)
+    waves = waves_of(turn).T
     for k in bent:
         block = np.ix_(curves[k], curves[k])
         terms = np.fft.rfft(((waves @ covariance[block]) * waves).sum(axis=1)) / len(waves)

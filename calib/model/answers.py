@@ -124,34 +124,31 @@ def _within_reach(model: Parts, bound: Array) -> Array:
     return np.maximum(np.minimum(bound, SURE * extent), _REACHED * extent)
 
 
-def forward_bounds(
-    model: Parts, q: ArrayLike, position: Array, readout: str | None
-) -> tuple[Array, Array]:
-    """95 % bounds (n,), expected and model error, on forward answers of any readout [unit].
+def forward_bounds(model: Parts, q: Array, position: Array, readout: str | None) -> list[Array]:
+    """95 % bounds (n,), expected and model error, on answers `position` (n, m) of a readout [unit].
 
-    The model's bounds hold for its default readout.  The answer `position` (n, m) of another
-    one is further off by at most its distance from the default's (triangle inequality).
+    The model's bounds hold for its default readout.  Another one is further off by at most its
+    distance from the default's (triangle inequality).
     """
-    rows, _ = checked_rows(q, model.about.joint_names, "joint values")
-    apart = np.zeros(len(rows))
-    if readout not in (None, model.default_readout):
-        apart = np.linalg.norm(np.atleast_2d(position) - model.answered(rows), axis=1)
-    each = (model.bounded(rows, which) + apart for which in ("bounds", "model_bounds"))
-    expected, known = (bound.reshape(position.shape[:-1]) for bound in each)
-    return expected, known
+    other = readout not in (None, model.default_readout)
+    apart = np.linalg.norm(position - model.answered(q), axis=1) if other else 0.0
+    return [model.bounded(q, which) + apart for which in ("bounds", "model_bounds")]
+
+
+def rows_for(values: ArrayLike, names: Sequence[str], what: str, n: int) -> Array:
+    """Rows (n, d) beside `n` others, one of which may stand for all."""
+    rows, _ = checked_rows(values, names, what)
+    if len(rows) not in (1, n):
+        raise QueryError(f"{what} has {len(rows)} rows for {n}: give one or {n}")
+    return np.broadcast_to(rows, (n, len(names)))
 
 
 def approached(
     model: Parts, q: Array, approach: ArrayLike
 ) -> tuple[Array, Array, NDArray[np.bool_]]:
-    """Where play is taken up at joints (n, dof) of a direction of approach, and the bounds there.
-
-    Joint values (n, dof), bounds (n,) [unit], and whether the direction is known (n,).
-    """
-    side, _ = checked_rows(approach, model.about.joint_names, "approach")
-    if len(side) not in (1, len(q)):
-        raise QueryError(f"approach has {len(side)} rows for {len(q)} of joints: give one or both")
-    own, side = model.approach, np.broadcast_to(np.sign(side), q.shape)
+    """Joints (n, dof) with play taken up, bounds (n,) there, and whether the side is known (n,)."""
+    own = model.approach
+    side = np.sign(rows_for(approach, model.about.joint_names, "approach", len(q)))
     if own is None:
         return q, np.zeros(len(q)), np.zeros(len(q), dtype=bool)
     moved, noise = own.effective(q, side), model.about.bound_of == "sensor reading"
@@ -167,9 +164,7 @@ def anchor(model: Parts, near: ArrayLike | None, n: int) -> Array:
     names, scale = model.about.joint_names, model.motor.scale
     if near is None:
         return np.full((n, len(names)), 0.5)
-    rows, _ = checked_rows(near, names, "near")
-    if len(rows) not in (1, n):
-        raise QueryError(f"near has {len(rows)} rows for {n} targets: give one or {n}")
+    rows = rows_for(near, names, "near", n)
     lower, upper = model.about.lower, model.about.upper
     # an encoder may stand a hair beyond a limit; a whole range beyond are other units
     out = ((rows < 2 * lower - upper) | (rows > 2 * upper - lower)) & ~scale.periodic
@@ -179,8 +174,7 @@ def anchor(model: Parts, near: ArrayLike | None, n: int) -> Array:
             f"near has {names[k]} = {rows[row, k]:.6g}: expected a value in its range "
             f"{lower[k]:.6g} to {upper[k]:.6g}"
         )
-    unit = scale.to_unit(np.where(scale.periodic, rows, np.clip(rows, lower, upper)))
-    return np.broadcast_to(unit, (n, len(names)))
+    return scale.to_unit(np.where(scale.periodic, rows, np.clip(rows, lower, upper)))
 
 
 def servo_step(
@@ -189,14 +183,9 @@ def servo_step(
     """One step towards the targets; see :meth:`calib.Model.servo`."""
     if not 0.0 < gain <= 1.0:
         raise QueryError(f"gain {gain!r}: expected a share of the way, above 0 and up to 1")
-    seen, _ = checked_rows(measured, model.axes, "measured position")
-    wanted, _ = checked_rows(target, model.axes, "target")
     joints, single = checked_rows(q, model.about.joint_names, "q")
-    if not len(seen) == len(wanted) == len(joints):
-        raise QueryError(
-            f"{len(seen)} measured positions, {len(wanted)} targets and {len(joints)} rows of "
-            "q: expected as many of each"
-        )
+    seen = rows_for(measured, model.axes, "measured position", len(joints))
+    wanted = rows_for(target, model.axes, "target", len(joints))
     scale, newton = model.motor.scale, model.solver.newton
     u = newton.clip(scale.to_unit(joints))
     step = shortened(newton.rate(u, gain * (wanted - seen)), _LONGEST)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from html import escape
 from typing import TYPE_CHECKING, Any
 
 from ..common.choices import READOUTS
@@ -44,16 +43,6 @@ def facts(model: Parts, *, degrees: bool = True) -> dict[str, str]:
     if about.source == "log":
         found["bounds hold"] = "in the session of the log: see an evaluation with `frame='free'`"
     return found
-
-
-def as_html(model: Parts) -> str:
-    """What a model is and how well it does, as a small table for notebooks."""
-    title, *_, error = repr(model).splitlines()
-    rows = "".join(
-        f"<tr><th style='text-align:left'>{escape(name)}</th><td>{escape(text)}</td></tr>"
-        for name, text in facts(model).items()
-    )
-    return f"<b>{escape(title)}</b><br>{escape(error)}<table>{rows}</table>"
 
 
 def learned_range(about: About | Arm, k: int, *, degrees: bool) -> str:

@@ -47,12 +47,6 @@ class Model(Parts):
 
         save(self, path)
 
-    def _repr_html_(self) -> str:
-        """What it is and how well it does, as a small table for notebooks."""
-        from .facts import as_html
-
-        return as_html(self)
-
     def warm_up(self) -> str:
         """Make single queries fast: compile the model's own C, where a C compiler is found.
 
@@ -67,6 +61,9 @@ class Model(Parts):
         if kernel is None:  # what the batch makes once
             self.solve(self.sensory.weights[:1])
         return told
+
+    def _joints(self, q: ArrayLike) -> tuple[Array, bool]:
+        return checked_rows(q, self.about.joint_names, "joint values")
 
     def _quickly(self, name: str, q: ArrayLike) -> Array | None:
         """What the compiled kernel answers; None where the batch has to."""
@@ -102,9 +99,9 @@ class Model(Parts):
             if quick is not None:
                 return quick
         readout = self._readout(readout)
-        q, single = checked_rows(q, self.about.joint_names, "joint values")
-        moved = q if approach is None else answers.approached(self, q, approach)[0]
-        x = self.answered(q, readout, moved)
+        rows, single = self._joints(q)
+        moved = rows if approach is None else answers.approached(self, rows, approach)[0]
+        x = self.answered(rows, readout, moved)
         return x[0] if single else x
 
     def inverse(
@@ -177,7 +174,7 @@ class Model(Parts):
         bound = self._bound(q, "bounds")
         if approach is None:
             return bound
-        rows, single = checked_rows(q, self.about.joint_names, "joint values")
+        rows, single = self._joints(q)
         _, smaller, known = answers.approached(self, rows, approach)
         # NaN stays: what is out of range has no bound from any side
         result = np.where(known & np.isfinite(bound), smaller, bound)
@@ -195,13 +192,13 @@ class Model(Parts):
         quick = self._quickly(which, q)
         if quick is not None:
             return quick
-        q, single = checked_rows(q, self.about.joint_names, "joint values")
-        bound = self.bounded(q, which)
+        rows, single = self._joints(q)
+        bound = self.bounded(rows, which)
         return bound[0] if single else bound
 
     def outside(self, q: ArrayLike) -> str | None:
         """Why the joint values (dof,) are outside of what was learned, None if they are not."""
-        rows, _ = checked_rows(q, self.about.joint_names, "joint values")
+        rows, _ = self._joints(q)
         u, about = self.motor.scale.to_unit(rows), self.about
         if bool(self.covers(u)[0]):
             return None
@@ -263,7 +260,7 @@ class Model(Parts):
         quick = self._quickly("jacobian", q)
         if quick is not None:
             return quick
-        rows, single = checked_rows(q, self.about.joint_names, "joint values")
+        rows, single = self._joints(q)
         u, scale = self.motor.scale.to_unit(rows), self.motor.scale
         inside = self.covers(u)
         slope = np.full((len(rows), len(self.axes), rows.shape[1]), np.nan)
@@ -277,10 +274,12 @@ class Model(Parts):
         NaN where there is no position.  Raises QueryError if the model is of a planar arm, of
         pixels, or knows no arm in space.
         """
+        from ..arm.rotations import quaternion_of
         from .space import Space
 
-        rows, single = checked_rows(q, self.about.joint_names, "joint values")
-        position, turns = self.answered(rows), Space.of(self).seen_turns(rows)
+        rows, single = self._joints(q)
+        space, position = Space.of(self), self.answered(rows)
+        turns = quaternion_of(space.sensor[0] @ space.evaluate(rows)[1])
         turns[np.isnan(position[:, 0])] = np.nan
         return (position[0], turns[0]) if single else (position, turns)
 

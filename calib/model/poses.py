@@ -15,6 +15,7 @@ from ..common.arrays import Array
 from ..common.rows import checked_rows
 from ..errors import QueryError
 from ..samples.roles import QUATERNION, ROUNDING
+from .answers import anchor, rows_for
 from .parts import Parts
 from .space import REACHED, Space
 
@@ -55,26 +56,23 @@ def solve_poses(
     Raises QueryError if the model knows no arm in space, a value is no number, or a quaternion is
     none.
     """
-    space, names = Space.of(model), model.about.joint_names
+    space = Space.of(model)
     if frame != "base" and space.camera:
         raise QueryError("pixels are no positions in space: ask with frame='base'")
     p, _ = checked_rows(position, ("x", "y", "z"), "positions")
     n = len(p)
     r = None if quaternion is None else _rotations(quaternion, n)
-    anchor, _ = checked_rows(space.joints.middle if near is None else near, names, "near")
-    if len(anchor) not in (1, n):
-        raise QueryError(f"near has {len(anchor)} rows for {n} poses: give one or {n}")
-    anchor = np.broadcast_to(anchor, (n, len(names)))
+    wish = model.motor.scale.from_unit(anchor(model, near, n))
     if frame != "base":
         same = np.tile(np.eye(3), (n, 1, 1)) if r is None else r
         p, turned = space.to_base(p, same)
         r = None if r is None else turned
     if r is None:
-        q, target = space.at_positions(p, anchor, keep=keep), np.arange(n)
+        q, target = space.at_positions(p, wish, keep=keep), np.arange(n)
     else:
-        found = space.at_poses(p, r, anchor, every=every)
+        found = space.at_poses(p, r, wish, every=every)
         target = np.repeat(np.arange(n), [len(rows) for rows in found])
-        q = np.concatenate([anchor[:0], *found])
+        q = np.concatenate([wish[:0], *found])
     position, rotation, _ = space.evaluate(q)
     away, turned = np.linalg.norm(position - p[target], axis=1), np.zeros(len(q))
     if r is not None:
@@ -95,7 +93,7 @@ def solve_poses(
 
 def _rotations(quaternion: ArrayLike, n: int) -> Array:
     """Matrices (n, 3, 3) of quaternions (n, 4)."""
-    turns, _ = checked_rows(quaternion, QUATERNION, "quaternions")
+    turns = rows_for(quaternion, QUATERNION, "quaternion", n)
     length = np.linalg.norm(turns, axis=1)
     if (np.abs(length - 1.0) > ROUNDING).any():  # files round to a few digits
         row = int(np.argmax(np.abs(length - 1.0)))
@@ -103,6 +101,4 @@ def _rotations(quaternion: ArrayLike, n: int) -> Array:
             f"the quaternion of row {row + 1} has length {length[row]:.4g}: expected length "
             "1, in the order qx, qy, qz, qw"
         )
-    if len(turns) != n:
-        raise QueryError(f"{len(turns)} quaternions for {n} positions: expected as many")
     return matrix_of(turns / length[:, None])

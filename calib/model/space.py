@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -26,18 +26,18 @@ from ..errors import QueryError
 from ..inverse.newton import Newton, Positions
 from ..inverse.pose import TOLERANCE, Joints, Poses, pose_branches
 from ..inverse.solver import free_directions
-from ..inverse.starts import drawn, twins
+from ..inverse.starts import drawn
 from .parts import Parts
 
-_BESIDE = 0.5  # rad: of joints no further from `near` the other branches are looked for there
-_FOLDED, _ACROSS = 0.1, 0.3  # as `twins` has them, beside `near`
-_FEW = 12  # of a start that is near
+_BESIDE = 0.1  # [rad or m]: joints so near are an answer, without a look at other branches
 _STEPS = 40  # of a search whose residual stays
 #: A pose or a position counts as reached within this share of the arm's length.
 REACHED = 1e-6
 _STARTS = 64  # joints from which what was missed is tried again
 _LENS = 30  # iterations of a lens turned round
 _FAMILIES = 4  # ways of more than six joints to a pose that are told
+
+_Belief = TypeVar("_Belief", Body, Second)
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,10 +53,7 @@ class Space:
     def of(model: Parts) -> Space:
         """The arm of a model, made once; QueryError if the model knows no chain in space."""
         if "space" not in model.remembered:
-            about = model.about
-            body = _in_base(model.body) if model.body is not None else None
-            if body is None and about.source == "simulation":
-                body = _drawn(model)
+            about, body = model.about, _in_base(model.body) or _drawn(model)
             if body is None:
                 raise QueryError(
                     "the model knows no arm in space in its base frame: expected one that was "
@@ -91,8 +88,7 @@ class Space:
         Its turn about and its shift along the first joint's axis are a convention.  A camera cannot
         tell the arm's size either: without `size` that is left out too.
         """
-        own = self.model.body
-        body = self.body if size or own is None else _in_base(own, size=False) or self.body
+        body = self.body if size else _in_base(self.model.body, size=False) or self.body
         return body.bound(np.atleast_2d(np.asarray(q, dtype=float)), noise=False)
 
     def free(self, q: Array, rows: int) -> Array:
@@ -121,10 +117,6 @@ class Space:
         """Positions (n, 3) [unit] and orientations (n, 3, 3) in the sensor's frame."""
         turn, shift, scale = self.sensor
         return scale * position @ turn.T + shift, turn @ rotation
-
-    def seen_turns(self, q: Array) -> Array:
-        """Orientations (n, 4) of the tip in the sensor's frame, as quaternions."""
-        return quaternion_of(self.sensor[0] @ self.evaluate(q)[1])
 
     def to_base(self, position: Array, rotation: Array) -> tuple[Array, Array]:
         """Positions (n, 3) [m] and orientations (n, 3, 3) in the base frame."""
@@ -204,11 +196,6 @@ class Space:
         newton, scale, wish = self._posing, self._scale, self._unit(near)
         target, spare = Poses.target(p, r), wish.shape[1] > 6
         u, left = newton.refine(wish, target, 1e-3 * TOLERANCE)
-        if len(u) and not spare:  # another branch is as near only beside a fold
-            away = np.linalg.norm(scale.difference(u, wish), axis=1)
-            row, across = twins(newton, u, _FOLDED, np.minimum(2.0 * away, _ACROSS))
-            found = newton.refine(across, target[row], steps=_FEW)
-            newton.take_better(u, left, wish, row, *found)
         moved = np.abs(scale.difference(u, wish) * scale.span).max(axis=1)
         beside = (left <= TOLERANCE * self.length) & (moved <= _BESIDE) & (not spare)
         alone = np.flatnonzero(~beside | every)
@@ -262,11 +249,9 @@ def _undistorted(seen: Array, lens: Array) -> Array:
     f, u0, v0, k1 = lens
     bent = (seen - (u0, v0)) / f
     r = radius = np.linalg.norm(bent, axis=1)
-    for _ in range(_LENS):  # r (1 + k1 r^2) = radius by Newton's rule
-        slope = 1 + 3 * k1 * r * r
-        r = r - (r * (1 + k1 * r * r) - radius) / np.where(np.abs(slope) > 1e-6, slope, 1e-6)
-    bad = (1 + 3 * k1 * r * r <= 0) | (np.abs(r * (1 + k1 * r * r) - radius) > 1e-9)
-    if bad.any():  # the lens folds over
+    for _ in range(_LENS):  # r (1 + k1 r^2) = radius by Newton's rule, not beyond the lens's fold
+        r = r - (r * (1 + k1 * r * r) - radius) / np.maximum(1 + 3 * k1 * r * r, 1e-6)
+    if (bad := ~(np.abs(r * (1 + k1 * r * r) - radius) <= 1e-9)).any():
         raise QueryError(
             f"pixel {seen[bad][0].round(1).tolist()} lies beyond what a lens of k1 {k1:.3g} can "
             f"show: expected one nearer to ({u0:.0f}, {v0:.0f})"
@@ -274,36 +259,29 @@ def _undistorted(seen: Array, lens: Array) -> Array:
     return np.asarray(bent * (r / np.where(radius > 0, radius, 1.0))[:, None])
 
 
-def _in_base(body: Body, *, size: bool = True) -> Body | None:
-    """The body with its sensor left out, its outputs the tip in the base frame [m], by convention.
-
-    A base frame behind a fitted sensor is turned about the first joint's axis as the belief has it.
-    """
-    structure: Any = body.structure
-    if structure.kind != "spatial" or not structure.informed:
+def _in_base(body: Body | None, *, size: bool = True) -> Body | None:
+    """A drawn body without its sensor, its outputs the tip in the base frame [m], by convention."""
+    structure: Any = None if body is None else body.structure
+    if body is None or structure.kind != "spatial" or not structure.informed:
         return None
 
-    def alone(belief: Body | Second) -> dict[str, Any]:
+    def alone(belief: _Belief) -> _Belief:
+        # a base frame behind a sensor is turned about the first axis as the belief has it
         free = structure.view != "base"
         root = without_gauge(structure, belief, size) if free else belief.root
-        kept = ~np.isin(belief.active, sensor_of(structure))
-        return {
-            "beta": without_sensor(structure, belief.beta)[1],
-            "active": belief.active[kept],
-            "root": root[kept],
-            "noise": np.zeros(3),
-        }
+        own, kept = belief.active, ~np.isin(belief.active, sensor_of(structure))
+        beta = without_sensor(structure, belief.beta)[1]
+        return replace(belief, beta=beta, active=own[kept], root=root[kept], noise=np.zeros(3))
 
-    base, none, second = without_sensor(structure, body.beta)[0], np.zeros(3), body.second
-    if second is not None:
-        second = replace(second, **alone(second))
-    return replace(body, structure=base, **alone(body), tau=none, residual=none, second=second)
+    base, none = without_sensor(structure, body.beta)[0], np.zeros(3)
+    second = body.second and alone(body.second)
+    return replace(alone(body), structure=base, tau=none, residual=none, second=second)
 
 
 def _drawn(model: Parts) -> Body | None:
     """The drawn arm of a simulation whose arm and sensor were not changed."""
     about = model.about
-    if not about.urdf or (about.simulation or {}).get("changes"):
+    if about.source != "simulation" or not about.urdf or (about.simulation or {}).get("changes"):
         return None
     arm = arm_from_urdf(about.urdf, about.joint_names, about.tip, lock=about.locked)
     if not isinstance(arm, SpatialArm):

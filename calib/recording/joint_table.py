@@ -20,7 +20,7 @@ from ..common.arrays import Array, Index
 from ..common.rows import thinned
 from ..common.wording import listed
 from ..errors import LogError
-from ..samples.tables import open_source, read_columns
+from ..samples.tables import open_source
 from .pictures import Frame, Picture, Video, list_pictures, read_series
 
 _OTHERS = {"time", "timestamp", "picture", "episode", "x", "y", "z", "qx", "qy", "qz", "qw"}
@@ -62,18 +62,15 @@ def read_joints(
     Raises LogError if there are no joints, or they look like degrees and are not said to be.
     """
     source = open_source(path)
-    about = [
-        read_columns(source, [name])[:, 0] if name in source.header else None
-        for name in ("time", "episode")
-    ]
-    names = [name for name in source.header if name.lower() not in _OTHERS]
-    values = read_columns(source, names if joints is None else joints)
+    told = [name for name in ("time", "episode") if name in source.header]
+    others = [name for name in source.header if name.lower() not in _OTHERS]
+    names = list(others if joints is None else joints)
+    values = source.numbers([*names, *told])[0]
+    about, values = dict(zip(told, values[:, len(names) :].T, strict=True)), values[:, : len(names)]
     if joints is None:
         numbers = np.isfinite(values).any(axis=0)
         names, values = [names[k] for k in np.flatnonzero(numbers)], values[:, numbers]
-    names = list(names if joints is None else joints)
-    good = np.isfinite(np.column_stack([values, *[each for each in about if each is not None]]))
-    good = good.all(axis=1)
+    good = np.isfinite(np.column_stack([values, *about.values()])).all(axis=1)
     if not names or not good.any():
         raise LogError(
             f"{source.label} has no row with numbers for {listed(names)}: expected a column for "
@@ -84,17 +81,33 @@ def read_joints(
     if degrees:
         q[:, turning] = np.deg2rad(q[:, turning])
     elif most > _TURNS:
-        told = f"{source.label}: a joint goes to {most:.4g} rad, more than two turns"
-        raise LogError(f"{told}: are these degrees? expected rad, or `degrees=True`")
+        raise LogError(
+            f"{source.label}: a joint goes to {most:.4g} rad, more than two turns: are these "
+            "degrees? expected rad, or `degrees=True`"
+        )
     pictures = None
     if "picture" in source.header:  # one may stand with its folder, of this system or another
         cells = np.array(source.read(["picture"])["picture"].to_list(), object)[good]
         named = (str(cell or "").strip().replace("\\", "/") for cell in cells)
         pictures = tuple(name.rpartition("/")[2] for name in named)
-    time, series = (None if each is None else each[good] for each in about)
-    episodes = None if series is None else series.astype(np.intp)
+<<<<<<< HEAD
+    about = {name: column[good] for name, column in about.items()}
+    episodes = about["episode"].astype(np.intp) if "episode" in about else None
     dropped = int((~good).sum())
-    return JointTable(source.label, tuple(names), q, time, pictures, dropped, episodes)
+    return JointTable(
+        source.label, tuple(names), q, about.get("time"), pictures, dropped, episodes
+    )
+=======
+    return JointTable(
+        source.label, tuple(names), q, None if time is None else time[good], pictures,
+        int((~good).sum()),
+        None if series is None else source.numbers([series])[0][good, 0].astype(np.intp),
+    )  # fmt: skip
+
+
+def _named(source: Source, kinds: Sequence[str]) -> str | None:
+    return next((name for name in source.header if name.lower() in kinds), None)
+>>>>>>> main
 
 
 def read_shots(

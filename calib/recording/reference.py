@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 from ..arm.rotations import cross_matrix, exponential, similarity
 from ..common.arrays import Array
 from ..errors import LogError
-from ..samples.tables import open_source, read_columns
+from ..samples.tables import open_source
 from .board import LEAST_CORNERS, Board
 from .lens import Lens
 from .pictures import opencv
@@ -166,7 +166,7 @@ class MarkLayout:
         Raises LogError if there are fewer than four, or a tag has two places.
         """
         source = open_source(path)
-        rows = read_columns(source, ["tag", "x", "y"])
+        rows = source.numbers(["tag", "x", "y"])[0]
         good = (rows[:, 0] % 1 == 0) & (np.abs(rows[:, 1:]) < 20.0).all(axis=1)
         points = {int(row[0]): row[1:] for row in rows[good]}
         if len(rows) < 4 or len(points) < len(rows):

@@ -8,7 +8,6 @@ the estimate; its interval is a sandwich over blocks of neighbouring rows.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -32,9 +31,8 @@ class Delay:
     @property
     def clear(self) -> bool:
         """Whether it is sure, and matters."""
-        return (
-            abs(self.value) > settings.CLEAR_DELAY * self.sd and self.share > settings.DELAY_SHARE
-        )
+        sure = abs(self.value) > settings.CLEAR_DELAY * self.sd
+        return sure and self.share > settings.DELAY_SHARE
 
     def note(self) -> str:
         """What the user should be told, empty for nothing."""
@@ -67,17 +65,16 @@ class Trajectory:
         rows = np.arange(len(samples)) if samples.rows is None else samples.rows
         time, unit = (rows.astype(float), "rows") if samples.time is None else (samples.time, "s")
         motion = Trajectory(time, samples.q, unit)
-        if motion.joined.sum() < len(samples) // 2:
-            return None
-        return motion if is_path(samples.q, motion.joined) else None
+        joined = motion.joined
+        return motion if joined.mean() >= 0.5 and is_path(samples.q, joined) else None
 
-    @cached_property
+    @property
     def step(self) -> float:
         """The usual time from row to row [unit]."""
         step = np.diff(self.time)
         return float(np.median(step[step > 0])) if (step > 0).any() else 0.0
 
-    @cached_property
+    @property
     def joined(self) -> Mask:
         """Whether each row but the last goes on to the next one without a pause (n - 1,)."""
         step = np.diff(self.time)
@@ -145,17 +142,15 @@ def estimate_delay(
     Returns the delay and how the parameters change with it (k,), None where nothing moves.
     """
     rows = np.flatnonzero(np.isfinite(velocity).all(axis=1) & np.isfinite(residual).all(axis=1))
-    if len(rows) < 20:
-        return None
     n, m = len(rows), residual.shape[1]
     r, late = residual[rows], -velocity[rows].reshape(-1, 1)
-    X = np.empty((n * m, 0)) if columns is None else columns[rows].reshape(n * m, -1)
-    if not np.abs(late).max() > 0:
+    if n < 20 or not np.abs(late).max() > 0:
         return None
+    X = np.empty((n * m, 0)) if columns is None else columns[rows].reshape(n * m, -1)
     size = np.linalg.norm(r, axis=1)
     noise = float(np.median(size)) / np.sqrt(m) + 1e-9 * float(np.abs(late).max())
     weight = (settings.DELAY_NU + m) / (settings.DELAY_NU + (size / noise) ** 2) / noise**2
-    W, flat, prior = np.repeat(weight, m)[:, None], r.reshape(-1, 1), np.asarray(precision, float)
+    W, prior = np.repeat(weight, m)[:, None], np.asarray(precision, float)
     normal = X.T @ (W * X) + np.diag(prior)
 
     def beside(A: Array) -> tuple[Array, Array]:
@@ -163,24 +158,26 @@ def estimate_delay(
         taken = np.linalg.solve(normal, X.T @ (W * A))
         return np.asarray(taken), np.asarray(A - X @ taken)
 
-    def explained(A: Array, own: Array) -> float:
-        """Weighted squares that columns explain beyond the parameters."""
-        G, b = A.T @ (W * own), own.T @ (W * left)
-        return float(np.sum(b * (np.linalg.pinv(G, hermitian=True) @ b)))
+    base = beside(r.reshape(-1, 1))[0]
+    base += np.linalg.solve(normal, (prior * np.asarray(pull, float))[:, None])
+    left = r.reshape(-1, 1) - X @ base
 
-    base = np.linalg.solve(normal, X.T @ (W * flat) + (prior * np.asarray(pull, float))[:, None])
-    left = flat - X @ base
+    def share(A: Array) -> float:
+        """Share of the weighted squares that columns explain beyond the parameters."""
+        own = beside(A)[1]
+        G, b = A.T @ (W * own), own.T @ (W * left)
+        explained = np.sum(b * (np.linalg.pinv(G, hermitian=True) @ b))
+        return float(explained / np.sum(W * left**2))
+
     taken, own = beside(late)
     information = float(np.sum(late * W * own))
     if not information > 0:
         return None
     value = float(np.sum(own * W * left)) / information
-    rest = left - own * value
-    blocks = np.array_split((own * W * rest).reshape(n, m).sum(axis=1), settings.DELAY_BLOCKS)
-    sd = float(np.sqrt(sum(block.sum() ** 2 for block in blocks))) / information
-    share = explained(late, own) / float(np.sum(W * left**2))
-    if play is not None:
-        other = play[rows].reshape(n * m, -1)
-        by_play = explained(other, beside(other)[1]) / float(np.sum(W * left**2))
-        share = share if share > by_play else 0.0
-    return Delay(value, sd, unit, share), (base - taken * value)[:, 0]
+    rest = (own * W * (left - own * value)).reshape(n, m).sum(axis=1)
+    blocks = np.array([block.sum() for block in np.array_split(rest, settings.DELAY_BLOCKS)])
+    explained = share(late)
+    if play is not None and share(play[rows].reshape(n * m, -1)) >= explained:
+        explained = 0.0
+    delay = Delay(value, float(np.linalg.norm(blocks)) / information, unit, explained)
+    return delay, (base - taken * value)[:, 0]

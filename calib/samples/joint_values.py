@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from ..arm.ranges import Range
+from ..arm.urdf import Range
 from ..common.arrays import Array, Index, Mask
 from ..common.checks import LARGEST
 from ..common.scale import TURN

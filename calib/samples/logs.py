@@ -11,7 +11,7 @@ import numpy as np
 
 from ..arm.arm import Arm, SpatialArm
 from ..arm.plane import Plane, fit_plane
-from ..arm.ranges import Range
+from ..arm.urdf import Range
 from ..common.arrays import Array, Index, Mask
 from ..common.checks import LARGEST, whole
 from ..common.wording import listed, vector

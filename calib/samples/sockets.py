@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -64,8 +65,10 @@ class Touches:
 
     def means(self, x: Array, middle: Callable[..., Array] = np.mean) -> Array:
         """Mean of positions `x` (n, m) in each socket (p, m); NaN where no row touched it."""
-        own = [x[self.number == k] for k in range(len(self.sockets))]
-        return np.array([middle(v, axis=0) if len(v) else np.full(x.shape[1], np.nan) for v in own])
+        found = np.full((len(self.sockets), x.shape[1]), np.nan)
+        for k in np.unique(self.number[self.number >= 0]):
+            found[k] = middle(x[self.number == k], axis=0)
+        return found
 
     def about_medians(self, x: Array) -> Array:
         """Distances (n,) of positions `x` (n, m) from the median of their socket's."""
@@ -95,42 +98,33 @@ class Touches:
 
         It holds in each setup that has these points.  Raises OptionError if none has.
         """
+        facts = [(text, *_distance(text)) for text in distances]
+        facts += [(text, [name.strip() for name in text.split(",")], None, 0.0) for text in planes]
         known = list(self.known)
-        for text in distances:
-            names, value, tolerance = _distance(text)
-            known += [Known(k, value, tolerance) for k in self._of(names, "distance", text)]
-        for text in planes:
-            names = [name.strip() for name in text.split(",")]
-            if len(names) < 4:
-                raise OptionError(f"plane {text!r}: expected four points or more, such as A,B,C,D")
-            known += [Known(k, None) for k in self._of(names, "plane", text)]
+        for text, names, value, tolerance in facts:
+            setups = [[(s, name) for name in names] for s in sorted({s for s, _ in self.sockets})]
+            found = [some for some in setups if {*some} <= {*self.sockets}]
+            if not found or (value is None and len(names) < 4):
+                points = listed(sorted({point for _, point in self.sockets}))
+                raise OptionError(
+                    f"{text!r}: expected points of one setup, four points of a plane: {points}"
+                )
+            numbers = [tuple(map(self.sockets.index, some)) for some in found]
+            known += [Known(points, value, tolerance or MACHINED) for points in numbers]
         return replace(self, known=tuple(known))
 
-    def _of(self, names: Sequence[str], what: str, text: str) -> list[tuple[int, ...]]:
-        """Numbers of some points in each setup that has them."""
-        number = {socket: k for k, socket in enumerate(self.sockets)}
-        tried = ([(setup, name) for name in names] for setup in sorted({s for s, _ in number}))
-        found = [tuple(number[one] for one in some) for some in tried if {*some} <= {*number}]
-        if not found:
-            points = listed(sorted({point for _, point in number}))
-            raise OptionError(f"{what} {text!r}: no setup has all these points; points: {points}")
-        return found
 
-
-def _distance(text: str) -> tuple[list[str], float, float]:
+def _distance(text: str) -> tuple[list[str], float | None, float]:
     """Read `A,B=50mm` or `A,B=50mm+-0.1mm`: the points, their distance and its sd [m]."""
     number = r"([0-9.]+(?:[eE][+-]?[0-9]+)?)\s*(mm|cm|m|in)"
     match = re.fullmatch(rf"(.+),(.+)=\s*{number}\s*(?:(?:\+-|±)\s*{number}\s*)?", text.strip())
-    try:
-        if match is None:
-            raise ValueError
-        value = float(match[3]) / METRES[match[4]]
-        sd = MACHINED if match[5] is None else float(match[5]) / METRES[match[6]] / 1.96
-        if not (0 < value < 1e3 and 0 < sd < 1e3):
-            raise ValueError
-    except ValueError:
-        raise OptionError(
-            f"distance {text!r}: expected two points, their distance and its unit, such as "
-            "A,B=50mm or A,B=50mm+-0.1mm"
-        ) from None
-    return [match[1].strip(), match[2].strip()], value, sd
+    with suppress(ValueError):  # of 1.2.3
+        if match is not None:
+            value = float(match[3]) / METRES[match[4]]
+            sd = float(match[5]) / METRES[match[6]] / 1.96 if match[5] else MACHINED
+            if 0 < value < 1e3 and 0 < sd < 1e3:
+                return [match[1].strip(), match[2].strip()], value, sd
+    raise OptionError(
+        f"distance {text!r}: expected two points, their distance and its unit, such as "
+        "A,B=50mm or A,B=50mm+-0.1mm"
+    )

@@ -36,10 +36,9 @@ KEY = "calib"
 ROW = "\0row"
 """Column with the number of each row, counted below the header from 1."""
 
-
 _REMEDIES = {
-    "utf-8": "save it as UTF-8 CSV",
-    "more fields": "write decimals with a point, and quote text that holds a comma",
+    "utf-8": ": save it as UTF-8 CSV",
+    "more fields": ": write decimals with a point, and quote text that holds a comma",
 }
 
 
@@ -88,12 +87,11 @@ class Source:
         import polars as pl
 
         columns = {name: self._column(name) for name in names}
-        kinds = self.rows.select(**columns).collect_schema()
-        for name, kind in kinds.items():
-            if not (kind.is_numeric() or isinstance(kind, (pl.String, pl.Null))):
-                raise LogError(f"{self.label}, column {name!r} holds {kind}, expected numbers")
+        for name, kind in self.rows.select(**columns).collect_schema().items():
             if isinstance(kind, pl.String):
                 columns[name] = columns[name].str.strip_chars()
+            elif not (kind.is_numeric() or isinstance(kind, pl.Null)):
+                raise LogError(f"{self.label}, column {name!r} holds {kind}, expected numbers")
         # not as text: Polars would hold the whole file for some cells of it
         cast = (cell.cast(pl.Float64, strict=False).alias(n) for n, cell in columns.items())
         table = self._collected([cell.fill_null(float("nan")) for cell in cast])
@@ -152,13 +150,33 @@ def open_source(path: str | os.PathLike[str] | Source) -> Source:
     except (OSError, ValueError) as error:
         why = getattr(error, "strerror", None) or error
         raise LogError(f"cannot read {label!r}: {why}") from None
-    if not head.startswith(b"PAR1"):
-        return _open_csv(label, content, head.decode("utf-8-sig", errors="replace"))
+    text, about = not head.startswith(b"PAR1"), ""
+    lines = head.decode("utf-8-sig", errors="replace").splitlines() if text else [KEY]
+    lines = [line for line in lines if line.strip()]
+    if lines and lines[0].startswith(COMMENT):
+        about = lines.pop(0).removeprefix(COMMENT)
+    if not lines:
+        raise LogError(f"{label} is empty: expected a header with the names of the columns")
     with _told(label):
-        rows = pl.scan_parquet(content, glob=False).with_row_index(ROW, 1)
-        header = tuple(rows.collect_schema())[1:]
-        about = pl.read_parquet_metadata(content).get(KEY, "")
-    return Source(label, header, rows, _said(about))
+        if text:
+            rows = pl.scan_csv(
+                content,
+                separator=max(",;\t", key=lines[0].count),
+                comment_prefix=COMMENT,
+                infer_schema=False,
+                glob=False,
+                with_column_names=lambda names: [n.strip().replace('""', '"') for n in names],
+            )
+        else:
+            rows = pl.scan_parquet(content, glob=False)
+            about = pl.read_parquet_metadata(content).get(KEY, "")
+        header = tuple(rows.collect_schema())
+    try:
+        said = json.loads(about or "{}")
+    except ValueError:
+        said = {}
+    said = said if isinstance(said, dict) else {}
+    return Source(label, header, rows.with_row_index(ROW, 1), said, text)
 
 
 def _content(file: Path) -> Path | bytes:
@@ -172,35 +190,6 @@ def _content(file: Path) -> Path | bytes:
     return file.read_bytes() if file.is_fifo() else file
 
 
-def _open_csv(label: str, content: Path | bytes, head: str) -> Source:
-    """Find the header of a CSV file, and what stands between the fields."""
-    import polars as pl
-
-    lines = [line for line in head.splitlines() if line.strip()]
-    about = lines.pop(0).removeprefix(COMMENT) if lines and lines[0].startswith(COMMENT) else ""
-    if not lines:
-        raise LogError(f"{label} is empty: expected a header with the names of the columns")
-    with _told(label):
-        rows = pl.scan_csv(
-            content,
-            separator=max(",;\t", key=lines[0].count),
-            comment_prefix=COMMENT,
-            infer_schema=False,
-            glob=False,
-            with_column_names=lambda names: [name.strip().replace('""', '"') for name in names],
-        )
-        header = tuple(rows.collect_schema())
-    return Source(label, header, rows.with_row_index(ROW, 1), _said(about), text=True)
-
-
-def _said(text: str) -> dict[str, Any]:
-    try:
-        about = json.loads(text or "{}")
-    except ValueError:
-        about = {}
-    return about if isinstance(about, dict) else {}
-
-
 @contextmanager
 def _told(label: str) -> Iterator[None]:
     """Tell in one line that Polars cannot read a file."""
@@ -210,14 +199,8 @@ def _told(label: str) -> Iterator[None]:
         yield
     except (pl.exceptions.PolarsError, pl.exceptions.PanicException, OSError) as error:
         reason = (str(error).strip().splitlines() or ["unreadable"])[0][:100]
-        for part, remedy in _REMEDIES.items():
-            reason = f"{reason}: {remedy}" if part in reason else reason
-        raise LogError(f"{label} cannot be read: {reason}") from None
-
-
-def read_columns(source: Source, names: Sequence[str]) -> Array:
-    """Read some columns as numbers (n, names), all rows; see `Source.numbers`."""
-    return source.numbers(names)[0]
+        remedy = "".join(told for part, told in _REMEDIES.items() if part in reason)
+        raise LogError(f"{label} cannot be read: {reason}{remedy}") from None
 
 
 @dataclass(frozen=True, eq=False)
@@ -261,16 +244,15 @@ def read_batch(
     import polars as pl
 
     source, called = open_source(path), dict(columns or {})
-    for group in more:
-        if all(called.get(name, name) in source.header for name in group):
-            names = (*names, *group)
+    there = [g for g in more if {called.get(name, name) for name in g} <= {*source.header}]
+    names = (*names, *(name for group in there for name in group))
     held = {called.get(name, name): name for name in names}
     rest = [name for name in source.header if name in held or name not in names]
     values, rows = source.numbers(list(held))
     invalid = ~np.isfinite(values).all(axis=1)
     values[invalid] = np.nan
     table = source.read(rest).rename(held).with_columns(pl.col(pl.String).fill_null(""))
-    return Batch(values, tuple(names), tuple(rows[invalid].tolist()), table)
+    return Batch(values, names, tuple(rows[invalid].tolist()), table)
 
 
 def write_table(

@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     from ..arm.arm import Arm
 
 _LEAST = 8  # rows that tell a socket well
-_ALIKE = 0.05  # joints that moved less [rad or m] show one posture
 
 
 def read_touches(
@@ -45,17 +44,14 @@ def read_touches(
         raise LogError(f"{source.label} holds touches: expected a robot that moves in space")
     names = joint_names(source, arm, joints)
     revolute = arm.revolute if arm is not None else (True,) * len(names)
-    columns = [called.get(name, name) for name in names]
-    axes, texts = ([called.get(n, n) for n in some] for some in (POSITION, ("setup", "point")))
-    axes = [axis for axis in axes if {*axes} <= {*source.header}]
-    q, rows = source.numbers(columns)
-    table = source.read([name for name in texts if name in source.header])
-    empty = [""] * len(q)
-    told = [table[name].fill_null("") if name in table.columns else empty for name in texts]
-    pairs = [(str(setup), str(point)) for setup, point in zip(*told, strict=True)]
+    q, rows = source.numbers([called.get(name, name) for name in names])
     q = np.where(revolute, np.deg2rad(q), q) if degrees else q
+    texts, axes = ([called.get(n, n) for n in some] for some in (("setup", "point"), POSITION))
+    table = source.read([name for name in texts if name in source.header]).fill_null("")
+    told = [table[n] if n in table.columns else [""] * len(q) for n in texts]
+    pairs = [(str(setup), str(point)) for setup, point in zip(*told, strict=True)]
     stated = np.full((len(q), 3), np.nan)
-    if axes:
+    if {*axes} <= {*source.header}:
         if unit not in METRES:
             words = f"{source.label}: x, y, z of touches in {unit}"
             raise LogError(f"{words}, expected {listed(METRES)}")
@@ -64,40 +60,29 @@ def read_touches(
     good = np.isfinite(q).all(axis=1) & (touched | np.isfinite(stated).all(axis=1))
     if not (good & touched).any():
         raise LogError(f"{source.label} has no row with all joints and a point")
+    lower, upper = q[good].min(axis=0) - 1e-9, q[good].max(axis=0) + 1e-9
     if arm is not None:
         limits = (arm.joint_names, arm.lower, arm.upper, arm.revolute)
         check_joint_values(q, *limits, degrees=degrees, label=source.label)
-    q, stated, touched = q[good], stated[good], touched[good]
-    pairs = [pair for pair, stays in zip(pairs, good, strict=True) if stays]
-    sockets = tuple(sorted({pair for pair in pairs if pair[1]}))
-    number = np.array([sockets.index(p) if p[1] else -1 for p in pairs], dtype=np.intp)
+        lower, upper = np.minimum(arm.lower, lower), np.maximum(arm.upper, upper)
+    sockets = tuple(sorted({pairs[k] for k in np.flatnonzero(good & touched)}))
+    number = np.array([sockets.index(p) if p in sockets else -1 for p in pairs], dtype=np.intp)
+    q, stated, number = q[good], stated[good], number[good]
     spots = [stated[number == k][0] for k in range(len(sockets))]
     known = tuple(  # distances of points whose coordinates are stated, within each setup
         Known((i, j), float(np.linalg.norm(spots[i] - spots[j])))
         for i, j in combinations(range(len(sockets)), 2)
         if sockets[i][0] == sockets[j][0] and np.isfinite([spots[i], spots[j]]).all()
     )
-    touches, own = Touches(number, sockets, known), [q[number == k] for k in range(len(sockets))]
-    few = [socket for socket, rows in zip(sockets, own, strict=True) if len(rows) < _LEAST]
-    alike = [s for s, rows in zip(sockets, own, strict=True) if np.ptp(rows, axis=0).max() < _ALIKE]
-    doubts = {
-        f"fewer than {_LEAST} postures touch": few,
-        "the postures are all alike, which tells nothing, at": alike,
-        "one socket tells little of the arm elsewhere: touch another, at a known distance, than": (
-            sockets if len(sockets) == 1 else ()
-        ),
-    }
-    lower, upper, x = q.min(axis=0) - 1e-9, q.max(axis=0) + 1e-9, np.zeros((len(q), 3))
-    if arm is not None:
-        lower, upper = np.minimum(arm.lower, lower), np.maximum(arm.upper, upper)
-        x = touches.means(arm.forward(q))[number]
-    x[~touched] = stated[~touched]
+    touches = Touches(number, sockets, known)
+    few = [" ".join(s).strip() for k, s in enumerate(sockets) if (number == k).sum() < _LEAST]
+    notes = [f"fewer than {_LEAST} postures touch {listed(few)}"] if few else []
+    if len(sockets) == 1:
+        notes.append("one socket tells little of the arm elsewhere: touch another, far from it")
+    x = np.zeros((len(q), 3)) if arm is None else touches.means(arm.forward(q))[number]
+    x = np.where((number >= 0)[:, None], x, stated)
     return Samples(
-        q, x, names, lower, upper, tuple(revolute), "m",
+        q, x, names, lower, upper, tuple(revolute),
         dropped=int((~good).sum()), arm=arm, touch=touches, columns=dict(called), degrees=degrees,
-        notes=tuple(
-            f"{words} {listed(' '.join(socket).strip() for socket in some)}"
-            for words, some in doubts.items() if some
-        ),
-        rows=rows[good],
+        notes=tuple(notes), rows=rows[good],
     )  # fmt: skip

@@ -12,6 +12,7 @@ import numpy as np
 
 from ..common.arrays import Array, Index, Mask
 from ..common.robust import robust_solve
+from ..common.rows import thinned
 from ..common.scale import Scale
 from ..common.wording import for_people
 from . import settings
@@ -22,14 +23,31 @@ from .samples import Samples
 def screen(samples: Samples) -> tuple[Mask, list[str]]:
     """Find the `contradictions` of positions that are grossly wrong, before anything is fitted.
 
-    They are compared with a robust fit of all that a chain of rigid links can do; where the rows
-    are too few for that (45 of two joints, 135 of three), with the robot's nominal kinematics.
+    They are compared with a robust fit of all that a chain of rigid links can do, the products of
+    1, cos, sin of the joints; where the rows are too few for that (45 of two joints, 135 of three),
+    with the robot's nominal kinematics.
     """
-    left, arm = _rigid_residual(samples), samples.arm
-    if left is None and arm is not None:
-        left = samples.x - aligned(arm.forward(samples.q), samples.x, affine=samples.unit == "px")
-    kept = np.ones(len(samples), dtype=bool)
-    return (kept, []) if left is None else contradictions(samples, left)
+    n, kinds = len(samples), samples.revolute
+    rows = np.random.default_rng(0).choice(n, min(n, settings.FITTED_ROWS), replace=False)
+    terms = int(np.prod([3 if turns else 2 for turns in kinds]))
+
+    def features(q: Array) -> Array:
+        parts = [
+            np.stack([v**0, np.cos(v), np.sin(v)] if turns else [v**0, v], axis=1)
+            for v, turns in zip(q.T, kinds, strict=True)
+        ]
+        return reduce(lambda a, b: (a[:, :, None] * b[:, None]).reshape(len(q), -1), parts)
+
+    if settings.ROWS_PER_TERM * terms <= len(rows) and terms <= settings.TERMS:
+        coefficients = robust_solve(features(samples.q[rows]), samples.x[rows])
+        pieces = np.array_split(samples.q, 1 + n // 50_000)  # that are held at once
+        predicted = np.concatenate([features(q) @ coefficients for q in pieces])
+    elif samples.arm is not None:
+        nominal = samples.arm.forward(samples.q)
+        predicted = aligned(nominal, samples.x, affine=samples.unit == "px")
+    else:
+        return np.ones(len(samples), dtype=bool), []
+    return contradictions(samples, samples.x - predicted)
 
 
 def contradictions(samples: Samples, residual: Array) -> tuple[Mask, list[str]]:
@@ -44,9 +62,18 @@ def contradictions(samples: Samples, residual: Array) -> tuple[Mask, list[str]]:
     """
     kept = np.ones(len(samples), dtype=bool)
     suspects, limit = _gross(samples, residual)
-    suspects, near = _neighbours(samples, suspects)
     if not len(suspects):
         return kept, []
+    from scipy.spatial import cKDTree
+
+    scale = Scale.of_range(samples.lower, samples.upper, samples.revolute)
+    u, around = scale.to_unit(samples.q), min(settings.AROUND, len(samples) - 1)
+    tree = cKDTree(u, boxsize=scale.periodic.astype(float) if scale.periodic.any() else None)
+    some = thinned(len(u), settings.FITTED_ROWS)
+    usual = float(np.median(tree.query(u[some], k=[around + 1])[0]))
+    reach, near = map(np.asarray, tree.query(u[suspects], k=np.arange(1, around + 2)))
+    close = reach[:, -1] <= settings.NEAR * usual
+    suspects, near = suspects[close], near[close]
     others = residual[near]
     others[near == suspects[:, None]] = np.nan  # a row is no neighbour of its own
     middle = np.nanmedian(others, axis=1)
@@ -110,43 +137,3 @@ def _gross(samples: Samples, residual: Array) -> tuple[Index, float]:
         settings.GROSS_SHARE * float(np.linalg.norm(high - low)),
     )
     return np.flatnonzero(size > limit), limit
-
-
-def _neighbours(samples: Samples, rows: Index) -> tuple[Index, Index]:
-    """Those of some rows whose neighbours are as close as usual, and these neighbours."""
-    from scipy.spatial import cKDTree
-
-    if not len(rows):
-        return rows, np.empty((0, 0), dtype=np.intp)
-    scale = Scale.of_range(samples.lower, samples.upper, samples.revolute)
-    u = scale.to_unit(samples.q)
-    around = min(settings.AROUND, len(u) - 1)
-    tree = cKDTree(u, boxsize=scale.periodic.astype(float) if scale.periodic.any() else None)
-    some = np.linspace(0, len(u) - 1, min(len(u), settings.FITTED_ROWS)).astype(np.intp)
-    usual = float(np.median(tree.query(u[some], k=[around + 1])[0]))
-    reach, near = tree.query(u[rows], k=np.arange(1, around + 2))
-    close = np.asarray(reach)[:, -1] <= settings.NEAR * usual
-    return rows[close], np.asarray(near, dtype=np.intp)[close]
-
-
-def _rigid_residual(samples: Samples) -> Array | None:
-    """What a robust fit of the products of 1, cos, sin of the joints leaves; None for few rows."""
-    n, kinds = len(samples), samples.revolute
-    terms = int(np.prod([3 if turns else 2 for turns in kinds]))
-    rows = np.arange(n)
-    if n > settings.FITTED_ROWS:
-        rows = np.sort(np.random.default_rng(0).choice(n, settings.FITTED_ROWS, replace=False))
-    if settings.ROWS_PER_TERM * terms > len(rows) or terms > settings.TERMS:
-        return None
-
-    def features(q: Array) -> Array:
-        parts = [
-            np.stack([v**0, np.cos(v), np.sin(v)] if turns else [v**0, v], axis=1)
-            for v, turns in zip(q.T, kinds, strict=True)
-        ]
-        return reduce(lambda a, b: (a[:, :, None] * b[:, None]).reshape(len(q), -1), parts)
-
-    coefficients = robust_solve(features(samples.q[rows]), samples.x[rows])
-    pieces = np.array_split(samples.q, 1 + n // 50_000)  # whose functions are held at once
-    fitted = np.concatenate([features(q) @ coefficients for q in pieces])
-    return np.asarray(samples.x - fitted)

@@ -20,7 +20,7 @@ from .smooth import SmoothPart
 
 _ROUNDING = 4e-15  # share of the extent: what an answer in double precision is sure of at best
 _DRAWN = 12_000  # exact samples that the bounds of a simulation are learned from
-_ROWS = 5_000  # rows that play is learned from
+_LEAST, _ROWS = 20, 5_000  # rows that play is learned from
 _TREND = 7  # degree of what a joint's value tells of its direction
 
 
@@ -78,16 +78,12 @@ def simulated_bounds(
 
 def play_of(samples: Samples, part: SmoothPart) -> Array | None:
     """Half the play of each joint (dof,) [rad or m], None where the rows' order shows none."""
-    if samples.simulation is not None and not samples.simulation.hidden:
+    simulation = samples.simulation
+    if len(part.rows) < _LEAST or (simulation is not None and not simulation.hidden):
         return None  # nothing that rows could show
-    rows, scale = part.rows[:: max(1, -(-len(part.rows) // _ROWS))], part.smooth.scale
+    rows, scale = part.rows[:: -(-len(part.rows) // _ROWS)], part.smooth.scale
     u = scale.to_unit(samples.q[rows])
     value, slope = part.smooth.value_and_slope(u)
-    residual = samples.x[rows] - value
-    size = np.linalg.norm(residual, axis=1)
-    sound = size <= 10.0 * np.median(size) + 1e-300  # a few wrong detections do not count
-    if np.count_nonzero(sound) < 20:
-        return None
     side = directions(samples.q)[rows]
     # a joint near its upper limit mostly came from below: a curve of the joint has taken
     # that part of the play already
@@ -95,7 +91,7 @@ def play_of(samples: Samples, part: SmoothPart) -> Array | None:
     for k, v in enumerate(u.T):
         powers = np.polynomial.chebyshev.chebvander(2.0 * np.clip(v, 0.0, 1.0) - 1.0, _TREND)
         surprise[:, k] = side[:, k] - powers @ np.linalg.lstsq(powers, side[:, k], rcond=None)[0]
-    return learn_play(residual[sound], (slope / scale.span)[sound], surprise[sound])
+    return learn_play(samples.x[rows] - value, slope / scale.span, surprise)
 
 
 def approached(model: Model, play: Array) -> Model:

@@ -12,25 +12,29 @@ from ..arm.loading import arm_from_urdf
 from ..arm.rotations import logarithm, matrix_of, similarity
 from ..body.belief import knows_orientation
 from ..common.arrays import Array
+from ..common.choices import MAP_READOUTS
 from ..common.parallel import side_by_side
 from ..common.wording import for_people
 from ..errors import LogError, OptionError
-from ..model.alignment import Alignment
 from ..model.answers import unit_joints
 from ..model.model import Model
-from ..model.parts import Parts
 from ..model.space import Space
 from ..samples.samples import Samples
 from ..samples.simulation import Simulation
-from ..samples.sockets import Touches
+from .learn import associate
+from .options import TrainingOptions
+from .smooth import SmoothPart, to_learn
 from .sound_rows import sound_log
+from .touched import NOT_LEARNED, in_sockets
 
 EVALUATED = ("kept", "free")
 _PLACED = 10  # rows that tell where a frame is
 _FAR_NEARER = 0.5  # of the median error: a frame that moved explains so much
 _SAMPLES = 10_000
 _STREAM = 4  # the same as in training: the tables agree
-_NOT_LEARNED = "no row of the log lies within what the model has learned: measure others"
+# rows that errors are measured on, of maps and of a body; more would tell no more
+_TESTED, _ANSWERED = 5_000, 1_000
+_FOLDS = 20  # maps are tested on blocks that those of every other block did not show
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +54,7 @@ class Residuals:
 
     @staticmethod
     def of(
-        model: Parts,
+        model: Model,
         q: Array,
         x: Array,
         forward: dict[str, Array],
@@ -78,13 +82,13 @@ class Residuals:
 
 
 def evaluate_residuals(
-    model: Parts, q: Array, x: Array, truth: Callable[[Array], Array] | None
+    model: Model, q: Array, x: Array, truth: Callable[[Array], Array] | None = None
 ) -> Residuals:
     """Residuals of all readouts in both directions, of the answer nearest to the true joints."""
     scale, readouts = model.motor.scale, model.readouts
     known = model.covers(scale.to_unit(q))
     if not known.any():
-        raise LogError(_NOT_LEARNED)
+        raise LogError(NOT_LEARNED)
     left_out, q, x = int(np.count_nonzero(~known)), q[known], x[known]
     # the answers' bounds, of which `Model.solve` takes most of the time, are not asked for
     forward, answers = side_by_side(
@@ -92,6 +96,52 @@ def evaluate_residuals(
         lambda: unit_joints(model, x, model.solver.clip(scale.to_unit(q)), readouts),
     )
     return Residuals.of(model, q, x, forward, answers, truth, left_out=left_out)
+
+
+def held_out_residuals(
+    model: Model,
+    samples: Samples,
+    part: SmoothPart | None,
+    left: Array | None,
+    options: TrainingOptions,
+) -> Residuals:
+    """Residuals of all readouts on rows of a log that were held out in contiguous blocks.
+
+    The default readout and the body are held out in ten blocks; the readouts of the maps
+    are those of maps that have learned from every other block.
+
+    left : what the default readout leaves over of the rows of `part` that it has not seen
+    """
+    n, scale, clip = len(samples), model.motor.scale, model.solver.clip
+    forward: dict[str, Array] = {}
+    rows, turned = np.arange(0, n, max(1, n // _TESTED)), None
+    if part is not None and left is not None:
+        some = slice(None, None, max(1, len(left) // _ANSWERED))
+        rows, turned = part.rows[some], part.fit.turned
+        turned = None if turned is None else turned[some]
+        forward["local"] = -left[some]
+        if "body" in model.readouts:
+            forward["body"] = -part.fit.held_out[some]
+    q, x = samples.q[rows], samples.x[rows]
+    here, near = model.predictor.value(scale.to_unit(q)), clip(scale.to_unit(q))
+    # a target that a held-out prediction misses is answered by joints that the map leads there
+    answers = {
+        readout: unit_joints(model, here - error, near, ("local",))["local"]
+        for readout, error in forward.items()
+    }
+    forward |= {readout: np.empty_like(x) for readout in MAP_READOUTS}
+    answers |= {readout: np.empty_like(q) for readout in MAP_READOUTS}
+    folds = np.array_split(np.arange(n), _FOLDS)
+    for half in (0, 1):
+        unseen, seen = (np.concatenate(folds[k::2]) for k in (half, 1 - half))
+        own = np.isin(rows, unseen)
+        seen_u, seen_x, wrong = to_learn(samples, part, options, np.sort(seen))
+        pair = associate(scale, seen_u, seen_x, options, wrong)
+        found = pair.inverses(pair.sensory.scale.to_unit(x[own]), near[own])
+        for readout in MAP_READOUTS:
+            forward[readout][own] = pair.predict(q[own], readout) - x[own]
+            answers[readout][own] = clip(found[readout])
+    return Residuals.of(model, q, x, forward, answers, turned=turned)
 
 
 def summarise(residuals: Residuals) -> dict[str, Any]:
@@ -103,10 +153,9 @@ def summarise(residuals: Residuals) -> dict[str, Any]:
             forward["orientation"] = residuals.turned
         inverse = dict(zip(residuals.joint_names, residuals.inverse[readout].T, strict=True))
         inverse["distance"] = residuals.distance[readout]
-        sides = {"forward": forward, "inverse": inverse}
         table[readout] = {
             side: {name: error_sizes(error) for name, error in errors.items()}
-            for side, errors in sides.items()
+            for side, errors in (("forward", forward), ("inverse", inverse))
         }
     return table
 
@@ -202,7 +251,7 @@ def evaluate(model: Model, samples: Samples | None = None, *, frame: str = "kept
             samples, notes = sound_log(model, samples)
             samples, told = _in_frame(model, samples, free=frame == "free")
             notes += told
-        residuals = evaluate_residuals(model, samples.q, samples.x, None)
+        residuals = evaluate_residuals(model, samples.q, samples.x)
         residuals = replace(residuals, turned=_turned(model, samples))
     elif simulation is not None:
         residuals, source = fresh_residuals(model, simulation), "fresh exact samples"
@@ -223,70 +272,33 @@ def _in_frame(model: Model, samples: Samples, *, free: bool) -> tuple[Samples, l
         return samples, []
     x, tip = samples.x[known], tip[known]
     turn, _, _ = similarity(x, tip)
-    frame = Alignment(turn, np.median(tip - x @ turn.T, axis=0))
-    moved = frame.apply(x)
+    shift = np.median(tip - x @ turn.T, axis=0)
+    moved = x @ turn.T + shift
     before, after = (float(np.median(np.linalg.norm(each - tip, axis=1))) for each in (x, moved))
     if not free and after > _FAR_NEARER * before:
         return samples, []
     away = float(np.linalg.norm(x.mean(axis=0) - moved.mean(axis=0)))
+    angle = 2.0 * np.arcsin(min(1.0, float(np.linalg.norm(turn - np.eye(len(turn)))) / 8**0.5))
     factor, unit = for_people(samples.unit)
     found = (
-        f"{factor * away:.3g} {unit} and {np.degrees(abs(frame.angle)):.2g} deg: rows are "
+        f"moved by {factor * away:.3g} {unit} and {np.degrees(angle):.2g} deg: rows are "
         f"{factor * before:.3g} {unit} off (median), {factor * after:.3g} once it is found anew"
     )
     if free:
-        samples = replace(samples, x=frame.apply(samples.x))
-        return samples, [f"the sensor's frame was found anew, moved by {found}"]
+        samples = replace(samples, x=samples.x @ turn.T + shift)
+        return samples, [f"the sensor's frame was found anew, {found}"]
     return samples, [
-        f"the sensor's frame seems to have moved, by {found}; an arm that changed may look like "
-        "that in few places: `check` tells which it is, `frame='free'` gives the errors after "
-        "that, `adapt` takes it over"
+        f"the sensor's frame seems to have {found}; an arm that changed may look like that in few "
+        "places: `check` tells which it is, `frame='free'` gives the errors after that, `adapt` "
+        "takes it over"
     ]
-
-
-def in_sockets(model: Model, samples: Samples, touch: Touches) -> tuple[Samples, dict[str, Any]]:
-    """Touches with the means of the predicted tips as positions, and how tips scatter about them.
-
-    Rows that are in no socket of theirs are left out.
-    """
-    tip = model.forward(samples.q)
-    known = np.flatnonzero(np.isfinite(tip).all(axis=1))
-    some = touch.take(known)
-    known = known[~some.strays(some.about_medians(tip[known]))]
-    samples, touch, tip = samples.take(known), touch.take(known), tip[known]
-    touched, means = touch.number >= 0, touch.means(tip)
-    if not touched.any():
-        raise LogError(_NOT_LEARNED)
-    off = np.linalg.norm(tip - means[touch.number], axis=1)
-    points = [
-        {"setup": setup, "point": point, "rows": int(own.sum()), "scatter": float(off[own].mean())}
-        for k, (setup, point) in enumerate(touch.sockets)
-        if (own := touch.number == k).any()
-    ]
-    stated = [(each, means[list(each.points)]) for each in touch.known if each.value is not None]
-    distances = [
-        {
-            "points": [list(touch.sockets[k]) for k in each.points],
-            "stated": each.value,
-            "predicted": float(np.linalg.norm(ends[0] - ends[1])),
-        }
-        for each, ends in stated
-        if np.isfinite(ends).all()
-    ]
-    x = np.where(touched[:, None], means[touch.number], samples.x)
-    off, bound = off[touched], model.expected_error(samples.q[touched])
-    size = {"mean": off.mean(), "rms": np.sqrt((off**2).mean()), "p95": np.quantile(off, 0.95)}
-    size |= {"max": off.max(), "covered": np.mean(off <= bound)}
-    scatter = {name: float(value) for name, value in size.items()}
-    return replace(samples, x=x), {"scatter": scatter, "points": points, "distances": distances}
 
 
 def _turned(model: Model, samples: Samples) -> Array | None:
     """Errors (n,) of the orientation [rad], None where it is not measured or not known."""
     if samples.orientation is None or not knows_orientation(model.body):
         return None
-    space = Space.of(model)
-    q = model.about.joints_of(samples)
+    space, q = Space.of(model), model.about.joints_of(samples)
     predicted = space.to_sensor(*space.evaluate(q)[:2])[1]
     residual = matrix_of(samples.orientation) @ np.swapaxes(predicted, 1, 2)
     known = np.isfinite(model.forward(q)).all(axis=1)

@@ -3,33 +3,42 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from ..arm.arm import SpatialArm
 from ..body.fit import Fit
 from ..body.parameters import Prior
+from ..body.rows import together
 from ..body.settings import STUDENT
 from ..body.spatial import SpatialStructure, structure_of
-from ..body.touch import Touch, TouchFit, fit_touches, restated
-from ..body.views import InSpace
-from ..common.arrays import Mask
+from ..body.touch import fit_touches, restated, touching
+from ..common.arrays import Array
 from ..errors import LogError
-from ..maps.predictor import BodyInBox
 from ..model.model import Model
 from ..samples.samples import Samples
+from ..samples.sockets import Touches
 from ..samples.wrong_rows import row_numbers
-from .evaluate import in_sockets
-from .smooth import SmoothPart, unit_box
+from .smooth import NO_ARM, SmoothPart
+
+NOT_LEARNED = "no row of the log lies within what the model has learned: measure others"
 
 _MOST = 0.25  # share of rows that may be wrong
 _FEW = 12  # touches that tell an arm in space at least
 _ALIKE = 0.05  # joints that moved less in each socket [rad or m] tell nothing of the arm
-_NO_ARM = 0.02  # share of the reach: tips that scatter further are explained by no arm
 # What may have changed since, and by how much: a servo put on anew, a bent tip, origins [rad or m]
 _FREED = {"offset": np.radians(2.0), "tool": 5e-3, "placement": 2e-3}
 _NATS = 5.0  # of evidence for a change
 _GAUGE = 1e-6  # [m or rad] of what no touch tells, and of what a belief holds for exact
+_BASE = (
+    "no touch tells where the base stands and how it is turned about the first axis: both stay as "
+    "drawn and are left out of intervals"
+)
+_SIZE = (
+    "touches alone do not tell how large the arm is: its size stays as drawn; state the distance "
+    "of two points, as in `distance='A,B=50mm'`"
+)
 
 
 def fit_sockets(samples: Samples, seed: int) -> tuple[Samples, SmoothPart, list[str]]:
@@ -53,60 +62,78 @@ def fit_sockets(samples: Samples, seed: int) -> tuple[Samples, SmoothPart, list[
             f"{', all alike,' if alike else ''} tell nothing of the arm: expected 20 postures and "
             "more in each socket, from other sides, with the wrist turned each way"
         )
-    seen = bool((touch.number < 0).any())
+    seen = not touched.all()
     structure = structure_of(arm, "rigid" if seen else "base")
-
-    def fitted(rows: Mask) -> TouchFit:
-        number, known, own = touch.take(rows).renumbered()
-        found = fit_touches(
-            structure, samples.q[rows], number, known,
-            lower=samples.lower, upper=samples.upper, x=samples.x[rows], seed=seed,
-        )  # fmt: skip
-        points = np.full((len(touch.sockets), 3), np.nan)
-        points[own] = found.points
-        return replace(found, points=points)
-
-    kept = np.ones(len(samples), bool)
+    kept, points = np.ones(len(samples), bool), np.full((len(touch.sockets), 3), np.nan)
     for _ in range(3):
-        found = fitted(kept)
+        number, known, own = touch.take(kept).renumbered()
+        found = fit_touches(
+            structure, samples.q[kept], number, known,
+            lower=samples.lower, upper=samples.upper, x=samples.x[kept], seed=seed,
+        )  # fmt: skip
+        points[own] = found.points
         tip = found.fit.body.predict(samples.q)
-        off = np.linalg.norm(tip - found.points[touch.number], axis=1)
+        off = np.linalg.norm(tip - points[touch.number], axis=1)
         now = ~touch.strays(off)
         if (now == kept).all() or now.mean() < 1 - _MOST:
             break
         kept = now
     scatter = float(np.median(off[kept & touched]))
-    if scatter > _NO_ARM * arm.chain.reach:
+    if scatter > NO_ARM * arm.chain.reach:
         raise LogError(
             f"no arm explains the touches: the tips scatter by {1e3 * scatter:.3g} mm about their "
             "sockets (median); check the joints' order and unit, the tip, and the points' names"
         )
     notes: list[str] = []
-    gone = np.flatnonzero(~kept)
-    if len(gone):
+    if len(gone := np.flatnonzero(~kept)):
         named = row_numbers(samples, gone)
         notes.append(f"{len(gone)} rows were in no socket of theirs and are left out: {named}")
-        near = np.linalg.norm(tip[gone, None] - found.points, axis=2)
-        k = int(np.nanmin(near, axis=1).argmin())
-        if np.nanmin(near[k]) <= max(5.0 * scatter, 1e-9):
-            name = " ".join(touch.sockets[int(np.nanargmin(near[k]))]).strip()
-            named = row_numbers(samples, gone[k : k + 1])
-            notes.append(f"{named} was in the socket {name!r}: a wrong name?")
-    if not seen:
-        notes.append(
-            "no touch tells where the base stands and how it is turned about the first axis: both "
-            "stay as drawn and are left out of intervals"
-        )
-        if not any(each.value is not None for each in touch.known):
-            notes.append(
-                "touches alone do not tell how large the arm is: its size stays as drawn; state "
-                "the distance of two points, as in `distance='A,B=50mm'`"
-            )
-    x = np.where(touched[:, None], found.points[touch.number], samples.x)
-    samples = replace(samples, x=x).take(kept)
-    smooth = BodyInBox(found.fit.body, unit_box(samples))
-    part = SmoothPart(smooth, found.fit, np.arange(len(samples)))
-    return samples, part, notes
+        near = np.linalg.norm(tip[gone, None] - points, axis=2)
+        k, socket = np.unravel_index(np.nanargmin(near), near.shape)
+        if near[k, socket] <= max(5.0 * scatter, 1e-9):
+            name, named = " ".join(touch.sockets[socket]), row_numbers(samples, gone[[k]])
+            notes.append(f"{named} was in the socket {name.strip()!r}: a wrong name?")
+    sized = any(each.value is not None for each in touch.known)
+    notes += [] if seen else [_BASE, *[_SIZE] * (not sized)]
+    samples = replace(samples, x=_placed(samples, touch, points)).take(kept)
+    return samples, SmoothPart.of(samples, found.fit, np.arange(len(samples))), notes
+
+
+def in_sockets(model: Model, samples: Samples, touch: Touches) -> tuple[Samples, dict[str, Any]]:
+    """Touches with the means of the predicted tips as positions, and how tips scatter about them.
+
+    Rows that are in no socket of theirs are left out.
+    """
+    tip = model.forward(samples.q)
+    known = np.flatnonzero(np.isfinite(tip).all(axis=1))
+    some = touch.take(known)
+    known = known[~some.strays(some.about_medians(tip[known]))]
+    samples, touch, tip = samples.take(known), touch.take(known), tip[known]
+    touched, means = touch.number >= 0, touch.means(tip)
+    if not touched.any():
+        raise LogError(NOT_LEARNED)
+    off = np.linalg.norm(tip - means[touch.number], axis=1)
+    points = [
+        {"setup": setup, "point": point, "rows": int(own.sum()), "scatter": float(off[own].mean())}
+        for k, (setup, point) in enumerate(touch.sockets)
+        if (own := touch.number == k).any()
+    ]
+    stated = [(each, means[list(each.points)]) for each in touch.known if each.value is not None]
+    distances = [
+        {
+            "points": [list(touch.sockets[k]) for k in each.points],
+            "stated": each.value,
+            "predicted": float(np.linalg.norm(ends[0] - ends[1])),
+        }
+        for each, ends in stated
+        if np.isfinite(ends).all()
+    ]
+    samples = replace(samples, x=_placed(samples, touch, means))
+    off, bound = off[touched], model.expected_error(samples.q[touched])
+    size = {"mean": off.mean(), "rms": np.sqrt((off**2).mean()), "p95": np.quantile(off, 0.95)}
+    size |= {"max": off.max(), "covered": np.mean(off <= bound)}
+    scatter = {name: float(value) for name, value in size.items()}
+    return samples, {"scatter": scatter, "points": points, "distances": distances}
 
 
 def as_positions(model: Model, log: Samples) -> tuple[Samples, list[str]]:
@@ -116,45 +143,40 @@ def as_positions(model: Model, log: Samples) -> tuple[Samples, list[str]]:
     the evidence speaks clearly for a change they are where the changed arm has them.
     Raises LogError if the model is not of an arm in space.
     """
-    body, touch, rows = model.body, log.touch, len(log)
+    body, touch, count = model.body, log.touch, len(log)
     assert touch is not None  # noqa: S101 - a log of touches
     structure = None if body is None else body.structure
     if body is None or not isinstance(structure, SpatialStructure) or structure.outputs != 3:
         raise LogError("the log holds touches: expected a model of an arm in space with a body")
     log, _ = in_sockets(model, log, touch)  # where the model has them
-    gone = f"{rows - len(log)} touches in no socket of theirs are left out"
-    touch, q, noise = log.touch or touch, model.about.joints_of(log), float(body.noise[0])
+    gone = f"{count - len(log)} touches in no socket of theirs are left out"
+    touch, q = log.touch or touch, model.about.joints_of(log)
     number, known, own = touch.renumbered()
-    tip = structure.measurement
-    assert isinstance(tip, InSpace)  # noqa: S101 - three outputs
-    view = "touch" if structure.view == "base" else "touch and rigid"
-    reading = Touch(tip, len(own), known, noise, noise)
-    seen = structure.with_view(view, reading=reading)
+    rows = touching(structure, q, number, known, log.x, float(body.noise[0]) / structure.metre)
+    seen = together(structure, rows)
     belief, point = restated(body, seen), seen.groups["point"]
     at, beta, variance = belief.active, belief.beta.copy(), np.zeros((seen.size, seen.size))
     base = structure.pose(q, body.beta)[0]
     beta[point] = np.ravel([base[number == k].mean(axis=0) for k in range(len(own))])
     variance[np.ix_(at, at)] = body.kappa**2 * belief.covariance + _GAUGE**2 * np.eye(len(at))
-    variance[point, point] = structure.extent**2
-    fits, touches = [], reading.rows(q, number, log.x)
+    variance[point, point] = structure.chain.reach**2
+    fits = []
     for freed in ({}, _FREED):
         for group, sd in freed.items():
             variance[seen.groups[group], seen.groups[group]] += sd**2
         free, sd = np.flatnonzero(np.diag(variance)), np.sqrt(np.diag(variance))
         prior = Prior(beta, sd, known=np.asarray(np.linalg.inv(variance[np.ix_(free, free)])))
-        fits.append(
-            Fit(
-                seen, touches, np.zeros((len(touches), 3)), beta, prior, nu=STUDENT,
-                floor=np.full(3, 0.5 * noise), noise=np.full(3, noise),
-            ).maximise(steps=8)
-        )  # fmt: skip
+        fits.append(Fit(seen, rows, beta, prior, nu=STUDENT).maximise(steps=8))
     same, other = fits
     if other.evidence - same.evidence > _NATS * other.autocorrelation:
         places = np.full((len(touch.sockets), 3), np.nan)
-        places[own] = other.beta[point].reshape(-1, 3)
-        if view != "touch":
-            frame = structure.sensor(restated(replace(belief, beta=other.beta), structure).beta)
-            places = places @ frame.rotation.T + frame.shift
-        touched = touch.number >= 0
-        log = replace(log, x=np.where(touched[:, None], places[touch.number], log.x))
-    return replace(log, touch=None), [gone] * (len(log) < rows)
+        sensor = structure.sensor(restated(replace(belief, beta=other.beta), structure).beta)
+        at_sockets = other.beta[point].reshape(-1, 3)
+        places[own] = sensor.scale * at_sockets @ sensor.rotation.T + sensor.shift
+        log = replace(log, x=_placed(log, touch, places))
+    return replace(log, touch=None), [gone] * (len(log) < count)
+
+
+def _placed(samples: Samples, touch: Touches, places: Array) -> Array:
+    """Positions (n, 3): the place of each row's socket, or what a sensor measured."""
+    return np.where(touch.number[:, None] >= 0, places[touch.number], samples.x)

@@ -21,8 +21,7 @@ from ..samples.joint_values import directions
 from ..samples.samples import Samples
 from ..samples.wrong_rows import screen
 from .bounds import approached, node_bounds, play_of, play_words, simulated_bounds
-from .evaluate import answered_within, fresh_residuals, summarise
-from .held_out import held_out_residuals
+from .evaluate import answered_within, fresh_residuals, held_out_residuals, summarise
 from .learn import Progress, associate, resolved
 from .options import TrainingOptions
 from .smooth import find_smooth_part, taught, to_learn, unit_box
@@ -93,13 +92,12 @@ def _learned(samples: Samples, options: TrainingOptions, progress: Progress) -> 
 
     begin(0.0, "body")
     given, simulation = len(samples) + samples.left_out, samples.simulation
-    notes: list[str] = []
+    notes, part, play = list[str](), None, None
     if simulation is None and samples.touch is None:
         kept, notes = screen(samples)
         samples = samples if kept.all() else samples.take(kept)
     options, told = resolved(samples, options)
     notes += told
-    part, play = None, None
     if samples.touch is not None:
         samples, part, told = fit_sockets(samples, options.seed)
         notes += told
@@ -124,30 +122,29 @@ def _learned(samples: Samples, options: TrainingOptions, progress: Progress) -> 
 
     begin(0.7, "local models")
     motor, u = association.motor, scale.to_unit(samples.q)
-    local, left = NO_MODELS, None
+    body, local, left = None, NO_MODELS, None
     if part is not None:
         own = u[part.rows], samples.x[part.rows]
         chosen, left = select(motor, *own, part.smooth, part.fit.held_out)
-        local = chosen.models
+        body, local = part.fit.body, chosen.models
 
     begin(0.8, "evaluation")
     empty, visited = np.zeros(motor.size), np.zeros(motor.size, dtype=bool)
     visited[motor.nearest(u)[1][:, 0]] = True
     about = _about(samples, options, taught(samples, part, options))
-    body = None if part is None else part.fit.body
     model = Model(about, association, local, empty, empty, visited, body)
     if simulation is not None:
         seed = options.stream("bounds")
-        (bounds, known_u, known_x), tested = side_by_side(
+        (reading, known_u, known_x), tested = side_by_side(
             lambda: simulated_bounds(model, simulation, play, seed),
             lambda: fresh_residuals(model, simulation),
         )
-        model = replace(model, bounds=bounds, model_bounds=bounds)
+        position = reading
     else:  # by blocks of the log's rows that were held out
         tested = held_out_residuals(model, samples, part, left, options)
         known_u, known_x = scale.to_unit(tested.q), tested.x
         reading, position = node_bounds(model, known_u, tested.errors[model.default_readout])
-        model = replace(model, bounds=reading, model_bounds=position)
+    model = replace(model, bounds=reading, model_bounds=position)
     some = slice(None, None, max(1, len(samples) // _TESTED))
     miss = np.linalg.norm(model.predictor.value(u[some]) - samples.x[some], axis=1)
     baseline = learn_baseline(association, known_u, known_x, miss)
@@ -173,24 +170,25 @@ def _learned(samples: Samples, options: TrainingOptions, progress: Progress) -> 
 def _about(samples: Samples, options: TrainingOptions, taught: bool) -> About:
     """What is known before anything is learned; errors and notes are added later."""
     arm, simulation, source = samples.arm, samples.simulation, samples.source
-    plane = samples.plane or getattr(arm, "plane", None)
-    same = ("joint_names", "revolute", "lower", "upper", "unit", "columns", "degrees")
-    told: dict[str, Any] = {name: getattr(samples, name) for name in same}
-    if arm is not None:
-        told |= {"robot": arm.name, "tip": arm.tip, "locked": dict(arm.locked), "urdf": arm.urdf}
+    plane, how = samples.plane or getattr(arm, "plane", None), options.to_json()
     if source.get("source") == "board":  # later pictures are read with its board and lens
-        told["options"] = {**options.to_json(), "board": dict(source)}
+        how["board"] = dict(source)
+    same = ("joint_names", "revolute", "lower", "upper", "unit", "columns", "degrees")
+    axes = ("origin", "x", "y")
     return About(
-        **{"robot": "", "tip": "", "locked": {}, "urdf": "", "options": options.to_json()} | told,
-        plane=None
-        if plane is None
-        else {k: tuple(getattr(plane, k).tolist()) for k in ("origin", "x", "y")},
+        robot=arm.name if arm else "",
+        tip=arm.tip if arm else "",
+        locked=dict(arm.locked) if arm else {},
+        urdf=arm.urdf if arm else "",
+        plane=plane and {name: tuple(getattr(plane, name).tolist()) for name in axes},
         bound_of="true position" if simulation is not None else "sensor reading",
         source="simulation" if simulation is not None else "log",
         taught=taught,
         samples=len(samples),
         seed=int(options.seed),
+        options=how,
         simulation=simulation.to_json() if simulation is not None else None,
         picture=samples.camera.size if samples.camera is not None else None,
         frame=str(source.get("frame", "")),
+        **{name: getattr(samples, name) for name in same},
     )

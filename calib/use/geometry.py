@@ -22,6 +22,7 @@ from ..body.belief import Body
 from ..body.fit import Fit
 from ..body.normal import Factor, with_prior
 from ..body.parameters import Indices, Prior
+from ..body.rows import Rows
 from ..body.settings import FREE, SHIFT, STUDENT, UNTOLD
 from ..body.spatial import SpatialStructure, structure_of
 from ..body.spatial_start import frame
@@ -87,24 +88,6 @@ class Geometry:
         """Joints whose origins are fitted, mimic joints included, as the URDF names them."""
         path = parse_urdf(self.arm.urdf).path(self.arm.tip)
         return tuple(j.name for j in path if j.movable and j.name not in self.arm.locked)
-
-    def moved(self, joint: str) -> tuple[Array, Array, float]:
-        """How far a joint's origin is from where the URDF has it, with all joints at zero.
-
-        As a shift (3,) [m] and a rotation vector (3,) [rad] in the root link's axes, and what the
-        joint's own motion is [rad or m]: its offset. Zeros of a joint that is not fitted.
-        """
-        if joint not in self.places:
-            return np.zeros(3), np.zeros(3), 0.0
-        k, structure = self.places.index(joint), self.structure
-        value = structure.chain.coupling[k] @ self.beta[structure.groups["offset"]]
-        return self.beta[structure.shifts[k]], self.beta[structure.turns[k]], float(value)
-
-    def tip(self) -> tuple[Array, Array]:
-        """What is written of the tip: a shift (3,) [m] in the root's axes, a turn in its own."""
-        groups, written = self.structure.groups, float(self.move_tip)
-        shift = self.structure.chain.rotation @ self.beta[groups["tool"]]
-        return written * shift, written * self.beta[groups["tool.rotation"]]
 
     @property
     def ends(self) -> tuple[Array, Array]:
@@ -335,7 +318,7 @@ def fit_in_plane(
     """
     structure = structure_of(arm, unit=unit, extent=_rms(x - x.mean(axis=0)), kind=InPlane)
     groups, start, scaled = structure.groups, structure.neutral(), free and unit != "m"
-    points, seen = arm.chain.positions(q), np.c_[x, np.zeros(len(x))]
+    points, seen = arm.chain.poses(q)[0], np.c_[x, np.zeros(len(x))]
     turn, shift, scale = arm.plane.basis, -arm.plane.basis @ arm.plane.origin, 1.0
     if free:  # before a sensor that sees the plane from behind it is turned half round
         turn, shift, scale = similarity(points, seen)
@@ -397,7 +380,7 @@ def _fitted(
 ) -> Fit:
     """The most probable parameters from `beta` on; `error` is the least noise [unit]."""
     floor = np.maximum(_FLOOR * structure.extents, error)
-    fit = Fit(structure, q, x, beta, prior, nu=STUDENT, floor=floor)
+    fit = Fit(structure, [Rows(q, x, floor=floor)], beta, prior, nu=STUDENT)
     return fit.maximise(steps=15, tolerance=1e-3)
 
 
@@ -405,7 +388,7 @@ def _geometry(
     arm: Arm, fit: Fit, nominal: Array, free: bool, move_tip: bool, reach: float, metre: float
 ) -> Geometry:
     """What a fit found, beside the nominal arm's parameters; `metre` are units of a metre."""
-    misfit = fit.structure.residual(fit.z, fit.structure.predict(fit.q, nominal))
+    misfit = fit.parts[0].residual_at(nominal)
     sizes = (_rms(fit.residual) / metre, _rms(misfit) / metre, reach)
     structure: Any = fit.structure
     return Geometry(arm, structure, fit.beta, _deviations(fit), free, move_tip, *sizes)
@@ -424,7 +407,10 @@ def _deviations(fit: Fit) -> Array:
     both = np.union1d(active, np.flatnonzero(usual))
     own = np.isin(both, active)
     root = (np.sqrt(fit.weight) / fit.noise).ravel()
-    x = structure.linearise(fit.q, fit.beta, both)[1].reshape(len(root), -1) * root[:, None]
+    x = (
+        structure.linearise(fit.parts[0].q, fit.beta, both)[1].reshape(len(root), -1)
+        * root[:, None]
+    )
     gram = x.T @ x
     free = fit.told * gram
     free[np.ix_(own, own)] = with_prior(free[np.ix_(own, own)], fit.sd, fit.known)

@@ -12,9 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..arm.arm import Arm
-from ..arm.ranges import Range, checked_range
-from ..arm.urdf import parse_urdf
+from ..arm.arm import Arm, checked_range
+from ..arm.urdf import Range, parse_urdf
 from ..body.views import is_camera
 from ..common.arrays import Array
 from ..common.rows import each_joint, number_rows

@@ -15,7 +15,7 @@ from ..options import Text, option
 from ..output import NO, Outcome, TextTable, as_typed, fields, number, progress_bar, say
 from ..parsing import check_file
 from ..photo import photo_of_log
-from ..samples import Reading, log_for
+from ..samples import Compared, log_for
 from ..units import units_of
 
 
@@ -28,7 +28,7 @@ def adapt(
         MethodWord, Option(help="few-shot: the body, from a few rows; online: the paper's rule.")
     ] = "few-shot",
     cause: opt.WhatChanged = None,
-    reading: Reading,
+    reading: Compared,
 ) -> Outcome:
     """Re-calibrate a model from a few new samples. Exit code 3 if it does not improve."""
     import calib

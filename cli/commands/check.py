@@ -10,7 +10,7 @@ from .. import options as opt
 from ..camera import log_of_pictures
 from ..options import option
 from ..output import NO, Outcome, TextTable, number, say
-from ..samples import Reading, log_for
+from ..samples import Compared, log_for
 from ..units import units_of
 
 if TYPE_CHECKING:
@@ -33,7 +33,7 @@ def check(
     data: opt.NewLog,
     cause: opt.WhatChanged = None,
     tolerance: Annotated[float | None, option("--tolerance S", "Exit 3 if unseen [m].")] = None,
-    reading: Reading,
+    reading: Compared,
     joints_file: opt.JointsFile = None,
     camera: opt.DatasetCamera = None,
 ) -> Outcome:
@@ -81,7 +81,7 @@ def check(
         lines = ["TOO COARSE: these rows could not have shown a change of the tolerated size"]
         lines += ["what to do: give more rows, or rows of less noise", limit]
     else:
-        lines = ["still calibrated", limit]
+        lines = ["still calibrated", *drift.explanations, limit]
     for each in bumped:
         told = (*each["explanations"], "its cause is unknown")[0]
         lines.append(f"episode {each['episode']}: DRIFTED: {told}")
@@ -91,14 +91,14 @@ def check(
 
 def _series(path: str, log: Samples) -> list[int]:
     """The series that each row is of, where the log's file has a column `episode`."""
-    from calib.samples.tables import open_source, read_columns
+    from calib.samples.tables import open_source
 
     if path == "-" or log.rows is None:
         return []
     source = open_source(path)
     if "episode" not in source.header:
         return []
-    return [int(k) for k in read_columns(source, ["episode"])[log.rows - 1, 0]]
+    return [int(k) for k in source.numbers(["episode"])[0][log.rows - 1, 0]]
 
 
 def _episode(
@@ -138,5 +138,4 @@ def _details(drift: Drift, factor: float, name: str) -> list[str | TextTable]:
     return [
         TextTable(header, tests, foot=found),
         TextTable(["on the maps", "unit", "found", "usual"], signals, left=2, foot=zeta),
-        *drift.explanations,
     ]

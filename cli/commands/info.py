@@ -11,7 +11,7 @@ from calib.model.facts import facts
 
 from .. import options as opt
 from ..output import Outcome, TextTable, as_typed, fact_lines, fields, say, sized
-from ..samples import Reading, Sockets, log_of
+from ..samples import Compared, Sockets, log_of
 from ..summary import accuracy, advice, answers_back, does_not_hold, error_table, summary
 
 if TYPE_CHECKING:
@@ -77,7 +77,7 @@ def evaluate(
     model: opt.ModelFile,
     *,
     data: opt.Data = None,
-    reading: Reading,
+    reading: Compared,
     sockets: Sockets,
     frame: Annotated[Kept, opt.flag("--frame", "free: the sensor's frame is found anew.")] = "kept",
 ) -> Outcome:

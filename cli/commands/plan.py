@@ -12,7 +12,7 @@ from .. import options as opt
 from ..options import flag, option
 from ..output import Outcome, fields, say
 from ..parsing import TABLES, BadOption, check_file, not_negative, reals
-from ..samples import Logged, Reading, Selection, log_for, measured_samples, refuse
+from ..samples import Compared, Logged, Selection, log_for, measured_samples, refuse
 from ..units import JointFormat, in_si
 
 if TYPE_CHECKING:
@@ -62,7 +62,7 @@ def plan(
         known = calib.load(robot)
         facts: Any = known.about
         if data is not None:
-            reading = Reading(columns=columns, degrees=degrees or None)
+            reading = Compared(columns=columns, degrees=degrees or None)
             measured = log_for(known, data, reading)
         # an arm was loaded with its ranges, which it may need where it states no limits
         turning = dict(zip(facts.joint_names, facts.revolute, strict=True))

@@ -10,14 +10,14 @@ from calib.common.wording import for_people
 
 from .. import options as opt
 from ..output import NO, Outcome, TextTable, number
-from ..samples import Reading, log_for
+from ..samples import Compared, log_for
 
 
 def recognise(
     models: Annotated[list[str], Argument(metavar="MODEL..", help="One a state of the arm.")],
     *,
     data: opt.NewLog,
-    reading: Reading,
+    reading: Compared,
 ) -> Outcome:
     """Tell which of some models the arm is in. Exit code 3 if it is in none."""
     import calib

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from calib.body.curves import curve_slope, curve_value, powers
+from calib.body.curves import curve_slope, curve_value, waves_of
 from calib.body.planar import PlanarStructure
 
 
@@ -98,7 +98,8 @@ def test_curves_repeat_every_turn_and_agree_with_their_series(x, seed):
     direct = c[:48] @ np.cos(orders * x) + c[48:] @ np.sin(orders * x)
     assert curve_value(np.array([x]), c)[0] == pytest.approx(direct, abs=1e-14)
     assert curve_value(np.array([x + 2 * np.pi]), c)[0] == pytest.approx(direct, abs=1e-13)
-    assert np.allclose(powers(np.array([x]))[0], np.exp(1j * orders * x), atol=1e-12)
+    waves = np.concatenate([np.cos(orders * x), np.sin(orders * x)])
+    assert np.allclose(waves_of(np.array([x]))[:, 0], waves, atol=1e-12)
     h = 1e-6
     slope = (curve_value(np.array([x + h]), c) - curve_value(np.array([x - h]), c)) / (2 * h)
     assert np.allclose(curve_slope(np.array([x]), c), slope, atol=1e-7)

@@ -7,7 +7,7 @@ import pytest
 import calib
 from calib.errors import OptionError
 from calib.samples.logs import read_log
-from calib.samples.tables import open_source, read_columns
+from calib.samples.tables import open_source
 
 N = 3000
 JOINTS = ["shoulder", "elbow"]
@@ -51,7 +51,7 @@ def files(tmp_path, rows):
 def test_text_that_programs_write(tmp_path, text, values):
     path = tmp_path / "log.csv"
     path.write_bytes(text.encode())
-    np.testing.assert_array_equal(read_columns(open_source(path), ["a", "b"]), values)
+    np.testing.assert_array_equal(open_source(path).numbers(["a", "b"])[0], values)
 
 
 # Long logs

@@ -50,7 +50,9 @@ def test_an_arm_moves_along_its_path_at_its_true_place(robot: str):
     # lines are drawn a little in front of what they lie on
     assert np.ptp(path - tip, axis=0).max() < 2e-3
     nodes = objects(data)["Sensory map/nodes"]["points"]
-    np.testing.assert_allclose(nodes, arm.plane.lift(model.sensory.weights), atol=1e-6)
+    np.testing.assert_allclose(
+        nodes, arm.plane.origin + model.sensory.weights @ arm.plane.basis[:2], atol=1e-6
+    )
     assert np.linalg.matrix_rank(data["panel"]["edges"]) == arm.dof
 
 

@@ -119,7 +119,7 @@ def test_touches_are_drawn_by_socket_as_drawn_and_as_learned():
     assert np.nanmean(learned) < 0.5 * np.nanmean(drawn)
 
 
-def test_results_tell_themselves_in_a_line_and_models_in_a_small_table():
+def test_results_tell_themselves_in_a_line():
     model = trained("two_link", n=400, size=8)
     evaluation = calib.evaluate(model)
     log = calib.babble(calib.load_arm("two_link"), 200)
@@ -128,9 +128,6 @@ def test_results_tell_themselves_in_a_line_and_models_in_a_small_table():
         assert len(repr(shown)) < 200, repr(shown)
     assert "local" in repr(evaluation)
     assert repr(sweep).startswith("Sweep of 2 trainings")
-    table = replace(model, about=replace(model.about, robot="<b>"))._repr_html_()
-    assert "&lt;b&gt;" in table
-    assert len(table) < 3000
 
 
 def test_u_matrix_of_a_map_made_by_hand():
