@@ -90,24 +90,10 @@ def read_joints(
         cells = np.array(source.read(["picture"])["picture"].to_list(), object)[good]
         named = (str(cell or "").strip().replace("\\", "/") for cell in cells)
         pictures = tuple(name.rpartition("/")[2] for name in named)
-<<<<<<< HEAD
     about = {name: column[good] for name, column in about.items()}
     episodes = about["episode"].astype(np.intp) if "episode" in about else None
-    dropped = int((~good).sum())
-    return JointTable(
-        source.label, tuple(names), q, about.get("time"), pictures, dropped, episodes
-    )
-=======
-    return JointTable(
-        source.label, tuple(names), q, None if time is None else time[good], pictures,
-        int((~good).sum()),
-        None if series is None else source.numbers([series])[0][good, 0].astype(np.intp),
-    )  # fmt: skip
-
-
-def _named(source: Source, kinds: Sequence[str]) -> str | None:
-    return next((name for name in source.header if name.lower() in kinds), None)
->>>>>>> main
+    dropped, time = int((~good).sum()), about.get("time")
+    return JointTable(source.label, tuple(names), q, time, pictures, dropped, episodes)
 
 
 def read_shots(
