@@ -14,7 +14,7 @@ import numpy as np
 from ..arm.arm import Arm, SpatialArm
 from ..arm.rotations import exponential, logarithm, nearest_rotation
 from ..body.belief import Body
-from ..body.corners import Held, fit_corners, held_of
+from ..body.corners import fit_corners, held_of
 from ..body.sensor import SensorPose
 from ..body.spatial import SpatialStructure, structure_of
 from ..common.arrays import Array, Index, Mask
@@ -163,7 +163,7 @@ def _solved(arm: SpatialArm, shots: BoardPictures, in_hand: bool, known: Lens | 
     )  # fmt: skip
 
 
-def _placed(place: SensorPose | Held, kappa: float) -> dict[str, Any]:
+def _placed(place: SensorPose, kappa: float) -> dict[str, Any]:
     """A place and its 95 % intervals."""
     half = _Z95 * kappa
     return {
