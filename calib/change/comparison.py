@@ -6,6 +6,7 @@ is first asked for.  Maps alone, without a body, are compared with their bound.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -13,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from ..body.belief import Body, knows_orientation
+from ..body.covariance import autocorrelation_time
 from ..common.arrays import Array, Mask
 from ..errors import LogError, ModelError
 from ..model.model import Model
@@ -25,8 +27,8 @@ from .explain import Explanation, explain, is_changed
 from .frame import Reference, carried_offset, reference_of
 from .hypotheses import as_built
 from .orientation import TurnedTool, turned_tool
-from .score import GroupTest, Tested, bound_test, group_tests
-from .settings import FEW_WRONG, OUTLIER, UNEXPLAINED
+from .score import GroupTest, Tested, alike, group_tests
+from .settings import BEYOND, FEW_WRONG, OUTLIER, UNEXPLAINED
 
 _LEAST_ROWS = 10  # fewest different rows that a judgement or a correction can rest on
 _MISREAD = ("exchanged", "turns")
@@ -144,16 +146,31 @@ class Comparison:
 
     @cached_property
     def bound_test(self) -> tuple[float, GroupTest]:
-        """Share of the rows beyond what the model told, and whether these are too many."""
-        k, slope, noisy = np.flatnonzero(self.kept), None, self.tested.noisy
-        shared = np.full(len(k), self.shared**2)
+        """Share of the rows beyond the 95 % bound, and the chance of so many by noise."""
+        from scipy.special import bdtrc, chdtri
+
+        k, tested, shared = np.flatnonzero(self.kept), self.tested, np.asarray(self.shared**2)
+        away, told = (self.x - self.predicted)[k], self._told[k]
+        square, m = (away**2).sum(axis=1), away.shape[1]
+        radius = float(chdtri(m, 0.05))  # squared, of 95 % of a Gaussian, in units of a deviation
         if self.shared and self.model.body is not None:  # model's frame and the log's own
             columns = shared_columns(self.reference, self.log, self.log.z)
-            shared = (columns**2).sum(axis=(1, 2)) / columns.shape[1]
-        if noisy is not None:
-            slope = self.body.structure.slope(self.q[k], self.body.beta)[..., noisy[0]]
-        away = (self.x - self.predicted)[k]
-        return bound_test(self.tested, k, self.u[k], away, self._told[k], shared, slope)
+            shared = (columns**2).sum(axis=(1, 2)) / m
+        # half of the rows of a noisier sensor are nearer than its median
+        noise = max(tested.noise**2, float(np.median(square)) / float(chdtri(m, 0.5)))
+        noise = max(noise - tested.usual**2, 0.0)
+        if noise and alike(k, self.u[k], away) * radius > float(np.median(told)) ** 2:
+            noise = 0.0
+        if tested.noisy is not None:
+            slope = self.body.structure.slope(self.q[k], self.body.beta)[..., tested.noisy[0]]
+            noise = noise + tested.noisy[1] ** 2 * (slope**2).sum(axis=1)
+        over = square > told**2 + radius * (shared + noise)
+        # rows that err together count once
+        time = autocorrelation_time(over[:, None].astype(float)) if over.any() else 1.0
+        count, n = int(over.sum() / time), math.ceil(len(over) / time)
+        p = float(bdtrc(count - 1, n, BEYOND)) if count else 1.0
+        beyond = float(np.mean(square > told**2 + radius * shared))
+        return beyond, GroupTest("bound", p, -2.0 * math.log(max(p, 1e-300)))
 
     # What explains them.
 

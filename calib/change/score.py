@@ -20,7 +20,7 @@ from ..common.arrays import Array
 from .equations import Equations, Log, Noisy, own_columns
 from .frame import Reference
 from .hypotheses import FRAME, TESTED, freedom, indices_of
-from .settings import BEYOND, CREPT, FALSE_ALARM, JOINT_NOISES, NOISIER, POWER
+from .settings import CREPT, FALSE_ALARM, JOINT_NOISES, NOISIER, POWER
 
 _ROWS = 300  # their power grows with the rows, their work with the rows too
 _FINER = (0.5, 0.7, 1.0, 1.4, 2.0)  # times the noise of an encoder, once one is found
@@ -198,38 +198,7 @@ def group_tests(reference: Reference, log: Log, probes: Array) -> Tested:
     return Tested(tuple(found), now, float(reference.body.noise[0]), noisy, noisier)
 
 
-def bound_test(
-    tested: Tested, rows: Indices, u: Array, residual: Array, bound: Array, shared: Array,
-    slope: Array | None,
-) -> tuple[float, GroupTest]:  # fmt: skip
-    """Share of the rows beyond the 95 % bound, and how surely these are too many to be noise.
-
-    rows, u : (n,) and (n, dof), their numbers in the log and their joints in the unit box
-    residual, bound : (n, m) and (n,) [unit], infinite where the model tells none
-    shared : (n,), variance of an axis by what all rows share
-    slope : (n, m), motion of the tip by a joint whose encoder is noisy
-    """
-    from scipy.special import bdtrc, chdtri
-
-    square, m = (residual**2).sum(axis=1), residual.shape[1]
-    radius = float(chdtri(m, 0.05))  # squared, of 95 % of a Gaussian, in units of a deviation
-    # half of the rows of a noisier sensor are nearer than its median
-    noise = max(tested.noise**2, float(np.median(square)) / float(chdtri(m, 0.5)))
-    noise = max(noise - tested.usual**2, 0.0)
-    if noise and _alike(rows, u, residual) * radius > float(np.median(bound)) ** 2:
-        noise = 0.0
-    if tested.noisy is not None and slope is not None:
-        noise = noise + tested.noisy[1] ** 2 * (slope**2).sum(axis=1)
-    over = square > bound**2 + radius * (shared + noise)
-    # rows that err together count once
-    time = autocorrelation_time(over[:, None].astype(float)) if over.any() else 1.0
-    count, n = int(over.sum() / time), math.ceil(len(over) / time)
-    p = float(bdtrc(count - 1, n, BEYOND)) if count else 1.0
-    beyond = float(np.mean(square > bound**2 + radius * shared))
-    return beyond, GroupTest("bound", p, -2.0 * math.log(max(p, 1e-300)))
-
-
-def _alike(rows: Indices, u: Array, residual: Array) -> float:
+def alike(rows: Indices, u: Array, residual: Array) -> float:
     """Variance of an axis by which rows of like joints err alike, 0 where that may be chance."""
     from scipy.spatial import cKDTree
     from scipy.special import ndtri
