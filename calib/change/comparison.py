@@ -90,8 +90,8 @@ class Comparison:
     @property
     def notes(self) -> tuple[str, ...]:
         """What the user should be told of the rows."""
-        rows = "1 row contradicts" if self.strays == 1 else f"{self.strays} rows contradict"
-        return (*self.told, *[f"{rows} all others: left out"] * bool(self.strays))
+        stray = f"rows that contradict all others are left out: {self.strays}"
+        return (*self.told, *[stray] * bool(self.strays))
 
     # The belief in their frame, and what is tested.
 
@@ -131,8 +131,8 @@ class Comparison:
     def tested(self) -> Tested:
         """Tests of single groups against the belief as the model holds it; maps have none."""
         if self.model.body is None:
-            baseline = self.model.baseline
-            return Tested((), *2 * (baseline.noise if baseline else 0.0,))
+            noise = self.model.baseline.noise if self.model.baseline else 0.0
+            return Tested((), noise, noise)
         held = self.reference if self.reference.new else Reference(self.body, self.body.beta)
         return group_tests(held, self.log, self.probes)
 
@@ -221,10 +221,9 @@ class Comparison:
     @cached_property
     def tool(self) -> TurnedTool:
         """How the tool is turned beside the best explanation of the positions."""
-        if not self.changed:
-            return self.tool_beside(self.body.structure, self.body.beta)
-        beta = self.explanations[0].beta
-        return self.tool_beside(self.reference.structure, beta, framed=True)
+        beta = self.explanations[0].beta if self.changed else self.body.beta
+        structure = self.reference.structure if self.changed else self.body.structure
+        return self.tool_beside(structure, beta, framed=self.changed)
 
     def tool_beside(self, structure: Any, beta: Array, *, framed: bool = False) -> TurnedTool:
         """How it is turned beside what parameters (d,) predict."""
@@ -258,12 +257,11 @@ def compare(model: Model, log: Samples, cause: str | None = None) -> Comparison:
     if log.touch is not None:  # which no sensor saw
         cause = cause or "joints"
         log, notes = as_positions(model, log)
-    given, before = log.left_out + len(log), log.left_out
+    given, before, unit, shared = log.left_out + len(log), log.left_out, log.unit, log.shared
     _refuse_degrees(model, log)
-    unit, shared = log.unit, log.shared
     log, told = sound_log(model, log)
-    names, first = model.about.joint_names, np.hstack([log.q, log.x])
-    rows = np.sort(np.unique(first, axis=0, return_index=True)[1])
+    names = model.about.joint_names
+    rows = np.sort(np.unique(np.hstack([log.q, log.x]), axis=0, return_index=True)[1])
     repeated = len(log) - len(rows)
     known = np.isfinite(model.expected_error(log.q[rows]))
     if known.sum() < _LEAST_ROWS:
