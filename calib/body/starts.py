@@ -51,25 +51,21 @@ class Start:
     noise: float = 0.0  # share of the extents that the residuals have
 
 
-def best_starts(
-    structure: Structure, q: Array, z: Array, free: tuple[str, ...]
-) -> tuple[Start, ...]:
+def best_starts(structure: Structure, rows: Rows, free: tuple[str, ...]) -> list[Start]:
     """The best start, and a rival that explains the rows nearly as well by another arm.
 
     Rows along a path can be explained by two arms, of which joint curves may prefer the wrong
     one; the gate then decides with the curves.
 
-    q, z : (n, dof) and (n, m)
     free : groups that the runs fit; the gate's chain
     """
-    rng = np.random.default_rng(0)
-    ask = q.min(axis=0) + rng.random((100, q.shape[1])) * np.ptp(q, axis=0)
-    if len(q) > _ROWS:
-        some = np.sort(np.random.default_rng(0).permutation(len(q))[:_ROWS])
-        q, z = q[some], z[some]
+    q, lower, rng = rows.q, rows.q.min(axis=0), np.random.default_rng(0)
+    some = np.sort(np.random.default_rng(0).permutation(len(q))[:_ROWS])
+    ask = lower + rng.random((100, q.shape[1])) * (q.max(axis=0) - lower)
+    q, z = q[some], rows.z[some]
     runs = [Start(*found) for found in candidates(structure, q, z)]
     if len(runs) == 1:  # nothing to choose from: the gate goes on from here
-        return tuple(runs)
+        return runs
     for steps in (6, 40):
         for k, run in enumerate(runs):
             prior = run.structure.prior(free)
@@ -84,8 +80,8 @@ def best_starts(
         apart = best.structure.residual(there, run.structure.predict(ask, run.beta))
         other = np.abs(apart / best.structure.extents).max() > max(APART, 20 * best.noise)
         if other and run.noise <= RIVAL_START * best.noise and np.isfinite(run.cost):
-            return best, run
-    return (best,)
+            return [best, run]
+    return [best]
 
 
 def candidates(structure: Structure, q: Array, z: Array) -> Sequence[tuple[Structure, Array]]:
@@ -104,8 +100,7 @@ def candidates(structure: Structure, q: Array, z: Array) -> Sequence[tuple[Struc
     if not structure.informed:
         some = thinned(len(q), _ROWS_ALONE)
         return _random_chains(structure, q[some], z[some])
-    some = thinned(len(q), _ROWS)
-    beta, view = frame(structure, q[some], z[some]), structure.view
+    beta, view = frame(structure, q, z), structure.view
     if view == "base pose" and np.linalg.norm(beta[structure.groups["tool.rotation"]]) > TARGET:
         view = "base target"
     return [(replace(structure, view=view), beta)]
