@@ -173,7 +173,7 @@ def _guesses(structure: SpatialStructure, q: Array, z: Array, arm: Array) -> lis
         return _cameras(structure, points, z, beta)
     tools = _TOOL * structure.chain.reach * np.vstack([np.zeros(3), np.eye(3), -np.eye(3)])
     turns = [(tool, *similarity(points + rotations @ tool, z[:, :3])) for tool in tools]
-    if structure.outputs == 6:  # relative rotations alone tell it, but of a tool that does not turn
+    if structure.outputs == 6:  # without it 2 of 48 mountings of long tools were not found
         turns.append((tools[0], _turn_of_poses(rotations, exponential(z[:, 3:])), tools[0], 1.0))
     if structure.based:
         turns = [(tools[0], np.eye(3), tools[0], 1.0)]
@@ -252,11 +252,9 @@ def _absorbed(structure: SpatialStructure, beta: Array) -> SpatialStructure:
     """Return the structure whose nominal chain is where `beta` puts origins and tip."""
     still = structure.move(np.zeros((structure.chain.joints, 1)), beta)
     axes = still.axes[..., 0] / np.linalg.norm(still.axes[..., 0], axis=1, keepdims=True)
-    tip, rotation = still.position[..., 0], still.rotation[..., 0]
-    chain = replace(
-        structure.chain, axes=axes, points=still.origins[..., 0], tip=tip, rotation=rotation
-    )
-    return replace(structure, chain=chain)
+    found = {"points": still.origins, "tip": still.position, "rotation": still.rotation}
+    places = {name: value[..., 0] for name, value in found.items()}
+    return replace(structure, chain=replace(structure.chain, axes=axes, **places))
 
 
 def _drawn(structure: SpatialStructure, z: Array, rng: np.random.Generator) -> SpatialStructure:
@@ -267,7 +265,7 @@ def _drawn(structure: SpatialStructure, z: Array, rng: np.random.Generator) -> S
     link = structure.extent / structure.metre / np.sqrt(dof)
     steps = rng.normal(0.0, link / np.sqrt(3), size=(dof, 3))
     middle = z[:, :3].mean(axis=0) / structure.metre
-    points = middle + np.cumsum(np.vstack([np.zeros(3), steps[1:]]), axis=0)
-    points = points - points.mean(axis=0) + middle
+    points = np.cumsum(steps, axis=0)
+    points += middle - points.mean(axis=0)
     tip = points[-1] + rng.normal(0.0, link / np.sqrt(3), size=3)
     return replace(structure, chain=replace(chain, axes=axes, points=points, tip=tip))
