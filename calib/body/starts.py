@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -253,7 +254,7 @@ def _absorbed(structure: SpatialStructure, beta: Array) -> SpatialStructure:
     still = structure.move(np.zeros((structure.chain.joints, 1)), beta)
     axes = still.axes[..., 0] / np.linalg.norm(still.axes[..., 0], axis=1, keepdims=True)
     found = {"points": still.origins, "tip": still.position, "rotation": still.rotation}
-    places = {name: value[..., 0] for name, value in found.items()}
+    places: dict[str, Any] = {name: value[..., 0] for name, value in found.items()}
     return replace(structure, chain=replace(structure.chain, axes=axes, **places))
 
 
