@@ -196,8 +196,8 @@ def write_log(samples: Samples, path: str | os.PathLike[str]) -> None:
     >>> bool((calib.read_log("log.csv", arm).q == samples.q).all())
     True
     """
-    about = samples.orientation, samples.covariance
-    write_table(path, log_columns(samples.joint_names, samples.q, samples.x, *about))
+    about = {**samples.source, "unit": samples.unit} if samples.source else None
+    write_table(path, log_columns(samples), about=about)
 
 
 def _sound(
