@@ -21,8 +21,9 @@ from scipy.optimize import least_squares
 
 import calib
 from calib.body.fit import Fit
+from calib.body.rows import together
 from calib.body.spatial import structure_of
-from calib.body.touch import Touch
+from calib.body.touch import touching
 from calib.samples.samples import Samples
 from calib.training.touched import fit_sockets
 
@@ -35,12 +36,9 @@ POSTURES = (5, 8, 12, 20, 30)
 def tool_alone(arm: calib.PlanarArm, log: Samples) -> np.ndarray:
     """Parameters of the drawing, of which the tool alone was fitted to the touches."""
     base, number = structure_of(arm, "base"), log.touch.renumbered()[0]
-    touch = Touch(base.measurement, int(number.max()) + 1)
-    seen = base.with_view("touch", reading=touch)
-    rows = touch.rows(log.q, number, log.x)
-    prior = seen.prior(("tool", "point"))
-    none, begin = np.zeros((len(rows), 3)), touch.start(seen, rows)
-    fit = Fit(seen, rows, none, begin, prior, nu=6.0, floor=np.full(3, 1e-4)).maximise(steps=20)
+    rows = [replace(touching(base, log.q, number, (), log.x)[0], floor=1e-4)]
+    seen = together(base, rows)
+    fit = Fit(seen, rows, seen.neutral(), seen.prior(("tool", "point")), nu=6.0).maximise(steps=20)
     out = base.neutral()
     out[base.groups["tool"]] = fit.beta[seen.groups["tool"]]
     return out

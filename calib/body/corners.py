@@ -22,7 +22,8 @@ from ..arm.spatial_chain import Motion
 from ..common.arrays import Array
 from .belief import Body
 from .fitting import BodyFit, fit
-from .parameters import Block, Indices
+from .parameters import Indices
+from .rows import Rows, together
 from .settings import FINER
 from .spatial import SpatialStructure
 from .spatial_start import frame
@@ -36,18 +37,10 @@ class Corners(Measurement):
 
     pose: InSpace  # of what is in the hand, seen from what stands still; with the camera's lens
     in_hand: bool  # whether the camera is in the hand
-    begin: Array  # (d,), parameters to begin a fit with
 
+    outputs = 2
     curves = False  # of 20 pictures they explained a board that had been moved by 5 cm
     within = FINER
-
-    def parameters(self) -> tuple[Block, ...]:
-        """Where what stands still is, and the lens."""
-        return self.pose.parameters()
-
-    def ready(self, own: Mapping[str, Array]) -> Mapping[str, Any]:
-        """What its pose asks for."""
-        return self.pose.ready(own)
 
     def look(self, own: Mapping[str, Any], motion: Motion, also: Array) -> _Corner:
         """See a corner in each row."""
@@ -69,10 +62,6 @@ class Corners(Measurement):
         slope = np.asarray(camera.slope).transpose(2, 0, 1)
         return _Corner(camera.values, seen, camera, (slope @ by).transpose(1, 2, 0))
 
-    def start(self, structure: Any, q: Array) -> Array:  # noqa: ARG002
-        """What was found from poses."""
-        return self.begin
-
 
 @dataclass(frozen=True)
 class _Corner:
@@ -90,8 +79,7 @@ class _Corner:
     def columns(self) -> Columns:
         """The derivative by each of the sensor's own blocks."""
         for name, own in self.pose.columns():
-            if name != "view.scale":
-                yield name, lambda own=own: self._seen(own())  # type: ignore[misc]
+            yield name, lambda own=own: self._seen(own())  # type: ignore[misc]
         yield "lens", self.camera.refocused
 
     def _seen(self, moved: Array) -> Array:
@@ -121,10 +109,10 @@ def fit_corners(
     begin[structure.groups["lens"]] = structure.lens
     pose = structure.measurement
     assert isinstance(pose, InSpace)  # noqa: S101 - a view of poses
-    reading = Corners(pose, in_hand, begin)
     extent = float(np.sqrt(((seen - seen.mean(axis=0)) ** 2).sum(axis=1).mean()))
-    camera = structure.with_view("board", unit="px", extent=extent, reading=reading)
-    found = fit(camera, np.column_stack([q[rows], corners]), seen)
+    told = [Rows(np.column_stack([q[rows], corners]), seen, Corners(pose, in_hand))]
+    camera = together(replace(structure, unit="px", extent=extent, reading=pose), told)
+    found = fit(camera, told, begin=begin)
     # as poses: noise of a pixel at the boards' distance stands for that of a position
     off = found.body.noise[0] / found.body.beta[camera.groups["lens"]][0]
     noise = np.repeat([off * float(np.median(np.abs(poses[:, 2]))), off], 3)

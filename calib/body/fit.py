@@ -2,34 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Sequence
 from contextlib import suppress
-from itertools import pairwise
+from dataclasses import replace
 
 import numpy as np
 
 from ..common.arrays import Array
 from .covariance import autocorrelation_time
-from .normal import Factor, negative_log_likelihood, noise_of, student_weights, with_prior
+from .normal import Factor, with_prior
 from .parameters import Prior
+from .rows import Part, Rows
 from .structure import Structure
 
 BLOCKS = 10
 """Contiguous blocks of rows whose information is kept apart."""
 
-_AT_ONCE = 3000  # rows whose derivatives are held together
-
 
 class Fit:
-    """Some parameters of a structure fitted to n rows of m outputs: the search, and what it found.
+    """Some parameters of a structure fitted to rows of one sensor or several.
 
-    q : (n, dof), joint values [rad or m]
-    z : (n, m), what the sensor saw
+    structure : of several sensors that which `rows.together` gives
+    rows : what each sensor saw; what is said of a fit's residuals and noise is of the first
     beta : (d,), start
     prior : parameters with a zero sd stay at the prior's mean
     nu : degrees of freedom of the Student noise; infinite for Gaussian
-    floor : (m,), least noise [unit]
-    noise : (m,), noise to start from
 
     Attributes
     ----------
@@ -37,15 +34,10 @@ class Fit:
         All parameters, and the indices of those that are fitted.
     sd, known : (k,) and (k, k) or None
         Prior sds, with the scales that the evidence chose; or the prior's precision instead.
-    noise : (m,)
-        Noise sd of each output.
-    residual, weight : (n, m)
-        Residuals, and their weights under Student noise.
-    edges : (b + 1,)
-        Limits of contiguous blocks of rows.
+    parts : list of Part
+        Residuals, weights and noise of each sensor.
     """
 
-    weight: Array
     # of a search that has ended: what each block of rows adds to information and gradient
     grams: Array  # (b, k, k)
     moments: Array  # (b, k)
@@ -55,18 +47,9 @@ class Fit:
     evidence: float  # Laplace approximation of the logarithm of the evidence
 
     def __init__(
-        self,
-        structure: Structure,
-        q: Array,
-        z: Array,
-        beta: Array,
-        prior: Prior,
-        *,
-        nu: float,
-        floor: Array,
-        noise: Array | None = None,
+        self, structure: Structure, rows: Sequence[Rows], beta: Array, prior: Prior, *, nu: float
     ) -> None:
-        self.structure, self.q, self.z = structure, q, z
+        self.structure, self.nu = structure, nu
         self.active, self.mean, self.known = prior.active, prior.mean, prior.known
         self.sd = prior.sd[self.active].copy()
         self.beta = np.where(prior.sd > 0, beta, prior.mean)
@@ -75,10 +58,28 @@ class Fit:
         places = [(each, place[each.indices]) for each in prior.hypers]
         self.hypers = [(each, at) for each, at in places if (at >= 0).all()]
         self.scales = {each.name: float(each.scale) for each, _ in self.hypers}
-        self.nu, self.floor, self.blocks = nu, floor, structure.blocks
-        self.edges = np.linspace(0, len(z), min(BLOCKS, len(z)) + 1).round().astype(int)
-        self.residual = self._residual(self.beta)
-        self.noise = noise_of(self.residual, floor, nu, self.blocks) if noise is None else noise
+        blocks = min(BLOCKS, len(rows[0]))
+        self.parts = [Part(structure, each, self.beta, nu, blocks) for each in rows]
+
+    @property
+    def residual(self) -> Array:
+        """Residuals (n, m)."""
+        return self.parts[0].residual
+
+    @property
+    def weight(self) -> Array:
+        """Weights (n, m) of the residuals under Student noise."""
+        return self.parts[0].weight
+
+    @property
+    def noise(self) -> Array:
+        """Noise sd (m,) of each output."""
+        return self.parts[0].noise
+
+    def with_noise(self, rows: Sequence[Rows]) -> list[Rows]:
+        """Rows of the same sensors, their noise to begin with as it was found."""
+        pairs = zip(rows, self.parts, strict=True)
+        return [replace(each, noise=part.noise) for each, part in pairs]
 
     # The posterior.
 
@@ -88,7 +89,7 @@ class Fit:
 
         The Student noise loses some, and residuals that are correlated in the order of the log.
         """
-        p = self.blocks[0]
+        p = self.structure.blocks[0]
         student = (self.nu + p) / (self.nu + p + 2) if np.isfinite(self.nu) else 1.0
         return student / self.autocorrelation
 
@@ -101,19 +102,6 @@ class Fit:
         """Factor of the precision that is left of rows of information `gram` (k, k), and prior."""
         return Factor(with_prior(self.told * gram, self.sd, self.known))
 
-    def derivative(self, rows: slice) -> Array:
-        """Derivatives (n, m, k) of some rows' predictions by the fitted parameters."""
-        q = self.q if rows == slice(None) else self.q[rows]
-        return self.structure.linearise(q, self.beta, self.active)[1]
-
-    def by_blocks(self, *, joined: bool = False) -> Iterator[tuple[slice, Array]]:
-        """Each block's rows, and their derivatives (n, m, k); few rows may be `joined`."""
-        few = len(self.z) <= _AT_ONCE
-        whole = self.derivative(slice(None)) if few else None
-        for first, last in pairwise((0, len(self.z)) if few and joined else self.edges):
-            rows = slice(first, last)
-            yield rows, self.derivative(rows) if whole is None else whole[rows]
-
     # The search.
 
     def maximise(self, *, learn: bool = True, steps: int = 10, tolerance: float = 1e-2) -> Fit:
@@ -125,16 +113,28 @@ class Fit:
         """
         least = 0 if not learn else 3 if self.hypers else 1
         for it in range(steps):
-            precision, gradient = self._equations()
-            factor = Factor(precision)
-            delta, variance = factor.solve(gradient), factor.variances()
-            share = self.move(delta)
+            self._linearise()
+            factor = Factor(self.precision)
+            variance = factor.variances()
+            # A step that fails is damped: a shorter one would hardly move what the rows determine,
+            # since directions that they leave open, such as the gauge of a chain without a
+            # drawing, are the long and curved part of it.
+            gain, delta, damping = self.descend((0.0, *1e-4 * 8.0 ** np.arange(8)))
             if learn:
                 self._learn(factor, variance)
             settled = (np.abs(delta) / np.sqrt(variance)).max(initial=0.0) <= tolerance
-            if (it >= least and settled) or share == 0.0:
+            if (it >= least and settled) or (damping > 0 and gain <= 0.05):
                 break
-        return self._end()
+        self._linearise(kept=True)
+        # rows that err together count once for the time that they do
+        times = [autocorrelation_time(part.residual) for part in self.parts]
+        self.autocorrelation = max(times) if np.isfinite(self.nu) else 1.0
+        wide = 2 * float(np.log(self.sd).sum())
+        if self.known is not None:
+            wide = -Factor(self.known).log_determinant()
+        energy = self._energy(self.beta, [part.residual for part in self.parts])
+        self.evidence = -energy - 0.5 * (wide + Factor(self.precision).log_determinant())
+        return self
 
     def settle(self, steps: int) -> tuple[Array, float, float]:
         """Damped steps from anywhere, until one is short beside the parameters' own sds.
@@ -143,65 +143,56 @@ class Fit:
         Returns cost : negative log posterior with Student noise, of which the scale was fitted
         Returns noise : share of the extents that the residuals have
         """
-        damping, floor = 1e-3, 1e-7 * self.structure.extents
-        with np.errstate(all="ignore"):
-            for _ in range(steps):
-                self.noise = noise_of(self.residual, floor, self.nu, self.blocks)
-                gain, moved, damping = self.descend(damping)
-                if not gain or moved < 1e-3:
-                    break
-                damping = max(damping / 10, 1e-12)
-            self.noise = noise_of(self.residual, floor, self.nu, self.blocks)
-            cost = self._objective(self.beta, self.residual)
+        damping = 1e-3
+        for _ in range(steps):
+            for part in self.parts:
+                part.learn_noise()
+            self._linearise()
+            gain, delta, damping = self.descend(damping * 8.0 ** np.arange(8))
+            if gain <= 0 or (np.abs(delta) * np.sqrt(np.diag(self.precision))).max() < 1e-3:
+                break
+            damping = max(damping / 10, 1e-12)
+        for part in self.parts:
+            part.learn_noise()
+        cost = self._energy(self.beta, [part.residual for part in self.parts])
         return self.beta, cost, float((self.noise / self.structure.extents).max())
 
-    def move(self, delta: Array) -> float:
-        """Move along the step while the posterior grows; 1 for the whole step, 0 at its end.
+    def descend(self, dampings: Iterable[float]) -> tuple[float, Array, float]:
+        """Move by the first of ever more damped steps that gains (Levenberg 1944, Marquardt 1963).
 
-        A step that fails is damped (Levenberg 1944, Marquardt 1963): a shorter one would hardly
-        move what the rows determine, since directions that they leave open, such as the gauge of
-        a chain without a drawing, are the long and curved part of it.
+        Returns the gain [nats], 0 where none gains, the step (k,) and its damping.
         """
-        before = self._objective(self.beta, self.residual)
-        for share in (1.0, 0.4):
-            beta, r, value = self._after(share * delta)
-            if value <= before + 1e-9 * abs(before):
-                self.beta, self.residual = beta, r
-                return share
-        return 0.1 if self.descend(1e-4)[0] > 0.05 else 0.0
-
-    def descend(self, damping: float) -> tuple[float, float, float]:
-        """Move by the first of ever more damped steps that gains.
-
-        Returns the gain [nats], 0 where none gains, the step as a share of the sds that the rows
-        leave of each parameter alone, and its damping.
-        """
-        precision, gradient = self._equations()
-        diagonal = np.diag(precision).copy()
-        before = self._objective(self.beta, self.residual)
-        for damped in damping * 8.0 ** np.arange(8):
-            precision[np.diag_indices(len(gradient))] = (1 + damped) * diagonal
+        before = self._energy(self.beta, [part.residual for part in self.parts])
+        damped, delta, damping = self.precision.copy(), np.zeros(len(self.active)), np.inf
+        for damping in dampings:
+            np.fill_diagonal(damped, (1 + damping) * np.diag(self.precision))
             with suppress(np.linalg.LinAlgError):
-                delta = Factor(precision).solve(gradient)
-                beta, r, value = self._after(delta)
-                if value < before:
-                    self.beta, self.residual = beta, r
-                    return before - value, float((np.abs(delta) * np.sqrt(diagonal)).max()), damped
-        return 0.0, 0.0, damping
+                delta = Factor(damped).solve(self.gradient)
+                full = np.zeros(len(self.beta))
+                full[self.active] = delta
+                with np.errstate(all="ignore"):
+                    beta = self.structure.retract(self.beta, full)
+                residuals = [part.residual_at(beta) for part in self.parts]
+                gain = before - self._energy(beta, residuals)
+                if gain > 0 or (damping == 0 and gain >= -1e-9 * abs(before)):
+                    self.beta = beta
+                    for part, residual in zip(self.parts, residuals, strict=True):
+                        part.residual = residual
+                    return gain, delta, damping
+        return 0.0, delta, damping
 
-    def _equations(self, *, kept: bool = False) -> tuple[Array, Array]:
-        """Precision (k, k), and the log posterior's gradient (k,); blocks' parts may be kept."""
-        self.weight = student_weights(self.residual, self.noise, self.nu, self.blocks)
-        root, size = np.sqrt(self.weight) / self.noise, len(self.active)
-        gram, moment, parts = np.zeros((size, size)), np.zeros(size), []
-        for rows, x in self.by_blocks(joined=not kept):
-            flat = (x * root[rows, :, None]).reshape(-1, size)
-            parts.append((flat.T @ flat, flat.T @ (root * self.residual)[rows].ravel()))
-            gram += parts[-1][0]
-            moment += parts[-1][1]
-        if kept:
-            self.grams, self.moments = (np.array(part) for part in zip(*parts, strict=True))
-        return with_prior(gram, self.sd, self.known), moment - self._pull(self.beta)
+    def _linearise(self, *, kept: bool = False) -> None:
+        """Set the precision and the gradient; what each block of rows adds may be kept."""
+        size, blocks = len(self.active), len(self.parts[0].edges) - 1 if kept else 1
+        self.grams, self.moments = np.zeros((blocks, size, size)), np.zeros((blocks, size))
+        for part in self.parts:
+            root = part.weigh()
+            for k, (rows, x) in enumerate(part.by_blocks(self.beta, self.active)):
+                flat = (x * root[rows, :, None]).reshape(-1, size)
+                self.grams[k % blocks] += flat.T @ flat
+                self.moments[k % blocks] += flat.T @ (root[rows] * part.residual[rows]).ravel()
+        self.precision = with_prior(self.grams.sum(axis=0), self.sd, self.known)
+        self.gradient = self.moments.sum(axis=0) - self._pull(self.beta)
 
     def _learn(self, factor: Factor, variance: Array) -> None:
         """One step of EM: scales and noise; `variance` (k,) is that of the posterior."""
@@ -216,43 +207,19 @@ class Fit:
             least, most = h.within
             self.scales[h.name] = h.scale * min(max(float(scale) / h.scale, least), most)
             self.sd[at] = self.scales[h.name] * np.sqrt(h.shape)
-        self.noise = noise_of(self.residual, self.floor, self.nu, self.blocks, used)
-
-    def _end(self) -> Fit:
-        """Settle the posterior at the parameters found."""
-        self.precision, self.gradient = self._equations(kept=True)
-        factor = Factor(self.precision)
-        # rows that err together count once for the time that they do
-        self.autocorrelation = 1.0
-        if np.isfinite(self.nu):
-            self.autocorrelation = autocorrelation_time(self.residual)
-        wide = 2 * float(np.log(self.sd).sum())
-        if self.known is not None:
-            wide = -Factor(self.known).log_determinant()
-        self.evidence = -self._objective(self.beta, self.residual)
-        self.evidence -= 0.5 * (wide + factor.log_determinant())
-        return self
-
-    def _residual(self, beta: Array) -> Array:
-        return self.structure.residual(self.z, self.structure.predict(self.q, beta))
+        share = used / sum(part.z.size for part in self.parts)
+        for part in self.parts:
+            part.learn_noise(share)
 
     def _pull(self, beta: Array) -> Array:
         """Gradient (k,) of the prior's energy."""
         away = (beta - self.mean)[self.active]
         return np.asarray(away / self.sd**2 if self.known is None else self.known @ away)
 
-    def _objective(self, beta: Array, r: Array) -> float:
-        """Negative log posterior at `beta` and its residuals, up to a constant, or infinite."""
+    def _energy(self, beta: Array, residuals: list[Array]) -> float:
+        """Negative log posterior of parameters and residuals, up to a constant, or infinite."""
         with np.errstate(all="ignore"):
-            value = negative_log_likelihood(r, self.noise, self.nu, self.blocks)
+            pairs = zip(self.parts, residuals, strict=True)
+            value = sum(part.energy(residual) for part, residual in pairs)
             value += 0.5 * float((beta - self.mean)[self.active] @ self._pull(beta))
         return value if np.isfinite(value) else np.inf
-
-    def _after(self, delta: Array) -> tuple[Array, Array, float]:
-        """Parameters (d,), residuals and objective after a step (k,) of the active ones."""
-        full = np.zeros(len(self.beta))
-        full[self.active] = delta
-        beta = self.structure.retract(self.beta, full)
-        with np.errstate(all="ignore"):
-            r = self._residual(beta)
-        return beta, r, self._objective(beta, r)

@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,11 +15,11 @@ from . import settings
 from .belief import Body, Second
 from .covariance import as_kept
 from .fit import Fit
-from .gate import Passed, pass_gate
-from .held_out import leave_blocks_out
+from .gate import Passed, leave_blocks_out, pass_gate
 from .parameters import Prior
 from .planar import PlanarStructure
-from .starts import best_starts
+from .rows import Rows
+from .starts import Start, best_starts
 from .structure import Structure
 
 
@@ -27,9 +28,11 @@ class BodyFit:
     """A fitted body and how it was found."""
 
     body: Body
-    held_out: Array  # (n, m), residuals of contiguous blocks predicted from the others
+    # (n, m), residuals of the first sensor's contiguous blocks of rows predicted from the others
+    held_out: Array
     notes: tuple[str, ...] = ()  # what the rows cannot tell
     turned: Array | None = None  # (n,), held-out errors of orientation, where they were measured
+    beside: tuple[Array, ...] = ()  # the same of further sensors
 
     def of_positions(self) -> BodyFit:
         """A fit to poses as one of positions, with the orientations' errors beside it.
@@ -48,28 +51,32 @@ class BodyFit:
 
 def fit(
     structure: Structure,
-    q: Array,
-    z: Array,
+    rows: Sequence[Rows],
     *,
+    begin: Array | None = None,
     simulated: bool | None = None,
     seed: int = 0,
 ) -> BodyFit:
-    """Fit a structure to rows.
+    """Fit a structure to what one sensor or several saw of its chain.
 
-    structure : its signs and mirror are found, and without a drawing its chain
-    q : (n, dof), joint values as they are logged [rad or m]; further columns are the measurement's
-    z : (n, m), what the sensor saw
+    structure : the chain and its priors; signs and mirror are found, and without a drawing the
+        chain.  Of several sensors it is what `rows.together` makes of it.
+    rows : of each sensor; the first one's are what the belief predicts, and what is held out
+    begin : (d,), parameters to begin with; by default they are found from the first sensor's rows
     simulated : whether the rows are samples of a simulation: Gaussian weights, a lower noise
         floor; by default what the structure says
     seed : chooses the rows of the gate where there are many
     """
-    q, z = np.asarray(q, dtype=float), np.asarray(z, dtype=float)
-    found = _fitted(structure, q, z, simulated, seed)
+    simulated = structure.simulated if simulated is None else simulated
+    share = settings.SIMULATED_FLOOR if simulated else settings.LOG_FLOOR
+    size = share * np.array([*[structure.extent] * 3, 1.0, 1.0, 1.0])  # rotations in rad
+    rows = [replace(each, floor=size[: each.z.shape[1]]) for each in rows]
+    found = _fitted(structure, rows, begin, simulated, seed)
     if not isinstance(structure, PlanarStructure) or structure.nominal is None:
         return found
     if structure.view == "base" or _typical(found) < settings.DOUBTED * structure.extent:
         return found
-    free = _fitted(replace(structure, nominal=None), q, z, simulated, seed)
+    free = _fitted(replace(structure, nominal=None), rows, begin, simulated, seed)
     if not _typical(free) < _typical(found) / 2:
         return found
     note = "the nominal geometry does not fit the rows, even with its frame free: it is not used"
@@ -81,39 +88,42 @@ def _typical(found: BodyFit) -> float:
     return float(np.median(np.linalg.norm(found.held_out, axis=1)))
 
 
-def _fitted(structure: Structure, q: Array, z: Array, simulated: bool | None, seed: int) -> BodyFit:
-    simulated = structure.simulated if simulated is None else simulated
-    floor = (settings.SIMULATED_FLOOR if simulated else settings.LOG_FLOOR) * structure.extents
+def _fitted(
+    structure: Structure, rows: Sequence[Rows], begin: Array | None, simulated: bool, seed: int
+) -> BodyFit:
+    q, z = rows[0].q, rows[0].z
     nu = np.inf if simulated else settings.STUDENT
     members = structure.members()
     chain = next((free for name, free in members if name == "chain"), members[0][1])
-    some_q, some_z, few = q, z, len(q) <= structure.gate_rows
-    if not few:  # a draw in the order of the log
-        rows = np.sort(np.random.default_rng(seed).permutation(len(q))[: structure.gate_rows])
-        some_q, some_z = q[rows], z[rows]
-    passed = max(
-        (
-            pass_gate(start, chain, some_q, some_z, nu, floor)
-            for start in best_starts(structure, q, z, chain)
-        ),
-        key=lambda each: each.fit.evidence,
+    some, rng = list(rows), np.random.default_rng(seed)
+    for k, each in enumerate(rows):
+        if len(each) > structure.gate_rows:  # a draw in the order of the log
+            some[k] = each.take(np.sort(rng.permutation(len(each))[: structure.gate_rows]))
+    starts = (
+        (Start(structure, begin),) if begin is not None else best_starts(structure, q, z, chain)
     )
-    whole = passed.fit if few else _over_all_rows(passed, q, z, floor)
+    tried = [pass_gate(start, chain, some, nu) for start in starts]
+    passed = max(tried, key=lambda each: each.fit.evidence)
+    whole = passed.fit
+    if any(len(few) < len(every) for few, every in zip(some, rows, strict=True)):
+        whole = _over_all_rows(passed.fit, rows)
     held, own = leave_blocks_out(whole), whole.structure
     repeat, second = 0.0, None
     if not simulated:
         repeat = repeatability(q, z[:, : own.blocks[0]])
-        second = _second(passed, chain, some_q, some_z, floor)
+        second = _second(passed, chain, some)
     body = Body(
         own, whole.beta, whole.active, as_kept(whole.covariance), whole.noise,
-        kappa=max(1.0, held.ratio()), tau=held.tau(whole.noise, own.blocks),
-        residual=np.zeros(own.outputs), nu=nu, autocorrelation=whole.autocorrelation,
-        scales=passed.fit.scales, rows=len(z), simulated=simulated, member=passed.name,
-        second=second, repeat=repeat,
+        kappa=max(1.0, held.ratio()), tau=held.tau(whole), residual=np.zeros(own.outputs), nu=nu,
+        autocorrelation=whole.autocorrelation, scales=passed.fit.scales, rows=len(z),
+        simulated=simulated, member=passed.name, second=second, repeat=repeat,
     )  # fmt: skip
     # Where the other blocks determine nothing, they predict their mean.
-    residual = np.where(np.isfinite(held.residual), held.residual, z - z.mean(axis=0))
-    return BodyFit(body, residual)
+    first, *others = (
+        np.where(np.isfinite(residual), residual, each.z - each.z.mean(axis=0))
+        for residual, each in zip(held.residuals, rows, strict=True)
+    )
+    return BodyFit(body, first, beside=tuple(others))
 
 
 def repeatability(q: Array, z: Array) -> float:
@@ -130,28 +140,26 @@ def repeatability(q: Array, z: Array) -> float:
     return float(np.sqrt((away**2).sum() / (freedom * z.shape[1])))
 
 
-def _over_all_rows(passed: Passed, q: Array, z: Array, floor: Array) -> Fit:
+def _over_all_rows(fit: Fit, rows: Sequence[Rows]) -> Fit:
     """The member's fit carried on over all rows, with its prior scales kept."""
-    fit = passed.fit
     sd = np.zeros(len(fit.beta))
     sd[fit.active] = fit.sd
-    learn = bool((fit.noise > floor).any())  # exact rows leave nothing to learn of their noise
-    return Fit(
-        fit.structure, q, z, fit.beta, Prior(fit.mean, sd), nu=fit.nu, floor=floor, noise=fit.noise
-    ).maximise(learn=learn, steps=4, tolerance=settings.SETTLED)
+    # exact rows leave nothing to learn of their noise
+    learn = bool((fit.noise > fit.parts[0].floor).any())
+    rows = fit.with_noise(rows)
+    whole = Fit(fit.structure, rows, fit.beta, Prior(fit.mean, sd), nu=fit.nu)
+    return whole.maximise(learn=learn, steps=4, tolerance=settings.SETTLED)
 
 
-def _second(
-    passed: Passed, chain: tuple[str, ...], q: Array, z: Array, floor: Array
-) -> Second | None:
+def _second(passed: Passed, chain: tuple[str, ...], rows: Sequence[Rows]) -> Second | None:
     """What the member left out, for the bound: the whole chain, curves under a wider hyperprior.
 
     Lens and elasticity too.  None where the member has them and the rows speak against curves.
     """
-    fit, groups = passed.fit, passed.fit.structure.groups
+    fit, groups, count = passed.fit, passed.fit.structure.groups, len(rows[0])
     bends = "curve" in passed.free or passed.against("curves") < settings.NO_CURVES
     guarded = [name for name in ("elastic", "lens") if len(groups.get(name, ()))]
-    more = guarded if len(q) >= settings.GUARDED_ROWS else []
+    more = guarded if count >= settings.GUARDED_ROWS else []
     if not bends and {*chain, *more} <= set(passed.free):
         return None
     free = tuple(dict.fromkeys((*passed.free, *chain, *more, *(("curve",) if bends else ()))))
@@ -168,12 +176,10 @@ def _second(
             hypers.append(h)
     for h in hypers:
         sd[h.indices] = h.scale * np.sqrt(h.shape)
-    made = Fit(
-        fit.structure, q, z, fit.beta, Prior(prior.mean, sd, tuple(hypers)),
-        nu=fit.nu, floor=floor, noise=fit.noise,
-    ).maximise(steps=4)  # fmt: skip
+    wider = Prior(prior.mean, sd, tuple(hypers))
+    made = Fit(fit.structure, fit.with_noise(rows), fit.beta, wider, nu=fit.nu).maximise(steps=4)
     # Few rows of an arm in space tell how large its curves are altogether, if not where.
-    few = len(q) < settings.SHARED_ROWS and fit.structure.kind == "spatial"
+    few = count < settings.SHARED_ROWS and fit.structure.kind == "spatial"
     share = np.clip(leave_blocks_out(made).ratio(), settings.LEAST_SHARE, 1.0) if few else 1.0
     root = as_kept(float(share) ** 2 * made.covariance)
     return Second(made.beta, made.active, root, made.noise)

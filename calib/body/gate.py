@@ -1,17 +1,133 @@
-"""The gate: which member of a structure the rows support, from simple to rich."""
+"""The gate: which member of a structure the rows support, from simple to rich.
+
+Members are compared by leave-block-out predictions in closed form, which downdate the information
+by the block's rows, and by the evidence.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..common.arrays import Array
+from .covariance import radius_95
 from .fit import BLOCKS, Fit
-from .held_out import HeldOut, leave_blocks_out
-from .settings import NATS, SETTLED
+from .normal import Factor
+from .parameters import Indices
+from .rows import Rows
+from .settings import LEAST_ROWS_OF_A_QUANTILE, NATS, OUTLIER, SETTLED, UNKNOWN_KAPPA
 from .starts import Start
+
+_WORK = 5e5
+"""Rows times parameters beyond which only some rows, evenly spaced, get a predicted spread."""
+
+_PARTITIONS = (0, 2, 5, 10)
+
+
+@dataclass(frozen=True)
+class HeldOut:
+    """What a fit predicts for each contiguous block of rows from the others."""
+
+    # (n, m) of each sensor, held-out residuals of ten blocks; NaN where the other blocks do not
+    # determine the body
+    residuals: tuple[Array, ...]
+    # (n,), negative log predictive density of the first sensor's rows, up to a constant; NaN for
+    # rows without a spread
+    score: Array
+    edges: Indices  # (b + 1,), limits of their blocks
+    # dict of int to (n,) array, error over the 95 % radius, for partitions into 2, 5 and 10 blocks,
+    # and 0: of the fit itself, whose own residuals may contradict what it states there
+    ratios: dict[int, Array]
+    # (n,), rows that are no outliers of the fit itself; the others do not enter `kappa`
+    common: NDArray[np.bool_]
+
+    @property
+    def residual(self) -> Array:
+        """Held-out residuals (n, m) of the first sensor."""
+        return self.residuals[0]
+
+    def blockwise(self) -> Array:
+        """Mean score of each block, NaN where there is none."""
+        parts = [self.score[a:b][np.isfinite(self.score[a:b])] for a, b in pairwise(self.edges)]
+        return np.array([part.mean() if len(part) else np.nan for part in parts])
+
+    def ratio(self) -> float:
+        """The largest 95 % quantile of error over radius among the partitions.
+
+        Or, if that is more, the mean of the single blocks' quantiles and one standard deviation
+        beyond it, since the place that is asked next may be one of the worse. `UNKNOWN_KAPPA`
+        where there are too few rows.
+        """
+
+        def quantiles(parts: Sequence[Array]) -> list[float]:
+            known = (part[np.isfinite(part)] for part in parts)
+            enough = (part for part in known if len(part) > LEAST_ROWS_OF_A_QUANTILE)
+            return [float(np.quantile(part, 0.95)) for part in enough]
+
+        usual = {parts: each[self.common] for parts, each in self.ratios.items()}
+        finest = np.where(self.common, self.ratios[max(usual)], np.nan)
+        found = quantiles(list(usual.values()))
+        single = quantiles(np.split(finest, self.edges[1:-1]))
+        if len(single) > 1:
+            found.append(float(np.mean(single) + np.std(single)))
+        return max(found) if found else UNKNOWN_KAPPA
+
+    def tau(self, fit: Fit) -> Array:
+        """Residual sd (m,) of the body itself: held-out errors beyond the noise."""
+        out = np.empty(len(fit.noise))
+        for part in fit.parts[0].outputs:
+            p, s = part.stop - part.start, fit.noise[part.start]
+            e = np.linalg.norm(self.residual[:, part], axis=1)
+            e = e[np.isfinite(e)]
+            limited = np.minimum(e, 4 * np.median(e)) if len(e) else np.array([s])
+            beyond = float((limited**2).mean()) / p - 1.3 * s**2
+            out[part] = np.sqrt(max(beyond, (0.05 * s) ** 2))
+        return out
+
+
+def leave_blocks_out(fit: Fit, partitions: tuple[int, ...] = _PARTITIONS) -> HeldOut:
+    """Held-out predictions of a fit, linearised, with its noise and scales kept."""
+    first, p, total = fit.parts[0], fit.structure.blocks[0], fit.grams.sum(axis=0)
+    n, edges = len(first.z), first.edges
+    every = max(1, round(n * len(fit.active) / _WORK))
+
+    def step_without(gram: Array, moment: Array) -> Array:
+        return Factor(fit.precision - gram).solve(fit.gradient - moment)
+
+    residuals, probes = tuple(np.full_like(part.residual, np.nan) for part in fit.parts), []
+    for part, residual in zip(fit.parts, residuals, strict=True):
+        for k, (rows, x) in enumerate(part.by_blocks(fit.beta, fit.active)):
+            if part is first:
+                probes.append(x[::every, :p])
+            with suppress(np.linalg.LinAlgError):
+                step = step_without(fit.grams[k], fit.moments[k])
+                residual[rows] = part.residual[rows] - x @ step
+    score, ratios = np.full(n, np.nan), dict[int, Array]()
+    for parts in partitions:
+        limits = np.linspace(0, len(probes), max(min(parts, len(probes)), 1) + 1).round()
+        ratios[parts] = np.full(n, np.nan)
+        for a, b in pairwise(limits.astype(int)):
+            gram = (parts > 0) * fit.grams[a:b].sum(axis=0)
+            try:
+                step = step_without(gram, (parts > 0) * fit.moments[a:b].sum(axis=0))
+                softer = fit.softer(total - gram)
+            except np.linalg.LinAlgError:  # the other blocks leave the parameters open
+                continue
+            for block in range(a, b):
+                rows, x = slice(edges[block], edges[block + 1], every), probes[block]
+                length = np.linalg.norm(first.residual[rows, :p] - x @ step, axis=1)
+                y = softer.whiten(x.reshape(-1, x.shape[2]).T).reshape(-1, *x.shape[:2])
+                spread = np.einsum("kni,knj->nij", y, y) + np.diag(fit.noise[:p] ** 2)
+                ratios[parts][rows] = length / radius_95(spread)
+                if b - a == 1:
+                    v = np.einsum("nii->n", spread) / p  # of a Student with 4 degrees of freedom
+                    score[rows] = 0.5 * (p * np.log(v) + (4 + p) * np.log1p(length**2 / (4 * v)))
+    return HeldOut(residuals, score, edges, ratios, fit.weight[:, 0] > OUTLIER)
 
 
 @dataclass(frozen=True)
@@ -38,8 +154,7 @@ def _wins(richer: Passed, simpler: Passed) -> bool:
     are too noisy to tell alone; the evidence alone trusts the noise model too much.  Correlated
     residuals count once for their autocorrelation time.
     """
-    new = richer.held_out.blockwise(richer.held_out.score)
-    old = simpler.held_out.blockwise(simpler.held_out.score)
+    new, old = richer.held_out.blockwise(), simpler.held_out.blockwise()
     known = np.isfinite(new) & np.isfinite(old)
     if np.isfinite(new).sum() < np.isfinite(old).sum():
         return False
@@ -53,28 +168,25 @@ def _wins(richer: Passed, simpler: Passed) -> bool:
     return bool(gain.mean() > error or evidence > NATS)
 
 
-def pass_gate(
-    start: Start, chain: tuple[str, ...], q: Array, z: Array, nu: float, floor: Array
-) -> Passed:
+def pass_gate(start: Start, chain: tuple[str, ...], rows: Sequence[Rows], nu: float) -> Passed:
     """Fit members from simple to rich, each with what has passed; a richer one must win.
 
     start : the structure, whose members they are, and parameters to begin with
     chain : groups of the simplest member that is a start for richer ones
-    q, z : (n, dof), (n, m)
-    nu : degrees of freedom of the Student noise; infinite for Gaussian
-    floor : (m,), least noise; nothing richer is tried where samples of a simulation reach it
+    nu : degrees of freedom of the Student noise; infinite for Gaussian: samples of a simulation,
+        of which nothing richer is tried where they reach their least noise
     """
     structure, gaussian = start.structure, not np.isfinite(nu)
 
     def fit(free: tuple[str, ...], begin: Array) -> Fit:
-        made = Fit(structure, q, z, begin, structure.prior(free), nu=nu, floor=floor)
+        made = Fit(structure, rows, begin, structure.prior(free), nu=nu)
         if gaussian:  # exact rows may be far along a curved valley, such as that of a lens
-            made.settle(40)
+            made.settle(60)
         steps, tolerance = (20, 1e-3) if gaussian else (10, SETTLED)
         return made.maximise(steps=steps, tolerance=tolerance)
 
     def enough(made: Fit) -> bool:
-        return gaussian and bool((made.noise <= 1.5 * floor).all())
+        return gaussian and bool((made.noise <= 1.5 * made.parts[0].floor).all())
 
     best: Passed | None = None
     tried: dict[str, float] = {}

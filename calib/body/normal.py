@@ -1,8 +1,6 @@
-"""Normal equations: a factor of a positive matrix that scales itself, and Student residuals."""
+"""Normal equations: a factor of a positive matrix that scales itself."""
 
 from __future__ import annotations
-
-from itertools import pairwise
 
 import numpy as np
 from scipy.linalg import cho_solve, solve_triangular
@@ -70,56 +68,3 @@ def with_prior(gram: Array, sd: Array, known: Array | None) -> Array:
     else:
         gram.flat[:: len(gram) + 1] += sd**-2.0
     return gram
-
-
-def slices(blocks: tuple[int, ...]) -> list[slice]:
-    """Columns of each block of outputs."""
-    edges = np.cumsum((0, *blocks))
-    return [slice(int(a), int(b)) for a, b in pairwise(edges)]
-
-
-def _squares(r: Array, blocks: tuple[int, ...]) -> list[tuple[slice, int, Array]]:
-    """Columns, number and squared lengths (n,) of the residuals of each block of outputs."""
-    parts = slices(blocks)
-    return [(part, part.stop - part.start, (r[:, part] ** 2).sum(axis=1)) for part in parts]
-
-
-def student_weights(r: Array, noise: Array, nu: float, blocks: tuple[int, ...]) -> Array:
-    """Weights (n, m) of residuals (n, m) under Student noise; one weight for each block."""
-    out = np.ones_like(r)
-    if np.isfinite(nu):
-        for part, p, e2 in _squares(r, blocks):
-            out[:, part] = ((nu + p) / (nu + e2 / noise[part.start] ** 2))[:, None]
-    return out
-
-
-def noise_of(
-    r: Array, floor: Array, nu: float, blocks: tuple[int, ...], used: float = 0.0
-) -> Array:
-    """Most probable scale (m,) of residuals (n, m), of which `used` numbers were fitted.
-
-    floor : (m,), the least
-    """
-    noise = np.empty(r.shape[1])
-    for part, p, e2 in _squares(r, blocks):
-        count, least = p * len(r), max(floor[part.start] ** 2, 1e-300)
-        free = max(count - used * p / r.shape[1], count / 4 + 1)
-        s2 = max(float(np.median(e2)) / p, least)
-        for _ in range(12 if np.isfinite(nu) else 1):
-            weight = (nu + p) / (nu + e2 / s2) if np.isfinite(nu) else 1.0
-            s2 = max(float((weight * e2).sum()) / free, least)
-        noise[part] = np.sqrt(s2)
-    return noise
-
-
-def negative_log_likelihood(r: Array, noise: Array, nu: float, blocks: tuple[int, ...]) -> float:
-    """Negative logarithm of the likelihood of residuals (n, m), up to a constant."""
-    total = 0.0
-    for part, p, e2 in _squares(r, blocks):
-        s = float(noise[part.start])
-        total += len(r) * p * np.log(s)
-        if np.isfinite(nu):
-            total += 0.5 * (nu + p) * float(np.log1p(e2 / s**2 / nu).sum())
-        else:
-            total += 0.5 * float(e2.sum()) / s**2
-    return total

@@ -58,12 +58,12 @@ class SpatialStructure(Structure):
     @property
     def camera(self) -> bool:
         """Whether a camera sees the arm, in pixels."""
-        return is_camera(self.view)
+        return self.outputs == 2
 
     @cached_property
     def measurement(self) -> Measurement:
         """What its sensor measures."""
-        size = self._reach if self.camera else self.extent
+        size = self._reach if is_camera(self.view) else self.extent
         view = InSpace(self.view, self.unit, self.metre, size, self.lens, self.lens_sd)
         return self.reading or view
 
@@ -87,12 +87,12 @@ class SpatialStructure(Structure):
         units = tuple("rad" if turns else "m" for turns in self.revolute)
         # in a free frame the first turning joint's offset and a turn of the frame about its axis
         # are one, and the first origin's place is the frame's own
-        first = 0 if self.based else 1
+        first = 0 if self.based and not self.measurement.floating else 1
         turned, slid = ([k for k in range(first, self.dof) if units[k] == u] for u in ("rad", "m"))
         places = [(w, a, u) for (w, u), a in product((("shift", "m"), ("turn", "rad")), "xyz")]
         origins = [(n, f"{n}.{what}.{axis}", unit) for n in joints for what, axis, unit in places]
         placed = np.arange(6 * first, len(origins)).reshape(-1, 2, 3)
-        within, tool = self.measurement.within, self.seen_as.tool
+        within, tool = self.measurement.within, self.measurement.tool
         drawn = (
             Hyper("placement.shift", SHIFT, within, indices=placed[:, 0].ravel()),
             Hyper("placement.turn", TURN, within, indices=placed[:, 1].ravel()),
@@ -190,7 +190,7 @@ class SpatialStructure(Structure):
     def frame_groups(self) -> tuple[str, ...]:
         """Blocks that every member fits: the sensor's place and the tip that it sees."""
         lens = ("lens",) if self.camera and any(self.lens_sd) else ()
-        return (*self.seen_as.groups, *lens)
+        return (*self.seen_as.groups, *self.measurement.free, *lens)
 
     def with_view(self, view: str, **changes: Any) -> SpatialStructure:
         """Return the structure with another view."""

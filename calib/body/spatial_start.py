@@ -20,7 +20,8 @@ from ..errors import LogError
 from .belief import Body
 from .fit import Fit
 from .parameters import Prior
-from .settings import CLEAR, HELD_TOOL, OTHER_ARM, OTHER_TURNS, STUDENT, TARGET
+from .rows import Rows
+from .settings import CLEAR, HELD_TOOL, OTHER_ARM, OTHER_TURNS, SIMULATED_FLOOR, STUDENT, TARGET
 from .spatial import SpatialStructure
 from .structure import Structure
 
@@ -93,8 +94,8 @@ def frame(structure: SpatialStructure, q: Array, z: Array, arm: Array | None = N
 def _settled(
     structure: Structure, q: Array, z: Array, beta: Array, prior: Prior, steps: int
 ) -> tuple[Array, float, float]:
-    still = np.zeros(structure.outputs)
-    return Fit(structure, q, z, beta, prior, nu=STUDENT, floor=still).settle(steps)
+    rows = [Rows(q, z, floor=SIMULATED_FLOOR * structure.extents)]
+    return Fit(structure, rows, beta, prior, nu=STUDENT).settle(steps)
 
 
 def _refuse_misfit(structure: SpatialStructure, q: Array, z: Array, beta: Array) -> None:

@@ -10,7 +10,8 @@ import numpy as np
 from ..common.arrays import Array
 from .fit import Fit
 from .planar import PlanarStructure, planar_starts
-from .settings import APART, RIVAL_START, STUDENT
+from .rows import Rows
+from .settings import APART, RIVAL_START, SIMULATED_FLOOR, STUDENT
 from .spatial import SpatialStructure
 from .spatial_start import spatial_starts
 from .structure import Structure
@@ -34,8 +35,6 @@ def candidates(structure: Structure, q: Array, z: Array) -> Sequence[tuple[Struc
     if isinstance(structure, PlanarStructure):
         return planar_starts(structure, q, z)
     assert isinstance(structure, SpatialStructure)  # noqa: S101
-    if structure.reading is not None:
-        return [(structure, structure.reading.start(structure, q))]
     return spatial_starts(structure, q, z)
 
 
@@ -53,16 +52,16 @@ def best_starts(
     rng = np.random.default_rng(0)
     ask = q.min(axis=0) + rng.random((100, q.shape[1])) * np.ptp(q, axis=0)
     if len(q) > _ROWS:
-        rows = np.sort(np.random.default_rng(0).permutation(len(q))[:_ROWS])
-        q, z = q[rows], z[rows]
+        some = np.sort(np.random.default_rng(0).permutation(len(q))[:_ROWS])
+        q, z = q[some], z[some]
     runs = [Start(*found) for found in candidates(structure, q, z)]
     if len(runs) == 1:  # nothing to choose from: the gate goes on from here
         return tuple(runs)
-    none = np.zeros(structure.outputs)
+    rows = [Rows(q, z, floor=SIMULATED_FLOOR * structure.extents)]
     for steps in (6, 40):
         for k, run in enumerate(runs):
             prior = run.structure.prior(free)
-            fit = Fit(run.structure, q, z, run.beta, prior, nu=STUDENT, floor=none)
+            fit = Fit(run.structure, rows, run.beta, prior, nu=STUDENT)
             runs[k] = Start(run.structure, *fit.settle(steps))
         runs = sorted(runs, key=lambda run: run.cost)[:_KEPT]
     # A planar arm that turns the other way, seen from behind, fits as well: the drawing's own way.

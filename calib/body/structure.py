@@ -75,7 +75,7 @@ class Structure:
     @property
     def outputs(self) -> int:
         """Number m of outputs: 2 in the plane or pixels, 3 in space, 6 with orientation."""
-        return self.seen_as.outputs
+        return self.measurement.outputs
 
     @property
     def blocks(self) -> tuple[int, ...]:

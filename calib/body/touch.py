@@ -1,16 +1,14 @@
 """Touches: the tip was in one socket again and again, from many postures.
 
 Where a socket is, nobody measured: each is a flat parameter of the fit, and is left out of the
-belief once the fit is done, which eliminates it exactly.  What is known of the sockets (distances,
-a plane) are rows of their own, and so are positions that a sensor measured.  Sockets alone tell
-neither where the arm's base stands nor how it is turned about its first axis: both stay as drawn.
+belief once the fit is done, which eliminates it exactly.  Sockets alone tell neither where the
+arm's base stands nor how it is turned about its first axis: both stay as drawn.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
 from typing import Any, TypeVar
 
 import numpy as np
@@ -22,12 +20,13 @@ from ..common.arrays import Array
 from ..samples.sockets import Known
 from .belief import Body, Second
 from .covariance import as_kept
-from .fit import BLOCKS, Fit
+from .fit import BLOCKS
 from .fitting import BodyFit, fit
-from .parameters import Block, Indices
-from .settings import FINER, FREE, LOG_FLOOR, STATED, STUDENT
+from .parameters import Block, Hyper, Indices
+from .rows import Rows, together
+from .settings import FINER, FREE, SOCKET
 from .spatial import SpatialStructure
-from .views import Columns, InSpace, Measurement
+from .views import Columns, Measurement
 
 _POSTURES = 400  # all over the joints' range, of which the mean motion is that of the whole arm
 
@@ -36,96 +35,72 @@ _Belief = TypeVar("_Belief", Body, Second)
 
 @dataclass(frozen=True, eq=False)
 class Touch(Measurement):
-    """The tip less the socket that it is in [m], or less the position that a sensor measured.
+    """The tip less the socket that it is in [m]; a row also tells the socket's number."""
 
-    A row also tells the socket's number and, where that is negative, a position.  Numbers from
-    `count` on stand for the rows of what is known, weighed by `noise` over tolerance.
-    """
-
-    tip: InSpace  # the tip in the arm's base frame, or in the sensor's where there is one
     count: int  # sockets
-    known: tuple[Known, ...] = ()
-    noise: float = STATED  # of a touch [m]
-    sensor: float = STATED  # of a measured position [m]
+    size: float  # of the arm [m]
+    sized: bool  # whether anything tells how large the arm is
+
+    outputs = 3
+    floating = True
+    free = ("point",)
+    tool = Hyper("tool", SOCKET, (1.0, 1.0))
 
     @property
     def within(self) -> tuple[float, float]:  # type: ignore[override]
-        """Doubt of joint origins; not large where no distance tells how large the arm is."""
-        sized = self.tip.kind != "base" or any(each.value is not None for each in self.known)
-        return (FINER[0], 5.0 if sized else 1.0)
+        """Doubt of joint origins; not large where nothing tells how large the arm is."""
+        return (FINER[0], 5.0 if self.sized else 1.0)
 
     def parameters(self) -> tuple[Block, ...]:
         """The sockets."""
         names = [f"point.{k}.{axis}" for k in range(self.count) for axis in "xyz"]
-        return (*self.tip.parameters(), Block.of("point", "m", names, FREE * self.tip.size))
+        return (Block.of("point", "m", names, FREE * self.size),)
 
-    def rows(self, q: Array, point: NDArray[np.intp], x: Array) -> Array:
-        """Rows of the fit: touches and measured positions, then what is known of the sockets."""
-        counts = [1 if each.value is not None else len(each.points) for each in self.known]
-        facts = np.zeros((sum(counts), q.shape[1] + 4))
-        facts[:, -4] = self.count + np.arange(len(facts))
-        return np.concatenate([np.column_stack([q, point, x]), facts])
-
-    def ready(self, own: Mapping[str, Array]) -> Mapping[str, Any]:
-        """What its tip asks for."""
-        return self.tip.ready(own)
-
-    def look(self, own: Mapping[str, Any], motion: Motion, also: Array) -> _Touched:
+    def look(self, own: Mapping[str, Any], motion: Motion, also: Array) -> _Told:
         """See the tip in its sockets."""
-        seen = self.tip.look(own, motion, also)
-        places = own["point"].reshape(-1, 3)
-        number = also[:, 0].astype(int)
-        touches, measured = (number >= 0) & (number < self.count), number < 0
+        places, number = own["point"].reshape(-1, 3), also[:, 0].astype(int)
         slope = np.zeros((len(number), 3, self.count, 3))
-        slope[touches, :, number[touches]] = -np.eye(3)
-        values = np.where(touches[:, None], motion.position.T - places[number * touches], 0.0)
-        trust = self.noise / self.sensor
-        values[measured] = trust * (seen.values - also[:, 1:])[measured]
-        facts = ~(touches | measured)
-        if facts.any():
-            told = [(self.noise / each.tolerance, each.misfit(places)) for each in self.known]
-            misfit = np.concatenate([weight * off for weight, (off, _) in told])
-            slopes = np.concatenate([weight * by for weight, (_, by) in told])
-            values[facts, 0] = misfit[number[facts] - self.count]
-            slope[facts, 0] = slopes[number[facts] - self.count]
-        trusted = np.asarray(trust * measured)
-        return _Touched(values, seen, touches, trusted, slope.reshape(len(number), 3, -1))
+        slope[np.arange(len(number)), :, number] = -np.eye(3)
+        return _Told(motion.position.T - places[number], slope, 1.0)
 
-    def start(self, structure: Any, q: Array) -> Array:
-        """The drawing, with each socket where it says that the tip was on average."""
-        beta = structure.neutral()
-        joints, also = q[:, : structure.dof], q[:, structure.dof :]
-        tip, number = structure.pose(joints, beta)[0], also[:, 0].astype(int)
-        means = [tip[number == k].mean(axis=0) for k in range(self.count)]
-        beta[structure.groups["point"]] = np.ravel(means)
-        if (measured := number < 0).any():
-            tip, x = tip[measured], also[measured, 1:]
-            turn = similarity(tip, x)[0]
-            beta[structure.groups["view.rotation"]] = logarithm(turn)
-            beta[structure.groups["view.shift"]] = x.mean(axis=0) - turn @ tip.mean(axis=0)
-        return np.asarray(beta)
+
+@dataclass(frozen=True, eq=False)
+class Stated(Measurement):
+    """What is known of sockets, over its tolerance: a row for each distance and point of a plane.
+
+    The joints have no part in it.
+    """
+
+    known: tuple[Known, ...]
+
+    outputs = 1
+    noise = 1.0
+
+    def look(self, own: Mapping[str, Any], motion: Motion, also: Array) -> _Told:  # noqa: ARG002
+        """See how far the sockets are off."""
+        places = own["point"].reshape(-1, 3)
+        told = [(*each.misfit(places), each.tolerance) for each in self.known]
+        values = np.concatenate([value / tolerance for value, _, tolerance in told])
+        slopes = np.concatenate([slope / tolerance for _, slope, tolerance in told])
+        which = also[:, 0].astype(int)
+        return _Told(values[which, None], slopes[which, None], 0.0)
 
 
 @dataclass(frozen=True)
-class _Touched:
-    """What touches tell at n rows; those of what is known do not move with the arm."""
+class _Told:
+    """What n rows tell of sockets."""
 
-    values: Array  # (n, 3)
-    seen: Any  # the tip
-    touches: NDArray[np.bool_]  # (n,)
-    trust: Array  # (n,), weight of a measured position, else 0
-    slope: Array  # (n, 3, 3 p), by the sockets
+    values: Array  # (n, m)
+    slope: Array  # (n, m, p, 3), by the sockets
+    moves: float  # by how much they move with the tip
 
-    def push(self, velocity: Array, angular: Any = 0.0) -> Array:
-        """How outputs (..., 3, n) move when the tip does."""
-        moved = np.asarray(velocity * self.touches)
-        return moved + self.seen.push(velocity, angular) * self.trust if self.trust.any() else moved
+    def push(self, velocity: Array, angular: Any = 0.0) -> Array:  # noqa: ARG002
+        """How outputs (..., m, n) move when the tip does."""
+        return np.asarray(self.moves * velocity[..., : self.values.shape[1], :])
 
     def columns(self) -> Columns:
-        """The derivative by the sockets, and by the sensor's frame."""
-        yield "point", lambda: self.slope.transpose(2, 1, 0)
-        for name, columns in self.seen.columns():
-            yield name, lambda columns=columns: columns() * self.trust  # type: ignore[misc]
+        """The derivative by the sockets."""
+        yield "point", lambda: self.slope.reshape(*self.values.shape, -1).transpose(2, 1, 0)
 
 
 @dataclass(frozen=True)
@@ -134,6 +109,39 @@ class TouchFit:
 
     fit: BodyFit
     points: Array  # (p, 3), where the sockets are [m]
+
+
+def touching(
+    structure: SpatialStructure,
+    q: Array,
+    point: NDArray[np.intp],
+    known: Sequence[Known],
+    x: Array,
+    noise: float | None = None,
+) -> list[Rows]:
+    """The measurements of a log of touches: touches, positions, what is known of the sockets.
+
+    noise : of touches and positions [m], where it is known; others as of `fit_touches`
+    """
+    touched = point >= 0
+
+    def rows_of(q: Array, z: Array, sensor: Touch | None, unit: float) -> Rows:
+        if noise is None:
+            return Rows(q, z, sensor)
+        return Rows(q, z, sensor, floor=0.5 * unit * noise, noise=np.full(3, unit * noise))
+
+    sized = not touched.all() or any(each.value is not None for each in known)
+    touch = Touch(int(point.max()) + 1, structure.chain.reach, sized)
+    seen = np.column_stack([q[touched], point[touched].astype(float)])
+    rows = [rows_of(seen, np.zeros((len(seen), 3)), touch, 1.0)]
+    if not touched.all():
+        rows.append(rows_of(q[point < 0], x[point < 0], None, structure.metre))
+    if known:
+        facts = sum(1 if each.value is not None else len(each.points) for each in known)
+        still = np.zeros((facts, q.shape[1] + 1))
+        still[:, -1] = np.arange(facts)
+        rows.append(Rows(still, np.zeros((facts, 1)), Stated(tuple(known))))
+    return rows
 
 
 def fit_touches(
@@ -158,50 +166,41 @@ def fit_touches(
     lower, upper : (dof,), the joints' range: bounds are of motions within it
     x : (n, 3), what the sensor measured [m]
     """
-    point = np.asarray(point, dtype=int)
-    drawn = structure.pose(q, structure.neutral())[0]
-    extent = float(np.sqrt(((drawn - drawn.mean(axis=0)) ** 2).sum(axis=1).mean()))
-    tip = structure.measurement
-    assert isinstance(tip, InSpace)  # noqa: S101 - views of the tip
-    touch = Touch(tip, int(point.max()) + 1, tuple(known))
-    rows = touch.rows(q, point, np.zeros((len(q), 3)) if x is None else x)
-    none = np.zeros((len(rows), 3))
-    view = "touch" if structure.view == "base" else "touch and rigid"
-    seen = structure.with_view(view, reading=touch, extent=extent)
-    if len(rows) > len(q) or (point < 0).any():
-        # distances weigh as they were stated, and positions as they are, beside touches' own noise
-        chain = dict(seen.members())["chain"]
-        first = Fit(
-            seen, rows, none, touch.start(seen, rows), seen.prior(chain),
-            nu=STUDENT, floor=LOG_FLOOR * seen.extents,
-        ).maximise()  # fmt: skip
-        off, noise = first.residual[: len(q)][point < 0], float(first.noise[0])
-        sensor = 1.48 * float(np.median(np.abs(off))) if len(off) else STATED
-        touch = replace(touch, noise=noise, sensor=max(sensor, noise / 10))
-        seen = replace(seen, reading=touch)
-    found = fit(seen, rows, none, seed=seed)
-    points = found.body.beta[seen.groups["point"]].reshape(-1, 3)
-    body = restated(found.body, structure)
-    if structure.view == "base":
+    point, x = np.asarray(point, dtype=int), np.zeros((len(q), 3)) if x is None else x
+    tip, measured = structure.pose(q, structure.neutral())[0], point < 0
+    extent = float(np.sqrt(((tip - tip.mean(axis=0)) ** 2).sum(axis=1).mean()))
+    rows = touching(structure, q, point, known, x)
+    seen = together(replace(structure, extent=extent), rows)
+    begin, groups = seen.neutral(), seen.groups
+    # each socket begins where the drawing says that the tip was on average
+    begin[groups["point"]] = np.ravel([tip[point == k].mean(axis=0) for k in range(max(point) + 1)])
+    if measured.any():
+        turn = similarity(tip[measured], x[measured])[0]
+        begin[groups["view.rotation"]] = logarithm(turn)
+        begin[groups["view.shift"]] = (x - tip @ turn.T)[measured].mean(axis=0)
+    found = fit(seen, rows, begin=begin, seed=seed)
+    points, body = found.body.beta[groups["point"]].reshape(-1, 3), restated(found.body, structure)
+    held = np.empty((len(q), 3))
+    held[~measured] = _scattered(found.held_out, point[~measured])
+    if measured.any():
+        held[measured] = found.beside[0]
+        sensor = structure.sensor(body.beta)
+        points = points @ sensor.rotation.T + sensor.shift
+    else:
         range_of = np.random.default_rng(seed).random((_POSTURES, q.shape[1]))
         body = anchored(body, lower + range_of * (upper - lower))
-    else:
-        sensor_at = structure.sensor(body.beta)
-        points = points @ sensor_at.rotation.T + sensor_at.shift
-    held = _scattered(found.held_out, point, len(rows))[: len(q)]
     return TouchFit(replace(found, body=body, held_out=held), points)
 
 
-def _scattered(residual: Array, point: NDArray[np.intp], rows: int) -> Array:
+def _scattered(residual: Array, point: NDArray[np.intp]) -> Array:
     """Held-out residuals, about their own mean where a block holds most touches of a socket.
 
     What the other blocks say of the arm does not tell where such a socket is.
     """
-    out, counts = residual.copy(), np.bincount(point[point >= 0])
-    for first, last in pairwise(np.linspace(0, rows, BLOCKS + 1).round().astype(int)):
-        inside = np.arange(first, min(last, len(point)))
-        for k in np.unique(point[inside][point[inside] >= 0]):
-            own = inside[point[inside] == k]
+    out, counts = residual.copy(), np.bincount(point)
+    for block in np.array_split(np.arange(len(point)), BLOCKS):
+        for k in np.unique(point[block]):
+            own = block[point[block] == k]
             if 2 * len(own) > counts[k]:
                 out[own] -= out[own].mean(axis=0)
     return out

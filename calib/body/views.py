@@ -17,7 +17,7 @@ from ..arm.rotations import cross_matrix, exponential, logarithm
 from ..arm.spatial_chain import Motion
 from ..common.arrays import Array
 from .parameters import Block, Hyper
-from .settings import FREE, SOCKET, TAG, WIDER
+from .settings import FREE, TAG, WIDER
 
 Moved = tuple[Array, Any]
 """How the tip moves: velocity (..., 3, n) [m] and angular velocity (..., 3, n) [rad], or 0."""
@@ -52,7 +52,6 @@ class ViewKind:
 
 
 _FRAME = ("view.rotation", "view.shift")
-_SOCKET = Hyper("tool", SOCKET, (1.0, 1.0))
 _AFFINE = (*_FRAME, "view.scale", "view.shear")
 
 PLANAR = {
@@ -73,9 +72,6 @@ SPATIAL = {
     "base target": ViewKind(("tool", "tool.rotation"), 6, 3),
     "pose": ViewKind((*_FRAME, "tool", "tool.rotation"), 6, 3),
     "pinhole": ViewKind((*_FRAME, "tool"), 2, 6, Hyper("tool", TAG, WIDER)),
-    "touch": ViewKind(("tool", "point"), 3, 8, _SOCKET),
-    "touch and rigid": ViewKind((*_FRAME, "tool", "point"), 3, 8, _SOCKET),
-    "board": ViewKind((*_FRAME, "tool", "tool.rotation"), 2, 6),
 }
 """Sensors of an arm in space; where there are two outputs, a camera sees it."""
 
@@ -104,12 +100,17 @@ class Sight(Protocol):
 class Measurement:
     """A kind of reading, with the sensor's own parameters."""
 
+    outputs: int = 2  # numbers of a row: 2 in the plane or pixels, 3 in space, 6 with orientation
     curves: bool = True  # whether its rows may tell error curves of joints
     within: tuple[float, float] = WIDER  # times the drawing's doubt that joint origins may be off
+    floating: bool = False  # whether it tells nothing of where the arm's base stands
+    noise: float | None = None  # sd of its outputs where that is stated; None: it is learned
+    free: tuple[str, ...] = ()  # blocks that every member of the gate fits beside the view's own
+    tool: Hyper | None = None  # what is known of the tool where there is a drawing
 
     def parameters(self) -> tuple[Block, ...]:
         """The sensor's own parameters."""
-        raise NotImplementedError
+        return ()
 
     def placed(self, own: Mapping[str, Array]) -> Placed:
         """The sensor at its parameters, by block."""
@@ -126,10 +127,6 @@ class Measurement:
         """
         placed: Placed = own["placed"]
         return placed.look(motion.position, motion.rotation if placed.posed else None)
-
-    def start(self, structure: Any, q: Array) -> Array:
-        """Parameters (d,) of a structure to begin a fit of rows (n, dof + g) with."""
-        raise NotImplementedError
 
 
 # A sensor at its parameters, and what it sees.
@@ -272,6 +269,16 @@ class InSpace(Measurement):
     size: float  # of the workspace [unit]; a camera's that of the arm [m]
     lens: tuple[float, float, float, float]  # of a camera: focal length, centre [px] and k1
     lens_sd: tuple[float, float, float, float]
+
+    @property
+    def outputs(self) -> int:  # type: ignore[override]
+        """Numbers of a row."""
+        return SPATIAL[self.kind].outputs
+
+    @property
+    def tool(self) -> Hyper | None:  # type: ignore[override]
+        """What is known of the tool."""
+        return SPATIAL[self.kind].tool
 
     @property
     def camera(self) -> bool:

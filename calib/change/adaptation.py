@@ -10,6 +10,7 @@ import numpy as np
 
 from ..body.belief import Body
 from ..body.fitting import fit
+from ..body.rows import Rows as Measured
 from ..common.arrays import Array
 from ..common.rows import thinned
 from ..common.scale import Scale
@@ -205,7 +206,7 @@ def settled_model(
     if body is not None:
         with suppress(CalibError):  # too few rows, or too close to each other
             found = fit(
-                body.structure, scale.from_unit(u[some]), x[some],
+                body.structure, [Measured(scale.from_unit(u[some]), x[some])],
                 simulated=body.simulated, seed=model.about.seed,
             )  # fmt: skip
 

@@ -15,6 +15,7 @@ import numpy as np
 from ..body.covariance import root_of
 from ..body.fit import Fit
 from ..body.parameters import Indices, Prior
+from ..body.rows import Rows
 from ..body.settings import SIMULATED_FLOOR, STUDENT
 from ..body.telling import lengths_of, matern
 from ..common.arrays import Array, Mask
@@ -56,7 +57,8 @@ def weighted(
     sd = np.hypot(freedom(body, hypotheses_of(structure, cause)[-1], cause), creep(body))
     rows, size = thinned(len(q), _ROBUST_ROWS), reference.sizes
     prior = Prior(reference.beta, sd)
-    fit = Fit(structure, q[rows], z[rows], reference.beta, prior, nu=STUDENT, floor=size)
+    told = [Rows(q[rows], z[rows], floor=size)]
+    fit = Fit(structure, told, reference.beta, prior, nu=STUDENT)
     fit.maximise(steps=_SETTLED)
     r = structure.residual(z, structure.predict(q, fit.beta)) / size
     m, e2 = r.shape[1], (r**2).sum(axis=1)

@@ -16,7 +16,8 @@ from ..arm.rotations import logarithm, similarity
 from ..body.belief import Body
 from ..body.fit import Fit
 from ..body.parameters import Indices, Prior
-from ..body.settings import STUDENT
+from ..body.rows import Rows
+from ..body.settings import SIMULATED_FLOOR, STUDENT
 from ..body.structure import Structure
 from ..body.views import is_camera
 from ..common.arrays import Array
@@ -184,7 +185,8 @@ def _placed(
     sd[indices_of(structure, groups)] = 1e3 * max(1.0, float(structure.extents[0]))
     found = []
     for start in starts:
-        fit = Fit(structure, q, z, start, Prior(start, sd), nu=STUDENT, floor=structure.extents)
+        rows = [Rows(q, z, floor=SIMULATED_FLOOR * structure.extents)]
+        fit = Fit(structure, rows, start, Prior(start, sd), nu=STUDENT)
         beta, cost, _ = fit.settle(30)
         found.append((cost, beta))
     return min(found, key=lambda each: each[0])[1]

@@ -16,6 +16,7 @@ from ..body.belief import Body, knows_orientation
 from ..body.covariance import root_of
 from ..body.fit import Fit
 from ..body.parameters import Prior
+from ..body.rows import Rows
 from ..body.settings import FREE, STUDENT
 from ..common.arrays import Array
 from .settings import FALSE_ALARM
@@ -49,11 +50,11 @@ class TurnedTool:
             return TurnedTool(notes=(told,))
         tool, sd = structure.groups["tool.rotation"], np.zeros(structure.size)
         sd[tool], sd[structure.groups["view.rotation"]] = FREE, FREE * framed
-        fit = Fit(
-            structure.with_view("pose"), q, np.hstack([x, logarithm(matrix_of(orientation))]),
-            beta, Prior(beta, sd), nu=STUDENT,
-            floor=np.repeat([FREE**2 * structure.extent, 1e-9], 3),  # of positions nothing is asked
-        ).maximise()  # fmt: skip
+        poses = np.hstack([x, logarithm(matrix_of(orientation))])
+        # of positions nothing is asked
+        rows = [Rows(q, poses, floor=np.repeat([FREE**2 * structure.extent, 1e-9], 3))]
+        seen = structure.with_view("pose")
+        fit = Fit(seen, rows, beta, Prior(beta, sd), nu=STUDENT).maximise()
         before, after = exponential(np.stack([beta[tool], fit.beta[tool]]))
         turn, place = logarithm(before.T @ after), np.searchsorted(fit.active, tool)
         own, held = fit.covariance[np.ix_(place, place)], np.searchsorted(old.active, tool)

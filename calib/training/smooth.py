@@ -13,6 +13,7 @@ from ..arm.rotations import logarithm, matrix_of
 from ..body.fitting import BodyFit, fit
 from ..body.nominal import nominal_of
 from ..body.planar import planar_structure
+from ..body.rows import Rows
 from ..body.sensor import doubtful_depth
 from ..body.spatial import structure_of, unknown_structure
 from ..body.spatial_start import refuse_pixels
@@ -146,7 +147,7 @@ def _fit_in_plane(samples: Samples, rows: Index, view: str, seed: int) -> BodyFi
         )
     x, names, turns = samples.x[rows], samples.joint_names, samples.revolute
     structure = planar_structure(x, names, turns, nominal, view, samples.unit, simulated)
-    return fit(structure, samples.q[rows], x, seed=seed)
+    return fit(structure, [Rows(samples.q[rows], x)], seed=seed)
 
 
 def _fit_in_space(samples: Samples, rows: Index, view: str, seed: int) -> BodyFit:
@@ -157,7 +158,7 @@ def _fit_in_space(samples: Samples, rows: Index, view: str, seed: int) -> BodyFi
     if camera is not None and isinstance(arm, SpatialArm) and x.shape[1] == 2:
         lens, sd = camera.lens, camera.lens_sd
         template = structure_of(arm, "pinhole", unit="px", extent=extent, lens=lens, lens_sd=sd)
-        found = fit(template, q, x, seed=seed)
+        found = fit(template, [Rows(q, x)], seed=seed)
         refuse_pixels(found.body, q, x)
         return replace(found, notes=(*found.notes, *doubtful_depth(found.body, q)))
     metre, unused = METRES.get(samples.unit, 1.0), ""
@@ -167,7 +168,7 @@ def _fit_in_space(samples: Samples, rows: Index, view: str, seed: int) -> BodyFi
         posed = {"rigid": "pose", "base": "base pose"}.get(kind)
         if orientation is not None and posed:
             poses = np.hstack([x, logarithm(matrix_of(orientation[rows]))])
-            found = fit(template.with_view(posed), q, poses, seed=seed)
+            found = fit(template.with_view(posed), [Rows(q, poses)], seed=seed)
             if found.body.structure.view == "base target":
                 last = f"its turn cannot be told from the offset of {samples.joint_names[-1]}"
                 turned = f"the orientations are of a target that is turned against the tip: {last}"
@@ -178,5 +179,5 @@ def _fit_in_space(samples: Samples, rows: Index, view: str, seed: int) -> BodyFi
         names, turns = samples.joint_names, samples.revolute
         template = unknown_structure(names, turns, extent, samples.unit, metre)
         unused = "orientations are used together with the robot's URDF: give `robot`"
-    found = fit(template, q, x, simulated=simulated, seed=seed)
+    found = fit(template, [Rows(q, x)], simulated=simulated, seed=seed)
     return found if orientation is None else replace(found, notes=(*found.notes, unused))

@@ -10,10 +10,10 @@ import numpy as np
 from ..arm.arm import SpatialArm
 from ..body.fit import Fit
 from ..body.parameters import Prior
+from ..body.rows import together
 from ..body.settings import STUDENT
 from ..body.spatial import SpatialStructure, structure_of
-from ..body.touch import Touch, fit_touches, restated
-from ..body.views import InSpace
+from ..body.touch import fit_touches, restated, touching
 from ..common.arrays import Array
 from ..errors import LogError
 from ..model.model import Model
@@ -143,47 +143,38 @@ def as_positions(model: Model, log: Samples) -> tuple[Samples, list[str]]:
     the evidence speaks clearly for a change they are where the changed arm has them.
     Raises LogError if the model is not of an arm in space.
     """
-    body, touch, rows = model.body, log.touch, len(log)
+    body, touch, count = model.body, log.touch, len(log)
     assert touch is not None  # noqa: S101 - a log of touches
     structure = None if body is None else body.structure
     if body is None or not isinstance(structure, SpatialStructure) or structure.outputs != 3:
         raise LogError("the log holds touches: expected a model of an arm in space with a body")
     log, _ = in_sockets(model, log, touch)  # where the model has them
-    gone = f"{rows - len(log)} touches in no socket of theirs are left out"
-    touch, q, noise = log.touch or touch, model.about.joints_of(log), float(body.noise[0])
+    gone = f"{count - len(log)} touches in no socket of theirs are left out"
+    touch, q = log.touch or touch, model.about.joints_of(log)
     number, known, own = touch.renumbered()
-    tip = structure.measurement
-    assert isinstance(tip, InSpace)  # noqa: S101 - three outputs
-    view = "touch" if structure.view == "base" else "touch and rigid"
-    reading = Touch(tip, len(own), known, noise, noise)
-    seen = structure.with_view(view, reading=reading)
+    rows = touching(structure, q, number, known, log.x, float(body.noise[0]) / structure.metre)
+    seen = together(structure, rows)
     belief, point = restated(body, seen), seen.groups["point"]
     at, beta, variance = belief.active, belief.beta.copy(), np.zeros((seen.size, seen.size))
     base = structure.pose(q, body.beta)[0]
     beta[point] = np.ravel([base[number == k].mean(axis=0) for k in range(len(own))])
     variance[np.ix_(at, at)] = body.kappa**2 * belief.covariance + _GAUGE**2 * np.eye(len(at))
-    variance[point, point] = structure.extent**2
-    fits, touches = [], reading.rows(q, number, log.x)
+    variance[point, point] = structure.chain.reach**2
+    fits = []
     for freed in ({}, _FREED):
         for group, sd in freed.items():
             variance[seen.groups[group], seen.groups[group]] += sd**2
         free, sd = np.flatnonzero(np.diag(variance)), np.sqrt(np.diag(variance))
         prior = Prior(beta, sd, known=np.asarray(np.linalg.inv(variance[np.ix_(free, free)])))
-        fits.append(
-            Fit(
-                seen, touches, np.zeros((len(touches), 3)), beta, prior, nu=STUDENT,
-                floor=np.full(3, 0.5 * noise), noise=np.full(3, noise),
-            ).maximise(steps=8)
-        )  # fmt: skip
+        fits.append(Fit(seen, rows, beta, prior, nu=STUDENT).maximise(steps=8))
     same, other = fits
     if other.evidence - same.evidence > _NATS * other.autocorrelation:
         places = np.full((len(touch.sockets), 3), np.nan)
-        places[own] = other.beta[point].reshape(-1, 3)
-        if view != "touch":
-            frame = structure.sensor(restated(replace(belief, beta=other.beta), structure).beta)
-            places = places @ frame.rotation.T + frame.shift
+        sensor = structure.sensor(restated(replace(belief, beta=other.beta), structure).beta)
+        at_sockets = other.beta[point].reshape(-1, 3)
+        places[own] = sensor.scale * at_sockets @ sensor.rotation.T + sensor.shift
         log = replace(log, x=_placed(log, touch, places))
-    return replace(log, touch=None), [gone] * (len(log) < rows)
+    return replace(log, touch=None), [gone] * (len(log) < count)
 
 
 def _placed(samples: Samples, touch: Touches, places: Array) -> Array:

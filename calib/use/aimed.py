@@ -16,6 +16,7 @@ from ..arm.arm import Arm, SpatialArm
 from ..arm.rotations import exponential, logarithm
 from ..body.belief import Body
 from ..body.corners import Corners
+from ..body.rows import Beside
 from ..body.spatial import SpatialStructure, structure_of
 from ..body.views import InSpace
 from ..common.arrays import Array
@@ -162,8 +163,8 @@ def in_sight(
     q, _ = _led(structure, beta, begin, np.concatenate([shift, logarithm(turn)], axis=1), space)
     pose = structure.measurement
     assert isinstance(pose, InSpace)  # noqa: S101 - a view of poses
-    reading = Corners(pose, in_hand, beta)
-    camera = structure.with_view("board", unit="px", reading=reading)
+    reading = Beside((Corners(pose, in_hand), pose))
+    camera = structure.with_view("pose", unit="px", reading=reading)
     corners = np.column_stack([0.5 * size * ((-1, -1), (-1, 1), (1, -1), (1, 1)), np.zeros(4)])
 
     def rows(q: Array) -> Array:

@@ -22,6 +22,7 @@ from ..body.belief import Body
 from ..body.fit import Fit
 from ..body.normal import Factor, with_prior
 from ..body.parameters import Indices, Prior
+from ..body.rows import Rows
 from ..body.settings import FREE, SHIFT, STUDENT, UNTOLD
 from ..body.spatial import SpatialStructure, structure_of
 from ..body.spatial_start import frame
@@ -397,7 +398,7 @@ def _fitted(
 ) -> Fit:
     """The most probable parameters from `beta` on; `error` is the least noise [unit]."""
     floor = np.maximum(_FLOOR * structure.extents, error)
-    fit = Fit(structure, q, x, beta, prior, nu=STUDENT, floor=floor)
+    fit = Fit(structure, [Rows(q, x, floor=floor)], beta, prior, nu=STUDENT)
     return fit.maximise(steps=15, tolerance=1e-3)
 
 
@@ -405,7 +406,7 @@ def _geometry(
     arm: Arm, fit: Fit, nominal: Array, free: bool, move_tip: bool, reach: float, metre: float
 ) -> Geometry:
     """What a fit found, beside the nominal arm's parameters; `metre` are units of a metre."""
-    misfit = fit.structure.residual(fit.z, fit.structure.predict(fit.q, nominal))
+    misfit = fit.parts[0].residual_at(nominal)
     sizes = (_rms(fit.residual) / metre, _rms(misfit) / metre, reach)
     structure: Any = fit.structure
     return Geometry(arm, structure, fit.beta, _deviations(fit), free, move_tip, *sizes)
@@ -424,7 +425,10 @@ def _deviations(fit: Fit) -> Array:
     both = np.union1d(active, np.flatnonzero(usual))
     own = np.isin(both, active)
     root = (np.sqrt(fit.weight) / fit.noise).ravel()
-    x = structure.linearise(fit.q, fit.beta, both)[1].reshape(len(root), -1) * root[:, None]
+    x = (
+        structure.linearise(fit.parts[0].q, fit.beta, both)[1].reshape(len(root), -1)
+        * root[:, None]
+    )
     gram = x.T @ x
     free = fit.told * gram
     free[np.ix_(own, own)] = with_prior(free[np.ix_(own, own)], fit.sd, fit.known)

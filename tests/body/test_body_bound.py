@@ -6,10 +6,11 @@ import pytest
 from calib.body.belief import Body
 from calib.body.covariance import radius_95, root_of, spread_of
 from calib.body.fit import Fit
-from calib.body.held_out import leave_blocks_out
+from calib.body.gate import leave_blocks_out
 from calib.body.nominal import Nominal
 from calib.body.parameters import Prior
 from calib.body.planar import PlanarStructure
+from calib.body.rows import Rows
 
 
 @pytest.mark.parametrize("ratio", [1.0, 0.5, 0.1, 0.0])
@@ -38,7 +39,7 @@ def known(n: int, seed: int):
 
 def fitted(s, prior, q, z):
     sizes = {"floor": np.full(2, 1e-9), "noise": np.full(2, 1e-3)}
-    fit = Fit(s, q, z, prior.mean, prior, nu=np.inf, **sizes)
+    fit = Fit(s, [Rows(q, z, **sizes)], prior.mean, prior, nu=np.inf)
     return fit.maximise(learn=False, tolerance=1e-8)
 
 

@@ -6,6 +6,7 @@ import pytest
 from calib.body import fitting
 from calib.body.nominal import Nominal
 from calib.body.planar import planar_structure
+from calib.body.rows import Rows
 from calib.body.telling import warnings_of
 
 LENGTHS = np.array([0.3, 0.25, 0.15])
@@ -27,7 +28,7 @@ def rows(n, dof, seed=0, reach=1.5):
 
 def fit(q, z, **options):
     names = [f"j{i}" for i in range(q.shape[1])]
-    return fitting.fit(planar_structure(z, names, [True] * len(names), **options), q, z)
+    return fitting.fit(planar_structure(z, names, [True] * len(names), **options), [Rows(q, z)])
 
 
 @pytest.mark.parametrize("dof", [1, 2, 3])
@@ -52,7 +53,7 @@ def test_a_slide_is_found_to_rounding():
         return seen(p + 0.15 * np.exp(1j * (q[:, 0] + q[:, 2])))
 
     structure = planar_structure(arm(q), "abc", (True, False, True), simulated=True)
-    fitted = fitting.fit(structure, q, arm(q))
+    fitted = fitting.fit(structure, [Rows(q, arm(q))])
     ask = rows(50, 3, seed=4)
     assert np.abs(fitted.body.predict(ask) - arm(ask)).max() < 1e-12
 

@@ -11,6 +11,7 @@ from calib.arm.loading import load_arm
 from calib.arm.rotations import exponential, logarithm
 from calib.body import fitting
 from calib.body.belief import Body
+from calib.body.rows import Rows
 from calib.body.spatial import structure_of, unknown_structure
 from calib.body.spatial_start import frame, refuse_pixels
 from calib.body.starts import candidates
@@ -95,7 +96,7 @@ def test_a_fit_finds_the_arm_and_its_bound_holds_the_errors():
     q, fresh = rows(arm, 80, 1), rows(arm, 400, 2)
     rng = np.random.default_rng(3)
     z = structure.predict(q, beta) + rng.normal(0, 5e-5, (len(q), 3))
-    body = fitting.fit(replace(structure, extent=spread(z)), q, z).body
+    body = fitting.fit(replace(structure, extent=spread(z)), [Rows(q, z)]).body
     error = np.linalg.norm(body.predict(fresh) - structure.predict(fresh, beta), axis=1)
     assert error.mean() < 1.5e-4
     assert np.mean(error <= body.bound(fresh, noise=False)) > 0.93
@@ -112,7 +113,7 @@ def test_curves_are_found_where_they_are():
     arm, structure, beta = truth(curves=True)
     q, fresh = rows(arm, 150, 1), rows(arm, 300, 2)
     z = structure.predict(q, beta) + np.random.default_rng(3).normal(0, 3e-5, (len(q), 3))
-    fit = fitting.fit(replace(structure, extent=spread(z)), q, z)
+    fit = fitting.fit(replace(structure, extent=spread(z)), [Rows(q, z)])
     error = np.linalg.norm(fit.body.predict(fresh) - structure.predict(fresh, beta), axis=1)
     assert fit.body.member == "curves"
     plain = structure.prior(("offset", "placement")).mean  # the arm as drawn, without curves
@@ -129,7 +130,7 @@ def test_a_pose_tells_the_tools_orientation():
     z = structure.predict(q, beta)
     z[:, :3] += rng.normal(0, 5e-5, (len(q), 3))
     z[:, 3:] = logarithm(exponential(rng.normal(0, 1e-4, (len(q), 3))) @ exponential(z[:, 3:]))
-    body = fitting.fit(replace(structure, extent=spread(z[:, :3])), q, z).body
+    body = fitting.fit(replace(structure, extent=spread(z[:, :3])), [Rows(q, z)]).body
     error = structure.residual(structure.predict(fresh, beta), body.predict(fresh))
     assert np.linalg.norm(error[:, :3], axis=1).mean() < 2e-4
     assert np.linalg.norm(error[:, 3:], axis=1).mean() < 5e-4
@@ -140,13 +141,13 @@ def test_millimetres_and_a_free_scale():
     beta[structure.groups["view.scale"]] = np.log(1000.0)
     q = rows(arm, 60, 1)
     z = structure.predict(q, beta)
-    body = fitting.fit(replace(structure, extent=spread(z), unit="sensor"), q, z).body
+    body = fitting.fit(replace(structure, extent=spread(z), unit="sensor"), [Rows(q, z)]).body
     scale = np.exp(body.beta[structure.groups["view.scale"][0]])
     assert scale == pytest.approx(1000.0, rel=5e-3)
     with pytest.raises(LogError, match="does not explain the positions"):
         candidates(replace(structure, view="rigid"), q, z)
     in_mm = structure_of(arm, "rigid", unit="mm", metre=1000.0, extent=spread(z))
-    assert np.abs(fitting.fit(in_mm, q, z).held_out).mean() < 1.0
+    assert np.abs(fitting.fit(in_mm, [Rows(q, z)]).held_out).mean() < 1.0
 
 
 def test_rows_that_no_arm_explains_are_refused_in_one_line():
@@ -184,7 +185,7 @@ def test_ten_rows_tell_no_less_than_the_drawing_with_its_frames():
     q = rows(arm, 10, 1)
     z = structure.predict(q, beta) + np.random.default_rng(0).normal(0, 2e-4, (10, 3))
     structure = replace(structure, extent=spread(z))
-    body = fitting.fit(structure, q, z).body
+    body = fitting.fit(structure, [Rows(q, z)]).body
     fresh = rows(arm, 100, 2)
     true = structure.predict(fresh, beta)
     error = np.linalg.norm(body.predict(fresh) - true, axis=1)
@@ -198,7 +199,7 @@ def test_without_a_drawing_the_chain_is_found():
     q, fresh = rows(arm, 60, 1), rows(arm, 100, 2)
     z = arm.forward(q) + np.random.default_rng(0).normal(0, 1e-4, (60, 3))
     unknown = unknown_structure(arm.joint_names, arm.revolute, spread(z))
-    body = fitting.fit(unknown, q, z).body
+    body = fitting.fit(unknown, [Rows(q, z)]).body
     error = np.linalg.norm(body.predict(fresh) - arm.forward(fresh), axis=1)
     assert error.mean() < 3e-4
     assert np.mean(error <= body.bound(fresh, noise=False)) > 0.9
@@ -209,7 +210,7 @@ def test_exact_rows_give_the_chain_to_rounding():
     q, fresh = rows(arm, 200, 1), rows(arm, 100, 2)
     z = arm.forward(q)
     unknown = unknown_structure(arm.joint_names, arm.revolute, spread(z), simulated=True)
-    body = fitting.fit(unknown, q, z).body
+    body = fitting.fit(unknown, [Rows(q, z)]).body
     assert body.member == "chain"
     assert np.abs(body.predict(fresh) - arm.forward(fresh)).max() < 1e-12
 
@@ -219,7 +220,7 @@ def test_a_joint_that_never_moved_keeps_its_drawing_and_a_wide_bound():
     q = rows(arm, 100, 1)
     q[:, 1] = 0.3
     z = structure.predict(q, beta) + np.random.default_rng(3).normal(0, 5e-5, (len(q), 3))
-    body = fitting.fit(replace(structure, extent=spread(z)), q, z).body
+    body = fitting.fit(replace(structure, extent=spread(z)), [Rows(q, z)]).body
     moved = q.copy()
     moved[:, 1] += 1.0
     error = np.linalg.norm(body.predict(moved) - structure.predict(moved, beta), axis=1)

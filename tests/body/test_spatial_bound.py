@@ -9,6 +9,7 @@ from models import in_space
 from calib.arm.loading import load_arm
 from calib.body import fitting
 from calib.body.belief import Body
+from calib.body.rows import Rows
 from calib.body.sensor import SensorPose, without_gauge
 from calib.body.spatial import structure_of
 from calib.body.spatial_start import frame
@@ -40,7 +41,7 @@ def seen(arm, structure, beta, n, seed):
 
 def fitted(structure, q, z) -> Body:
     extent = float(np.sqrt(((z - z.mean(axis=0)) ** 2).sum(axis=1).mean()))
-    return fitting.fit(replace(structure, extent=extent), q, z).body
+    return fitting.fit(replace(structure, extent=extent), [Rows(q, z)]).body
 
 
 def apart(body, q, z):
