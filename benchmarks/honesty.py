@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any
 
 import honest_change
+import honest_check
 import honest_real
 import honest_simulated
 import honest_streams
@@ -30,7 +31,7 @@ REAL: dict[str, Callable[[Path, bool], Iterator[Row]]] = {
     "gaps": honest_real.gaps,
     "adapt": honest_change.adaptations,
     "adapt-space": honest_change.space_adaptations,
-    "check": honest_change.checks,
+    "check": honest_check.checks,
     "rows": honest_real.rows,
     "few": honest_real.few,
     "urdf": honest_real.urdf,
@@ -39,7 +40,7 @@ REAL: dict[str, Callable[[Path, bool], Iterator[Row]]] = {
 OWN: dict[str, Callable[[bool], Iterator[Row]]] = {
     "paths": honest_simulated.paths,
     "places": honest_change.places,
-    "power": honest_change.power,
+    "power": honest_check.power,
     "change": honest_change.changed,
     "camera": honest_simulated.camera,
     "noise": honest_simulated.noise,
@@ -47,9 +48,9 @@ OWN: dict[str, Callable[[bool], Iterator[Row]]] = {
     "worlds": honest_simulated.worlds,
     "three": honest_simulated.three,
     "clocks": honest_simulated.clocks,
-    "noisier": honest_change.noisier,
-    "encoders": honest_change.encoders,
-    "encoders-space": honest_change.space_encoders,
+    "noisier": honest_check.noisier,
+    "encoders": honest_check.encoders,
+    "encoders-space": honest_check.space_encoders,
     "streams": honest_streams.streams,
 }
 

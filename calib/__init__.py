@@ -20,8 +20,8 @@ if TYPE_CHECKING:
     from .arm.arm import PlanarArm as PlanarArm
     from .arm.loading import load_arm as load_arm
     from .arm.robots import list_robots as list_robots
+    from .change.adapt import Adaptation as Adaptation
     from .change.adapt import adapt as adapt
-    from .change.adaptation import Adaptation as Adaptation
     from .change.check import Drift as Drift
     from .change.check import Recognition as Recognition
     from .change.check import check as check
@@ -73,8 +73,7 @@ _NAMES = {
     "arm.arm": "PlanarArm",
     "arm.loading": "load_arm",
     "arm.robots": "list_robots",
-    "change.adapt": "adapt",
-    "change.adaptation": "Adaptation",
+    "change.adapt": "Adaptation adapt",
     "change.check": "Drift Recognition check recognise",
     "change.follow": "follow",
     "change.monitor": "Monitor monitor",

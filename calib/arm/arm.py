@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar, TypeVar
+from typing import ClassVar, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -273,19 +273,16 @@ def checked_range(name: str, chosen: Range, limits: Range, unit: str) -> Range:
     Raises OptionError if it is not finite, empty or inverted, or goes beyond the joint's limits.
     """
     lower, upper = (float(end) for end in chosen)
-    shown = f"`ranges={{{name!r}: ({lower:g}, {upper:g})}}`"
-    fields: dict[str, Any] = {"parameter": "ranges", "value": (lower, upper)}
-    if not (math.isfinite(lower) and math.isfinite(upper) and lower < upper):
+    within = limits[0] - _ROUNDING <= lower < upper <= limits[1] + _ROUNDING
+    most = math.inf if unit == "rad" else MAX_TRAVEL
+    if not (within and math.isfinite(upper - lower) and upper - lower <= most):
         raise OptionError(
-            f"{shown}: expected two finite numbers, the lower one first [{unit}]", **fields
+            f"`ranges={{{name!r}: ({lower:g}, {upper:g})}}`: expected two finite numbers, lower "
+            f"one first, within the joint's limits {limits[0]:.6g}:{limits[1]:.6g} [{unit}]"
+            f"{'' if unit == 'rad' else f' and at most {most:g} m apart'}",
+            parameter="ranges",
+            value=(lower, upper),
         )
-    if lower < limits[0] - _ROUNDING or upper > limits[1] + _ROUNDING:
-        raise OptionError(
-            f"{shown}: outside the joint's limits {limits[0]:.6g}:{limits[1]:.6g} [{unit}]",
-            **fields,
-        )
-    if unit == "m" and upper - lower > MAX_TRAVEL:
-        raise OptionError(f"{shown}: expected a travel of at most {MAX_TRAVEL:g} m", **fields)
     return max(lower, limits[0]), min(upper, limits[1])
 
 

@@ -113,28 +113,32 @@ def arm_from_urdf(
     """
     urdf = parse_urdf(text, name)
     lock, ranges = dict(lock or {}), dict(ranges or {})
-    for locked in lock:
-        _movable(urdf, locked, "lock")
+    for held, value in lock.items():
+        if not np.isfinite(value):
+            unit = _movable(urdf, held, "lock").unit
+            raise OptionError(
+                f"`lock` of {quoted(held)} is {value}: expected a finite number [{unit}]",
+                parameter="lock",
+                value=value,
+            )
+        _movable(urdf, held, "lock")
     wanted = None if tip is None else _find_link(urdf, tip)
-    kinematics, values = Kinematics(urdf), held_values(urdf, lock)
+    kinematics = Kinematics(urdf)
+    posture = kinematics.posture(lock)
     if joints is None:
-        usable = [
+        logged = {joint.name for joint in urdf.joints} if columns is None else set(columns)
+        free = [
             joint
-            for joint in urdf.joints
-            if joint.movable and not joint.mimic and joint.name not in lock
-            and (joint.name in ranges or not joint.stuck)
-        ]  # fmt: skip
-        free = [joint for joint in usable if columns is None or joint.name in columns]
-        posture, logged = kinematics.posture(values), columns is not None
-        active, tip, notes = _found(urdf, posture, free, wanted, lock, planar=planar, logged=logged)
-        if idle := [
-            joint.name for joint in urdf.path(tip) if joint in usable and joint not in free
-        ]:
-            notes.append(f"locked because the log has no columns for them: {listed(idle)}")
+            for joint in _leaders(urdf, lock)
+            if joint.name in logged and (joint.name in ranges or not joint.stuck)
+        ]
+        best, notes = _found(urdf, posture, free, wanted, planar=planar, logged=columns is not None)
+        idle = [j.name for j in urdf.path(best.tip) if j.movable and j.name not in logged]
+        notes += [f"locked because the log has no columns for them: {listed(idle)}"] * bool(idle)
     else:
         named = re.split(r"\s*,\s*", joints.strip()) if isinstance(joints, str) else joints
-        active, tip = _named(urdf, named, wanted, lock)
-        notes = []
+        best, notes = _named(urdf, posture, named, wanted, lock), []
+    active, tip = best.joints, best.tip
     if wanted is None and not tip.lower().endswith(TIP_NAMES):
         notes.append(f"tip {quoted(tip)} was chosen (`tip` changes it)")
     names, following = [joint.name for joint in active], dict[str, Mimic]()
@@ -142,7 +146,7 @@ def arm_from_urdf(
         if joint.movable and (mimic := urdf.followed(joint, lock)).leader in names:
             following[joint.name] = mimic
     copies = [name for name in following if name not in names]
-    posture = kinematics.posture({**values, **dict.fromkeys(following, 0.0)})
+    posture = kinematics.posture({**lock, **dict.fromkeys(following, 0.0)})
     normal = plane_normal(active, posture, wanted=planar)
     if copies and planar:
         raise RobotError(
@@ -156,11 +160,13 @@ def arm_from_urdf(
             hint="lock the others",
             parameter="joints",
         )
-    stay = {j.name: values[j.name] for j in urdf.path(tip) if j.movable and j.name not in following}
     if normal is not None:
         check_tip(active[-1], tip, posture)
     others = [joint for joint in active if joint.name not in ranges]
     _check_limits(others)
+    values = urdf.values(lock)
+    stay = {j.name: values[j.name] for j in urdf.path(tip) if j.movable and j.name not in following}
+    notes = [*urdf.notes, *notes, *_lock_notes(urdf, stay, lock)]
     parts: dict[str, Any] = {
         "name": urdf.name,
         "joint_names": tuple(names),
@@ -170,7 +176,7 @@ def arm_from_urdf(
         "tip": tip,
         "locked": stay,
         "urdf": text,
-        "notes": tuple(map(one_line, (*urdf.notes, *notes, *_lock_notes(urdf, stay, lock)))),
+        "notes": tuple(map(one_line, notes)),
         "limits": tuple(joint.travel for joint in active),
         "chain": folded(urdf, following, names, tip, posture, weighed=normal is None),
     }
@@ -182,22 +188,26 @@ def arm_from_urdf(
     return arm.with_range({**ranges, **{joint.name: joint.travel for joint in others}})
 
 
+def _leaders(urdf: Urdf, lock: Mapping[str, float]) -> list[Joint]:
+    """Joints that move on their own."""
+    return [j for j in urdf.joints if j.movable and not j.mimic and j.name not in lock]
+
+
 def _found(
     urdf: Urdf,
     posture: Posture,
     free: Sequence[Joint],
     tip: str | None,
-    lock: Mapping[str, float],
     *,
     planar: bool,
     logged: bool,
-) -> tuple[list[Joint], str, list[str]]:
-    """Return active joints, base to tip, and the tip, for users who named none; and notes."""
+) -> tuple[Chain, list[str]]:
+    """Return the arm for users who named no joints, and notes."""
     chains = find_chains(urdf, posture, free, tip)
     if not chains:
-        stuck = [joint for joint in urdf.joints if joint.stuck and joint.name not in lock]
+        stuck = [joint for joint in urdf.joints if joint.stuck and joint not in free]
         if len(free) + len(stuck) > 1:
-            _check_limits([joint for joint in stuck if joint not in free])
+            _check_limits(stuck)
         hint = "if columns have other names, give `columns={'JOINT': 'COLUMN'}`"
         movable = listed(joint.name for joint in urdf.joints if joint.movable)
         raise RobotError(
@@ -211,55 +221,38 @@ def _found(
         chains = [part or chain for part, chain in zip(parts, chains, strict=True)]
     else:
         chains = [replace(chain, joints=chain.joints[-MOST_JOINTS:]) for chain in chains]
-    best, *others = chains
+    best, others = chains[0], "; ".join(map(str, chains[1:]))
     if others and logged:  # a log was measured on one of them only; in simulation the first serves
         raise RobotError(
-            f"the robot has {len(chains)} arms of one reach, choose one: {_of(chains)}"
+            f"the robot has {len(chains)} arms of one reach, choose one: {best}; {others}"
         )
-    notes = [f"chosen by reach: {best} (others: {_of(others)})"] if others else []
+    notes = [f"chosen by reach: {best} (others: {others})"] if others else []
     if parts[0] and not flat:
         notes.append(f"the arm moves in space; `planar=True` takes its planar part: {parts[0]}")
-    return list(best.joints), best.tip, notes
-
-
-def _of(chains: Sequence[Chain], most: int = 6) -> str:
-    """The options that name each chain, the first `most` of them."""
-    return "; ".join(map(str, chains[:most])) + ("; ..." if len(chains) > most else "")
+    return best, notes
 
 
 def _named(
-    urdf: Urdf, joints: Sequence[str], tip: str | None, lock: Mapping[str, float]
-) -> tuple[list[Joint], str]:
-    """Return the joints that a user named, base to tip, and the tip."""
-    active: list[Joint] = []
-    for name in joints:
-        joint = _movable(urdf, name, "joints")
-        held = "locked" if name in lock else "named already" if joint in active else None
-        held = f"a mimic of {quoted(joint.mimic.leader)}" if joint.mimic else held
-        if held:
-            raise OptionError(
-                f"`joints`: {quoted(name)} is {held}: expected joints that move on their own",
-                parameter="joints",
-                value=name,
-            )
-        active.append(joint)
-    if len(active) < 2:
+    urdf: Urdf,
+    posture: Posture,
+    names: Sequence[str],
+    tip: str | None,
+    lock: Mapping[str, float],
+) -> Chain:
+    """Return the arm of the joints that a user named."""
+    asked = [_movable(urdf, name, "joints") for name in names]
+    if tip is None and asked:
+        tip = find_tip(urdf, max(asked, key=lambda joint: len(urdf.path(joint.child))).child)
+    free = [j.name for j in urdf.path(tip or "") if j in _leaders(urdf, lock)]
+    chains = find_chains(urdf, posture, [joint for joint in asked if joint.name in free], tip)
+    if not chains or sorted(joint.name for joint in chains[0].joints) != sorted(names):
         raise OptionError(
-            f"`joints` names {len(active)} joint, expected two or more: one alone moves the "
-            "tip along a line, not over a plane",
+            f"`joints` are {listed(map(quoted, names))}: expected two or more of those that move "
+            f"the tip {quoted(tip or '')} on their own, each once: {listed(map(quoted, free))}",
             parameter="joints",
-            value=list(joints),
+            value=list(names),
         )
-    if tip is None:
-        tip = find_tip(urdf, max(active, key=lambda joint: len(urdf.path(joint.child))).child)
-    path = urdf.path(tip)
-    for joint in active:
-        if joint not in path:
-            raise RobotError(
-                f"joint {quoted(joint.name)} does not move the tip {quoted(tip)}: joints that "
-                f"do: {listed(j.name for j in path if j.movable)}"
-            )
-    return [joint for joint in path if joint in active], tip
+    return chains[0]
 
 
 def _movable(urdf: Urdf, name: str, parameter: str) -> Joint:
@@ -290,36 +283,14 @@ def _check_limits(joints: Sequence[Joint]) -> None:
         raise RobotError(faults, hint=f"give `ranges={{{wanted}}}` [{units}]", parameter="ranges")
 
 
-def held_values(urdf: Urdf, lock: Mapping[str, float]) -> dict[str, float]:
-    """Values of all movable joints when held: as told, as their leader, or neutral."""
-    movable = [joint for joint in urdf.joints if joint.movable]
-    values = {joint.name: float(lock.get(joint.name, joint.neutral)) for joint in movable}
-    for joint in movable:
-        if not np.isfinite(values[joint.name]):
-            raise OptionError(
-                f"`lock` of {quoted(joint.name)} is {lock[joint.name]}: expected a finite "
-                f"number [{joint.unit}]",
-                parameter="lock",
-                value=lock[joint.name],
-            )
-    mimics = {joint.name: urdf.followed(joint, lock) for joint in movable}
-    return {
-        name: mimic.multiplier * values[mimic.leader] + mimic.offset
-        if mimic.leader in values
-        else values[name]
-        for name, mimic in mimics.items()
-    }
-
-
 def _lock_notes(urdf: Urdf, held: Mapping[str, float], lock: Mapping[str, float]) -> list[str]:
     """Say which joints are held where, and where that is not what zero or limits say."""
     notes: list[str] = []
-    for name in [name for name in held if name in lock]:
-        joint = _movable(urdf, name, "lock")
-        lower, upper = joint.travel
-        if not lower <= held[name] <= upper:
+    for joint in [joint for joint in urdf.joints if joint.name in lock]:
+        (lower, upper), value = joint.travel, lock[joint.name]
+        if joint.name in held and not lower <= value <= upper:
             notes.append(
-                f"`lock={{{name!r}: {held[name]:g}}}` lies outside the joint's limits "
+                f"`lock={{{joint.name!r}: {value:g}}}` lies outside the joint's limits "
                 f"{lower:g}:{upper:g} [{joint.unit}]"
             )
     if neutral_ones := [f"{name}={held[name]:.4g}" for name in held if name not in lock]:

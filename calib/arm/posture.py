@@ -44,7 +44,8 @@ class Kinematics:
                 f"robots need Pinocchio, which cannot be imported ({error}): pip install pin"
             ) from None
         self._pin: Any = pin
-        self._model, self._joints = pin.Model(), dict[str, int]()
+        self._urdf, self._model = urdf, pin.Model()
+        self._joints: dict[str, int] = {}
         # of each link the joint that carries it, and its placement there
         self._links: dict[str, tuple[int, Any]] = {urdf.root: (0, pin.SE3.Identity())}
         # a URDF may list a joint before the one that carries it
@@ -58,10 +59,10 @@ class Kinematics:
                 self._joints[joint.name], placed = carrier, pin.SE3.Identity()
             self._links[joint.child] = carrier, placed
 
-    def posture(self, values: Mapping[str, float]) -> Posture:
-        """Return the posture at joint values [rad or m]; joints not named are at zero."""
+    def posture(self, told: Mapping[str, float]) -> Posture:
+        """Return the posture at joint values [rad or m]; others follow one, or are neutral."""
         data, q = self._model.createData(), np.zeros(self._model.nq)
-        for name, value in values.items():
+        for name, value in self._urdf.values(told).items():
             q[self._joints[name] - 1] = value  # each joint has one value
         self._pin.forwardKinematics(self._model, data, q)
         links = self._links.items()

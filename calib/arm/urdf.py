@@ -140,6 +140,13 @@ class Urdf:
             passed.append(joint.name)
         return Mimic(joint.name, scale, offset)
 
+    def values(self, told: Mapping[str, float]) -> dict[str, float]:
+        """Values [rad or m] of all movable joints: as told, as what they follow, or neutral."""
+        movable = [joint for joint in self.joints if joint.movable]
+        free = {joint.name: float(told.get(joint.name, joint.neutral)) for joint in movable}
+        follows = {joint.name: self.followed(joint, told) for joint in movable}
+        return {n: m.multiplier * free.get(m.leader, 0.0) + m.offset for n, m in follows.items()}
+
     def below(self, link: str) -> tuple[Joint, ...]:
         """Joints that a link carries directly, in file order."""
         return tuple(joint for joint in self.joints if joint.parent == link)

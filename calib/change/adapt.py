@@ -2,25 +2,94 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from itertools import combinations
+from typing import Any
 
 import numpy as np
 
+from ..common.arrays import Array
 from ..common.choices import METHODS
 from ..common.parallel import one_blas_thread
+from ..common.rows import thinned
 from ..common.wording import for_people
 from ..errors import OptionError
 from ..maps.model_selection import better, blocks
 from ..maps.node_bounds import learn_bounds
+from ..model.about import Rows
+from ..model.alignment import Alignment
+from ..model.baseline import learn_baseline
 from ..model.model import Model
 from ..samples.samples import Samples
+from ..training.evaluate import error_sizes, evaluate_residuals, summarise
 from ..training.learn import Progress
-from .adaptation import Adaptation, finished, rebuilt
 from .causes import find_causes, frame_between
 from .comparison import Comparison, compare
-from .decision import decide, kept_model
 from .follow import BLOCK, HORIZON, OnlineAdapter
+from .hypotheses import GROUPS, Cause, is_framed
+from .rebuild import rebuilt
 from .settings import TAIL
+from .update import update
+
+_WIDE = 0.5  # least spread of rows in any direction, over that of the learned range
+_CELLS = 5  # along each joint, for the share of the range that a log measured
+_BASELINE = 6000  # imagined samples that tell what is usual after an adaptation
+_EVALUATED = 500  # rows that the readouts are evaluated on
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Adaptation:
+    """The result of adapting a model to a log.
+
+    Attributes
+    ----------
+    model : Model
+        The adapted model, or the old one, with wider bounds where the rows contradict its own.
+    improved : bool
+        Whether held-out rows are predicted better than before.
+    samples : int
+        Rows that it rests on.
+    outliers : int
+        Rows that were left out as wrong detections.
+    before, after : dict
+        "mean", "max" and "p99" [unit] of the distance from measured to predicted position, on
+        rows that neither prediction has seen.
+    correction : str
+        What was corrected, in words.
+    changed : tuple of Cause
+        What changed, as `check` says of the same log.
+    kept : tuple of str
+        What was left as it was.
+    coverage : float
+        Share of the learned range that the log measured.
+    notes : tuple of str
+        What the user should be told.
+    everywhere : bool
+        Whether the rows span the learned range; otherwise `improved` speaks of their own region.
+    left_out : int
+        Rows of the log that are wrong, or outside of what the model has learned.
+    """
+
+    model: Model
+    improved: bool
+    samples: int
+    outliers: int
+    before: dict[str, float]
+    after: dict[str, float]
+    correction: str
+    changed: tuple[Cause, ...]
+    kept: tuple[str, ...]
+    coverage: float
+    notes: tuple[str, ...] = ()
+    everywhere: bool = True
+    left_out: int = 0
+
+    def __repr__(self) -> str:
+        """Say in two lines whether it helped, and what was corrected."""
+        verdict = "improved" if self.improved else "not improved, the old model stays"
+        head = f"Adaptation: {verdict}, {self.samples} samples, {self.correction}"
+        before, after = self.before["mean"], self.after["mean"]
+        return f"{head}\n  mean error {before:.3g} -> {after:.3g} {self.model.about.unit}"
 
 
 def adapt(
@@ -67,37 +136,70 @@ def adapt(
             return _online(found, report)
         if model.body is None:
             told = "maps without a body learn from a stream alone: give method 'online'"
-            missed, causes = found.missed, find_causes(found)[0]
-            return kept_model(found, missed, missed, "nothing", causes, told)
+            return _old_model(found, found.missed, found.missed, "nothing", told)
+        report(0.0, "hypotheses", float("nan"))
         return _few_shot(found, report)
 
 
 def _few_shot(found: Comparison, report: Progress) -> Adaptation:
-    report(0.0, "hypotheses", float("nan"))
-    made, body, held_out, framed = decide(found)
+    model, made, (factor, name) = found.model, update(found), for_people(found.unit)
+    before, after = found.missed[made.rows], np.linalg.norm(made.residual, axis=1)
+    best = made.explanation
+    hypothesis = best.hypothesis if found.changed else ()
+    # what nobody may miss: another unit, a mirror, a joint that turns round or not at all
+    loud = [cause.words for cause in found.reference.causes] if found.explained else []
+    why = "no single change explains the log" if found.score > 1.0 else "nothing changed"
+    correction = best.name if found.changed else f"{why}, rows added"
+    told = _old_model(found, before, after, correction, *loud)
+    if found.changed:
+        left = {g for g, ix in found.reference.structure.groups.items() if len(ix)} - {*hypothesis}
+        if len(found.reference.sizes) >= 3:  # a tracker has no lens
+            left.discard("lens")
+        told = replace(told, kept=tuple(w.kept for g, w in GROUPS.items() if g in left and w.kept))
     if not found.explained and not made.improved:
-        return replace(made, notes=(*made.notes, found.why_not()))
+        return replace(told, notes=(*told.notes, found.why_not()))
     report(0.8, "maps", float("nan"))
-    fresh, (factor, name) = rebuilt(found, body), for_people(found.unit)
+    fresh = rebuilt(model, found.body, made.body, found.u)
     if not made.improved:
         # noise alone is no error of the model: then rows miss evenly
-        missed, bound = found.missed[found.kept], found.model.expected_error(found.q[found.kept])
+        missed, bound = found.missed[found.kept], model.expected_error(found.q[found.kept])
         uneven = float(np.quantile(missed, 0.95)) > TAIL * float(np.median(missed))
         beyond = uneven and np.mean(missed > bound) > 0.5
-        return _doubted(found, made, fresh) if beyond or found.score > 1.0 else made
+        return _doubted(found, told, fresh) if beyond or found.score > 1.0 else told
     if not np.isfinite(fresh.expected_error(found.q)).any():
-        told = "the new bound is a tenth of the reach or more at every row"
-        return replace(made, improved=False, notes=(*made.notes, f"{told}: measure more"))
-    if not found.spans:
+        wide = "the new bound is a tenth of the reach or more at every row: measure more"
+        return replace(told, notes=(*told.notes, wide))
+    told = replace(told, improved=True)
+    if not told.everywhere:
         known = factor * float(np.median(fresh.model_bounds))
-        told = (
-            f"improved at the rows, {100 * made.coverage:.0f} % of the learned range: unknown "
+        where = (
+            f"improved at the rows, {100 * told.coverage:.0f} % of the learned range: unknown "
             f"elsewhere, where the position is known to {known:.3g} {name} (median of the bound)"
         )
-        made = replace(made, notes=(*made.notes, told))
-    frame = frame_between(found, body.beta) if framed else None
-    report(1.0, "done", made.after["mean"])
-    return finished(found, made, fresh, *held_out, "few-shot", frame)
+        told = replace(told, notes=(*told.notes, where))
+    frame = frame_between(found, made.body.beta) if is_framed(hypothesis) else None
+    report(1.0, "done", told.after["mean"])
+    return _finished(found, told, fresh, found.q[made.rows], made.residual, "few-shot", frame)
+
+
+def _old_model(
+    found: Comparison, before: Array, after: Array, correction: str, *notes: str
+) -> Adaptation:
+    """An adaptation that keeps the old model, of distances (k,) from held-out rows [unit]."""
+    causes, told = find_causes(found)
+    # share of the learned range that rows visit: of cells of a fifth, over pairs of joints
+    cells = (np.clip(found.u, 0.0, 1.0 - 1e-12) * _CELLS).astype(int)
+    some = combinations(range(cells.shape[1]), min(cells.shape[1], 2))
+    shares = [len(np.unique(cells[:, ix], axis=0)) / _CELLS ** len(ix) for ix in some]
+    # whether they vary in every direction of the joints: of uniform rows the variance is 1 / 12
+    least = float(np.linalg.eigvalsh(np.atleast_2d(np.cov(found.u.T)))[0])
+    return Adaptation(
+        found.model, False, int(np.count_nonzero(found.kept)), found.wrong + found.strays,
+        error_sizes(before), error_sizes(after), correction,
+        tuple(c for c in causes if c.group != "noise"), ("the arm and the sensor",),
+        float(np.mean(shares)), (*found.notes, *notes, *told), least > _WIDE**2 / 12.0,
+        found.lost + found.strays,
+    )  # fmt: skip
 
 
 def _doubted(found: Comparison, made: Adaptation, fresh: Model) -> Adaptation:
@@ -133,14 +235,59 @@ def _online(found: Comparison, report: Progress) -> Adaptation:
     fresh = adapter.model()
     residual = x[held] - fresh.predictor.value(u[held])
     before, after = found.missed[kept][held], np.linalg.norm(residual, axis=1)
-    causes, notes = find_causes(found)
-    if shown > len(learned):
-        notes = (f"{len(learned)} samples were shown {shown // len(learned)} times", *notes)
+    again = f"{len(learned)} samples were shown {shown // len(learned)} times"
     done = "maps and Hebbian links trained online"
-    made = replace(kept_model(found, before, after, done, causes, *notes), kept=())
+    made = _old_model(found, before, after, done, *[again] * (shown > len(learned)))
+    made = replace(made, kept=())
     known = float(np.isfinite(fresh.expected_error(q[held])).mean())
     if not better(after, before) or known <= 0.5:
         return made
     bounds = learn_bounds(fresh.motor, u[held], after)
     fresh = replace(fresh, bounds=bounds, model_bounds=bounds)
-    return finished(found, replace(made, improved=True), fresh, q[held], residual, "online")
+    return _finished(found, replace(made, improved=True), fresh, q[held], residual, "online")
+
+
+def _finished(
+    found: Comparison, made: Adaptation, fresh: Model, held: Array, residual: Array, method: str,
+    frame: Alignment | None = None,
+) -> Adaptation:  # fmt: skip
+    """The adaptation with the new model, its facts, its baseline and the history of the old one.
+
+    held, residual : (k, dof) and (k, m) [unit], joints and residuals of held-out rows
+    """
+    old, readout, after = found.model, fresh.default_readout, np.linalg.norm(residual, axis=1)
+    some = thinned(len(found.q), _EVALUATED)
+    errors = summarise(evaluate_residuals(fresh, found.q[some], found.x[some], None))
+    # rows that were held out tell the error of the default readout, and how it keeps its bound
+    errors = {name: each for name, each in errors.items() if name != "body" or name == readout}
+    parts = dict(zip("xyz", residual.T, strict=False)) | {"distance": after}
+    errors[readout]["forward"].update({axis: error_sizes(part) for axis, part in parts.items()})
+    covered = np.mean(after <= np.nan_to_num(fresh.expected_error(held)) + 1e-12)
+    usual = old.about.errors.get(readout, {}).get("forward", {}).get("distance", {})
+    told = ("samples", "outliers", "before", "after", "correction", "coverage")
+    event: dict[str, Any] = {
+        "event": "adapted",
+        "method": method,
+        **{name: getattr(made, name) for name in told},
+        "changed": [c.to_json() for c in made.changed],
+        "kept": list(made.kept),
+        "frame": None if frame is None else frame.to_json(),
+        "from": {
+            **{name: getattr(old.about, name) for name in ("source", "samples", "simulation")},
+            "mean": usual.get("mean"),
+        },
+    }
+    about = old.about.measured(
+        samples=made.samples, unit=found.unit_seen, errors=errors, notes=made.notes,
+        tested=len(after), left_out=made.left_out,
+        within={"p95": float(np.quantile(after, 0.95)), "covered": float(covered)},
+    )  # fmt: skip
+    points = np.random.default_rng(0).random((_BASELINE, found.q.shape[1]))
+    baseline = learn_baseline(fresh.association, points, fresh.predictor.value(points), after)
+    if old.baseline is not None and old.motor.size == fresh.motor.size:
+        baseline = replace(baseline, paths=old.baseline.paths)
+    # a camera that was moved sees another picture
+    photo = old.photo if method == "few-shot" and frame is None else None
+    rows = Rows.of(found.q[found.kept], found.x[found.kept])
+    facts: dict[str, Any] = {"about": about, "baseline": baseline, "rows": rows, "photo": photo}
+    return replace(made, model=replace(fresh, **facts, history=(*old.history, event)))

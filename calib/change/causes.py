@@ -7,51 +7,24 @@ the first joint's axis and that joint's offset; a sensor that shows all larger a
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass, replace
-from typing import Any
+from dataclasses import replace
 
 import numpy as np
 
 from ..common.arrays import Array
 from ..common.wording import for_people
 from ..model.alignment import Alignment
-from ..samples.diagnosis import unit_hint
 from .comparison import Comparison
 from .explain import simplest
-from .hypotheses import FRAME, GROUPS, OFF, indices_of, is_sensors, parts_of
+from .hypotheses import FRAME, GROUPS, Cause, indices_of, is_sensors, parts_of
 from .score import fired
-from .settings import CREEP
+from .settings import CREEP, NOISIER
 
 _SIGNIFICANT = 2.6  # standard deviations from which a parameter is said to have changed
-_NOISIER = 1.5  # noise over the usual one from which it is worth a word
 _ALIKE = 0.15  # share of a displacement that may differ between two words for it
 _VAGUE = math.radians(1.0)  # half an interval of a turn from which it is worth a word
 _MATTERS = 0.05  # share of the largest displacement from which a cause is named
 _WHICH = "are the same to this log: give `cause='joints'` or `cause='sensor'` if you know which"
-
-
-@dataclass(frozen=True)
-class Cause:
-    """One change that explains a log."""
-
-    # ``"sensor"``, ``"offset:JOINT"``, ``"length:JOINT"``, ``"gain:JOINT"``, ``"elastic:JOINT"``,
-    # ``"curve:JOINT"``, ``"curve"`` of all joints, ``"scale"``, ``"tilt"``, ``"lens"``,
-    # ``"mirror"``, ``"sign:JOINT"``, ``"lost:JOINT"``, ``"noise"`` or ``"unknown"``
-    cause: str
-    group: str  # group of parameters: ``"view.rotation"``, ``"offset"``, ``"length"``,
-    words: str  # the same in words
-    value: float | None = None  # size of the change, None where no number tells it
-    interval: tuple[float, float] | None = None  # 95 % interval of the value
-    unit: str = ""  # unit of the value
-
-    @staticmethod
-    def measured(name: str, group: str, words: str, value: float, half: float, unit: str) -> Cause:
-        """A cause with half the width of its 95 % interval."""
-        return Cause(name, group, words, value, (value - half, value + half), unit)
-
-    def to_json(self) -> dict[str, Any]:
-        """Plain data."""
-        return {k: list(v) if isinstance(v, tuple) else v for k, v in asdict(self).items()}
 
 
 def find_causes(found: Comparison) -> tuple[tuple[Cause, ...], tuple[str, ...]]:
@@ -59,7 +32,7 @@ def find_causes(found: Comparison) -> tuple[tuple[Cause, ...], tuple[str, ...]]:
 
     Where nothing changed, more noise is the only cause there may be.
     """
-    drifted, tested = found.score > 1.0, found.tested
+    drifted, tested, about = found.score > 1.0, found.tested, found.model.about
     if found.model.body is None:
         words = f"{100 * found.bound_test[0]:.0f} % of the rows are beyond the maps' bound"
         return ((Cause("unknown", "maps", words),) if drifted else ()), ()
@@ -67,71 +40,51 @@ def find_causes(found: Comparison) -> tuple[tuple[Cause, ...], tuple[str, ...]]:
         return (Cause("unknown", "", found.why_not()),), ()
     causes: list[Cause] = []
     notes: list[str] = []
-    noise, usual = tested.noise, tested.usual
     if drifted:
-        causes = _of_frame(found) + _of_change(found)
+        causes = [*found.reference.causes, *_of_change(found)]
         notes = _twins(found, causes)
         if not causes:
             words = "no single change of the sensor, a joint or a link explains it"
             causes.append(Cause("unknown", "", words))
-        if found.changed:  # a large change is not linear: what the best one leaves
-            noise = min(noise, found.explanations[0].noise * float(found.reference.sizes[0]))
     elif tested.noisy is not None:  # an encoder, or what it drives
-        joint, sd = tested.noisy
-        name, turns = found.model.about.joint_names[joint], found.model.about.revolute[joint]
-        size = f"{math.degrees(sd):.2g} deg" if turns else f"{1e3 * sd:.2g} mm"
+        (joint, sd), unit = tested.noisy, "rad" if about.revolute[tested.noisy[0]] else "m"
+        factor, shown = for_people(unit)
+        name, size = about.joint_names[joint], f"{factor * sd:.2g} {shown}"
         words = f"{name} is noisy, by {size}: its encoder, or play; no calibration mends that"
-        causes.append(Cause(f"noise:{name}", "noise", words, sd, None, "rad" if turns else "m"))
-    if noise >= _NOISIER * usual:
+        causes.append(Cause(f"noise:{name}", "noise", words, sd, None, unit))
+    # a large change is not linear: what the best one leaves
+    left = (
+        found.explanations[0].noise * float(found.reference.sizes[0]) if found.changed else np.inf
+    )
+    if tested.noisier and (noise := min(tested.noise, left)) > NOISIER * tested.usual:
         factor, unit = for_people(found.unit_seen)
-        words = f"the scatter is {factor * noise:.3g} {unit} per axis, {noise / usual:.2g} times "
-        causes.append(Cause("noise", "noise", words + "the usual", noise, None, found.unit_seen))
+        times = f"{noise / tested.usual:.2g} times the usual"
+        words = f"the scatter is {factor * noise:.3g} {unit} per axis, {times}"
+        causes.append(Cause("noise", "noise", words, noise, None, found.unit_seen))
     if found.tool.score > 1.0:
         turn, angle = found.tool.turn, float(np.linalg.norm(found.tool.turn))
         half = 1.96 * float(np.sqrt(turn @ found.tool.covariance @ turn)) / angle
-        words = (
-            f"the tool is turned by {np.degrees(angle):.3g} deg (its orientation, not its place)"
-        )
+        size = f"{np.degrees(angle):.3g} deg"
+        words = f"the tool is turned by {size} (its orientation, not its place)"
         causes.append(Cause.measured("tool", "tool.rotation", words, angle, half, "rad"))
-    if (board := found.model.about.options.get("board")) is not None:
+    if (board := about.options.get("board")) is not None:
         causes = _told_once(causes, "camera" if board["eye"] == "hand" else "board")
     return tuple(causes), (*notes, *found.tool.notes)
 
 
 def _told_once(causes: list[Cause], what: str) -> list[Cause]:
     """Causes in which a camera or a board that moved in the hand stands once."""
-    moved = [cause for cause in causes if cause.group in ("tool", "tool.rotation")]
+    moved = sorted(
+        (c for c in causes if c.group in ("tool", "tool.rotation")), key=lambda c: c.unit != "rad"
+    )
     if not moved:
         return causes
-    one = next((cause for cause in moved if cause.unit == "rad"), moved[0])
-    factor, unit = for_people(one.unit)
-    low, high = (factor * end for end in one.interval or (0.0, 0.0))
+    factor, unit = for_people(moved[0].unit)
+    low, high = (factor * end for end in moved[0].interval or (0.0, 0.0))
     how = "turned in its mount by" if unit == "deg" else "moved in its mount, what it sees by"
-    size = f"{abs(low + high) / 2:.3g} ± {(high - low) / 2:.2g} {unit}"
-    told = replace(one, cause="tool", words=f"the {what} has {how} {size}")
+    words = f"the {what} has {how} {abs(low + high) / 2:.3g} ± {(high - low) / 2:.2g} {unit}"
+    told = replace(moved[0], cause="tool", words=words)
     return [told, *(cause for cause in causes if cause not in moved)]
-
-
-def _of_frame(found: Comparison) -> list[Cause]:
-    """What had to be found before anything else: mirrors, senses, units."""
-    reference, names, ratio = found.reference, found.model.about.joint_names, found.reference.scale
-    causes = []
-    if reference.mirrored:
-        words = "the log's positions are mirrored, compared with the model"
-        old = found.body.predict(found.probes)
-        new = reference.structure.predict(found.probes, reference.beta)
-        if old.shape[1] == 2 and Alignment.between(old, new).swapped:
-            words = "x and y of the log are exchanged, compared with the model"
-        causes.append(Cause("mirror", "view.mirror", words))
-    for name in (names[k] for k in reference.turned):
-        causes.append(Cause(f"sign:{name}", "sign", f"{name} turns the other way than before"))
-    for name in (names[k] for k in reference.locked):
-        words = f"{name} no longer moves the tip"
-        causes.append(Cause(f"lost:{name}", "gain", words, 0.0, None, "1"))
-    if ratio != 1.0:
-        words = f"the log's positions are {ratio:.4g} times the model's{unit_hint(ratio)}"
-        causes.append(Cause("scale", "view.scale", words, ratio, None, "1"))
-    return causes
 
 
 def _of_change(found: Comparison) -> list[Cause]:
@@ -139,16 +92,20 @@ def _of_change(found: Comparison) -> list[Cause]:
 
     Of the simplest hypothesis, or of the most telling test where none is clearly better than none.
     """
-    structure, old, new = found.reference.structure, found.belief.beta, found.reference
-    best, own = simplest(found.explanations), ("sensor", "lens") if found.cause == "sensor" else ""
+    structure, old, best = (
+        found.reference.structure,
+        found.belief.beta,
+        simplest(found.explanations),
+    )
     groups, beta, deviation = best.hypothesis, best.beta, best.deviation
     if not found.changed:
-        above = (g.change for g in fired(found.tested.groups) if g.name.startswith(own))
-        if (by_test := next(above, None)) is None:
+        own = ("sensor", "lens") if found.cause == "sensor" else ""
+        above = [g.change for g in fired(found.tested.groups) if g.name.startswith(own)]
+        if not above or above[0] is None:
             return []
-        ix, step, deviation = by_test[0], *np.zeros((2, len(old)))
+        ix, step, deviation = above[0][0], *np.zeros((2, len(old)))
         groups = tuple(dict.fromkeys(structure.labels[k].group for k in ix.tolist()))
-        step[ix], deviation[ix] = by_test[1:]
+        step[ix], deviation[ix] = above[0][1:]
         beta = structure.retract(old, step)
     elif not groups:
         words = "the joints have waves that the model does not know: gears, or their sensors"
@@ -159,19 +116,20 @@ def _of_change(found: Comparison) -> list[Cause]:
     moves = structure.linearise(found.probes, beta, free)[1]
     size[free] = np.sqrt((moves**2).sum(axis=1).mean(axis=0))
     effect = np.abs(change * size)
+    told = {cause.cause for cause in found.reference.causes}
     causes: list[tuple[float, Cause]] = []
     for group in groups:
-        if group in FRAME or (group == "view.scale" and new.scale != 1.0):
+        if group in FRAME or (group == "view.scale" and "scale" in told):
             continue
         for _, every in parts_of(structure, group):
-            told, most = every[clear[every]], float(np.abs(change[every]).max())
+            some, most = every[clear[every]], float(np.abs(change[every]).max())
             whole = GROUPS[group].whole
-            if whole and len(told):  # by its largest one
-                told = told[[np.argmax(np.abs(change[told]))]]
-            for k in told.tolist():
+            if whole and len(some):  # by its largest one
+                some = some[[np.argmax(np.abs(change[some]))]]
+            for k in some.tolist():
                 moved = float(np.linalg.norm(effect[every if whole else [k]]))
                 causes.append((moved, _of_parameter(found, k, change[k], deviation[k], most)))
-    frame, other = indices_of(structure, FRAME), new.mirrored or new.scale != 1.0
+    frame, other = indices_of(structure, FRAME), not told.isdisjoint(("mirror", "scale"))
     only = not found.changed and {*groups} <= {*filter(is_sensors, groups)}
     if FRAME[0] in groups and (other or only or clear[frame].any()):
         moved = math.inf if other else float(np.linalg.norm(effect[frame]))
@@ -188,16 +146,14 @@ def _of_parameter(found: Comparison, k: int, change: float, sd: float, most: flo
     """
     label, old = found.reference.structure.labels[k], float(found.belief.beta[k])
     group = "curve" if label.group.startswith("curve") else label.group
-    joint, half, change, told = label.joint or "", 1.96 * float(sd), float(change), GROUPS[group]
-    words = OFF if label.unit == "rad" and not told.whole else told.changed
-    factor = math.degrees(1.0) if label.unit == "rad" else 100.0
-    value = math.expm1(change) if group == "view.scale" else change
-    share = f"{100 * abs(change / old) if old else math.nan:.3g} %"
-    size = f" ({1e3 * abs(change):.3g} ± {1e3 * half:.2g} mm)" if label.unit == "m" else ""
-    words = words.format(
-        joint=joint, name=label.name, who=joint or label.name, unit=label.unit, raw=change,
-        raw_half=half, value=factor * value, half=factor * half, share=share, size=size,
-        longer="longer" if change > 0 else "shorter", most=math.degrees(most),
+    joint, half, change = label.joint or "", 1.96 * float(sd), float(change)
+    factor, unit = for_people(label.unit) if label.unit != "1" else (100.0, "%")
+    size = f" ({factor * abs(change):.3g} ± {factor * half:.2g} mm)" if unit == "mm" else ""
+    words = GROUPS[group].changed.format(
+        joint=joint, name=label.name, unit=unit, half=factor * half, most=math.degrees(most),
+        value=factor * (math.expm1(change) if group == "view.scale" else change), size=size,
+        share=f"{100 * abs(change / old) if old else math.nan:.3g} %",
+        longer="longer" if change > 0 else "shorter",
     )  # fmt: skip
     kind = group.removeprefix("view.")
     name = f"{kind}:{joint}" if joint else kind
@@ -229,27 +185,30 @@ def frame_between(found: Comparison, beta: Array) -> Alignment:
 def _twins(found: Comparison, causes: list[Cause]) -> list[str]:
     """Add what says the same as a cause that is named; the directions that are one, in words."""
     named, about, structure = {c.cause: c for c in causes}, found.model.about, found.body.structure
-    groups, beta, notes = structure.groups, found.body.beta, []
-    name, turns = about.joint_names[0], about.revolute[0] and "mirror" not in named
+    groups, beta, notes, name = structure.groups, found.body.beta, [], about.joint_names[0]
     first, sensor = named.get(f"offset:{name}"), named.get("sensor")
-    if turns and first is not None and sensor is None:
-        words = f"or the sensor turned by {math.degrees(first.value or 0.0):.3g} deg about {name}"
-        causes.append(replace(first, cause="sensor", group="view.rotation", words=words))
-    elif turns and first is None and sensor is not None and found.changed and "offset" in groups:
-        sense = int(getattr(structure, "mirror", 1))
-        value, interval = sense * (sensor.value or 0.0), sensor.interval or (0.0, 0.0)
-        offset, framed, frame = beta.copy(), beta.copy(), indices_of(structure, FRAME)
-        offset[groups["offset"][0]] += value
-        framed[frame] = found.explanations[0].beta[frame]
-        seen, moved, turned = (structure.predict(found.probes, b) for b in (beta, offset, framed))
-        if np.linalg.norm(turned - moved) <= _ALIKE * np.linalg.norm(turned - seen) + 1e-12:
-            words, half = f"or {name} is off by {math.degrees(value):.3g} deg", np.ptp(interval) / 2
-            first = Cause.measured(f"offset:{name}", "offset", words, value, float(half), "rad")
-            causes.append(first)
-    if turns and first is not None:
-        notes.append(
-            f"an offset of the first joint and a turn of the sensor about its axis {_WHICH}"
-        )
+    if about.revolute[0] and "mirror" not in named:
+        if first is None and sensor is not None and found.changed and "offset" in groups:
+            # whether an offset alone moves the tip as the frame did
+            value = getattr(structure, "mirror", 1) * (sensor.value or 0.0)
+            offset, framed, frame = beta.copy(), beta.copy(), indices_of(structure, FRAME)
+            offset[groups["offset"][0]] += value
+            framed[frame] = found.explanations[0].beta[frame]
+            seen, moved, turned = (
+                structure.predict(found.probes, b) for b in (beta, offset, framed)
+            )
+            if np.linalg.norm(turned - moved) <= _ALIKE * np.linalg.norm(turned - seen) + 1e-12:
+                words = f"or {name} is off by {math.degrees(value):.3g} deg"
+                half = float(np.ptp(sensor.interval or (0.0,))) / 2
+                first = Cause.measured(f"offset:{name}", "offset", words, value, half, "rad")
+                causes.append(first)
+        elif first is not None and sensor is None:
+            turn = math.degrees(first.value or 0.0)
+            words = f"or the sensor turned by {turn:.3g} deg about {name}"
+            causes.append(replace(first, cause="sensor", group="view.rotation", words=words))
+        if first is not None:
+            told = "an offset of the first joint and a turn of the sensor about its axis"
+            notes.append(f"{told} {_WHICH}")
     links = [named.get(f"length:{each}") for each in about.joint_names]
     shares = [
         np.array(c.interval) / found.belief.beta[k]

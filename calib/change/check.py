@@ -15,13 +15,13 @@ from ..errors import LogError, OptionError
 from ..maps.map import Map, search_tree
 from ..model.model import Model
 from ..samples.samples import Samples
-from .causes import Cause, find_causes
+from .causes import find_causes
 from .comparison import Comparison, compare
-from .decision import decide
+from .hypotheses import Cause
 from .score import GroupTest, fired
 from .settings import FALSE_ALARM
+from .update import update
 
-_SIGMAS = 4.0  # of the maps' distortions, skewed as they are
 _NO_BODY = "the model has no body: its rows are compared with its bound alone"
 _MOST = 1000  # rows that distortions are measured on
 
@@ -30,9 +30,8 @@ _MOST = 1000  # rows that distortions are measured on
 class Signal:
     """One measure of how a log lies on the maps: a display, no alarm."""
 
-    # what was found, and what rows of the regions that were learned stay below
-    value: float
-    threshold: float
+    value: float  # of the log
+    threshold: float  # what is usual where it lies
 
     @property
     def score(self) -> float:
@@ -79,17 +78,17 @@ class Drift:
     drifted: bool | None
     samples: int
     outliers: int
+    left_out: int
     score: float
-    groups: tuple[GroupTest, ...]
     smallest: float
     tolerance: float | None
+    adapts: bool
+    groups: tuple[GroupTest, ...]
     distortion: dict[str, Signal]
     noise: float
     usual_noise: float
     causes: tuple[Cause, ...]
-    notes: tuple[str, ...] = ()
-    adapts: bool = False
-    left_out: int = 0
+    notes: tuple[str, ...]
 
     def __repr__(self) -> str:
         """The verdict in a few lines, as `calib check` ends."""
@@ -157,7 +156,7 @@ def check(
             smallest, told = float(np.median(model.expected_error(found.q))), (_NO_BODY,)
         else:
             score = max(score, found.tool.score)
-            adapts = score > 1.0 and decide(found)[0].improved
+            adapts = score > 1.0 and update(found).improved
         drifted: bool | None = score > 1.0
         if not drifted and tolerance is not None and smallest > tolerance:
             drifted = None
@@ -166,48 +165,31 @@ def check(
             words = f"{100 * far:.0f} % of the rows are further from the prediction than its bound"
             told = (*told, f"{words}, where 5 % should be: {noisier}the bound does not hold")
         return Drift(
-            drifted, len(found.q), found.wrong + found.strays, score, (*tested.groups, beyond),
-            smallest, tolerance, _distortions(found), tested.noise, tested.usual, causes,
-            (*found.notes, *told), adapts, found.lost + found.strays,
+            drifted, len(found.q), found.wrong + found.strays, found.lost + found.strays, score,
+            smallest, tolerance, adapts, (*tested.groups, beyond), _distortions(found),
+            tested.noise, tested.usual, causes, (*found.notes, *told),
         )  # fmt: skip
 
 
 def _distortions(found: Comparison) -> dict[str, Signal]:
-    """How the rows lie on the maps (eq. 9), beside what is expected there."""
+    """How the rows lie on the maps (eq. 9), beside what is usual there."""
     model, baseline = found.model, found.model.baseline
     assert baseline is not None  # noqa: S101 - checked by the comparison
-    some = slice(None, None, max(1, math.ceil(len(found.q) / _MOST)))
-    sensory, x, predicted = model.sensory, found.x[some], found.predicted[some]
-    noise = max(found.tested.noise, baseline.noise)
-    leak = float(np.sum((noise / sensory.scale.span) ** 2))
+    some, sensory = slice(None, None, math.ceil(len(found.q) / _MOST)), model.sensory
+    seen, said = (sensory.scale.to_unit(x[some]) for x in (found.x, found.predicted))
     usual = np.nan_to_num(model.expected_error(found.q[some]), nan=0.0)
-    gap, least = (float(np.sqrt(np.mean(v**2))) for v in (found.missed[some], usual))
 
-    def zeta(network: Map, expected: Array, spread: float, points: Array, leak: float) -> Signal:
-        """Distortion of a map by some samples in its unit box."""
+    def zeta(network: Map, points: Array, expected: Array) -> Signal:
         distance, winner = (part[:, 0] for part in network.nearest(points))
-        usual = expected[winner]
-        # samples of one node are not independent
-        independent = len(np.unique(winner))
-        chance = _SIGMAS * math.sqrt(spread * float(np.mean(usual**2)) / independent)
-        return Signal(float(np.mean(distance**2)), float(usual.mean()) + chance + leak)
+        return Signal(float(np.mean(distance**2)), float(expected[winner].mean()))
 
-    def nodes(points: Array) -> Array:
-        return np.asarray(sensory.units[sensory.nearest(sensory.scale.to_unit(points))[1][:, 0]])
-
-    def away(points: Array) -> float:
-        """Mean squared distance of the nodes that joints predict to those that points visit."""
-        tree = search_tree(np.unique(nodes(points), axis=0), sensory.scale)
-        return float(np.mean(np.asarray(tree.query(nodes(predicted))[0]) ** 2))
-
-    # what noise alone does to the visited nodes
-    noisy = predicted + noise * np.random.default_rng(0).standard_normal(x.shape)
-    motor = zeta(model.motor, baseline.motor, baseline.spread[0], found.u[some], 0.0)
-    seen = sensory.scale.to_unit(x)
+    here, there = (sensory.units[sensory.nearest(points)[1][:, 0]] for points in (seen, said))
+    away = search_tree(np.unique(here, axis=0), sensory.scale).query(there)[0]
+    gap, least = (float(np.sqrt(np.mean(v**2))) for v in (found.missed[some], usual))
     return {
-        "motor": motor,
-        "sensory": zeta(sensory, baseline.sensory, baseline.spread[1], seen, leak),
-        "reverse": Signal(away(x), 2.0 * away(noisy) + sensory.spacing**2 / len(x)),
+        "motor": zeta(model.motor, found.u[some], baseline.motor),
+        "sensory": zeta(sensory, seen, baseline.sensory),
+        "reverse": Signal(float(np.mean(np.asarray(away) ** 2)), sensory.spacing**2),
         "links": Signal(gap, least),
     }
 
@@ -276,7 +258,8 @@ def recognise(models: Sequence[Model], log: Samples) -> Recognition:
     """
     if not len(models):
         raise OptionError("no models: give one or more, one for each state of the arm")
-    found, why = [], None
+    found: list[ModelFit] = []
+    why = None
     for index, model in enumerate(models):
         try:
             with one_blas_thread():

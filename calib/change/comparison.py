@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -21,18 +20,16 @@ from ..samples.diagnosis import diagnose, readings, refuse_mistakes, rows_behind
 from ..samples.samples import Samples
 from ..training.sound_rows import sound_log
 from ..training.touched import as_positions
-from .equations import Log, shared_columns, weighted
+from .equations import Log, shared_columns, sound
 from .explain import Explanation, explain, is_changed
 from .frame import Reference, carried_offset, reference_of
 from .hypotheses import as_built
-from .orientation import TurnedTool
+from .orientation import TurnedTool, turned_tool
 from .score import GroupTest, Tested, bound_test, group_tests
 from .settings import FEW_WRONG, OUTLIER, UNEXPLAINED
 
 _LEAST_ROWS = 10  # fewest different rows that a judgement or a correction can rest on
 _MISREAD = ("exchanged", "turns")
-_WIDE = 0.5  # least spread of rows in any direction, over that of the learned range
-_CELLS = 5  # along each joint, for the share of the range that a log measured
 _CORNER = 0.5  # share of a joint's range below which it is said how little was covered
 _PROBES = 120  # joints all over the learned range at which predictions are compared
 _SHARED_ERRORS = 2.0  # times a bound of 95 %: five standard deviations, so no chance at all
@@ -64,7 +61,7 @@ class Comparison:
         assert self.model.body is not None  # noqa: S101 - maps alone are compared with their bound
         return self.model.body
 
-    @property
+    @cached_property
     def missed(self) -> Array:
         """Distance of the rows from their prediction, (n,) [unit]."""
         return np.asarray(np.linalg.norm(self.x - self.predicted, axis=1))
@@ -75,26 +72,11 @@ class Comparison:
         same = self.model.body is None or self.reference.scale == 1.0
         return self.unit if same or self.unit != self.model.about.unit else "sensor"
 
-    @property
-    def spans(self) -> bool:
-        """Whether the rows vary in every direction of the joints, not along a line alone."""
-        spread = np.atleast_2d(np.cov(self.u.T))
-        # along each axis the variance of uniform rows is 1 / 12
-        return bool(np.linalg.eigvalsh(spread)[0] > _WIDE**2 / 12.0)
-
-    @property
-    def coverage(self) -> float:
-        """Share of the learned range that rows visit: of cells of a fifth, over pairs of joints."""
-        cells = (np.clip(self.u, 0.0, 1.0 - 1e-12) * _CELLS).astype(int)
-        some = combinations(range(self.u.shape[1]), min(self.u.shape[1], 2))
-        shares = [len(np.unique(cells[:, ix], axis=0)) / _CELLS ** len(ix) for ix in some]
-        return float(np.mean(shares))
-
     @cached_property
     def kept(self) -> Mask:
         """Rows (n,) that do not contradict all others."""
         if self.model.body is not None:
-            return self.log.kept
+            return sound(self.reference, self.q, self._alone, self.cause)
         usual = float(np.median(self.missed))
         return np.asarray(self.missed <= max(OUTLIER * usual, float(self._told.max())))
 
@@ -104,10 +86,10 @@ class Comparison:
         return int(np.count_nonzero(~self.kept))
 
     @property
-    def notes(self) -> list[str]:
+    def notes(self) -> tuple[str, ...]:
         """What the user should be told of the rows."""
         rows = "1 row contradicts" if self.strays == 1 else f"{self.strays} rows contradict"
-        return [*self.told, *[f"{rows} all others: left out"] * bool(self.strays)]
+        return (*self.told, *[f"{rows} all others: left out"] * bool(self.strays))
 
     # The belief in their frame, and what is tested.
 
@@ -123,14 +105,18 @@ class Comparison:
         return reference_of(self.belief, self.q, alone, self.unit)
 
     @cached_property
-    def log(self) -> Log:
-        """Rows with robust weights, less what maps add to the body in the frame of the log."""
+    def _alone(self) -> Array:
+        """Positions (n, m) less what maps add to the body in the frame of the log."""
         to, offset = self.reference, self.predicted - self.body.predict(self.q)
         if to.new:
             offset = carried_offset(self.body, to.body, to.beta, self.q, offset)
-        # the model's own log shares as much
+        return np.asarray(self.x - offset)
+
+    @cached_property
+    def log(self) -> Log:
+        """The rows that are kept; the model's own log shares as much as they do."""
         shared = float(np.sqrt(2.0)) * self.shared
-        return weighted(to, self.q, self.x - offset, self.cause, shared)
+        return Log(self.q[self.kept], self._alone[self.kept], shared)
 
     @cached_property
     def probes(self) -> Array:
@@ -159,15 +145,15 @@ class Comparison:
     @cached_property
     def bound_test(self) -> tuple[float, GroupTest]:
         """Share of the rows beyond what the model told, and whether these are too many."""
-        shared, slope, noisy = np.full(len(self.x), self.shared**2), None, self.tested.noisy
+        k, slope, noisy = np.flatnonzero(self.kept), None, self.tested.noisy
+        shared = np.full(len(k), self.shared**2)
         if self.shared and self.model.body is not None:  # model's frame and the log's own
             columns = shared_columns(self.reference, self.log, self.log.z)
             shared = (columns**2).sum(axis=(1, 2)) / columns.shape[1]
-        k = np.flatnonzero(self.kept)
         if noisy is not None:
             slope = self.body.structure.slope(self.q[k], self.body.beta)[..., noisy[0]]
         away = (self.x - self.predicted)[k]
-        return bound_test(self.tested, k, self.u[k], away, self._told[k], shared[k], slope)
+        return bound_test(self.tested, k, self.u[k], away, self._told[k], shared, slope)
 
     # What explains them.
 
@@ -182,7 +168,7 @@ class Comparison:
         beyond, test = self.bound_test
         return self.reference.new or max(self.tested.score, test.score) > 1.0 or beyond > 0.5
 
-    @property
+    @cached_property
     def score(self) -> float:
         """How far the log is from an arm and a sensor as they were: above 1 they changed."""
         score = max(self.tested.score, self.bound_test[1].score)
@@ -226,12 +212,12 @@ class Comparison:
     def tool_beside(self, structure: Any, beta: Array, *, framed: bool = False) -> TurnedTool:
         """How it is turned beside what parameters (d,) predict."""
         rows = self.q, self.x, self.orientation
-        return TurnedTool.beside(self.body, structure, beta, *rows, framed=framed)
+        return turned_tool(self.body, structure, beta, *rows, framed=framed)
 
     def why_not(self) -> str:
         """One line on a log that nothing explains."""
         to = self.reference
-        lag = rows_behind(lambda q: to.structure.predict(q, to.beta), self.q, self.log.z)
+        lag = rows_behind(lambda q: to.structure.predict(q, to.beta), self.q, self._alone)
         check = "check that joints and positions of a row belong together and are of this arm"
         if lag:
             check = f"positions follow the joints by {lag} rows: align the clocks of both"
@@ -255,33 +241,33 @@ def compare(model: Model, log: Samples, cause: str | None = None) -> Comparison:
     if log.touch is not None:  # which no sensor saw
         cause = cause or "joints"
         log, notes = as_positions(model, log)
-    given, before, unit, shared = log.left_out + len(log), log.left_out, log.unit, log.shared
+    given, before = log.left_out + len(log), log.left_out
     _refuse_degrees(model, log)
+    unit, shared = log.unit, log.shared
     log, told = sound_log(model, log)
-    wrong, names = log.left_out - before, model.about.joint_names
-    first = np.sort(np.unique(np.hstack([log.q, log.x]), axis=0, return_index=True)[1])
-    if len(first) < len(log):
-        told.append(f"{len(log) - len(first)} repeated rows count once")
-    known = np.isfinite(model.expected_error(log.q[first]))
-    rows = first[known]
-    if len(rows) < _LEAST_ROWS:
+    names, first = model.about.joint_names, np.hstack([log.q, log.x])
+    rows = np.sort(np.unique(first, axis=0, return_index=True)[1])
+    repeated = len(log) - len(rows)
+    known = np.isfinite(model.expected_error(log.q[rows]))
+    if known.sum() < _LEAST_ROWS:
         why = "measure more poses, spread over the joints' ranges"
         if not known.all():
-            why = model.outside(log.q[first[~known][0]]) or why
+            why = model.outside(log.q[rows[~known][0]]) or why
         raise LogError(
-            f"{len(rows)} of the log's {len(first)} different rows lie within what the model has "
+            f"{known.sum()} of the log's {len(rows)} different rows lie within what the model has "
             f"learned, expected at least {_LEAST_ROWS}: {why}"
         )
+    if repeated:
+        told.append(f"{repeated} repeated rows count once")
     if not known.all():
         outside = np.count_nonzero(~known)
         told.append(f"{outside} rows outside of what the model has learned are left out")
+    rows = rows[known]
     q, x = log.q[rows], log.x[rows]
     turns = None if log.orientation is None else log.orientation[rows]
-
-    pose = model.pose if knows_orientation(model.body) else None
     found = diagnose(
-        model.forward, q, x, names, model.about.revolute,
-        unit=model.about.unit, turns=turns, pose=pose,
+        model.forward, q, x, names, model.about.revolute, unit=model.about.unit, turns=turns,
+        pose=model.pose if knows_orientation(model.body) else None,
     )  # fmt: skip
     # units, mirrors, signs and clocks are causes that the comparison itself tells
     told += refuse_mistakes([each for each in found if each.kind in _MISREAD])
@@ -296,10 +282,10 @@ def compare(model: Model, log: Samples, cause: str | None = None) -> Comparison:
     alone = predicted if model.body is None else model.body.predict(q)
     if not (np.abs([predicted, alone]) < _SQUARED).all():  # as in a forged file
         raise ModelError("the model predicts no finite positions for this log: train it again")
-    lost = given - (len(log) - len(first)) - len(rows)
     return Comparison(
-        model, cause, u, q, x, turns, unit, shared, predicted, wrong, lost, (*notes, *told)
-    )
+        model, cause, u, q, x, turns, unit, shared, predicted, log.left_out - before,
+        given - repeated - len(rows), (*notes, *told),
+    )  # fmt: skip
 
 
 def _refuse_degrees(model: Model, log: Samples) -> None:

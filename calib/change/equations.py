@@ -1,14 +1,12 @@
 """Equations: a log beside a belief, as one linear Gaussian problem.
 
 What a belief does not know of the residuals are columns of independent standard normals: its
-posterior, a creep of all parameters, a residual of this log alone, what all rows share.  Score
-tests, evidence and updates are made of these and of the columns of freed parameters.
+posterior, a creep of all parameters, a residual of this log alone, what all rows share.
 """
 
 from __future__ import annotations
 
-from copy import copy
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -29,30 +27,28 @@ _ROBUST_ROWS = 400  # of that fit: enough for every parameter
 _NODES = 40  # of the log's own residual; more did not change a verdict on A and C
 _NOISES = 64  # sizes of the noise that are compared
 
+Noisy = tuple[int, float]
+"""A joint whose encoder is noisy, and how much."""
+
 
 @dataclass(frozen=True)
 class Log:
-    """Rows of a log and how much each counts."""
+    """Rows of a log that do not contradict all others."""
 
     # (n, dof), (n, m), joints [rad or m] and outputs, without what maps add to the body [unit]
     q: Array
     z: Array
-    weight: Array  # (n,), Student weights about a fit in which all may have changed
-    kept: Mask  # (n,), rows that do not contradict all others
     # [unit], standard deviation that all rows share, such as that of a board that was found again
     shared: float = 0.0
 
     def some(self, most: int) -> Log:
         """At most so many rows, evenly spread."""
         rows = thinned(len(self.q), most)
-        weight, kept = self.weight[rows], self.kept[rows]
-        return replace(self, q=self.q[rows], z=self.z[rows], weight=weight, kept=kept)
+        return Log(self.q[rows], self.z[rows], self.shared)
 
 
-def weighted(
-    reference: Reference, q: Array, z: Array, cause: str | None = None, shared: float = 0.0
-) -> Log:
-    """A log of all rows (n, dof), (n, m), with robust weights."""
+def sound(reference: Reference, q: Array, z: Array, cause: str | None) -> Mask:
+    """Which rows (n, dof), (n, m) are near a robust fit in which all may have changed."""
     body, structure = reference.body, reference.structure
     sd = np.hypot(freedom(body, hypotheses_of(structure, cause)[-1], cause), creep(body))
     rows, size = thinned(len(q), _ROBUST_ROWS), reference.sizes
@@ -63,8 +59,7 @@ def weighted(
     r = structure.residual(z, structure.predict(q, fit.beta)) / size
     m, e2 = r.shape[1], (r**2).sum(axis=1)
     noise = max(float(np.median(e2[rows])) / (m - 2 / 3), 1.0)
-    kept = e2 <= OUTLIER**2 * m * noise
-    return Log(q, z, (STUDENT + m) / (STUDENT + e2 / noise), kept, shared)
+    return np.asarray(e2 <= OUTLIER**2 * m * noise)
 
 
 class Equations:
@@ -73,46 +68,35 @@ class Equations:
     factor : times the usual size of the log's own residual
     waves : sd of the joints' curves by which the arm may differ, over their prior's
     crept : times the usual creep of the parameters
+    freed : (d,), standard deviation by which parameters may have changed
     noisy : a joint whose encoder is noisy, and its noise over that of the sensor [rad or m / size]
     """
 
     def __init__(
         self, reference: Reference, log: Log, *, factor: float = 1.0, waves: float = CREEP,
-        crept: float = 1.0, noisy: tuple[int, float] | None = None,
+        crept: float = 1.0, freed: Array | None = None, noisy: Noisy | None = None,
     ) -> None:  # fmt: skip
-        body, structure = reference.body, reference.structure
-        self.reference, self.log, self.size = reference, log, reference.sizes
-        self.root = np.sqrt(log.weight)[:, None]
-        self.white = np.eye(len(self.size)) / self.size * self.root[:, :, None]
-        self.log_determinant = -len(self.size) * float(np.log(log.weight).sum())
+        body, structure, sizes = reference.body, reference.structure, reference.sizes
+        self.reference, self.log = reference, log
+        self.white = np.tile(np.diag(1.0 / sizes), (len(log.q), 1, 1))
+        self.log_determinant = 0.0
         if noisy is not None:  # I + ratio^2 g g' of each row has one eigenvalue that is not 1
-            g = structure.slope(log.q, reference.beta)[..., noisy[0]] / self.size
+            g = structure.slope(log.q, reference.beta)[..., noisy[0]] / sizes
             length = (g**2).sum(axis=1)
             value = 1.0 + noisy[1] ** 2 * length
             g = g / np.sqrt(np.maximum(length, 1e-300))[:, None]
             less = (1.0 - 1.0 / np.sqrt(value))[:, None, None]
-            contracted = np.eye(len(self.size)) - less * g[:, :, None] * g[:, None]
-            self.white = contracted @ self.white
-            self.log_determinant += float(np.log(value).sum())
-        active, known = prior_columns(reference, waves, crept)
+            self.white = self.white - less * g[:, :, None] * (g[:, None] @ self.white)
+            self.log_determinant = float(np.log(value).sum())
+        active, known = prior_columns(reference, waves, crept, freed)
         seen, x = structure.linearise(log.q, reference.beta, active)
         own = own_columns(reference, log, factor * body.kappa)
         parts = [own, x @ known, shared_columns(reference, log, seen)]
-        self.own = own.shape[2]
-        self._decompose(self.whiten(np.concatenate(parts, axis=2)))
-        self.floor = float(np.min(SIMULATED_FLOOR * np.asarray(structure.extents) / self.size))
-        self.usual = max(float(np.min(body.noise / self.size)), self.floor)
-
-    def _decompose(self, columns: Array) -> None:
-        values, self._vectors = np.linalg.eigh(columns.T @ columns)
-        self.columns, self.values = columns, np.maximum(values, 0.0)
-
-    def larger(self, factor: float) -> Equations:
-        """The same with another size of the log's own residual."""
-        other, scale = copy(self), np.ones(self.columns.shape[1])
-        scale[: self.own] = factor
-        other._decompose(self.columns * scale)
-        return other
+        self.columns = self.whiten(np.concatenate(parts, axis=2))
+        values, self.vectors = np.linalg.eigh(self.columns.T @ self.columns)
+        self.values = np.maximum(values, 0.0)
+        self.floor = float(np.min(SIMULATED_FLOOR * np.asarray(structure.extents) / sizes))
+        self.usual = max(float(np.min(body.noise / sizes)), self.floor)
 
     def whiten(self, x: Array) -> Array:
         """Residuals (n, m) or columns (n, m, k) [unit], by rows in units of the noise's size."""
@@ -120,13 +104,9 @@ class Equations:
         flat = flat.reshape(flat.shape[0] * flat.shape[1], -1)
         return np.asarray(flat[:, 0] if x.ndim == 2 else flat)
 
-    def _turned(self, flat: Array) -> Array:
-        """Whitened residuals (N,) or columns (N, k) by the eigenvectors, times their values."""
-        return np.asarray(self._vectors.T @ (self.columns.T @ flat))
-
     def likelihood(self, y: Array, noise: Array | float) -> Array:
         """Log likelihood (s,) [nats] of whitened residuals (N,) under sizes (s,) of the noise."""
-        square, turned = np.atleast_1d(noise) ** 2, self._turned(y)
+        square, turned = np.atleast_1d(noise) ** 2, self.vectors.T @ (self.columns.T @ y)
         total = square[:, None] + self.values
         size = len(y) * np.log(square) + np.log(total / square[:, None]).sum(axis=1)
         rest = (float(y @ y) - (turned**2 / total).sum(axis=1)) / square
@@ -134,9 +114,9 @@ class Equations:
 
     def information(self, y: Array, x: Array, noise: float) -> tuple[Array, Array]:
         """What rows tell of columns (N, k) whatever else is unknown: (k, k), and moments (k,)."""
-        c, weight = self._turned(x), 1.0 / (noise**2 + self.values)
-        power = (x.T @ x - (c * weight[:, None]).T @ c) / noise**2
-        return power, (x.T @ y - c.T @ (weight * self._turned(y))) / noise**2
+        c, d = (self.vectors.T @ (self.columns.T @ flat) for flat in (x, y))
+        less = c.T / (noise**2 + self.values)
+        return (x.T @ x - less @ c) / noise**2, (x.T @ y - less @ d) / noise**2
 
     def most_likely_noise(self, y: Array, least: float | None = None) -> float:
         """Size of the noise of the greatest likelihood.
@@ -150,16 +130,12 @@ class Equations:
             value -= PSEUDO * (np.log(grid) + 0.5 / grid**2)
         return float(grid[int(np.argmax(value))])
 
-    def rest(self, y: Array, noise: float, x: Array | None = None) -> Array:
-        """What neither the unknown nor columns (N, k) follow of the residuals, (n, m) in noises."""
-        a = self.columns
-        if x is not None:
-            length = np.linalg.norm(x, axis=0)
-            a = np.concatenate([a, x * (1e3 * noise / np.where(length > 0, length, 1.0))], 1)
-        inner = a.T @ a
+    def rest(self, y: Array, noise: float) -> Array:
+        """What the unknown does not follow of the residuals, (n, m) in noises."""
+        inner = self.columns.T @ self.columns
         inner[np.diag_indices(len(inner))] += noise**2
-        rest = y - a @ np.linalg.solve(inner, a.T @ y)
-        return np.asarray(rest.reshape(len(self.root), -1) / noise)
+        rest = y - self.columns @ np.linalg.solve(inner, self.columns.T @ y)
+        return np.asarray(rest.reshape(len(self.white), -1) / noise)
 
 
 def own_columns(reference: Reference, log: Log, factor: float) -> Array:
@@ -177,17 +153,13 @@ def prior_columns(
 ) -> tuple[Indices, Array]:
     """What is not known of the arm's parameters: which (k,), by standard normals (k, r).
 
-    waves, crept : as of `Equations`
-    freed : (d,), standard deviation by which parameters may have changed
+    waves, crept, freed : as of `Equations`
     """
     body = reference.body
-    sd = crept * creep(body, waves)
-    if freed is not None:
-        sd = np.hypot(sd, freed)
-    active = np.union1d(body.active, np.flatnonzero(sd)).astype(np.intp)
-    lost = reference.forgotten
+    sd, lost = crept * creep(body, waves), reference.forgotten
     if freed is not None:  # of a frame that is held the old knowledge stays
-        lost = np.intersect1d(lost, np.flatnonzero(freed))
+        sd, lost = np.hypot(sd, freed), np.intersect1d(lost, np.flatnonzero(freed))
+    active = np.union1d(body.active, np.flatnonzero(sd)).astype(np.intp)
     kept = np.where(np.isin(body.active, lost)[:, None], 0.0, body.root)
     covariance = np.diag(sd[active] ** 2)
     place = np.searchsorted(active, body.active)

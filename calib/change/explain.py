@@ -66,19 +66,19 @@ def explain(
     every = ((),) if calm else hypotheses_of(reference.structure, cause)
     *narrow, richest = (h for h in every if is_framed(h) or calm or not reference.new)
     log, found, at = log.some(_ROWS), list[Explanation](), dict[Hypothesis, Array]()
-    temper, best = max(reference.body.kappa, 1.0) ** 2, -np.inf
+    temper = max(reference.body.kappa, 1.0) ** 2
     for own in OWN:
         equations = Equations(reference, log, factor=own[0], waves=own[1])
+        if not found:  # rows that err together count once
+            rich = _fitted(richest, equations, own, temper, None, cause)
+            rest = equations.rest(equations.whiten(rich.residual), rich.noise)
+            temper, at[richest] = max(temper, autocorrelation_time(rest)), rich.beta
         # The richest first: none that frees less fits better, whatever its prior.
         rich = _fitted(richest, equations, own, temper, at.get(richest), cause)
-        if not found:
-            rest = equations.rest(equations.whiten(rich.residual), rich.noise)
-            temper = max(temper, autocorrelation_time(rest))
-            rich = _fitted(richest, equations, own, temper, rich.beta, cause)
+        best = max((e.evidence for e in found), default=-np.inf)
         tried = [h for h in narrow if not h or rich.fit >= best - 2 * MARGIN]
         found += [rich, *(_fitted(h, equations, own, temper, at.get(h), cause) for h in tried)]
         at = {e.hypothesis: e.beta for e in found}
-        best = max(e.evidence for e in found)
     return tuple(sorted(found, key=lambda e: -e.evidence))
 
 
@@ -90,52 +90,44 @@ def _fitted(
     reference, log = equations.reference, equations.log
     structure = reference.structure
     sd = freedom(reference.body, hypothesis, cause, reference.forgotten)
-    free = np.flatnonzero(sd > 0)
+    free, full = np.flatnonzero(sd > 0), np.zeros(len(sd))
     # without a free frame the sensor is where it was
     held = is_framed(hypothesis) or reference.new
     origin = reference.beta if held else reference.body.beta
     beta = origin if start is None else start
 
-    def residual(beta: Array) -> Array:
+    def seen(beta: Array, noise: float = 0.0) -> tuple[Array, Array, float, float]:
+        """Residuals, also whitened, the noise where it is not given, and the cost [nats]."""
         with np.errstate(all="ignore"):
-            return structure.residual(log.z, structure.predict(log.q, beta))
-
-    def cost(y: Array, noise: float, beta: Array) -> float:
-        moved = (beta - origin)[free] / sd[free]
-        return -float(equations.likelihood(y, noise)[0]) / temper + 0.5 * float(moved @ moved)
-
-    left = residual(beta)
-    for _ in range(_STEPS):
+            left = structure.residual(log.z, structure.predict(log.q, beta))
         y = equations.whiten(left)
-        noise = equations.most_likely_noise(y)
+        noise = noise or equations.most_likely_noise(y)
+        moved = (beta - origin)[free] / sd[free]
+        likely = float(equations.likelihood(y, noise)[0])
+        return left, y, noise, 0.5 * float(moved @ moved) - likely / temper
+
+    left, y, noise, cost = seen(beta)
+    for _ in range(_STEPS):
         _, x = structure.linearise(log.q, beta, free)
         power, pull = equations.information(y, equations.whiten(x * sd[free]), noise)
         factor = Factor(power / temper + np.eye(len(free)))
         lead = pull / temper - (beta - origin)[free] / sd[free]
         step = factor.solve(lead)
-        if not len(free) or float(lead @ step) < _NOTHING_LEFT:
-            break
-        before, after, full = cost(y, noise, beta), np.inf, np.zeros(len(beta))
-        for share in 0.3 ** np.arange(6.0):
+        shares = 0.3 ** np.arange(6.0) if float(lead @ step) >= _NOTHING_LEFT else ()
+        for share in shares:
             full[free] = share * step * sd[free]
             moved = structure.retract(beta, full)
-            trial = residual(moved)
-            if np.isfinite(trial).all():
-                after = cost(equations.whiten(trial), noise, moved)
-            if after <= before:
-                beta, left = moved, trial
+            if seen(moved, noise)[-1] <= cost - 0.5 * _NOTHING_LEFT:
                 break
-        if not after <= before - 0.5 * _NOTHING_LEFT:
+        else:
             break
-    y = equations.whiten(left)
-    noise = equations.most_likely_noise(y)
-    fit = -cost(y, noise, beta)
+        beta, (left, y, noise, cost) = moved, seen(moved)
     deviation = np.zeros(len(beta))
     deviation[free] = sd[free] * np.sqrt(factor.variances()) if len(free) else 0.0
+    evidence = -cost - 0.5 * factor.log_determinant()
     return Explanation(
-        hypothesis, *own, origin, beta, deviation, sd, fit - 0.5 * factor.log_determinant(), fit,
-        noise, temper, left,
-    )  # fmt: skip
+        hypothesis, *own, origin, beta, deviation, sd, evidence, -cost, noise, temper, left
+    )
 
 
 def is_changed(found: Sequence[Explanation]) -> bool:

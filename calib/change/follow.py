@@ -11,14 +11,14 @@ import numpy as np
 
 from ..common.arrays import Array, Index
 from ..common.choices import MAPS
-from ..errors import OptionError
+from ..errors import ModelError, OptionError
 from ..maps.density import gain_of
 from ..maps.lattice import Lattice
 from ..maps.links import without_weak
 from ..maps.map import Map
 from ..maps.vdsom import VDSOM, Layer, Rates
 from ..model.model import Model
-from .adaptation import settled_model
+from .rebuild import settled_model
 
 HORIZON = 10_000
 """Samples over which a re-formed map settles: half of what training takes."""
@@ -89,20 +89,20 @@ class OnlineAdapter:
     def __init__(self, model: Model, horizon: int = HORIZON, *, force: bool = False) -> None:
         if horizon < 1:
             raise OptionError(f"horizon {horizon}: expected one or more samples")
-        rule, maps = str(model.about.options.get("map", "vdsom")), (model.motor, model.sensory)
+        if model.baseline is None:
+            raise ModelError("the model has no baseline of its distortions: train it again")
+        rule, layers = str(model.about.options.get("map", "vdsom")), []
         gain = gain_of(rule if rule in MAPS else "vdsom")  # a model file keeps no function
-        self._model, self._horizon, self._force = model, horizon, force
-        layers = [
-            Layer(part.units, part.lattice, part.scale, gain)
-            for part in maps
-            if isinstance(part.lattice, Lattice)
-        ]
-        if len(layers) < len(maps):
-            raise OptionError(
-                "online adaptation resets the neighbourhood radius of a lattice (eq. 10), and a "
-                "growing neural gas has neither: use method 'few-shot', or train with map "
-                "'vdsom', 'som' or 'dsom'"
-            )
+        for part in (model.motor, model.sensory):
+            if not isinstance(part.lattice, Lattice):
+                raise OptionError(
+                    "online adaptation resets the neighbourhood radius of a lattice (eq. 10), and "
+                    "a growing neural gas has neither: use method 'few-shot', or train with map "
+                    "'vdsom', 'som' or 'dsom'"
+                )
+            layers.append(Layer(part.units, part.lattice, part.scale, gain))
+        self._model, self._baseline = model, model.baseline
+        self._horizon, self._force = horizon, force
         self._net = VDSOM(layers, model.association.wiring, model.links.toarray())
         self._idle = np.zeros(model.sensory.size)  # what unvisited nodes should have forgotten
         self._seen, self._since, self._starts = 0, -1, [_SIGMA_END, _SIGMA_END]
@@ -137,7 +137,8 @@ class OnlineAdapter:
         expected = self._expected(sensory, winner[:, 0])
         self._seen += len(u)
         kept, rates = slice(None), (0.0, 0.0, 0.0)
-        if self._since < 0 and (self._force or self._left(expected)):
+        motor_zeta, zeta, error = mean.tolist()
+        if self._since < 0 and (self._force or self._left(expected, zeta, error)):
             self._since = 0
             # sigma where training had the same distortion (eq. 10)
             for k, part in enumerate((self._model.motor, self._model.sensory)):
@@ -147,27 +148,22 @@ class OnlineAdapter:
                 kept = slice(0)
         if self._since >= 0:
             rates = self._learn(u, v, kept)
-        motor_zeta, zeta, error = mean.tolist()
         return Step(self._seen, motor_zeta, zeta, expected, error, *rates, self.adapting)
 
     def _expected(self, sensory: Map, winner: Index) -> float:
         """Sensory distortion that samples of some winners exceed by chance next to never."""
-        baseline = self._model.baseline
-        if baseline is None:
-            return math.inf
-        chance = _FIRED * math.sqrt(baseline.spread[1] / _WINDOW)
+        chance = _FIRED * math.sqrt(self._baseline.spread[1] / _WINDOW)
         # distances scale with the lattice: a larger arm's nodes stand further apart
         size = (sensory.spacing / self._model.sensory.spacing) ** 2
         size *= (_SETTLED if self._since >= 0 else 1.0) * (1.0 + chance)
-        return float(baseline.sensory[winner].mean()) * size
+        return float(self._baseline.sensory[winner].mean()) * size
 
-    def _left(self, expected: float) -> bool:
+    def _left(self, expected: float, zeta: float, error: float) -> bool:
         """Whether the distortion (eq. 9) or the links' residual left what is usual."""
-        errors, baseline = self._model.about.errors, self._model.baseline
+        errors = self._model.about.errors
         usual = errors["activity"]["forward"]["distance"]["mean"] if errors else math.inf
-        usual += baseline.noise if baseline else 0.0
-        _, zeta, error = (0.0, 0.0, 0.0) if self._mean is None else self._mean
-        return self._seen >= _WINDOW / 2 and bool(zeta > expected or error > 2.0 * usual)
+        left = zeta > expected or error > 2.0 * (usual + self._baseline.noise)
+        return left and self._seen >= _WINDOW / 2
 
     def _learn(self, u: Array, v: Array, kept: slice) -> tuple[float, float, float]:
         """Form maps and links by samples; sigma, eta and beta of the last one."""

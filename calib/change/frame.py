@@ -22,7 +22,9 @@ from ..body.structure import Structure
 from ..body.views import is_camera
 from ..common.arrays import Array
 from ..common.rows import thinned
-from .hypotheses import FRAME, indices_of, is_sensors
+from ..model.alignment import Alignment
+from ..samples.diagnosis import unit_hint
+from .hypotheses import FRAME, Cause, indices_of, is_sensors
 from .settings import LEAST_OWN
 
 _FAR = 0.05  # misfit, of the extents, from which another frame is looked for
@@ -41,13 +43,17 @@ class Reference:
     # the old belief with the structure of the log: mirrored, or with a joint turned round
     body: Body
     beta: Array  # (d,), its parameters, the view's moved
-    new: bool = False  # whether only hypotheses with a free frame make sense
-    mirrored: bool = False  # whether the sensor sees the plane from the other side than before
-    turned: tuple[int, ...] = ()  # joints that turn the other way
-    locked: tuple[int, ...] = ()  # joints that no longer move the tip
+    # a mirror, joints that turn the other way or no more, another unit: what is no matter of
+    # degree; where there is one only hypotheses with a free frame make sense
+    causes: tuple[Cause, ...] = ()
     scale: float = 1.0  # size of positions over what it was; 1 where they are in the old unit
     # (g,), parameters of the view whose old posterior does not count any more
     forgotten: Indices = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
+
+    @property
+    def new(self) -> bool:
+        """Whether the frame is one that no posterior tells of."""
+        return bool(self.causes)
 
     @property
     def structure(self) -> Structure:
@@ -69,28 +75,27 @@ def reference_of(body: Body, q: Array, z: Array, unit: str) -> Reference:
     """Bring the old belief into the frame of a log of rows (n, dof), (n, m)."""
     old, rows = body.structure, thinned(len(q), _ROWS)
     places, extent, q, z = slice(old.blocks[0]), float(old.extents[0]), q[rows], z[rows]
-    gap = np.linalg.norm((z - old.predict(q, body.beta))[:, places], axis=1)
-    if float(np.median(gap)) < _FAR * extent:
+    seen = old.predict(q, body.beta)
+    if float(np.median(np.linalg.norm((z - seen)[:, places], axis=1))) < _FAR * extent:
         return Reference(body, body.beta)
     if is_camera(old.view):
         moved = _placed(old, q, z, [body.beta, _camera_anew(body, q, z)], FRAME)
         return Reference(body, moved, forgotten=indices_of(old, FRAME))
     tries = []
-    for change, start, held in _variants(body):
-        p = _replaced(old, change).predict(q, start)[:, places]
+    for change, start, told in _variants(body):
+        p, held = _replaced(old, change).predict(q, start)[:, places], start is not body.beta
         for scaled in (False,) if held else (False, True):
             error, ratio, turn = _misfit(p, z[:, places], scaled)
             # each further freedom must halve what is left
-            free = len(change) + len(held) + (scaled and not 0.5 < ratio < 2.0)
+            free = len(told) + (scaled and not 0.5 < ratio < 2.0)
             error = max(error, _EXACT * extent) / _BETTER**free
-            tries.append((error, change, start, held, ratio, turn))
-    _, change, start, locked, ratio, turn = min(tries, key=lambda t: t[0])
+            tries.append((error, change, start, told, ratio, turn))
+    _, change, start, told, ratio, turn = min(tries, key=lambda t: t[0])
     structure, other = _replaced(old, change), not _SCALES[0] < ratio < _SCALES[1]
     factor = ratio if other else 1.0
     if other:  # in the log's own unit
         own = {"extent": ratio * old.extent, "centre": tuple(z.mean(axis=0).tolist())}
-        told = "sensor" if unit == old.unit else unit
-        structure = _replaced(structure, {**own, "unit": told})
+        structure = _replaced(structure, {**own, "unit": "sensor" if unit == old.unit else unit})
     about, shift = structure.groups["view.rotation"], structure.groups["view.shift"]
     starts = []
     for by in (np.eye(len(turn)), turn):
@@ -104,13 +109,17 @@ def reference_of(body: Body, q: Array, z: Array, unit: str) -> Reference:
     beta = _placed(structure, q, z, starts, (*FRAME, "view.scale") if other else FRAME)
     if len(about) == 1:  # the same angle, the short way round
         beta[about] -= 2 * np.pi * np.round((beta[about] - start[about]) / (2 * np.pi))
-    new = bool(change) or bool(locked) or other
-    signs = zip(change.get("signs", ()), getattr(old, "signs", ()), strict=False)
-    turned = tuple(k for k, (now, was) in enumerate(signs) if now != was)
-    view = [g for g in structure.groups if is_sensors(g)] if new else FRAME
+    causes = list(told)
+    if "mirror" in change and Alignment.between(seen, structure.predict(q, beta)).swapped:
+        words = "x and y of the log are exchanged, compared with the model"
+        causes[0] = replace(causes[0], words=words)
+    if other:
+        words = f"the log's positions are {ratio:.4g} times the model's{unit_hint(ratio)}"
+        causes.append(Cause("scale", "view.scale", words, ratio, None, "1"))
+    view = [g for g in structure.groups if is_sensors(g)] if causes else FRAME
     sizes = {name: factor * getattr(body, name) for name in ("noise", "tau", "residual")}
-    body, forgotten = replace(body, structure=structure, **sizes), indices_of(structure, view)
-    return Reference(body, beta, new, "mirror" in change, turned, locked, factor, forgotten)
+    body = replace(body, structure=structure, **sizes)
+    return Reference(body, beta, tuple(causes), factor, indices_of(structure, view))
 
 
 def carried_offset(old: Body, new: Body, beta: Array, q: Array, offset: Array) -> Array:
@@ -133,25 +142,31 @@ def _camera_anew(body: Body, q: Array, z: Array) -> Array:
     return beta
 
 
-def _variants(body: Body) -> Iterator[tuple[dict[str, Any], Array, tuple[int, ...]]]:
-    """Other fields of the structure, parameters, locked joints: mirrored, turned round, locked."""
+def _variants(body: Body) -> Iterator[tuple[dict[str, Any], Array, tuple[Cause, ...]]]:
+    """Other fields of the structure and parameters, and what they mean, one cause a freedom."""
     structure, beta = body.structure, body.beta
-    mirrors: list[dict[str, Any]] = [{}]
+    seen: list[tuple[dict[str, Any], tuple[Cause, ...]]] = [({}, ())]
     if (mirror := getattr(structure, "mirror", None)) is not None:
-        mirrors.append({"mirror": -mirror})
-    yield from ((seen, beta, ()) for seen in mirrors)
+        words = "the log's positions are mirrored, compared with the model"
+        seen.append(({"mirror": -mirror}, (Cause("mirror", "view.mirror", words),)))
+    yield from ((change, beta, told) for change, told in seen)
     if not {"offset", "gain"} <= set(structure.groups):
         return
     signs = getattr(structure, "signs", ())
     for k in np.flatnonzero(structure.revolute).tolist():
+        name = structure.joint_names[k]
         if signs:
             other = tuple(-s if j == k else s for j, s in enumerate(signs))
-            yield from (({**seen, "signs": other}, beta, ()) for seen in mirrors)
+            turned = Cause(f"sign:{name}", "sign", f"{name} turns the other way than before")
+            yield from (
+                ({**change, "signs": other}, beta, (*told, turned)) for change, told in seen
+            )
+        lost = Cause(f"lost:{name}", "gain", f"{name} no longer moves the tip", 0.0, None, "1")
         for angle in np.arange(-np.pi, np.pi, _LOCKED_STEP) if k else ():
             held = beta.copy()
             held[structure.groups["gain"][k]] = 0.0
             held[structure.groups["offset"][k]] += angle
-            yield {}, held, (k,)
+            yield {}, held, (lost,)
 
 
 def _replaced(structure: Structure, change: dict[str, Any]) -> Structure:

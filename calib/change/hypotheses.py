@@ -1,13 +1,12 @@
-"""Hypotheses: what may have changed between an old belief and a new log, and by how much.
+"""Hypotheses: what may have changed between a belief and a log, by how much, and in which words.
 
-They know an arm only by the groups of its structure's parameters: one table serves planar and
-spatial arms, and holds what is said of each group.
+They know an arm only by the groups of its structure's parameters: one table serves all arms.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import replace
+from dataclasses import asdict, dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -29,6 +28,30 @@ Hypothesis = tuple[str, ...]
 """Groups that are freed; ``"curve"`` stands for those of all joints."""
 
 
+@dataclass(frozen=True)
+class Cause:
+    """One change that explains a log."""
+
+    # ``"sensor"``, ``"offset:JOINT"``, ``"length:JOINT"``, ``"gain:JOINT"``, ``"elastic:JOINT"``,
+    # ``"curve:JOINT"``, ``"curve"`` of all joints, ``"scale"``, ``"tilt"``, ``"lens"``,
+    # ``"mirror"``, ``"sign:JOINT"``, ``"lost:JOINT"``, ``"noise"`` or ``"unknown"``
+    cause: str
+    group: str  # group of parameters: ``"view.rotation"``, ``"offset"``, ``"length"``,
+    words: str  # the same in words
+    value: float | None = None  # size of the change, None where no number tells it
+    interval: tuple[float, float] | None = None  # 95 % interval of the value
+    unit: str = ""  # unit of the value
+
+    @staticmethod
+    def measured(name: str, group: str, words: str, value: float, half: float, unit: str) -> Cause:
+        """A cause with half the width of its 95 % interval."""
+        return Cause(name, group, words, value, (value - half, value + half), unit)
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain data."""
+        return {k: list(v) if isinstance(v, tuple) else v for k, v in asdict(self).items()}
+
+
 class Group(NamedTuple):
     """How far the parameters of a group may move (standard deviations), and its words."""
 
@@ -36,20 +59,18 @@ class Group(NamedTuple):
     creep: float = 0.0  # between two logs of an arm that has not
     built: float = 0.0  # of an arm as it was built, from its drawing
     kept: str = ""  # of what an adaptation leaves as it was; "" where that is not told
-    # of a change; `value` and `half` its interval are in deg or %
-    changed: str = "{name} changed by {raw:.4g} ± {raw_half:.2g} {unit}"
+    changed: str = "{name} changed by {value:+.3g} ± {half:.2g} {unit}"
     whole: bool = False  # whether all of its parameters are one cause
 
 
-OFF = "{who} is off by {value:+.3g} ± {half:.2g} deg"
-_SCALED, _GAINED = "changed by {value:+.3g} %", "moves {value:+.3g} ± {half:.2g} % further than it"
-_WAVED = "{joint} has another error curve, by up to {most:.3g} deg"
 _DEGREE = float(np.radians(1.0))
 GROUPS = {
     # [rad], about the frame that fits the log best; of the extents
     "view.rotation": Group(0.05, kept="the sensor's frame"),
     "view.shift": Group(0.05),
-    "view.scale": Group(0.3, 0, 0, "the sensor's scale", f"the sensor's scale {_SCALED}", True),
+    "view.scale": Group(
+        0.3, 0, 0, "the sensor's scale", "the sensor's scale changed by {value:+.3g} %", True
+    ),
     "view.shear": Group(0.1, changed="the sensor's axes are stretched or sheared", whole=True),
     # over the chain's length
     "view.tilt": Group(0.3, 0, 0, "the camera's tilt", "the camera is tilted", True),
@@ -58,8 +79,14 @@ GROUPS = {
     "length": Group(
         0.15, 1e-4, 1e-3, "the links' lengths", "the link of {joint} is {share}{size} {longer}"
     ),
-    "offset": Group(5 * _DEGREE, 0.02 * _DEGREE, 0.1 * _DEGREE, "the joints' offsets", OFF),
-    "gain": Group(0.03, 1e-4, 1e-3, "the joints' gains", f"{{joint}} {_GAINED} says"),
+    "offset": Group(
+        5 * _DEGREE, 0.02 * _DEGREE, 0.1 * _DEGREE, "the joints' offsets",
+        "{joint} is off by {value:+.3g} ± {half:.2g} {unit}",
+    ),
+    "gain": Group(
+        0.03, 1e-4, 1e-3, "the joints' gains",
+        "{joint} moves {value:+.3g} ± {half:.2g} % further than it says",
+    ),
     "elastic": Group(
         0.02, 2e-5, 1e-4, "elasticity", "{joint} bends under load, by up to {most:.3g} deg", True
     ),
@@ -67,17 +94,20 @@ GROUPS = {
     "placement": Group(5.0, 0.1, 1.0, "the joints' placements"),
     "tool": Group(0.1, 1e-4, 1e-3, "the tool"),  # [m]
     "tool.rotation": Group(0.3, 0.02 * _DEGREE, 0.1 * _DEGREE),
-    "curve": Group(0.0, changed=_WAVED, whole=True),  # of sizes that are given
-}
+    "curve": Group(  # of sizes that are given
+        0.0, changed="{joint} has another error curve, by up to {most:.3g} deg", whole=True
+    ),
+}  # fmt: skip
 
-TESTED = ("offset", "length", "gain", "placement", "tool")
+TESTED = ("offset", "length", "gain", "placement", "tool", "elastic")
 """Groups that are tested joint by joint."""
 
 _CAMERA = ("view.scale", "view.shear", "view.tilt")
 _SENSOR = ((), ("view.scale",), _CAMERA, ("view.scale", "view.shear", "lens"))
 _GEOMETRY = ("offset", "length", "gain", "placement")
-_EVERY = (*_GEOMETRY, "elastic", "tool", "curve")
-_ARM = (("offset",), ("length",), ("gain",), ("elastic",), ("tool",), _GEOMETRY, _EVERY)
+_EVERY = (*_GEOMETRY, "elastic", "tool")
+_ARM = (("offset",), ("length",), ("gain",), ("elastic",), ("tool",), _EVERY)
+_BOTH = (("offset",), ("length",), (*_EVERY, "curve", *_CAMERA, "lens"))
 
 
 def hypotheses_of(structure: Structure, cause: str | None = None) -> tuple[Hypothesis, ...]:
@@ -88,10 +118,9 @@ def hypotheses_of(structure: Structure, cause: str | None = None) -> tuple[Hypot
     if cause is not None and cause not in CAUSES:
         hint = f"choose one of {', '.join(CAUSES)}"
         raise OptionError(f"cause {cause!r} is unknown", hint=hint, parameter="cause", value=cause)
-    sensor, arm = cause != "joints", cause != "sensor"
-    sets = [(), *((*FRAME, *more) for more in _SENSOR if sensor), *(_ARM if arm else ())]
-    if sensor and arm:
-        sets += [(*FRAME, *more) for more in (*_ARM, (*_EVERY, *_CAMERA, "lens"))]
+    sensor = (*_SENSOR, *_BOTH) if cause is None else _SENSOR * (cause == "sensor")
+    arm = _ARM * (cause != "sensor")
+    sets = ((), *arm, *((*FRAME, *more) for more in sensor))
     known = (tuple(g for g in groups if len(indices_of(structure, (g,)))) for groups in sets)
     return tuple(dict.fromkeys(known))
 
@@ -152,17 +181,13 @@ def creep(body: Body, waves: float = CREEP) -> Array:
 
 def as_built(body: Body) -> Body:
     """The belief that a changed arm starts from: of a simulation, that of an arm as it is built."""
-    structure = body.structure
+    structure: Any = body.structure
     body = replace(body, tau=np.maximum(body.tau, LOG_FLOOR * np.asarray(structure.extents)))
     if not body.simulated:
         return body
-    metre = float(getattr(structure, "metre", 1.0))
-    if structure.view not in ("rigid", "base", "pose"):
-        metre = _length(body) / 0.3
-    sd = _deviations(body, _arms(body), "built", BUILT_CURVE, metre)
+    sd = _deviations(body, _arms(body), "built", BUILT_CURVE, getattr(structure, "metre", 1.0))
     if structure.kind == "spatial":  # the first origin's place is the frame's own
-        first = (getattr(structure, name)[0] for name in ("shifts", "turns"))
-        sd[np.concatenate(list(first))] = 0.0
+        sd[np.concatenate([structure.shifts[0], structure.turns[0]])] = 0.0
     # What the samples left open stays correlated: along the gauge of a chain without a drawing,
     # deviations alone, of radians, would say that nothing was learned.
     active = np.union1d(np.flatnonzero(sd), body.active)
@@ -175,14 +200,8 @@ def _arms(body: Body) -> tuple[str, ...]:
     return tuple(g for g in body.structure.groups if not is_sensors(g))
 
 
-def _length(body: Body) -> float:
-    """Mean length of the links [unit]; 1 of a chain without such a group."""
-    lengths = body.beta[indices_of(body.structure, ("length",))]
-    return float(np.abs(lengths).mean()) if len(lengths) else 1.0
-
-
 def _deviations(
-    body: Body, groups: Hypothesis, kind: str, curve: float, metre: float | None = None,
+    body: Body, groups: Hypothesis, kind: str, curve: float, metre: float = 0.0,
     cause: str | None = None,
 ) -> Array:  # fmt: skip
     """Standard deviation (d,) of the parameters of some groups by a column of `GROUPS`, else 0.
@@ -191,11 +210,12 @@ def _deviations(
     metre : [unit], what lengths are told in; their mean where not given
     """
     structure: Any = body.structure
-    sd = np.zeros(structure.size)
-    extent, length = float(structure.extents[0]), metre or _length(body)
+    sd, extent = np.zeros(structure.size), float(structure.extents[0])
+    offset, lengths = (indices_of(structure, (g,)) for g in ("offset", "length"))
+    links = np.abs(body.beta[lengths]) if len(lengths) else np.ones(1)
     # what is tilted is the chain, in its own unit: a log may be in another
-    chain = float(np.abs(body.beta[indices_of(structure, ("length",))]).sum()) or extent
-    times = {"view.shift": extent, "view.tilt": 1.0 / chain, "length": length}
+    chain = float(links.sum()) if links.any() and len(lengths) else extent
+    times = {"view.shift": extent, "view.tilt": 1.0 / chain, "length": metre or links.mean()}
     for name, ix in (part for group in groups for part in parts_of(structure, group)):
         if name.startswith("curve"):
             sd[ix] = curve * structure.prior((name,)).sd[ix]
@@ -207,9 +227,8 @@ def _deviations(
             least = np.where(np.isin(ix, structure.turns), TURN, SHIFT)
             sd[ix] *= np.minimum(structure.prior((name,)).sd[ix], least)
     # what a free frame already says: the first joint's offset, the first length
-    offset, length_ = (indices_of(structure, (g,)) for g in ("offset", "length"))
     if len(offset) and offset[0] not in body.active and cause != "joints":
         sd[offset[0]] = 0.0
-    if np.isin(length_[1:], body.active).any() and length_[0] not in body.active:
-        sd[length_[0]] = 0.0
+    if np.isin(lengths[1:], body.active).any() and lengths[0] not in body.active:
+        sd[lengths[0]] = 0.0
     return sd

@@ -1,4 +1,4 @@
-"""The monitor: one sample at a time, in constant memory, whether the map still fits."""
+"""The monitor: one sample at a time, in constant memory, whether the model still fits."""
 
 from __future__ import annotations
 
@@ -39,8 +39,8 @@ class Monitor:
     """Watches a stream of samples: a sequential form of the tests of `check`.
 
     Of the recent past it keeps the products of the residual with the displacements that a change
-    would make.  What these explain is compared with chance (an F test, of as many samples as are
-    independent of each other) and with what the model may be off by itself where the samples lie.
+    would make.  What these explain is compared with chance, and with what the model may be off by
+    itself where the samples lie.
 
     Parameters
     ----------
@@ -101,16 +101,16 @@ class Monitor:
             return self._state
         unit = model.motor.scale.to_unit(q[None])
         bound = float(self._own[int(model.motor.nearest(unit)[1][0, 0])])
-        size = float(np.sqrt(residual @ residual))
         usual = math.sqrt(self._moments[-1, -1] / max(self._sums[0], 1.0))
-        residual *= min(1.0, _CLIP * max(usual, self._noise, bound) / max(size, 1e-300))
+        size = max(float(np.sqrt(residual @ residual)), 1e-300)
+        residual *= min(1.0, _CLIP * max(usual, self._noise, bound) / size)
         row = np.concatenate([self._moves(unit)[0] @ self._combined, residual[:, None]], axis=1)
         away, winner = model.sensory.nearest(model.sensory.scale.to_unit(x[None]))
         ratio = float(away[0, 0]) ** 2 / float(self._expected[int(winner[0, 0])])
-        fade = self._fade  # sums over a window that forgets, in constant memory
+        fade = self._fade  # sums over a window that forgets
         self._moments = fade * self._moments + row.T @ row
         self._sums = self._sums * [fade, fade**2, fade, fade] + [1.0, 1.0, ratio, bound**2]
-        self._state = self._judged(row)
+        self._state = self._judged(len(x))
         return self._state
 
     @property
@@ -118,24 +118,22 @@ class Monitor:
         """The state after the last sample."""
         return self._state
 
-    def _judged(self, row: Array) -> State:
-        """The state after a sample's directions and residual (m, p + 1)."""
-        moments, axes, p = self._moments, len(row), len(self._moments) - 1
+    def _judged(self, axes: int) -> State:
+        """What the sums say: an F test, of as many samples as are independent of each other."""
+        moments, p = self._moments, len(self._moments) - 1
         weight, square, ratio, bound = self._sums.tolist()
         gram, products = moments[:-1, :-1].copy(), moments[:-1, -1]
         gram[np.diag_indices(p)] += 1e-9 * np.trace(gram) / p + 1e-300
-        combined = np.linalg.solve(gram, products)
-        explained = max(float(products @ combined), 0.0) / weight
-        independent = weight**2 / square
+        explained = max(float(products @ np.linalg.solve(gram, products)), 0.0) / weight
+        independent, seen = weight**2 / square, self._state.samples + 1
         left = max(float(moments[-1, -1]) / weight - explained, 0.0) / axes
         left /= max(1.0 - p / (axes * independent), 0.1)
-        variance, seen = max(left, self._noise**2), self._state.samples + 1
-        chance = variance * float(self._chance[int(independent)]) / independent
+        chance = max(left, self._noise**2) * float(self._chance[int(independent)]) / independent
         own = NUISANCE**2 * bound / weight + self._least**2
         score = math.sqrt(explained / (chance + own)) if seen >= _WARM else 0.0
         return State(
             seen, score > 1.0, score, ratio / weight, math.sqrt(explained), math.sqrt(left),
-            ("links",) if score > 1.0 else (),
+            ("links",) * (score > 1.0),
         )  # fmt: skip
 
     def _moves(self, units: Array) -> Array:

@@ -31,40 +31,6 @@ class TurnedTool:
     covariance: Array = field(default_factory=lambda: np.zeros((3, 3)))
     notes: tuple[str, ...] = ()  # why orientations were not compared
 
-    @staticmethod
-    def beside(
-        old: Body, structure: Any, beta: Array, q: Array, x: Array, orientation: Array | None,
-        *, framed: bool,
-    ) -> TurnedTool:  # fmt: skip
-        """Compare orientations (n, 4) with those that parameters (d,) predict.
-
-        old : the belief of the model
-        framed : whether the sensor may be turned, too: positions tell that less well
-        """
-        from scipy.special import chdtri
-
-        if orientation is None:
-            return TurnedTool()
-        if not knows_orientation(old):
-            told = "orientations are not compared: the model was learned without them"
-            return TurnedTool(notes=(told,))
-        tool, sd = structure.groups["tool.rotation"], np.zeros(structure.size)
-        sd[tool], sd[structure.groups["view.rotation"]] = FREE, FREE * framed
-        poses = np.hstack([x, logarithm(matrix_of(orientation))])
-        # of positions nothing is asked
-        rows = [Rows(q, poses, floor=np.repeat([FREE**2 * structure.extent, 1e-9], 3))]
-        seen = structure.with_view("pose")
-        fit = Fit(seen, rows, beta, Prior(beta, sd), nu=STUDENT).maximise()
-        before, after = exponential(np.stack([beta[tool], fit.beta[tool]]))
-        turn, place = logarithm(before.T @ after), np.searchsorted(fit.active, tool)
-        own, held = fit.covariance[np.ix_(place, place)], np.searchsorted(old.active, tool)
-        # the model knows its own tool as well as it does
-        covariance = own + old.kappa**2 * old.covariance[np.ix_(held, held)]
-        score = float(turn @ np.linalg.solve(covariance, turn)) / float(chdtri(3, FALSE_ALARM))
-        # what the chain leaves over differs between regions of the workspace by about its scatter
-        score = min(score, float(np.linalg.norm(turn) / (np.sqrt(3) * fit.noise[-1])))
-        return TurnedTool(score, turn, own)
-
     def of(self, body: Body) -> Body:
         """A belief with the tool turned."""
         tool, delta = body.structure.groups["tool.rotation"], np.zeros(body.structure.size)
@@ -74,3 +40,37 @@ class TurnedTool:
         covariance[np.ix_(place, place)] = self.covariance / body.kappa**2
         beta = body.structure.retract(body.beta, delta)
         return replace(body, beta=beta, root=root_of(covariance))
+
+
+def turned_tool(
+    old: Body, structure: Any, beta: Array, q: Array, x: Array, orientation: Array | None,
+    *, framed: bool,
+) -> TurnedTool:  # fmt: skip
+    """Compare orientations (n, 4) with those that parameters (d,) predict.
+
+    old : the belief of the model
+    framed : whether the sensor may be turned, too: positions tell that less well
+    """
+    from scipy.special import chdtri
+
+    if orientation is None:
+        return TurnedTool()
+    if not knows_orientation(old):
+        told = "orientations are not compared: the model was learned without them"
+        return TurnedTool(notes=(told,))
+    tool, sd = structure.groups["tool.rotation"], np.zeros(structure.size)
+    sd[tool], sd[structure.groups["view.rotation"]] = FREE, FREE * framed
+    poses = np.hstack([x, logarithm(matrix_of(orientation))])
+    # of positions nothing is asked
+    rows = [Rows(q, poses, floor=np.repeat([FREE**2 * structure.extent, 1e-9], 3))]
+    seen = structure.with_view("pose")
+    fit = Fit(seen, rows, beta, Prior(beta, sd), nu=STUDENT).maximise()
+    before, after = exponential(np.stack([beta[tool], fit.beta[tool]]))
+    turn, place = logarithm(before.T @ after), np.searchsorted(fit.active, tool)
+    own, held = fit.covariance[np.ix_(place, place)], np.searchsorted(old.active, tool)
+    # the model knows its own tool as well as it does
+    covariance = own + old.kappa**2 * old.covariance[np.ix_(held, held)]
+    score = float(turn @ np.linalg.solve(covariance, turn)) / float(chdtri(3, FALSE_ALARM))
+    # what the chain leaves over differs between regions of the workspace by about its scatter
+    score = min(score, float(np.linalg.norm(turn) / (np.sqrt(3) * fit.noise[-1])))
+    return TurnedTool(score, turn, own)

@@ -89,24 +89,6 @@ class Geometry:
         path = parse_urdf(self.arm.urdf).path(self.arm.tip)
         return tuple(j.name for j in path if j.movable and j.name not in self.arm.locked)
 
-    def moved(self, joint: str) -> tuple[Array, Array, float]:
-        """How far a joint's origin is from where the URDF has it, with all joints at zero.
-
-        As a shift (3,) [m] and a rotation vector (3,) [rad] in the root link's axes, and what the
-        joint's own motion is [rad or m]: its offset. Zeros of a joint that is not fitted.
-        """
-        if joint not in self.places:
-            return np.zeros(3), np.zeros(3), 0.0
-        k, structure = self.places.index(joint), self.structure
-        value = structure.chain.coupling[k] @ self.beta[structure.groups["offset"]]
-        return self.beta[structure.shifts[k]], self.beta[structure.turns[k]], float(value)
-
-    def tip(self) -> tuple[Array, Array]:
-        """What is written of the tip: a shift (3,) [m] in the root's axes, a turn in its own."""
-        groups, written = self.structure.groups, float(self.move_tip)
-        shift = self.structure.chain.rotation @ self.beta[groups["tool"]]
-        return written * shift, written * self.beta[groups["tool.rotation"]]
-
     @property
     def ends(self) -> tuple[Array, Array]:
         """Displacements of a planar arm's joints and tip (dof + 1, 2) [m], and intervals."""

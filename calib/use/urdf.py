@@ -16,8 +16,9 @@ from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
-from ..arm.rotations import exponential
-from ..arm.urdf import Joint, parse_urdf
+from ..arm.posture import Kinematics
+from ..arm.spatial_chain import move
+from ..arm.urdf import Joint, Urdf, parse_urdf
 from ..common.arrays import Array
 from ..common.wording import for_people
 from ..errors import OptionError, RobotError
@@ -53,34 +54,45 @@ def corrected_urdf(geometry: Geometry) -> str:
             hint="check the joints, the tip and the unit of the log; a log in the robot's root "
             "frame needs `view='base'`, one in a sensor's frame must not have it",
         )
-    arm, (tip_shift, tip_turn) = geometry.arm, geometry.tip()
-    joints = parse_urdf(arm.urdf).path(arm.tip)
-    last = joints[-1]
-    turns = tip_turn.any() or (tip_shift.any() and last.kind != "prismatic")
-    if last.name in geometry.places and turns:
+    urdf = parse_urdf(geometry.arm.urdf)
+    origins = _origins(geometry, urdf)
+    path = urdf.path(geometry.arm.tip)
+    changed = {joint.name: _changed(joint, origins[joint.name]) for joint in path}
+    text = _edited(geometry.arm.urdf, changed)
+    _read_back(text, origins)
+    return text
+
+
+def _origins(geometry: Geometry, urdf: Urdf) -> dict[str, Array]:
+    """Origins (4, 4) of the joints from the root to the tip with which all links are as fitted."""
+    arm, structure, beta = geometry.arm, geometry.structure, geometry.beta
+    path, tool = urdf.path(arm.tip), structure.deviations(beta)
+    moves = tool.tool_turn.any() or (tool.tool.any() and path[-1].kind != "prismatic")
+    if geometry.move_tip and moves and path[-1].name in geometry.places:
         raise RobotError(
-            f"the tip {arm.tip!r} is the origin of joint {last.name!r}: it has no link of its "
+            f"the tip {arm.tip!r} is the origin of joint {path[-1].name!r}: it has no link of its "
             "own that could be corrected",
             hint="name another `tip`",
             parameter="tip",
             value=arm.tip,
         )
-    rotation, origins = np.eye(3), dict[str, Array]()
-    for joint in joints:
-        shift, turn, value = geometry.moved(joint.name)
-        origin, lock = _origin(joint), _motion(joint, arm.locked.get(joint.name, 0.0))
-        new = origin.copy()  # moved about itself, by what is known in the root's axes
-        new[:3, :3] = exponential(rotation.T @ turn) @ origin[:3, :3]
-        new[:3, 3] += rotation.T @ (shift + tip_shift * (joint is last))
-        new = new @ _motion(joint, value)
-        if joint is last and tip_turn.any():
-            # the tip's own turn comes behind the joint's locked motion, which stays in the URDF
-            new = new @ lock @ _placed(np.zeros(3), exponential(tip_turn)) @ np.linalg.inv(lock)
-        origins[joint.name] = new
-        rotation = rotation @ origin[:3, :3] @ lock[:3, :3]
-    text = _edited(arm.urdf, {joint.name: _changed(joint, origins[joint.name]) for joint in joints})
-    _read_back(text, origins)
-    return text
+    drawn = Kinematics(urdf).posture({**arm.locked, **dict.fromkeys(geometry.places, 0.0)}).frames
+    offsets = structure.chain.coupling @ beta[structure.groups["offset"]]
+    motion = move(structure.links(beta), offsets[:, None])
+    carried, fitted = np.eye(4), {urdf.root: np.eye(4)}
+    for joint in path:
+        if joint.name in geometry.places:
+            k = geometry.places.index(joint.name)
+            carried = _placed(motion.places[k, :, 0], motion.frames[k + 1, :, :, 0])
+            carried = carried @ _placed(-structure.chain.points[k], np.eye(3))
+        fitted[joint.child] = carried @ drawn[joint.child]
+    if geometry.move_tip:
+        fitted[arm.tip] = _placed(motion.position[:, 0], motion.rotation[:, :, 0])
+    origins = {}
+    for joint in path:  # a locked joint's own motion stays behind its origin
+        lock = np.linalg.inv(drawn[joint.child]) @ drawn[joint.parent] @ _origin(joint)
+        origins[joint.name] = np.linalg.inv(fitted[joint.parent]) @ fitted[joint.child] @ lock
+    return origins
 
 
 def _read_back(text: str, origins: dict[str, Array]) -> None:
@@ -151,14 +163,6 @@ def _origin(joint: Joint) -> Array:
 
     # lower-case letters are fixed axes in SciPy, as URDF means roll, pitch and yaw
     return _placed(np.array(joint.xyz), Rotation.from_euler("xyz", joint.rpy).as_matrix())
-
-
-def _motion(joint: Joint, value: float) -> Array:
-    """Transform (4, 4) of a joint at a value [rad or m]."""
-    moved = value * np.asarray(joint.axis) / max(float(np.linalg.norm(joint.axis)), 1e-300)
-    if joint.kind == "prismatic":
-        return _placed(moved, np.eye(3))
-    return _placed(np.zeros(3), exponential(moved))
 
 
 def check_output(path: str, nominal: str) -> None:

@@ -81,7 +81,7 @@ def check(
         lines = ["TOO COARSE: these rows could not have shown a change of the tolerated size"]
         lines += ["what to do: give more rows, or rows of less noise", limit]
     else:
-        lines = ["still calibrated", limit]
+        lines = ["still calibrated", *drift.explanations, limit]
     for each in bumped:
         told = (*each["explanations"], "its cause is unknown")[0]
         lines.append(f"episode {each['episode']}: DRIFTED: {told}")
@@ -138,5 +138,4 @@ def _details(drift: Drift, factor: float, name: str) -> list[str | TextTable]:
     return [
         TextTable(header, tests, foot=found),
         TextTable(["on the maps", "unit", "found", "usual"], signals, left=2, foot=zeta),
-        *drift.explanations,
     ]

@@ -134,7 +134,7 @@ def test_travel_is_that_of_the_rows_and_short(arm):
         (5, {"margin": -0.1}, "margin -0.1"),
         (5, {"margin": [0.1, 0.1, 0.1]}, "one for each of shoulder, elbow"),
         (5, {"margin": 2.0}, "no room is left in shoulder"),
-        (5, {"ranges": {"elbow": (0.0, 1.0)}}, "outside the joint's limits"),
+        (5, {"ranges": {"elbow": (0.0, 1.0)}}, "within the joint's limits"),
         (5, {"start": [0.5]}, "start of shape (1,): expected (2,)"),
         (5, {"start": [0.5, 9.0]}, "elbow = 9 is outside of its range"),
     ],

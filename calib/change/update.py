@@ -1,0 +1,142 @@
+"""Updating: a belief under the change that explains a log best, judged by rows that were held out.
+
+The prior is the old posterior, inflated as its bound is, with the freed parameters loosened.  A
+residual of this log alone is a part of the fit; its size stays in the new bound.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..body.belief import Body, Second
+from ..body.covariance import root_of
+from ..body.normal import Factor
+from ..body.parameters import Indices
+from ..common.arrays import Array
+from ..common.rows import thinned
+from .comparison import Comparison
+from .equations import Log, own_columns, prior_columns, shared_columns
+from .explain import Explanation, weighed
+from .frame import Reference
+from .settings import CHANGED, REFINED, SIMULATED_KAPPA, SURE
+
+_ROWS = 600  # that an update takes: linear in them
+_BLOCKS = 5  # contiguous ones that are held out in turn, each of which tells a gain
+_STEPS = 4
+
+
+@dataclass(frozen=True)
+class Update:
+    """What the rows of a log make of a belief."""
+
+    body: Body
+    explanation: Explanation  # that the belief is under
+    rows: Indices  # (k,), rows of the comparison by which it was judged
+    residual: Array  # (k, m) [unit], of these rows where they were held out
+    improved: bool  # whether they are predicted better than before
+
+
+def update(found: Comparison) -> Update:
+    """Update the body of a model by the rows of a comparison.
+
+    `check` asks here too, so that the one promises what `adapt` does.
+    """
+    some, log = found.explanations, found.log.some(_ROWS)
+    if not found.changed:  # rows that no change explains widen the bound
+        some = tuple(e for e in some if not e.hypothesis) or some
+    chosen = weighed(some)
+    body, held = _mixed(found.reference, chosen, log)
+    rows = np.flatnonzero(found.kept)
+    rows = rows[thinned(len(rows), _ROWS)]
+    gain = found.missed[rows] - np.linalg.norm(held, axis=1)
+    parts = np.array([part.mean() for part in np.array_split(gain, _BLOCKS)])
+    chance = SURE * float(parts.std(ddof=1)) / np.sqrt(_BLOCKS)
+    share, times = (CHANGED, 1.0) if found.score > 1.0 else (REFINED, 2.0)
+    least = max(times * chance, (1.0 - share) * float(found.missed[rows].mean()))
+    calm = found.score <= 1.0 and found.tested.noisy is not None  # an encoder's noise tells nothing
+    improved = found.explained and not calm and float(parts.mean()) > least
+    if found.tool.score > 1.0:
+        if not improved:  # the tool alone
+            body, held = found.belief, (found.x - found.predicted)[rows]
+        body, improved = found.tool_beside(body.structure, body.beta).of(body), True
+    return Update(body, chosen[0][1], rows, held, improved)
+
+
+def _mixed(
+    reference: Reference, chosen: list[tuple[float, Explanation]], log: Log
+) -> tuple[Body, Array]:
+    """The posterior as a body, and held-out residuals (n, m) under the likeliest explanation.
+
+    The bound carries what the choice among the explanations, best first with weights, is unsure of.
+    """
+    old = reference.body
+    parts = [(share, *_posterior(reference, e, log)) for share, e in chosen]
+    _, beta, _, _, held = parts[0]
+    active = np.unique(np.concatenate([part[2] for part in parts]))
+    covariance = np.zeros((len(active), len(active)))
+    for share, other, known, spread, _ in parts:
+        place = np.searchsorted(active, known)
+        covariance[np.ix_(place, place)] += share * spread
+        covariance += share * np.outer((other - beta)[active], (other - beta)[active])
+    own = np.sqrt(sum(share * e.factor**2 for share, e in chosen)) * reference.own_sd
+    noise = np.sqrt(sum(share * e.noise**2 for share, e in chosen)) * reference.sizes
+    second = old.second
+    if second is not None:  # after the same log, under the most likely explanation
+        e, apart = chosen[0][1], second.beta - old.beta
+        wide = replace(old, beta=second.beta, active=second.active, root=second.root, kappa=1.0)
+        there = replace(reference, body=wide, beta=reference.beta + apart)
+        e = replace(e, origin=e.origin + apart, beta=e.beta + apart)
+        wider, known, spread, _ = _posterior(there, e, log)
+        second = Second(wider, known, root_of(spread), np.maximum(noise, second.noise))
+    body = replace(
+        old,
+        beta=beta,
+        active=active,
+        # the bound inflates by kappa what is kept here without it
+        root=root_of(covariance) / old.kappa,
+        kappa=max(old.kappa, SIMULATED_KAPPA) if old.simulated else old.kappa,
+        noise=noise,
+        residual=np.maximum(old.residual, own),
+        second=second,
+    )
+    return body, held
+
+
+def _posterior(
+    reference: Reference, e: Explanation, log: Log
+) -> tuple[Array, Indices, Array, Array]:
+    """Gauss-Newton steps of all parameters from where the explanation ended.
+
+    Returns parameters (d,), which are known (k,), their covariance (k, k), and held-out residuals
+    (n, m) [unit] of contiguous blocks of the rows.
+    """
+    structure = reference.structure
+    active, ways = prior_columns(reference, e.waves, freed=e.sd)
+    smooth, r = own_columns(reference, log, e.factor), ways.shape[1]
+    weight = 1.0 / (np.sqrt(e.temper) * e.noise * reference.sizes)
+    beta = e.beta.copy()
+    normals = np.linalg.lstsq(ways, (e.beta - e.origin)[active], rcond=1e-12)[0]
+    for step in range(_STEPS + 1):
+        predicted, x = structure.linearise(log.q, beta, active)
+        shared = shared_columns(reference, log, predicted)
+        residual = structure.residual(log.z, predicted)
+        columns = np.concatenate([x @ ways, smooth, shared], axis=2)
+        flat = (columns * weight[:, None]).reshape(log.z.size, -1)
+        gram, pull = flat.T @ flat, flat.T @ (residual * weight).ravel()
+        gram[np.diag_indices(len(gram))] += 1.0
+        pull[:r] -= normals  # what the log's own part follows, it follows anew in each step
+        factor = Factor(gram)
+        if step < _STEPS:
+            delta, full = factor.solve(pull)[:r], np.zeros(len(beta))
+            full[active] = ways @ delta
+            beta, normals = structure.retract(beta, full), normals + delta
+    held = np.empty_like(residual)
+    for block in np.array_split(np.arange(len(residual)), _BLOCKS):
+        # without the block's rows the information is a difference: no fit is needed
+        flat = (columns[block] * weight[:, None]).reshape(-1, len(gram))
+        less = Factor(gram - flat.T @ flat)
+        delta = less.solve(pull - flat.T @ (residual[block] * weight).ravel())
+        held[block] = residual[block] - columns[block, :, :r] @ delta[:r]
+    return beta, active, ways @ factor.inverse()[:r, :r] @ ways.T, held
