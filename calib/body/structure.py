@@ -95,14 +95,14 @@ class Structure:
         raise NotImplementedError
 
     @property
-    def directions(self) -> Sequence[float]:
-        """By how much each joint (dof,) of the chain moves with its log: 1 or -1, or its unit."""
-        return (1.0,) * self.dof
-
-    @property
     def reversals(self) -> int:
         """How many joints turn against their drawing, and whether the sensor sees a mirror."""
         return 0
+
+    @property
+    def directions(self) -> tuple[int, ...]:
+        """How each joint (dof,) moves with its log, 1 or -1."""
+        return (1,) * self.dof
 
     def geometry(self) -> Sequence[Block]:
         """Blocks of the chain's geometry and of its joints."""

@@ -323,30 +323,31 @@ class InPlane(Measurement):
 
     With u in extents from a lens's free centre; with k = 0 the lens does nothing::
 
-        y = A p / (1 + h.p) + t,  A = exp(s) R(alpha) [[1+a, b], [b, 1-a]] mirror
+        y = A p / (1 + h.p) + t,  A = metre exp(s) R(alpha) [[1+a, b], [b, 1-a]] mirror
         z = y + size k |u|^2 u,   u = (y - middle) / size - c
     """
 
     unit: str  # unit of positions
-    length: str  # unit of the chain's lengths
+    metre: float  # units of positions in one of the chain's
     mirror: int  # -1 where the sensor sees the plane from behind
     extent: float  # [unit]
     centre: tuple[float, float]  # [unit], origin of the lens
-    reach: float  # of the chain, in its own unit
-    rotation: float = 0.0  # prior means where the sensor's frame is known
-    frame: tuple[float, float] = (0.0, 0.0)
+    length: str  # unit of the chain's lengths
+    tilt: float  # prior sd [1/length]
+    rotation: float  # prior means of the sensor's frame, that of its shift [length]
+    shift: tuple[float, float]
 
     def parameters(self) -> tuple[Block, ...]:
         """What the sensor has of its own."""
         shift, tilt = (["view.shift x", "view.shift y"], ["view.tilt x", "view.tilt y"])
         lens = ["lens.radial", "lens.centre x", "lens.centre y"]
-        wide, known = FREE * self.extent, np.asarray(self.frame)
+        wide, known = FREE * self.extent, self.metre * np.asarray(self.shift)
         return (
             Block.of("view.rotation", "rad", ["view.rotation"], 100.0, self.rotation),
             Block.of("view.scale", "1", ["view.log scale"], 100.0),
             Block.of("view.shear", "1", ["view.stretch", "view.shear"], 1.0),
             Block.of("view.shift", self.unit, shift, wide, known),
-            Block.of("view.tilt", f"1/{self.length}", tilt, 1.0 / self.reach),
+            Block.of("view.tilt", f"1/{self.length}", tilt, self.tilt),
             Block.of("lens", "1", lens, 0.5),
         )
 
@@ -355,7 +356,7 @@ class InPlane(Measurement):
         size, eye, (k, *centre) = _LENS * self.extent, np.eye(3), own["lens"]
         middle, shift = self.centre + size * np.array(centre), own["view.shift"]
         c, s = np.cos(own["view.rotation"][0]), np.sin(own["view.rotation"][0])
-        turned = np.exp(own["view.scale"][0]) * np.array([[c, -s], [s, c]])
+        turned = self.metre * np.exp(own["view.scale"][0]) * np.array([[c, -s], [s, c]])
         (a, b), mirror = own["view.shear"], self.mirror
         linear = turned @ np.array([[1 + a, b * mirror], [b, (1 - a) * mirror]])
         sides = np.array([[[1, 0], [0, -mirror]], [[0, mirror], [1, 0]]])
