@@ -102,19 +102,6 @@ class Arm:
         found = self._by_rows(q, together)
         return found[..., :3], found[..., 3:]
 
-    def points(self, q: ArrayLike) -> Array:
-        """Return the joints' origins and the tip, to draw the arm, (n, m + 1, 3) or (m + 1, 3) [m].
-
-        At joint values (n, dof) or (dof,) [rad or m], in the root link's frame; the m joints
-        include mimic joints.
-        """
-
-        def stops(rows: Array) -> Array:
-            motion = self.chain.motion(rows)
-            return np.moveaxis(np.concatenate([motion.places, motion.position[None]]), 2, 0)
-
-        return self._by_rows(q, stops)
-
     @property
     def link_lengths(self) -> dict[str, float]:
         """Distance [m] from each joint to the next, the last to the tip, at zero."""

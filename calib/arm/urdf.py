@@ -190,9 +190,7 @@ def parse_urdf(text: str, name: str = "robot") -> Urdf:
     """
     robot = _parse_xml(text)
     notes: list[str] = []
-    own_name = (robot.get("name") or "").strip()
-    if not own_name:
-        notes.append(f"the URDF gives the robot no name: {name} is used")
+    own_name = robot.get("name", "").strip()
     links, joint_names = _names(robot, "link"), _names(robot, "joint")
     if not links:
         raise RobotError("the URDF has no links: expected a robot with links and joints")
