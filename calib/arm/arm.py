@@ -114,14 +114,12 @@ class Arm:
         The link is stretched along itself; all that lies beyond is carried along.
         """
         k = self._index(joint, "length")
-        if not np.isfinite(length) or length < 0:
-            raise OptionError(f"link length {length:g} m: expected a finite number, 0 or more")
         link, chain, own = self._links()[k], self.chain, self._own
         old = float(np.linalg.norm(link))
-        if old < _MIN_LENGTH:
+        if old < _MIN_LENGTH or not 0.0 <= length < math.inf:
             raise OptionError(
-                f"the link of joint {quoted(joint)} has no length: nothing can be stretched; "
-                "change another joint's link"
+                f"length {length:g} m of the link of joint {quoted(joint)}, which is {old:g} m "
+                "long: expected 0 or more, of a link that has a length"
             )
         shift = (length / old - 1.0) * link
         points, centres = chain.points.copy(), chain.centres.copy()
@@ -138,8 +136,6 @@ class Arm:
         left of it, and off the plane.
         """
         offset = np.array([dx, dy, dz], dtype=float)
-        if not np.isfinite(offset).all():
-            raise OptionError(f"tip offset {dx}, {dy}, {dz}: expected finite numbers [m]")
         tip = self.chain.tip + offset @ self._tip_axes
         return replace(self, chain=replace(self.chain, tip=tip))
 
