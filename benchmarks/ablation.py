@@ -27,8 +27,7 @@ from calib.maps.local_models import NO_MODELS
 from calib.maps.model_selection import select
 from calib.maps.node_bounds import blend_nodes, learn_bounds
 from calib.maps.predictor import Predictor
-from calib.training.learn import associate
-from calib.training.options import TrainingOptions
+from calib.training.learn import TrainingOptions, associate
 from calib.training.smooth import SmoothPart, find_smooth_part, wrong_around
 
 # the last three are not trained

@@ -21,8 +21,7 @@ from calib.common.choices import MAP_READOUTS
 from calib.common.parallel import one_blas_thread
 from calib.common.scale import Scale
 from calib.maps.association import Association
-from calib.training.learn import associate, resolved
-from calib.training.options import TrainingOptions
+from calib.training.learn import TrainingOptions, associate, resolved
 
 ROBOT = "two_link"
 TESTED = 10_000

@@ -59,7 +59,7 @@ if TYPE_CHECKING:
     from .sweeps import sweep as sweep
     from .training.evaluate import Evaluation as Evaluation
     from .training.evaluate import evaluate as evaluate
-    from .training.options import TrainingOptions as TrainingOptions
+    from .training.learn import TrainingOptions as TrainingOptions
     from .training.train import train as train
     from .use.correct import Corrected as Corrected
     from .use.correct import correct as correct
@@ -93,7 +93,7 @@ _NAMES = {
     "show.report.page": "figures report",
     "sweeps": "Sweep Trial sweep",
     "training.evaluate": "Evaluation evaluate",
-    "training.options": "TrainingOptions",
+    "training.learn": "TrainingOptions",
     "training.train": "train",
     "use.correct": "Corrected correct",
     "use.plan": "Plan plan",

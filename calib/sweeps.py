@@ -17,8 +17,7 @@ from .common.parallel import keep_one_blas_thread, one_blas_thread
 from .common.wording import one_line, suggestion
 from .errors import CalibError, OptionError
 from .samples.samples import Samples, babble
-from .training.learn import Progress
-from .training.options import TrainingOptions
+from .training.learn import Progress, TrainingOptions
 from .training.train import train
 
 Source = str | Arm | Samples

@@ -17,16 +17,17 @@ from typing import Any
 
 import numpy as np
 
-from ..arm.rotations import cross_matrix, exponential, logarithm, quaternion_of
+from ..arm.rotations import cross_matrix, exponential, logarithm
 from ..arm.spatial_chain import Motion
 from ..common.arrays import Array
 from .belief import Body
 from .fitting import BodyFit, fit
 from .parameters import Indices
 from .rows import Rows, together
+from .sensor import SensorPose
 from .settings import FINER
 from .spatial import SpatialStructure
-from .spatial_start import frame
+from .starts import frame
 from .touch import restated
 from .views import Columns, InSpace, Measurement, pixels
 
@@ -121,65 +122,40 @@ def fit_corners(
     return found, restated(body, structure)
 
 
-@dataclass(frozen=True, eq=False)
-class Held:
-    """What is in the hand, in the tip's frame.
+def held_of(body: Body) -> SensorPose:
+    """What is in the hand, in the tip's frame, as the belief of `fit_corners` knows it.
 
     The last joint counts as its encoder says: what is in the hand turned about that joint's axis,
-    and the joint's offset the other way, give the same pictures; so does a shift along it.
+    and the joint's offset the other way, give the same pictures; so does a shift along it.  What
+    is told leaves that out; the other intervals are those of a joint with an offset of its own.
     """
-
-    position: Array  # (3,) [m]
-    rotation: Array  # (3, 3)
-    position_sd: Array  # (3,) [m, rad], where the last joint may have an offset of its own
-    turn_sd: Array
-    told_sd: Array  # (3,) [m, rad], as its encoder says
-    told_turn_sd: Array
-
-    @property
-    def quaternion(self) -> Array:
-        """The rotation as qx, qy, qz, qw."""
-        return quaternion_of(self.rotation)
-
-
-def held_of(body: Body) -> Held:
-    """What is in the hand, as the belief of `fit_corners` knows it."""
-    structure = body.structure
-    assert isinstance(structure, SpatialStructure)  # noqa: S101 - corners are seen in space
-    groups, q = structure.groups, np.zeros((1, structure.dof))
-    tool, tool_turn = groups["tool"], groups["tool.rotation"]
+    structure: Any = body.structure
+    groups, revolute = structure.groups, structure.revolute[-1]
     last = structure.chain_names.index(structure.joint_names[-1])
-    (at,), (frame,) = structure.with_view("base").pose(q, structure.neutral())
-    axis = frame.T @ structure.chain.axes[last]
-    origin = frame.T @ (structure.chain.points[last] - at)
-    along = structure.shifts[last], structure.turns[last], groups["offset"][-1:]
+    (at,), (frame,) = structure.with_view("base").pose(
+        np.zeros((1, structure.dof)), structure.neutral()
+    )
+    own, shift, turn = structure.chain.axes[last], structure.shifts[last], structure.turns[last]
+    axis, origin = frame.T @ own, frame.T @ (structure.chain.points[last] - at)
 
-    def placed(beta: Array) -> tuple[Array, Array]:
-        return beta[tool], exponential(beta[tool_turn])
+    def places(beta: Array) -> tuple[Array, Array]:
+        """Position and turn, and those of a last joint whose own deviation goes to the hand."""
+        position, hand = beta[groups["tool"]], exponential(beta[groups["tool.rotation"]])
+        slid, turned, offset = own @ beta[shift], own @ beta[turn], beta[groups["offset"][-1]]
+        back = exponential((turned + revolute * offset) * axis)
+        moved = origin + back @ (position - origin) + (slid + (not revolute) * offset) * axis
+        return np.stack([position, moved]), np.stack([hand, back @ hand])
 
-    def as_encoded(beta: Array) -> tuple[Array, Array]:
-        """Carried by the last joint as it is drawn, whose own deviation goes to the hand."""
-        (position, turn), own = placed(beta), structure.chain.axes[last]
-        slid, turned, offset = own @ beta[along[0]], own @ beta[along[1]], beta[along[2]].sum()
-        slid, turned = (
-            (slid, turned + offset) if structure.revolute[-1] else (slid + offset, turned)
-        )
-        back = exponential(turned * axis)
-        return origin + back @ (position - origin) + slid * axis, back @ turn
-
-    free = np.intersect1d(np.concatenate([tool, tool_turn, *along]), body.active)
-    place = np.searchsorted(body.active, free)
-    covariance = body.covariance[np.ix_(place, place)]
-    found = []
-    for each in (placed, as_encoded):
-        position, turn = each(body.beta)
-        slope = np.empty((6, len(free)))
-        for k, index in enumerate(free):
-            step = np.zeros(structure.size)
-            step[index] = 1e-6
-            p, t = each(structure.retract(body.beta, step))
-            slope[:3, k] = (p - position) / 1e-6
-            slope[3:, k] = logarithm((t @ turn.T)[None])[0] / 1e-6
-        sd = np.sqrt(np.maximum(np.diag(slope @ covariance @ slope.T), 0.0))
-        found += [sd[:3], sd[3:]]
-    return Held(position, turn, *found)
+    points, hands = places(body.beta)
+    free = np.concatenate(
+        [groups["tool"], groups["tool.rotation"], shift, turn, groups["offset"][-1:]]
+    )
+    free, slopes = np.intersect1d(free, body.active), []
+    for index in free:
+        ahead, turned = places(structure.retract(body.beta, 1e-6 * np.eye(structure.size)[index]))
+        by_turn = logarithm(turned @ np.swapaxes(hands, 1, 2))
+        slopes.append(np.concatenate([ahead - points, by_turn], axis=1) / 1e-6)
+    root = body.root[np.searchsorted(body.active, free)]
+    sd = np.sqrt((np.einsum("kpi,kr->pir", np.array(slopes), root) ** 2).sum(axis=2))
+    (any_sd, any_turn), (told, told_turn) = sd.reshape(2, 2, 3)
+    return SensorPose(points[1], hands[1], any_sd, any_turn, told, told_turn, told[2], None)

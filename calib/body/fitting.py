@@ -128,16 +128,12 @@ def _fitted(
 
 def repeatability(q: Array, z: Array) -> float:
     """Sd of readings `z` (n, p) [unit] along an axis where joints (n, dof) are the same; else 0."""
-    _, pose, count = np.unique(
-        np.round(q / settings.SAME_POSE), axis=0, return_inverse=True, return_counts=True
-    )
-    freedom = int((count - 1).sum())
+    _, pose, count = np.unique(q.round(6), axis=0, return_inverse=True, return_counts=True)
+    freedom, pose = len(q) - len(count), pose.ravel()
     if freedom < settings.REPEATS:
         return 0.0
-    means = np.zeros((len(count), z.shape[1]))
-    np.add.at(means, pose.ravel(), z)
-    away = z - (means / count[:, None])[pose.ravel()]
-    return float(np.sqrt((away**2).sum() / (freedom * z.shape[1])))
+    means = np.stack([np.bincount(pose, axis) for axis in z.T], axis=1) / count[:, None]
+    return float(np.sqrt(((z - means[pose]) ** 2).sum() / (freedom * z.shape[1])))
 
 
 def _over_all_rows(fit: Fit, rows: Sequence[Rows]) -> Fit:

@@ -13,10 +13,21 @@ import numpy as np
 from ..common.arrays import Array
 from ..common.scale import METRES
 from ..errors import OptionError
-from . import settings
 from .curves import curve_shape
 from .nominal import Complex, Nominal, linear_chain, sides
 from .parameters import Block, Hyper, Indices
+from .settings import (
+    CURVE_RMS,
+    CURVE_ROWS_FLAT,
+    DOUBTED,
+    ELASTIC_FLAT,
+    GAIN,
+    LONG,
+    SERVOS,
+    SHIFT,
+    TURN,
+    WIDER,
+)  # fmt: skip
 from .structure import Ladder, Moving, Structure
 from .views import PLANAR, InPlane, Moved
 
@@ -50,18 +61,17 @@ def _pairs(values: Complex) -> Array:
 
 @dataclass(frozen=True)
 class PlanarStructure(Structure):
-    """The structure of a planar body, whose parameters are full lengths and offsets.
+    """The structure of a planar body, whose parameters are full lengths [m] and offsets.
 
     With those of an arm in space it was 2.6 % worse on a real UR10 (.2013 for .1962 mm) and took
     twice the time, of single queries four times.  Its joint curves have longer waves, and its
     elasticity is free: ``elastic_i = sum_{j>=i} a_ij cos psi_j + b_ij sin psi_j``, psi being sums
-    of s q.
+    of s q.  Where the view has a scale and no drawing says a length, the first one is the unit.
     """
 
     kind = "planar"
     gate_rows = 3000
-    # with 3 mrad 10 to 200 real rows were bounded 3.8 to 9.2 times their error, now 3.1 to 5.2, and
-    # covered to 97 to 99.7 %; logs along a path of an arm with waves of 4 mrad to 96 %
+    # with 3 mrad real rows were bounded up to 9.2 times their error, paths covered to 96 % as now
     wide = (200.0, 1.5e-3)
     joint_names: tuple[str, ...]
     revolute: tuple[bool, ...]
@@ -76,14 +86,9 @@ class PlanarStructure(Structure):
     simulated: bool  # whether the rows are samples of a simulation
 
     @property
-    def slide(self) -> float:
-        """Chain units per metre of a slide; where the view has a scale, lengths are relative."""
-        return 1.0 if self.seen_as.scaled else self.metre
-
-    @property
-    def directions(self) -> Sequence[float]:
-        """By how much each joint (dof,) moves with its log: 1 or -1, slides in the chain's unit."""
-        return tuple((np.where(self.revolute, 1.0, self.slide) * self.signs).tolist())
+    def directions(self) -> tuple[int, ...]:
+        """How each joint (dof,) moves with its log, 1 or -1."""
+        return self.signs
 
     @property
     def reversals(self) -> int:
@@ -92,98 +97,99 @@ class PlanarStructure(Structure):
         return int(np.not_equal(drawn, self.signs).sum()) + (self.mirror < 0)
 
     @cached_property
-    def pairs(self) -> tuple[tuple[int, int], ...]:
-        """Joints that bend, and the links (by their joints) that bend them."""
-        turning = np.flatnonzero(self.revolute).tolist()
-        return tuple((i, j) for i, j in product(turning, repeat=2) if j >= i)
+    def pairs(self) -> Indices:
+        """Joints that bend, and the links (by their joints) that bend them, (p, 2)."""
+        both = np.argwhere(np.triu(np.outer(self.revolute, self.revolute)))
+        return np.asarray(both, dtype=np.intp)
 
     @property
-    def _length(self) -> tuple[str, float]:
-        """Unit of the chain's lengths, and what its reach may be in it."""
-        drawn, scaled = self.nominal, self.seen_as.scaled
-        reach = (1.0 if scaled else self.extent) if drawn is None else sum(drawn.lengths)
-        unit = ("1" if drawn is None else "m") if scaled else self.unit
-        return unit, max(reach * (1.0 if drawn is None else self.slide), 1e-12)
+    def _link(self) -> tuple[float, str]:
+        """What a link's length may be where no drawing says, and the unit of lengths."""
+        scaled, drawn = self.seen_as.scaled, self.nominal is not None
+        unit = "m" if drawn or (self.unit in METRES and not scaled) else "1"
+        return 1.0 if scaled else 0.5 * self.extent / self.metre, unit
 
     @cached_property
     def measurement(self) -> InPlane:
         """What its sensor measures."""
-        at = self.nominal if self.nominal and self.view == "base" else Nominal((), ())
-        (x, y), (unit, reach) = at.shift, self._length
+        (link, unit), drawn = self._link, self.nominal
+        reach = 2.0 * link if drawn is None else max(sum(drawn.lengths), 1e-12)
+        known = drawn if drawn and self.view == "base" else Nominal((), ())
         return InPlane(
-            self.unit, unit, self.mirror, self.extent, self.centre, reach, at.rotation,
-            (self.metre * x, self.metre * y),
+            self.unit, self.metre, self.mirror, self.extent, self.centre, unit, 1.0 / reach,
+            known.rotation, known.shift,
         )  # fmt: skip
 
     def geometry(self) -> Sequence[Block]:
         """Blocks of the chain's geometry and of its joints."""
         names, drawn, turning = self.joint_names, self.nominal, np.asarray(self.revolute)
-        unit, own = self._length[0], np.ones(self.dof)
+        (link, unit), own, size = self._link, np.ones(self.dof), turning.astype(float)
         # in a free frame the first joint's offset and a turn of the frame are one
         own[0] = self.view == "base"
-        size = np.where(turning, 1.0 if self.seen_as.scaled else self.extent / 2, 0.0)
-        wide = 2.0 * size
-        if self.seen_as.scaled and turning.all():  # the view's scale is the first length
-            wide[0] = 0.0
+        # the view's scale is the first length
+        size[0] *= not (self.seen_as.scaled and turning.all())
+        lengths, offsets = (drawn.lengths, drawn.offsets) if drawn else (link * turning, 0.0)
 
         def block(what: str, unit: str, mean: Any, flat: Any, *scale: Any) -> Block:
             scales = (Hyper(what, *scale),) if drawn else ()
             return Block(what, self.of_joints(what, unit), mean, 0.0 if drawn else flat, scales)
 
-        lengths, offsets = (drawn.lengths, drawn.offsets) if drawn else (size / self.slide, 0.0)
-        shift, wider, free = settings.SHIFT * self.slide, settings.WIDER, np.flatnonzero(own)
         waves = tuple(
             (names[i], f"{names[i]}.elastic {wave} {names[j]}", "rad")
             for (i, j), wave in product(self.pairs, ("cos", "sin"))
         )
-        bent = Hyper("elastic", settings.ELASTIC_FLAT * (1.0 if drawn else 2.0), pseudo=4.0)
+        bent = Hyper("elastic", ELASTIC_FLAT * (1.0 if drawn else 2.0), pseudo=4.0)
         return (
-            block("length", unit, np.multiply(lengths, self.slide), wide, shift, wider),
-            block("offset", "rad", offsets, 10.0 * own, settings.TURN, settings.SERVOS, 0.0, free),
-            block("gain", "1", 1.0, 2 * settings.GAIN, settings.GAIN, wider),
+            block("length", unit, np.asarray(lengths), 2.0 * link * size, SHIFT, WIDER),
+            block("offset", "rad", np.asarray(offsets), 10.0 * own, TURN, SERVOS, 0.0, own > 0),
+            block("gain", "1", 1.0, 2 * GAIN, GAIN, WIDER),
             Block("elastic", waves, scales=(bent,)),
-            *self.curves(settings.CURVE_RMS, settings.CURVE_ROWS_FLAT, curve_shape(settings.LONG)),
+            *self.curves(CURVE_RMS, CURVE_ROWS_FLAT, curve_shape(LONG)),
         )
 
     def offsets(self, beta: Array) -> Array:
         """What is added to the joints' values (dof,); a slide's offset is its direction."""
         return np.where(self.revolute, beta[self.groups["offset"]], 0.0)
 
-    def links(self, beta: Array) -> tuple[Array, Complex, Array]:
-        """The links' lengths (dof, 1), the slides' own directions (dof, 1), which joints turn."""
-        way = np.exp(1j * np.where(self.revolute, 0.0, beta[self.groups["offset"]]))
-        return beta[self.groups["length"], None], way[:, None], np.asarray(self.revolute)[:, None]
+    def links(self, beta: Array) -> tuple[Array, Array, Array]:
+        """The links' lengths (dof, 1), the slides' directions [rad], and which joints turn."""
+        turning = np.asarray(self.revolute)[:, None]
+        length, offset = (beta[self.groups[name], None] for name in ("length", "offset"))
+        return length, np.where(turning, 0.0, offset), turning
 
     def move(self, values: Array, beta: Array) -> PlanarMotion:  # type: ignore[override]
         """Where the chain is at the true values (dof, n) of its joints."""
         length, way, turning = self.fixed(beta).links
-        if all(self.revolute):
-            direction = np.exp(1j * np.cumsum(values, axis=0))
-        else:
-            direction = np.exp(1j * np.cumsum(np.where(turning, values, 0.0), axis=0)) * way
+        if not all(self.revolute):
             length = length + np.where(turning, 0.0, values)
+            values = np.where(turning, values, 0.0)
+        direction = np.exp(1j * (np.cumsum(values, axis=0) + way))
         return PlanarMotion(direction, direction * length, turning)
 
     def moving(self, motion: PlanarMotion) -> Moving:  # type: ignore[override]
         """How the tip moves with each part of the geometry."""
         yield self.groups["length"], lambda: (_pairs(motion.direction), 0.0)
-        if len(slides := np.flatnonzero(np.logical_not(self.revolute))):
-            # turning a slide's direction turns no other link
-            yield self.groups["offset"][slides], lambda: (_pairs(1j * motion.terms[slides]), 0.0)
+        # turning a slide's direction turns no other link
+        slides = np.flatnonzero(np.logical_not(self.revolute))
+        yield self.groups["offset"][slides], lambda: (_pairs(1j * motion.terms[slides]), 0.0)
 
     def loads(self, q: Array) -> tuple[Array, Indices]:
         """Cosines and sines (e, n) of the links' directions, and the joints (e,) they bend."""
-        sums = np.ascontiguousarray(np.cumsum(q * self.signs * np.asarray(self.revolute), axis=1).T)
-        waves = [wave(sums[j]) for _, j in self.pairs for wave in (np.cos, np.sin)]
-        return np.array(waves), np.repeat([i for i, _ in self.pairs], 2).astype(np.intp)
+        return _pairs(self._swung(q)).reshape(-1 + 2 * len(self.pairs) + 1, len(q)), np.repeat(
+            self.pairs[:, 0], 2
+        )
 
     def load_slopes(self, q: Array) -> Array:
         """Derivatives (e, dof, n) of those waves by the joint values."""
-        waves = self.loads(q)[0].reshape(len(self.pairs), 2, 1, len(q))
-        ways = np.asarray(self.signs) * np.asarray(self.revolute)
-        turns = np.array([ways * (np.arange(self.dof) <= j) for _, j in self.pairs])
-        slopes = waves[:, ::-1] * np.array([-1.0, 1.0])[:, None, None] * turns[:, None, :, None]
-        return np.asarray(slopes.reshape(2 * len(self.pairs), self.dof, len(q)))
+        before = np.arange(self.dof) <= self.pairs[:, 1:]
+        turns = before * np.multiply(self.signs, self.revolute)
+        moved = 1j * turns[:, :, None] * self._swung(q)[:, None]
+        return np.swapaxes(_pairs(moved), 1, 2).reshape(2 * len(moved), self.dof, len(q))
+
+    def _swung(self, q: Array) -> Complex:
+        """Directions (p, n) of the links that bend joints, as logged."""
+        sums = np.cumsum(q * np.multiply(self.signs, self.revolute), axis=1).T
+        return np.asarray(np.exp(1j * sums[self.pairs[:, 1]]))
 
     def members(self) -> Ladder:
         """The gate's members from simple to rich."""
@@ -223,7 +229,7 @@ def planar_starts(
         for flip in product((1, -1), repeat=structure.dof):
             signs = tuple(np.multiply(nominal.signs, flip).tolist())
             found += [_placed(structure, q, tip, signs, mirror) for mirror in mirrors]
-            fits = min(error for error, _, _ in found) <= settings.DOUBTED * structure.extent
+            fits = min(error for error, _, _ in found) <= DOUBTED * structure.extent
             if signs == nominal.signs and fits and not structure.seen_as.scaled:
                 break
     found.sort(key=lambda item: item[0])
@@ -239,8 +245,8 @@ def _placed(
     if own.view != "base":
         p = own.seen(q, beta)[0].position.T @ (1, 1j * mirror)
         t = np.vdot(p - p.mean(), tip) / (np.vdot(p - p.mean(), p).real + 1e-300)
-        scale = np.log(max(abs(t), 1e-12)) if own.seen_as.scaled else 0.0
-        shift = np.mean(tip - np.exp(scale + 1j * np.angle(t)) * p)
+        scale = np.log(max(abs(t), 1e-12) / own.metre) if own.seen_as.scaled else 0.0
+        shift = np.mean(tip - own.metre * np.exp(scale + 1j * np.angle(t)) * p)
         beta[groups["view.rotation"]], beta[groups["view.scale"]] = np.angle(t), scale
         beta[groups["view.shift"]] = shift.real, shift.imag
     miss = np.abs(tip - own.predict(q, beta) @ (1, 1j))
@@ -254,7 +260,7 @@ def _linear(
     own = replace(structure, signs=signs, mirror=mirror)
     beta, groups, turning = own.neutral(), own.groups, np.asarray(own.revolute)
     found, miss = linear_chain(q, tip, signs, mirror, own.revolute)
-    sizes = np.asarray(found.lengths)
+    sizes = np.asarray(found.lengths) / own.metre
     if own.seen_as.scaled:  # in the first length, or where joints slide in metres
         unit = float(sizes[0] if turning.all() else np.exp(np.log(sizes[~turning] + 1e-300).mean()))
         unit = max(unit, 1e-9 * own.extent)

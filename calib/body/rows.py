@@ -29,7 +29,7 @@ class Rows:
     z: Array  # (n, m), what it saw
     sensor: Measurement | None = None  # how it measures; None: as the structure says
     floor: Array | float = 0.0  # (m,), least noise [unit]
-    noise: Array | None = None  # (m,), noise to start from
+    noise: Array | float | None = None  # (m,), noise to start from
 
     def __len__(self) -> int:
         """Number of rows."""
@@ -106,6 +106,7 @@ class Part:
 
     residual: Array  # (n, m), at the fit's parameters
     weight: Array  # (n, m)
+    noise: Array  # (m,)
 
     def __init__(
         self, structure: Structure, rows: Rows, beta: Array, nu: float, blocks: int
@@ -114,15 +115,14 @@ class Part:
         self.nu = nu
         self.outputs = [slice(*pair) for pair in pairwise(np.cumsum((0, *self.structure.blocks)))]
         self.edges = np.linspace(0, len(rows), blocks + 1).round().astype(int)
-        stated = self.structure.measurement.noise
-        self.floor = np.broadcast_to(rows.floor if stated is None else stated, self.z.shape[1:])
+        self.stated = (own := self.structure.measurement.noise) is not None
+        floor, noise = (own, own) if self.stated else (rows.floor, rows.noise)
+        self.floor = np.broadcast_to(np.asarray(floor, dtype=float), self.z.shape[1:])
         self.residual = self.residual_at(beta)
-        self.stated = stated is not None
-        self.noise = self.floor
-        if rows.noise is not None:
-            self.noise = rows.noise
-        else:
+        if noise is None:
             self.learn_noise()
+        else:
+            self.noise = np.broadcast_to(noise, self.floor.shape)
 
     def residual_at(self, beta: Array) -> Array:
         """Residuals (n, m) at parameters (d,)."""

@@ -47,9 +47,6 @@ SOCKET = 2e-2
 """A ball that touches sockets is held where the drawing says to so many metres; where it was flat,
 an arm without any stated distance shrank to a point, which touches every socket at once."""
 
-STATED = 2e-4
-"""Noise of touches [m] that weighs stated distances in a first fit; the second takes its own."""
-
 WIDTH, CURVE_FLOOR = 20.0, 3e-3
 """Waves a turn at which a curve's prior variance has fallen by exp(-1/2), and what stays beyond: a
 real UR10 has 8 to 30 waves a turn of 0.15 to 0.37 mrad."""
@@ -90,8 +87,8 @@ wide bounds already), and the sd of the lens as a bend at 1.5 extents: 1 % per m
 a metre.  Learned in a corner of the range it was beyond the bound elsewhere: 77 % covered, now 81.
 """
 
-SAME_POSE, REPEATS = 1e-6, 10
-"""Joint values [rad or m] that are one pose, and how many further readings tell of their noise."""
+REPEATS = 10
+"""Further readings of poses that tell of the sensor's noise."""
 
 DOUBTED = 0.02
 """Share of the extent beyond which held-out rows doubt the geometry of a planar arm's drawing."""
@@ -100,13 +97,9 @@ RIVAL_START, APART = 2.0, 0.05
 """A rival start has at most so many times the best one's residuals, and is another arm where it
 differs by this share of the extents: joint curves may prefer the wrong one of a path."""
 
-OTHER_ARM, OTHER_TURNS, CLEAR = 0.2, 0.3, 0.3
-"""Median distance, as a share of the rows' spread, and median turn [rad] that are of another arm;
-and what another reading of the rows leaves of a misfit that it explains."""
-
-HELD_TOOL = 1e-3
-"""Orientations that vary by less than this [rad] leave the tool where the drawing has it: positions
-of a tool that keeps one orientation were missed by up to metres."""
+OTHER_ARM, NO_CAMERA, OTHER_TURNS = 0.2, 0.03, 0.3
+"""Median distance, as a share of what rows spread, of another arm; of pixels no camera explains;
+and median turn [rad] of orientations that are of another arm."""
 
 UNTOLD = 0.95
 """Share of the prior's sd from which the rows tell nothing of the last joint's offset: with a tool

@@ -1,23 +1,44 @@
-"""The best of a structure's starts: short robust Levenberg-Marquardt runs without curves."""
+"""Starts of a fit: the best of a structure's guesses, by short robust runs of damped steps.
+
+Of an arm in space a guess is where the sensor stands, by linear fits.  Without a drawing the joint
+origins are found too, from random ones: damped Gauss-Newton over all of them brings most to a local
+optimum; the best of 24 was the best there is in every case tried.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..arm.rotations import exponential, logarithm, nearest_rotation, similarity
 from ..common.arrays import Array
+from ..common.rows import thinned
+from ..errors import LogError
 from .fit import Fit
+from .parameters import Prior
 from .planar import PlanarStructure, planar_starts
 from .rows import Rows
-from .settings import APART, RIVAL_START, SIMULATED_FLOOR, STUDENT
+from .settings import (
+    APART,
+    NO_CAMERA,
+    OTHER_ARM,
+    OTHER_TURNS,
+    RIVAL_START,
+    SIMULATED_FLOOR,
+    STUDENT,
+    TARGET,
+)
 from .spatial import SpatialStructure
-from .spatial_start import spatial_starts
 from .structure import Structure
 
 _TIED = 1e-2  # nats that no evidence tells apart
 _ROWS, _KEPT = 400, 8  # rows that the runs use at most, and runs carried on after six steps
+_GUESSED, _FIRST, _STEPS = 60, 10, 40  # rows and damped steps of guesses, and steps of the best
+_LEAST, _ROWS_ALONE = 10, 150  # rows that tell a chain of which only the joints are known
+_TOOL = 0.1  # of the reach: tools to each side that the frame is guessed with
+_CHAINS, _AGREE, _SAME = 24, 4, 0.5  # random chains; so many that end alike [nats] are enough
 
 
 @dataclass(frozen=True)
@@ -28,14 +49,6 @@ class Start:
     beta: Array  # (d,)
     cost: float = 0.0  # negative log posterior at the start's own noise
     noise: float = 0.0  # share of the extents that the residuals have
-
-
-def candidates(structure: Structure, q: Array, z: Array) -> Sequence[tuple[Structure, Array]]:
-    """Structures (signs, mirror, chain) with parameters (d,) to begin with, the best ones first."""
-    if isinstance(structure, PlanarStructure):
-        return planar_starts(structure, q, z)
-    assert isinstance(structure, SpatialStructure)  # noqa: S101
-    return spatial_starts(structure, q, z)
 
 
 def best_starts(
@@ -57,12 +70,11 @@ def best_starts(
     runs = [Start(*found) for found in candidates(structure, q, z)]
     if len(runs) == 1:  # nothing to choose from: the gate goes on from here
         return tuple(runs)
-    rows = [Rows(q, z, floor=SIMULATED_FLOOR * structure.extents)]
     for steps in (6, 40):
         for k, run in enumerate(runs):
             prior = run.structure.prior(free)
-            fit = Fit(run.structure, rows, run.beta, prior, nu=STUDENT)
-            runs[k] = Start(run.structure, *fit.settle(steps))
+            found = settled(run.structure, q, z, run.beta, prior, steps)
+            runs[k] = Start(run.structure, *found)
         runs = sorted(runs, key=lambda run: run.cost)[:_KEPT]
     # A planar arm that turns the other way, seen from behind, fits as well: the drawing's own way.
     tied = [run for run in runs if not run.cost > runs[0].cost + _TIED]
@@ -74,3 +86,193 @@ def best_starts(
         if other and run.noise <= RIVAL_START * best.noise and np.isfinite(run.cost):
             return best, run
     return (best,)
+
+
+def candidates(structure: Structure, q: Array, z: Array) -> Sequence[tuple[Structure, Array]]:
+    """Structures (signs, mirror, chain) with parameters (d,) to begin with, the best ones first."""
+    if isinstance(structure, PlanarStructure):
+        return planar_starts(structure, q, z)
+    assert isinstance(structure, SpatialStructure)  # noqa: S101
+    least = structure.seen_as.least if structure.informed else _LEAST
+    if len(q) < least:
+        raise LogError(
+            f"{len(q)} rows cannot place a spatial arm in its sensor's frame: expected {least} or "
+            "more, of poses that differ in every joint"
+        )
+    if float(np.ptp(z, axis=0).max()) <= 1e-9 * max(float(np.abs(z).max()), 1e-12):
+        raise LogError("the positions are the same in every row: the sensor saw no motion")
+    if not structure.informed:
+        some = thinned(len(q), _ROWS_ALONE)
+        return _random_chains(structure, q[some], z[some])
+    some = thinned(len(q), _ROWS)
+    beta, view = frame(structure, q[some], z[some]), structure.view
+    if view == "base pose" and np.linalg.norm(beta[structure.groups["tool.rotation"]]) > TARGET:
+        view = "base target"
+    return [(replace(structure, view=view), beta)]
+
+
+def settled(
+    structure: Structure, q: Array, z: Array, beta: Array, prior: Prior, steps: int
+) -> tuple[Array, float, float]:
+    """Parameters, cost and noise after damped steps, see `Fit.settle`."""
+    rows = [Rows(q, z, floor=SIMULATED_FLOOR * structure.extents)]
+    return Fit(structure, rows, beta, prior, nu=STUDENT).settle(steps)
+
+
+def frame(structure: SpatialStructure, q: Array, z: Array, arm: Array | None = None) -> Array:
+    """Parameters (d,) of an arm in the sensor frame that fits rows best.
+
+    `arm` (d,) are the parameters of the arm, whose sensor and tool are found anew; by default
+    the nominal ones.
+    Raises LogError where even these leave most of what the rows spread.
+    """
+    drawn = arm is None
+    groups = [group for group in structure.frame_groups if group != "lens"]
+    sd, some = structure.prior(groups).sd, thinned(len(q), _GUESSED)
+    guesses = _guesses(structure, q, z, structure.neutral() if arm is None else arm)
+    tried = [
+        settled(structure, q[some], z[some], beta, Prior(beta, sd), _FIRST) for beta in guesses
+    ]
+    beta = min(tried, key=lambda found: found[1])[0]
+    beta = settled(structure, q, z, beta, Prior(beta, sd), _STEPS)[0]
+    if structure.camera and drawn:
+        # a camera's pose and its focal length help each other
+        free = [*groups, "offset", *(["lens"] if any(structure.lens_sd) else [])]
+        sd = structure.prior(free).sd
+        sd[structure.groups["offset"]] *= 20.0
+        beta = settled(structure, q, z, beta, Prior(beta, sd), 60)[0]
+    if drawn and not structure.seen_as.scaled:
+        _refuse_misfit(structure, q, z, beta)
+    return beta
+
+
+def _refuse_misfit(structure: SpatialStructure, q: Array, z: Array, beta: Array) -> None:
+    """Refuse rows that the nominal arm does not explain; the log's reader says why."""
+    misfit = structure.residual(z, structure.predict(q, beta))
+    off = float(np.median(np.linalg.norm(misfit[:, :3], axis=1)))
+    size = float(np.linalg.norm(z[:, :3] - np.median(z[:, :3], axis=0), axis=1).max())
+    most, what = (NO_CAMERA, "pixels") if structure.camera else (OTHER_ARM, "positions")
+    if off > most * size:
+        raise LogError(
+            f"the robot does not explain the {what}: in the best frame half of the rows are more "
+            f"than {off:.3g} off, of {size:.3g} that they spread; check the order of the joints, "
+            f"their unit and that of the {what}, mirrored axes or a mirrored picture, that a row "
+            "is of one moment, and whether it is this robot"
+        )
+    turned = float(np.median(np.linalg.norm(misfit[:, 3:], axis=1)))
+    if turned > OTHER_TURNS:
+        raise LogError(
+            f"the orientations do not turn as the joints do: {np.degrees(turned):.0f} deg are left "
+            "(median); check their order, their unit, and that they are of the tip, or leave them "
+            "out"
+        )
+
+
+def _guesses(structure: SpatialStructure, q: Array, z: Array, arm: Array) -> list[Array]:
+    """Rough parameters from which the sensor's place is fitted."""
+    beta, neutral, groups = arm.copy(), structure.neutral(), structure.groups
+    for group in ("view.rotation", "view.shift", "view.scale", "tool", "tool.rotation", "lens"):
+        beta[groups[group]] = neutral[groups[group]]
+    points, rotations = structure.pose(q, beta)
+    if structure.camera:
+        return _cameras(structure, points, z, beta)
+    tools = _TOOL * structure.chain.reach * np.vstack([np.zeros(3), np.eye(3), -np.eye(3)])
+    turns = [(tool, *similarity(points + rotations @ tool, z[:, :3])) for tool in tools]
+    if structure.outputs == 6:  # relative rotations alone tell it, but of a tool that does not turn
+        turns.append((tools[0], _turn_of_poses(rotations, exponential(z[:, 3:])), tools[0], 1.0))
+    if structure.based:
+        turns = [(tools[0], np.eye(3), tools[0], 1.0)]
+    guesses = []
+    for tool, turn, shift, factor in turns:
+        guess = beta.copy()
+        guess[groups["tool"]], guess[groups["view.rotation"]] = tool, logarithm(turn)
+        if structure.seen_as.scaled:
+            guess[groups["view.scale"]] = np.log(factor / structure.metre)
+        elif not structure.based:
+            tip = points + rotations @ tool
+            shift = (z[:, :3] - structure.metre * tip @ turn.T).mean(axis=0)
+        guess[groups["view.shift"]] = shift
+        if structure.outputs == 6:  # A' X' Z of every row, averaged and made a rotation again
+            own = np.swapaxes(turn @ rotations, 1, 2) @ exponential(z[:, 3:])
+            guess[groups["tool.rotation"]] = logarithm(nearest_rotation(own.sum(axis=0)))
+        guesses.append(guess)
+    return guesses
+
+
+def _turn_of_poses(rotations: Array, seen: Array) -> Array:
+    """Turn X (3, 3) of the sensor of orientations (n, 3, 3): Z_k = X A_k Y.
+
+    Relative rotations of any two rows are conjugate, so that X turns the axes of A_k A_l' into
+    those of Z_k Z_l' (Park and Martin 1994); rows are paired with their neighbours.
+    """
+    nominal, observed = (
+        logarithm(each[1:] @ np.swapaxes(each[:-1], 1, 2)) for each in (rotations, seen)
+    )
+    return nearest_rotation(observed.T @ nominal)
+
+
+def _cameras(structure: SpatialStructure, points: Array, z: Array, arm: Array) -> list[Array]:
+    """Cameras that an affine fit of pixels to points suggests, at a few focal lengths."""
+    groups, (f, u0, v0, _) = structure.groups, structure.lens
+    middle = points.mean(axis=0)
+    centred = points - middle
+    ridge = 1e-6 * np.trace(centred.T @ centred) * np.eye(3)
+    rows = np.linalg.solve(centred.T @ centred + ridge, centred.T @ (z - z.mean(axis=0))).T
+    # the rotation nearest to the affine camera's two rows; its third axis looks ahead
+    u, s, vt = np.linalg.svd(rows, full_matrices=False)
+    two = u @ vt
+    turn = np.vstack([two, np.cross(two[0], two[1])])
+    guesses = []
+    for focal in (f,) if not structure.lens_sd[0] else (f, 0.7 * f, 1.4 * f):
+        depth = focal / max(float(s.mean()), 1e-9)
+        centre = np.array([*((z.mean(axis=0) - (u0, v0)) / focal), 1.0]) * depth
+        # an affine camera does not tell before from behind: also a start from elsewhere, tilted
+        for own in (turn, exponential([0.6, 0.0, 0.0]) @ turn):
+            guess = arm.copy()
+            guess[groups["lens"][0]] = focal
+            guess[groups["view.rotation"]] = logarithm(own)
+            guess[groups["view.shift"]] = centre - own @ middle
+            guesses.append(guess)
+    return guesses
+
+
+def _random_chains(
+    structure: SpatialStructure, q: Array, z: Array
+) -> Sequence[tuple[Structure, Array]]:
+    """Chains that fit rows, the best first: structures at whose origins the parameters are zero."""
+    rng, tried = np.random.default_rng(0), list[tuple[float, SpatialStructure]]()
+    for _ in range(_CHAINS):
+        drawn = _drawn(structure, z, rng)
+        prior = drawn.prior(("placement", "tool"))
+        beta, cost, _ = settled(drawn, q, z, prior.mean, prior, _STEPS)
+        tried.append((cost, _absorbed(drawn, beta)))
+        best = min(cost for cost, _ in tried)
+        if sum(cost < best + _SAME for cost, _ in tried) >= _AGREE:
+            break
+    tried.sort(key=lambda pair: pair[0])
+    return [(each, each.neutral()) for _, each in tried[:_AGREE]]
+
+
+def _absorbed(structure: SpatialStructure, beta: Array) -> SpatialStructure:
+    """Return the structure whose nominal chain is where `beta` puts origins and tip."""
+    still = structure.move(np.zeros((structure.chain.joints, 1)), beta)
+    axes = still.axes[..., 0] / np.linalg.norm(still.axes[..., 0], axis=1, keepdims=True)
+    tip, rotation = still.position[..., 0], still.rotation[..., 0]
+    chain = replace(
+        structure.chain, axes=axes, points=still.origins[..., 0], tip=tip, rotation=rotation
+    )
+    return replace(structure, chain=chain)
+
+
+def _drawn(structure: SpatialStructure, z: Array, rng: np.random.Generator) -> SpatialStructure:
+    """Draw a chain: axes of any direction, links as long as the workspace suggests."""
+    chain, dof = structure.chain, structure.dof
+    axes = rng.normal(size=(dof, 3))
+    axes /= np.linalg.norm(axes, axis=1, keepdims=True)
+    link = structure.extent / structure.metre / np.sqrt(dof)
+    steps = rng.normal(0.0, link / np.sqrt(3), size=(dof, 3))
+    middle = z[:, :3].mean(axis=0) / structure.metre
+    points = middle + np.cumsum(np.vstack([np.zeros(3), steps[1:]]), axis=0)
+    points = points - points.mean(axis=0) + middle
+    tip = points[-1] + rng.normal(0.0, link / np.sqrt(3), size=3)
+    return replace(structure, chain=replace(chain, axes=axes, points=points, tip=tip))

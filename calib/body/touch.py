@@ -112,30 +112,16 @@ class TouchFit:
 
 
 def touching(
-    structure: SpatialStructure,
-    q: Array,
-    point: NDArray[np.intp],
-    known: Sequence[Known],
-    x: Array,
-    noise: float | None = None,
+    structure: SpatialStructure, q: Array, point: NDArray[np.intp], known: Sequence[Known], x: Array
 ) -> list[Rows]:
-    """The measurements of a log of touches: touches, positions, what is known of the sockets.
-
-    noise : of touches and positions [m], where it is known; others as of `fit_touches`
-    """
+    """Touches, positions, and what is known of sockets, each a measurement; see `fit_touches`."""
     touched = point >= 0
-
-    def rows_of(q: Array, z: Array, sensor: Touch | None, unit: float) -> Rows:
-        if noise is None:
-            return Rows(q, z, sensor)
-        return Rows(q, z, sensor, floor=0.5 * unit * noise, noise=np.full(3, unit * noise))
-
     sized = not touched.all() or any(each.value is not None for each in known)
     touch = Touch(int(point.max()) + 1, structure.chain.reach, sized)
     seen = np.column_stack([q[touched], point[touched].astype(float)])
-    rows = [rows_of(seen, np.zeros((len(seen), 3)), touch, 1.0)]
+    rows = [Rows(seen, np.zeros((len(seen), 3)), touch)]
     if not touched.all():
-        rows.append(rows_of(q[point < 0], x[point < 0], None, structure.metre))
+        rows.append(Rows(q[point < 0], x[point < 0]))
     if known:
         facts = sum(1 if each.value is not None else len(each.points) for each in known)
         still = np.zeros((facts, q.shape[1] + 1))

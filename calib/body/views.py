@@ -42,8 +42,6 @@ class ViewKind:
     groups: tuple[str, ...] = ()  # groups of parameters that every member fits
     outputs: int = 2  # 2 positions in a plane or pixels, 3 positions in space, 6 of a pose
     least: int = 2  # fewest rows that place the sensor in front of an arm in space
-    # what is known of the tool where there is a drawing; None: nothing
-    tool: Hyper | None = None
 
     @property
     def scaled(self) -> bool:
@@ -71,7 +69,7 @@ SPATIAL = {
     "base pose": ViewKind(("tool", "tool.rotation"), 6, 3),
     "base target": ViewKind(("tool", "tool.rotation"), 6, 3),
     "pose": ViewKind((*_FRAME, "tool", "tool.rotation"), 6, 3),
-    "pinhole": ViewKind((*_FRAME, "tool"), 2, 6, Hyper("tool", TAG, WIDER)),
+    "pinhole": ViewKind((*_FRAME, "tool"), 2, 6),
 }
 """Sensors of an arm in space; where there are two outputs, a camera sees it."""
 
@@ -116,12 +114,8 @@ class Measurement:
         """The sensor at its parameters, by block."""
         raise NotImplementedError
 
-    def ready(self, own: Mapping[str, Array]) -> Mapping[str, Any]:
-        """What follows from the parameters alone, by further names for `look`."""
-        return {"placed": self.placed(own)}
-
     def look(self, own: Mapping[str, Any], motion: Motion, also: Array) -> Sight:  # noqa: ARG002
-        """See a chain with the parameters, by block, and what follows from them.
+        """See a chain with the parameters, by block; ``"placed"`` is the sensor at them.
 
         also : (n, g), what else a row tells: which point was touched, which corner was seen
         """
@@ -277,8 +271,8 @@ class InSpace(Measurement):
 
     @property
     def tool(self) -> Hyper | None:  # type: ignore[override]
-        """What is known of the tool."""
-        return SPATIAL[self.kind].tool
+        """What is known of the tool: a camera's tag is near the tip."""
+        return Hyper("tool", TAG, WIDER) if self.camera else None
 
     @property
     def camera(self) -> bool:
@@ -323,30 +317,31 @@ class InPlane(Measurement):
 
     With u in extents from a lens's free centre; with k = 0 the lens does nothing::
 
-        y = A p / (1 + h.p) + t,  A = exp(s) R(alpha) [[1+a, b], [b, 1-a]] mirror
+        y = A p / (1 + h.p) + t,  A = metre exp(s) R(alpha) [[1+a, b], [b, 1-a]] mirror
         z = y + size k |u|^2 u,   u = (y - middle) / size - c
     """
 
     unit: str  # unit of positions
-    length: str  # unit of the chain's lengths
+    metre: float  # units of positions in one of the chain's
     mirror: int  # -1 where the sensor sees the plane from behind
     extent: float  # [unit]
     centre: tuple[float, float]  # [unit], origin of the lens
-    reach: float  # of the chain, in its own unit
-    rotation: float = 0.0  # prior means where the sensor's frame is known
-    frame: tuple[float, float] = (0.0, 0.0)
+    length: str  # unit of the chain's lengths
+    tilt: float  # prior sd [1/length]
+    rotation: float  # prior means of the sensor's frame, that of its shift [length]
+    shift: tuple[float, float]
 
     def parameters(self) -> tuple[Block, ...]:
         """What the sensor has of its own."""
         shift, tilt = (["view.shift x", "view.shift y"], ["view.tilt x", "view.tilt y"])
         lens = ["lens.radial", "lens.centre x", "lens.centre y"]
-        wide, known = FREE * self.extent, np.asarray(self.frame)
+        wide, known = FREE * self.extent, self.metre * np.asarray(self.shift)
         return (
             Block.of("view.rotation", "rad", ["view.rotation"], 100.0, self.rotation),
             Block.of("view.scale", "1", ["view.log scale"], 100.0),
             Block.of("view.shear", "1", ["view.stretch", "view.shear"], 1.0),
             Block.of("view.shift", self.unit, shift, wide, known),
-            Block.of("view.tilt", f"1/{self.length}", tilt, 1.0 / self.reach),
+            Block.of("view.tilt", f"1/{self.length}", tilt, self.tilt),
             Block.of("lens", "1", lens, 0.5),
         )
 
@@ -355,7 +350,7 @@ class InPlane(Measurement):
         size, eye, (k, *centre) = _LENS * self.extent, np.eye(3), own["lens"]
         middle, shift = self.centre + size * np.array(centre), own["view.shift"]
         c, s = np.cos(own["view.rotation"][0]), np.sin(own["view.rotation"][0])
-        turned = np.exp(own["view.scale"][0]) * np.array([[c, -s], [s, c]])
+        turned = self.metre * np.exp(own["view.scale"][0]) * np.array([[c, -s], [s, c]])
         (a, b), mirror = own["view.shear"], self.mirror
         linear = turned @ np.array([[1 + a, b * mirror], [b, (1 - a) * mirror]])
         sides = np.array([[[1, 0], [0, -mirror]], [[0, mirror], [1, 0]]])

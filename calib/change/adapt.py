@@ -18,7 +18,7 @@ from ..maps.model_selection import better, blocks
 from ..maps.node_bounds import learn_bounds
 from ..model.about import Rows
 from ..model.alignment import Alignment
-from ..model.baseline import learn_baseline
+from ..model.baseline import Seen, learn_baseline
 from ..model.model import Model
 from ..samples.samples import Samples
 from ..training.evaluate import error_sizes, evaluate_residuals, summarise
@@ -284,10 +284,11 @@ def _finished(
     )  # fmt: skip
     points = np.random.default_rng(0).random((_BASELINE, found.q.shape[1]))
     baseline = learn_baseline(fresh.association, points, fresh.predictor.value(points), after)
-    if old.baseline is not None and old.motor.size == fresh.motor.size:
-        baseline = replace(baseline, paths=old.baseline.paths)
     # a camera that was moved sees another picture
     photo = old.photo if method == "few-shot" and frame is None else None
     rows = Rows.of(found.q[found.kept], found.x[found.kept])
+    if fresh.body is None:  # maps that followed these rows know no others
+        scale = fresh.motor.scale
+        baseline = replace(baseline, seen=Seen.of(scale, scale.to_unit(rows.q)))
     facts: dict[str, Any] = {"about": about, "baseline": baseline, "rows": rows, "photo": photo}
     return replace(made, model=replace(fresh, **facts, history=(*old.history, event)))

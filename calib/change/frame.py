@@ -132,7 +132,7 @@ def carried_offset(old: Body, new: Body, beta: Array, q: Array, offset: Array) -
 
 def _camera_anew(body: Body, q: Array, z: Array) -> Array:
     """Parameters of a camera that stands anywhere, its lens and the arm as they were."""
-    from ..body.spatial_start import frame  # brings SciPy's linear algebra
+    from ..body.starts import frame  # brings SciPy's linear algebra
 
     structure: Any = body.structure
     lens = tuple(body.beta[structure.groups["lens"]].tolist())

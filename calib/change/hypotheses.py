@@ -185,7 +185,7 @@ def as_built(body: Body) -> Body:
     body = replace(body, tau=np.maximum(body.tau, LOG_FLOOR * np.asarray(structure.extents)))
     if not body.simulated:
         return body
-    sd = _deviations(body, _arms(body), "built", BUILT_CURVE, getattr(structure, "metre", 1.0))
+    sd = _deviations(body, _arms(body), "built", BUILT_CURVE, 1.0)
     if structure.kind == "spatial":  # the first origin's place is the frame's own
         sd[np.concatenate([structure.shifts[0], structure.turns[0]])] = 0.0
     # What the samples left open stays correlated: along the gauge of a chain without a drawing,
@@ -207,7 +207,7 @@ def _deviations(
     """Standard deviation (d,) of the parameters of some groups by a column of `GROUPS`, else 0.
 
     curve : that of the joints' curves, over their prior's
-    metre : [unit], what lengths are told in; their mean where not given
+    metre : what lengths are told in; their mean where not given
     """
     structure: Any = body.structure
     sd, extent = np.zeros(structure.size), float(structure.extents[0])

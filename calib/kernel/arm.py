@@ -27,7 +27,6 @@ class KernelArm:
     beta: Array  # its parameters
     chain: SpatialChain
     moved: Deviations
-    slid: Array  # (m,), units of the values of joints in the chain's own
     gain: Array  # (dof,)
     offset: Array  # (dof,)
     view: Array  # (3, 3), the sensor sees view @ tip + shift
@@ -54,7 +53,7 @@ class KernelArm:
 
     def joints(self, q: Array) -> Array:
         """Values (m, n) of the chain's joints."""
-        return np.asarray(self.slid[:, None] * self.structure.joint_values(q, self.beta))
+        return np.asarray(self.structure.joint_values(q, self.beta))
 
     def derivatives(self, q: Array) -> tuple[Array, Array]:
         """As `calib_derivatives` of C: positions by all that may be off (D, m, n), by joints."""
@@ -98,7 +97,7 @@ def _spatial(structure: Any, beta: Array) -> KernelArm:
     pull = np.asarray(structure.gravity) / structure.torque if len(elastic) else np.zeros(3)
     return KernelArm(
         structure, beta, structure.chain, structure.deviations(beta),
-        np.ones(structure.chain.joints), beta[groups["gain"]], beta[groups["offset"]],
+        beta[groups["gain"]], beta[groups["offset"]],
         sensor.matrix[:, :3], sensor.shift, sensor.rotation, min(structure.outputs, 3),
         sensor.lens, _curves(structure, beta), bending=elastic, gravity=pull,
     )  # fmt: skip
@@ -109,7 +108,6 @@ def _planar(structure: Any, beta: Array) -> KernelArm:
     groups, dof = structure.groups, structure.dof
     turns, way = np.asarray(structure.revolute), np.asarray(structure.signs, dtype=float)
     offset, up = beta[groups["offset"]], np.array([0.0, 0.0, 1.0])
-    slid = np.where(turns, 1.0, structure.slide)
     along = exponential(np.outer(np.where(turns, 0.0, offset), up))[:, :, 0]
     ends = np.cumsum(beta[groups["length"], None] * along, axis=0)
     chain = SpatialChain(
@@ -125,7 +123,7 @@ def _planar(structure: Any, beta: Array) -> KernelArm:
     view, size = np.zeros((3, 4)), len(sensor.matrix)
     view[:size, :2], view[:size, 3] = sensor.matrix[:, :2], sensor.shift
     return KernelArm(
-        structure, beta, chain, Deviations.none(dof), slid, beta[groups["gain"]] * way * slid,
+        structure, beta, chain, Deviations.none(dof), beta[groups["gain"]] * way,
         np.where(turns, offset, 0.0), view[:, :3], view[:, 3], np.eye(3), 2, sensor.lens,
         _curves(structure, beta), flex, np.where(turns, way, 0.0),
     )  # fmt: skip

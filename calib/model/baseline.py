@@ -7,54 +7,37 @@ from typing import Annotated
 
 import numpy as np
 
-from ..common.arrays import Array, Index, Shape
+from ..common.arrays import Array, Shape
 from ..common.frozen import ReadOnly
+from ..common.scale import Scale
 from ..maps.association import Association
-from ..maps.map import Map, nearest_nodes, search_tree
-
-# without a body the bound of a node holds within so many times the rms distance of its samples
-KNOWN = 2.0
+from ..maps.map import Map, nearest_points
 
 _PRIOR = 4.0  # samples that the mean of all nodes counts for at each node
-_PLACES = 5  # least places around a node, for each joint: fewer are on a line by chance
-
-# of the radius of a node's places, their sd along a direction in which they tell no slope: babbled
-# ones have 0.26 to 0.5, those of 60 rows along a circle 0.08
-_THIN = 0.1
 
 
 @dataclass(frozen=True, eq=False)
-class Paths(ReadOnly):
-    """What is beside the rows of a node: along a path these tell the slope along it alone."""
+class Seen(ReadOnly):
+    """Where the rows of a log were: without a body its bound holds there, and grows beside them.
 
-    # (nodes, dof, dof), projections on the directions beside the path, zero where rows are all over
-    across: Annotated[Array, Shape("nodes", "dof", "dof", kept="f4")]
-    width: Annotated[Array, Shape("nodes", kept="f4")]  # of the path there, in the unit box
+    A place tells as far as its n + 1 neighbours are away, for n joints: along a path they are near.
+    It tells no further than is usual: where rows are few, the bound is that of others.
+    """
 
-    def beside(self, node: Index, gap: Array) -> Array:
-        """How far beside their paths points are, (n,), that lie `gap` (n, dof) from nodes (n,)."""
-        away = np.linalg.norm(np.einsum("nij,nj->ni", self.across[node], gap), axis=1)
-        return np.asarray(away - self.width[node])
+    places: Annotated[Array, Shape("seen", "dof", kept="f4")]  # in the unit box
+    reach: Annotated[Array, Shape("seen", kept="f4")]  # how far each tells, in the unit box
 
     @staticmethod
-    def of(motor: Map, squares: Array, u: Array) -> Paths | None:
-        """Those of rows `u` (n, dof), None where they are all over.
-
-        squares : (nodes,), expected squared distance of a row to its winner
-        """
-        scale, dof = motor.scale, u.shape[1]
+    def of(scale: Scale, u: Array) -> Seen:
+        """Those of rows `u` (n, dof)."""
         places = np.unique(np.round(scale.wrapped(u), 3), axis=0)  # an arm at rest is at one
-        tree, nodes = search_tree(places, scale), scale.wrapped(motor.units)
-        least = nearest_nodes(tree, nodes, min(_PLACES * dof, len(places)))[0][:, -1]
-        radius = np.maximum(KNOWN * np.sqrt(squares), least)
-        across, width = np.zeros((motor.size, dof, dof)), np.zeros(motor.size)
-        for node, near in enumerate(tree.query_ball_point(nodes, radius * (1.0 + 1e-9))):
-            gap = scale.difference(places[near], nodes[node])
-            variance, axes = np.linalg.eigh(np.cov(gap.T, bias=True).reshape(dof, dof))
-            thin = variance < (_THIN * radius[node]) ** 2
-            across[node] = axes[:, thin] @ axes[:, thin].T
-            width[node] = KNOWN * np.sqrt(np.maximum(variance[thin], 0.0).sum())
-        return Paths(_as_kept(across), _as_kept(width)) if across.any() else None
+        away = nearest_points(places, scale, places, u.shape[1] + 2)[0][:, -1]
+        return Seen(_as_kept(places), _as_kept(np.minimum(away, np.median(away))))
+
+    def beside(self, scale: Scale, u: Array) -> Array:
+        """How far points `u` (n, dof) are beyond what the places tell, (n,)."""
+        distance, place = nearest_points(self.places, scale, u)
+        return np.maximum(distance[:, 0] - self.reach[place[:, 0]], 0.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,8 +51,7 @@ class Baseline(ReadOnly):
     spread: tuple[float, float]
     # [unit], standard deviation per axis of measured less predicted position in training
     noise: float
-    # of a log without a body, where its rows are along paths
-    paths: Paths | None = None
+    seen: Seen | None = None  # of a log without a body
 
 
 def learn_baseline(association: Association, u: Array, x: Array, errors: Array) -> Baseline:

@@ -23,15 +23,14 @@ from ..kernel.posterior import CompactPosterior
 from ..maps.association import Association, check_readout
 from ..maps.linear_models import LinearModels
 from ..maps.local_models import NO_MODELS, LocalModels
-from ..maps.map import Map, search_tree
+from ..maps.map import Map
 from ..maps.node_bounds import blend_nodes
 from ..maps.predictor import BodyInBox, Predictor
 from .about import About, Photo, Rows
-from .baseline import KNOWN, Baseline
+from .baseline import Baseline, Seen
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
-    from scipy.spatial import cKDTree
 
 
 MOST_SHARE = 0.1  # of the reach: where the bound on the position exceeds it, there is no answer
@@ -143,17 +142,14 @@ class Parts:
         """Largest bound [unit] with which a position is still an answer."""
         return MOST_SHARE * self.reach
 
-    @cached_property
-    def _known(self) -> Array | None:
-        """Without a body: how far from each node its bound holds, in the unit box, or -1."""
-        if self.body is not None or self.baseline is None or "body" not in self.about.options:
-            return None
-        return np.where(self.visited, KNOWN * np.sqrt(self.baseline.motor), -1.0)
+    @property
+    def _seen(self) -> Seen | None:
+        return None if self.baseline is None or self.body is not None else self.baseline.seen
 
     @cached_property
     def everywhere(self) -> bool:
         """Whether there is an answer wherever joints are within their range."""
-        return self._known is None and bool((self.model_bounds <= self.most_bound).all())
+        return self._seen is None and bool((self.model_bounds <= self.most_bound).all())
 
     def in_range(self, u: Array) -> NDArray[np.bool_]:
         """Which coordinates (n, dof) of the unit box are within the joints' range."""
@@ -179,20 +175,9 @@ class Parts:
             # spacing: a blended bound would refuse the measured rows themselves
             there = self.body.bound(scale.from_unit(u[wide]), noise=noise)
             blended[wide] = np.minimum(blended[wide], there)
-        if self._known is None or self.baseline is None:
-            return blended
-        distance, nearest = self._holding.query(scale.wrapped(u), k=1)
-        node = np.flatnonzero(self._known >= 0.0)[nearest]
-        away = np.maximum(distance - self._known[node], 0.0)
-        if self.baseline.paths is not None:  # beside these bounds grow at once
-            gap = scale.difference(u, self.motor.units[node])
-            away = np.maximum(away, self.baseline.paths.beside(node, gap))
-        return np.asarray(blended + STEEP * self.solver.extent * away)
-
-    @cached_property
-    def _holding(self) -> cKDTree:
-        """Nodes whose bound holds somewhere."""
-        return search_tree(self.motor.units[np.asarray(self._known) >= 0.0], self.motor.scale)
+        if self._seen is not None:
+            blended = blended + STEEP * self.solver.extent * self._seen.beside(scale, u)
+        return blended
 
     @cached_property
     def posterior(self) -> CompactPosterior | None:

@@ -15,9 +15,7 @@ from ..maps.association import Association
 from ..maps.density import Gain
 from ..samples.samples import Samples
 from ..training.evaluate import Residuals, fresh_points, summarise
-from ..training.learn import associate
-from ..training.options import TrainingOptions
-from ..training.smooth import unit_box
+from ..training.learn import TrainingOptions, associate, unit_box
 from .setting import Setting
 
 Row = dict[str, dict[str, dict[str, float]]]

@@ -7,7 +7,7 @@ are interpolated to the times of the positions.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -56,7 +56,7 @@ def read_bag(
     Raises LogError if rosbags is missing, the file is no recording, or a topic is not in it.
     """
     check_limits(max_gap, still)
-    with _reader(Path(path)) as reader:
+    with closing(_reader(Path(path))) as reader:
         topics = {c.topic: c.msgtype for c in reader.connections}
         source = _topic(topics, joints_topic, _JOINTS, "joints_topic")
         names, times, values = _joint_states(reader, source, joints)
@@ -96,8 +96,7 @@ def read_bag(
     )
 
 
-@contextmanager
-def _reader(path: Path) -> Iterator[Any]:
+def _reader(path: Path) -> Any:
     try:
         from rosbags.highlevel import AnyReader, AnyReaderError
         from rosbags.typesys import Stores, get_typestore
@@ -111,10 +110,7 @@ def _reader(path: Path) -> Iterator[Any]:
             f"{path} is no recording that can be read ({error or type(error).__name__}): expected "
             "a ROS 1 .bag, the folder of a ROS 2 bag, or an .mcap file"
         ) from None
-    try:
-        yield reader
-    finally:
-        reader.close()
+    return reader
 
 
 def _topic(

@@ -14,11 +14,10 @@ from ..common.wording import listed
 from ..errors import LogError, OptionError
 from ..samples.recorded import Recorded
 from .board import LEAST_CORNERS, Board, BoardFinder
-from .joint_table import JointTable, read_joints, read_shots
+from .joint_table import JointTable, is_dataset, read_dataset, read_joints, read_shots
 from .lens import Lens, calibrate_lens
-from .lerobot import is_dataset, read_dataset
 from .pictures import Picture
-from .reference import Pose, find_pose
+from .reference import Pose, find_pose, turns_and_shifts
 
 LEAST = 6
 """Pictures of the board that tell where it is."""
@@ -97,11 +96,9 @@ class BoardPictures:
 
 def held_poses(poses: Sequence[Pose], in_hand: bool) -> tuple[Array, Array]:
     """Turns (p, 3, 3) and shifts (p, 3) [m] of what is in the hand, seen from what stands still."""
-    turns, shifts = np.array([p.rotation for p in poses]), np.array([p.shift for p in poses])
-    if not in_hand:
-        return turns, shifts
-    turns = np.swapaxes(turns, 1, 2)
-    return turns, -np.einsum("pij,pj->pi", turns, shifts)
+    turns, shifts = turns_and_shifts(poses)
+    back = np.swapaxes(turns, 1, 2)
+    return (back, -np.einsum("pij,pj->pi", back, shifts)) if in_hand else (turns, shifts)
 
 
 def find_board(

@@ -58,7 +58,6 @@ class Clocks:
     rate: float = 0.0  # how much faster it runs
     middle: float = 0.0  # that middle, by the sensor's clock [s]
     error: float = np.inf  # median distance that rows are predicted to [px or mm]
-    rival: float = np.inf  # and with the best other offset
     doubt: float = np.inf  # standard deviation of the joints' time, at the recording's ends [s]
 
     def joints_time(self, time: Array) -> Array:
@@ -69,8 +68,8 @@ class Clocks:
         """Say it in a line."""
         rate = f", rates differ by {100 * self.rate:+.3f} %" if abs(self.rate) > 5e-5 else ""
         return (
-            f"clocks: joints are {self.offset:+.4f} s from the camera{rate}; they predict the tag "
-            f"to {self.error:.2g} px, with the next best offset to {self.rival:.2g} px"
+            f"clocks: joints are {self.offset:+.4f} s from the camera, sure to "
+            f"{1e3 * self.doubt:.2g} ms{rate}; they predict the tag to {self.error:.2g} px"
         )
 
 
@@ -262,7 +261,7 @@ def align_clocks(
     if not fitted or not fitted[0].error < _CHAIN_FITS * spread:
         fitted = _by_error(pair.refined(c, None) for c in apart) or judged
     clocks = fitted[0]
-    rival = float(min((c.error for c in fitted[1:] if _apart(c, clocks)), default=np.inf))
+    rival = min((c.error for c in fitted[1:] if _apart(c, clocks)), default=np.inf)
     fits = clocks.error < _FITS * spread and clocks.error < _CLEARLY * rival
     if not (fits and abs(clocks.rate) <= _FASTEST and clocks.doubt < SURE):
         raise ClockError(
@@ -274,7 +273,7 @@ def align_clocks(
             "does the motion repeat itself? record half a minute of varied motion, or give "
             "`time_offset`"
         )
-    return replace(clocks, rival=rival)
+    return clocks
 
 
 def _median(miss: Array) -> float:

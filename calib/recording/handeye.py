@@ -7,15 +7,14 @@ from __future__ import annotations
 
 import os
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from ..arm.arm import Arm, SpatialArm
 from ..arm.rotations import exponential, logarithm, nearest_rotation
 from ..body.belief import Body
-from ..body.corners import Held, fit_corners, held_of
-from ..body.fitting import BodyFit
+from ..body.corners import fit_corners, held_of
 from ..body.sensor import SensorPose
 from ..body.spatial import SpatialStructure, structure_of
 from ..common.arrays import Array, Index, Mask
@@ -62,7 +61,6 @@ class HandEye:
     hand: dict[str, Any]  # what is in the hand, in the tip's frame
     base: dict[str, Any]  # what stands still, in the base's
     reprojection: dict[str, float]  # mean and largest distance of corners from the fit's [px]
-    millimetres: float  # the mean as a distance at the board [mm]
     lens: dict[str, Any]  # focal length with its interval's half-width, centre [px], k1
     limited_by: str  # what limits the accuracy, and what would help most
     notes: tuple[str, ...]
@@ -73,12 +71,6 @@ class HandEye:
         """What `calib handeye --json` prints."""
         names = ("eye", "pictures", "used", "hand", "base", "reprojection", "lens", "limited_by")
         return {**{name: getattr(self, name) for name in names}, "notes": list(self.notes)}
-
-    def __repr__(self) -> str:
-        """The hand's place in a line."""
-        x, y, z = self.hand["position"]
-        what = "camera" if self.eye == "hand" else "board"
-        return f"HandEye({what} at ({x:.4f}, {y:.4f}, {z:.4f}) m in the tip's frame)"
 
 
 def handeye(
@@ -133,11 +125,11 @@ def _solved(arm: SpatialArm, shots: BoardPictures, in_hand: bool, known: Lens | 
     )
     views = _Views.of(shots, lens, in_hand)
     _refuse_readings(structure, views, shots.board)
-    found = _explained(structure, views)
-    body, own, kept = found.body, structure.groups["lens"], found.kept
+    _, pixels, body, kept, misses = _explained(structure, views)
+    own, sensor = structure.groups["lens"], SensorPose.of(body)
     f, u, v, k1 = (float(value) for value in body.beta[own])
-    focal_95 = _Z95 * body.kappa * float(found.fit.body.deviations[own[0]])
-    sensor, off, poses = SensorPose.of(body), float(found.off.mean()), views.poses[kept]
+    focal_95 = _Z95 * body.kappa * float(pixels.deviations[own[0]])
+    off, poses = float(misses.mean()), views.poses[kept]
     assert sensor is not None  # noqa: S101 - the arm has a drawing
     hand = _placed(held_of(body), body.kappa)
     # corners were fitted without the distortion that was known: what was found comes on top
@@ -159,8 +151,7 @@ def _solved(arm: SpatialArm, shots: BoardPictures, in_hand: bool, known: Lens | 
         used=len(poses),
         hand=hand,
         base=_placed(sensor, body.kappa),
-        reprojection={"mean": off, "max": float(found.off.max())},
-        millimetres=1e3 * off * float(np.median(np.linalg.norm(poses[:, :3], axis=1))) / f,
+        reprojection={"mean": off, "max": float(misses.max())},
         lens={
             "focal": f, "centre": [u, v], "k1": float(glass.distortion[0]), "focal_95": focal_95,
             "known": known is not None,
@@ -172,7 +163,7 @@ def _solved(arm: SpatialArm, shots: BoardPictures, in_hand: bool, known: Lens | 
     )  # fmt: skip
 
 
-def _placed(place: SensorPose | Held, kappa: float) -> dict[str, Any]:
+def _placed(place: SensorPose, kappa: float) -> dict[str, Any]:
     """A place and its 95 % intervals."""
     half = _Z95 * kappa
     return {
@@ -247,27 +238,26 @@ class _Views:
         )
 
 
-@dataclass(frozen=True, eq=False)
-class _Explained:
+class _Fitted(NamedTuple):
     """The fit of the pictures that agree."""
 
-    fit: BodyFit
-    body: Body
-    kept: Mask  # (p,), which they are
+    usual: float  # [px], the median picture's miss
+    pixels: Body  # as it reads corners
+    poses: Body  # as it reads poses
+    kept: Mask  # (p,), which pictures agree
     off: Array  # (n,) [px], how far their corners are from where the fit puts them
-    usual: float  # [px], the median picture's
 
 
-def _explained(structure: SpatialStructure, views: _Views) -> _Explained:
-    """Fit the pictures that agree; raises in one line if too few do."""
+def _explained(structure: SpatialStructure, views: _Views) -> _Fitted:
+    """Fit the pictures that agree; raises LogError if too few do."""
     number = np.arange(len(views.q))
-    half, found = len(number) // 2, list[_Explained]()
+    half, found = len(number) // 2, list[_Fitted]()
     # a board that was moved once leaves one half whole
     for kept in (number >= 0, number < half, number >= half):
-        if kept.sum() >= LEAST:
-            found += _fitted(structure, views, kept)
+        found += _fitted(structure, views, kept)
         if found and found[-1].kept.mean() > 0.5 and found[-1].usual < _SHARP:
             break
+    # the sharpest that leave out few
     best = min(found, key=lambda each: each.usual / each.kept.mean(), default=None)
     if best is None or best.usual > _NEAR or best.kept.mean() < _LEAST_SHARE:
         raise LogError(
@@ -277,11 +267,14 @@ def _explained(structure: SpatialStructure, views: _Views) -> _Explained:
     return best
 
 
-def _fitted(structure: SpatialStructure, views: _Views, kept: Mask) -> list[_Explained]:
+def _fitted(structure: SpatialStructure, views: _Views, kept: Mask) -> list[_Fitted]:
     """The fit of the pictures that agree with those that it begins with, none where it fails."""
+    found = list[_Fitted]()
     for _ in range(4):
         own = kept[views.rows]
         rows = (np.cumsum(kept) - 1)[views.rows[own]]
+        if kept.sum() < LEAST:
+            break
         try:
             fit, body = fit_corners(
                 structure, views.q[kept], views.poses[kept], rows, views.corners[own],
@@ -293,11 +286,11 @@ def _fitted(structure: SpatialStructure, views: _Views, kept: Mask) -> list[_Exp
         off = np.linalg.norm(views.pixels - seen, axis=1)
         by_picture = np.array([np.median(off[views.rows == k]) for k in range(len(kept))])
         usual = float(np.median(by_picture[kept]))
-        found = _Explained(fit, body, kept, off[own], usual)
-        kept = by_picture < max(_ASTRAY * usual, _NEAR)
-        if (kept == found.kept).all() or kept.sum() < LEAST:
+        found = [_Fitted(usual, fit.body, body, kept, off[own])]
+        before, kept = kept, by_picture < max(_ASTRAY * usual, _NEAR)
+        if (kept == before).all():
             break
-    return [found]
+    return found
 
 
 def _refuse_readings(structure: SpatialStructure, views: _Views, board: Board) -> None:

@@ -38,10 +38,6 @@ def opencv() -> Any:
         raise LogError(f"reading pictures needs OpenCV: {INSTALL.format('camera')}") from None
 
 
-class UnreadableError(LogError):
-    """A picture that is damaged, cut off or none."""
-
-
 def _natural(path: Path) -> list[tuple[int, int | str]]:
     """A key that sorts `img_10` after `img_9`."""
     parts = re.split(r"(\d+)", path.name)
@@ -71,7 +67,7 @@ def read_picture(path: str | os.PathLike[str], *, colour: bool = False) -> Pictu
     """Read a picture whole: grey (height, width), or red, green, blue (height, width, 3).
 
     By Pillow: OpenCV returns half of a cut JPEG without a word.
-    Raises UnreadableError if it is cut off, damaged, too large or no picture.
+    Raises LogError if it is cut off, damaged, too large or no picture.
     """
     from PIL import Image, ImageOps
 
@@ -89,7 +85,7 @@ def read_picture(path: str | os.PathLike[str], *, colour: bool = False) -> Pictu
     ) as error:  # fmt: skip
         cut = "truncated" in str(error).lower()
         what = "is cut off" if cut else "is no picture that can be read"
-        raise UnreadableError(f"{Path(path).name} {what}") from None
+        raise LogError(f"{Path(path).name} {what}") from None
 
 
 def read_series(paths: Sequence[Path], damaged: list[str]) -> Iterator[Frame]:
@@ -101,7 +97,7 @@ def read_series(paths: Sequence[Path], damaged: list[str]) -> Iterator[Frame]:
     for number, path in enumerate(paths):
         try:
             grey = read_picture(path)
-        except UnreadableError as error:
+        except LogError as error:
             damaged.append(f"{error}; left out")
             continue
         now = grey.shape[1::-1]

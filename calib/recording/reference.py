@@ -49,16 +49,18 @@ class Pose:
         return -self.rotation.T @ self.shift
 
 
+def turns_and_shifts(poses: Sequence[Pose]) -> tuple[Array, Array]:
+    """Rotations (n, 3, 3) and shifts (n, 3) [m] of poses."""
+    return np.array([p.rotation for p in poses]), np.array([p.shift for p in poses])
+
+
 def find_pose(lens: Lens, points: Array, pixels: Array) -> Pose:
     """Fit the pose of a flat frame to points (n, 3) [m] of it and their pixels (n, 2), n >= 4.
 
     Of the two poses of a plane seen from afar the better one. Raises LogError if none fits.
     """
     cv2, camera = opencv(), (lens.matrix, lens.distortion)
-    flat = lens.undistort(pixels).reshape(-1, 1, 2)
-    found, turns, shifts, _ = cv2.solvePnPGeneric(
-        points, flat, np.eye(3), None, flags=cv2.SOLVEPNP_IPPE
-    )
+    found, turns, shifts, _ = cv2.solvePnPGeneric(points, pixels, *camera, flags=cv2.SOLVEPNP_IPPE)
     if not found:
         raise LogError("the reference's points lie on a line or in one place: no pose fits them")
     fits = []

@@ -16,7 +16,7 @@ from ..errors import LogError, OptionError
 from .board import Board, BoardFinder
 from .lens import Lens
 from .pictures import Frame, Picture
-from .reference import MarkLayout, Marks
+from .reference import MarkLayout, Marks, PlaneReference, watch
 from .tags import Tag, TagFinder
 
 LOOKS = 12
@@ -91,6 +91,8 @@ class Setup:
 class Sightings:
     """What pictures show."""
 
+    setting: Setup
+    what: str  # what messages call the pictures
     numbers: Array  # pictures in which the tag is sharp (n,)
     names: tuple[str, ...]  # and theirs
     tags: tuple[Tag, ...]  # the tag in each of them
@@ -103,6 +105,17 @@ class Sightings:
     def pixels(self) -> Array:
         """Places of the tag's centre (n, 2) [px]."""
         return np.array([tag.centre for tag in self.tags])
+
+    @cached_property
+    def reference(self) -> tuple[PlaneReference | None, frozenset[int]]:
+        """What positions are told in, None for pixels; and the pictures in which it is elsewhere.
+
+        Raises LogError if it is not there, or elsewhere in many.
+        """
+        layout, lens = self.setting.layout, self.setting.lens
+        if layout is None or lens is None:
+            return None, frozenset()
+        return watch(layout, self.marks, lens, self.setting.tag_height)
 
 
 def sight(frames: Iterable[Frame], setting: Setup, what: str, every: int = 1) -> Sightings:
@@ -148,4 +161,5 @@ def sight(frames: Iterable[Frame], setting: Setup, what: str, every: int = 1) ->
             "white border"
         )
     names, sharp = zip(*found.values(), strict=True)
-    return Sightings(np.array(list(found)), names, sharp, marks, reasons, count, size)
+    numbers = np.array(list(found))
+    return Sightings(setting, what, numbers, names, sharp, marks, reasons, count, size)

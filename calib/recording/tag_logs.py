@@ -18,7 +18,7 @@ from ..samples.recorded import Recorded, told
 from .clocks import Clocks, align_clocks
 from .joint_table import JointTable, read_shots
 from .pictures import Frame, Video
-from .reference import PlaneReference, square_pose, watch
+from .reference import square_pose, turns_and_shifts
 from .setting import LOOKS, Setup, Sightings, sight
 from .tags import LEAST_NOISE, Tag
 from .track import jumps, row_shift
@@ -44,23 +44,21 @@ def log_pictures(
     seen.reasons["cut off or damaged"] = len(rows) - seen.count
     q = joints.q[[rows[number] for number in seen.numbers]]
     if len(q) > 1:
-        _check_motion(q, seen, setting.tag, f"{len(q)} pictures")
+        _check_motion(q, seen, f"{len(q)} pictures")
     with one_blas_thread():
         shift, own, other = row_shift(q, seen.pixels)
     if shift:
-        where = f"{abs(shift)} row{'s' * (abs(shift) > 1)} further {'down' if shift > 0 else 'up'}"
         raise LogError(
-            f"the joints are shifted against the pictures: those {where} predict the tag to "
-            f"{other:.2g} px, a picture's own to {own:.2g} px; is a picture missing?"
+            f"the joints are shifted against the pictures: those {abs(shift)} rows further "
+            f"{'down' if shift > 0 else 'up'} predict the tag to {other:.2g} px, a picture's own "
+            f"to {own:.2g} px; is a picture missing?"
         )
     # rows that contradict the others, as a second tag makes them, are found by who learns from them
-    reference, off = _reference(setting, seen)
-    kept = np.flatnonzero(~np.isin(seen.numbers, list(off)))
+    kept = np.flatnonzero(~np.isin(seen.numbers, list(seen.reference[1])))
     reason = "the reference is elsewhere in them: camera bumped, shaken, refocused?"
     seen.reasons[reason] = len(q) - len(kept)
     return _assembled(
-        setting, seen, reference, [seen.tags[k] for k in kept], "pictures", notes,
-        {"source": "pictures"},
+        seen, [seen.tags[k] for k in kept], notes, {"source": "pictures"},
         joint_names=joints.names, q=q[kept], pictures=tuple(seen.names[k] for k in kept),
     )  # fmt: skip
 
@@ -103,7 +101,7 @@ def log_video(
     time, reasons = np.array(times), seen.reasons
     if video.claimed > 1.05 * len(time) + 2:
         notes.append(f"{len(time)} of {video.claimed} frames can be read: it is cut off")
-    _check_motion(q, seen, setting.tag, video.name)
+    _check_motion(q, seen, video.name)
     pixels = np.full((len(time), 2), np.nan)
     pixels[seen.numbers] = seen.pixels
     clocks = Clocks(time_offset or 0.0)
@@ -135,8 +133,7 @@ def log_video(
     tag_of, there = dict(zip(seen.numbers, seen.tags, strict=True)), joints_at(when, joint_time, q)
     rows = np.array([np.median(when[group]) for group in groups])
     return _assembled(
-        setting, seen, _reference(setting, seen)[0],
-        [_middle([tag_of[k] for k in group]) for group in groups], "frames", notes,
+        seen, [_middle([tag_of[k] for k in group]) for group in groups], notes,
         {"source": "video", "time_offset": clocks.offset, "rate": clocks.rate},
         joint_names=joints.names, q=np.array([there[g].mean(axis=0) for g in groups]),
         time=rows - rows[0],
@@ -167,36 +164,23 @@ def _middle(tags: Sequence[Tag]) -> Tag:
     return replace(tags[0], corners=np.median([tag.corners for tag in tags], axis=0), noise=noise)
 
 
-def _check_motion(q: Array, seen: Sightings, tag: int, what: str) -> None:
+def _check_motion(q: Array, seen: Sightings, what: str) -> None:
     """Raise LogError for a recording in which the arm, or the tag alone, stands still."""
     if np.ptp(q, axis=0).max() < 2e-3:
         raise LogError(f"the arm never moves in {what}: nothing to learn from")
     if np.linalg.norm(np.ptp(seen.pixels, axis=0)) < _STILL:
         u, v = np.median(seen.pixels, axis=0)
         raise LogError(
-            f"tag {tag} stays at ({u:.0f}, {v:.0f}) px in all of {what} while the joints move: "
-            "check that it is on the tip and that no second tag of this id is in view"
+            f"tag {seen.setting.tag} stays at ({u:.0f}, {v:.0f}) px in all of {what} while the "
+            "joints move: check that it is on the tip and that no second tag of this id is in view"
         )
 
 
-def _reference(setting: Setup, seen: Sightings) -> tuple[PlaneReference | None, frozenset[int]]:
-    """What positions are told in, None for pixels; and the pictures in which it is elsewhere."""
-    if setting.layout is None or setting.lens is None:
-        return None, frozenset()
-    return watch(setting.layout, seen.marks, setting.lens, setting.tag_height)
-
-
 def _assembled(
-    setting: Setup,
-    seen: Sightings,
-    reference: PlaneReference | None,
-    tags: Sequence[Tag],
-    what: str,
-    notes: list[str],
-    about: dict[str, Any],
-    **more: Any,
+    seen: Sightings, tags: Sequence[Tag], notes: list[str], about: dict[str, Any], **more: Any
 ) -> Recorded:
-    """Put a log together from the tags of some pictures, and why others, of `what`, have none."""
+    """Put a log together from the tags of some pictures, and why others have none."""
+    setting, reference = seen.setting, seen.reference[0]
     pixels = np.array([tag.centre for tag in tags])
     x, unit, quaternion, scale, common = pixels, "px", None, np.ones(1), np.zeros(1)
     about |= {"size": list(seen.size), "tag": setting.tag, "dictionary": setting.dictionary}
@@ -207,8 +191,7 @@ def _assembled(
     if lens is not None:
         about["lens"] = lens.to_json()
     if setting.pose and lens is not None and size is not None:
-        poses = [square_pose(lens, tag.corners, size) for tag in tags]
-        turns, x = np.array([p.rotation for p in poses]), np.array([p.shift for p in poses])
+        turns, x = turns_and_shifts([square_pose(lens, tag.corners, size) for tag in tags])
         if reference is None:
             scale = x[:, 2] / lens.focal.mean()
         else:
@@ -217,7 +200,7 @@ def _assembled(
         quaternion, unit = quaternion_of(turns), "m"
     shared = float(np.sqrt(np.mean(common**2)))
     noise = np.array([tag.noise for tag in tags]) * scale
-    notes = notes + told(seen.reasons, what)
+    notes = notes + told(seen.reasons, seen.what)
     if steep := sum(tag.upright < 0.5 for tag in tags):
         notes.append(f"the tag is seen at more than 60 deg in {steep} rows: let it face the camera")
     return Recorded(

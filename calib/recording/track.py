@@ -12,8 +12,12 @@ from ..common.arrays import Array, Mask
 from ..common.rows import thinned
 
 _SEARCHED = 120  # rows that a shift is judged by
+_FARTHEST, _FEWEST = 3, 18  # rows that are tried, and needed, for a shift
+_WINDOW = 7  # frames whose median says where the tip is
 SOFT = 1e-4
 """Ridge, relative to the kernel's one."""
+
+_BLOCKS = 8  # of neighbouring rows, held out in turn
 
 
 def _harmonics(q: Array, other: Array) -> Array:
@@ -28,21 +32,18 @@ def _harmonics(q: Array, other: Array) -> Array:
 class Judge:
     """A fit of what was seen by joints, from which blocks of rows are held out.
 
-    Joints `q` (n, joints) are in the order of time; neighbouring rows are left out together,
-    `blocks` times; `soft` is the ridge.
+    Joints `q` (n, joints) are in the order of time; neighbouring rows are left out together.
     """
 
-    def __init__(self, q: Array, soft: float = SOFT, blocks: int = 8) -> None:
-        n = len(q)
+    def __init__(self, q: Array, soft: float = SOFT) -> None:
         self.q = q
-        self._inverse = np.linalg.inv(_harmonics(q, q) + soft * np.eye(n))
-        self._parts = [p for p in np.array_split(np.arange(n), min(blocks, n)) if len(p)]
+        self._inverse = np.linalg.inv(_harmonics(q, q) + soft * np.eye(len(q)))
 
     def miss(self, x: Array) -> Array:
         """Return what the other blocks' fit leaves of values (n, d): linear in them."""
         weights = self._inverse @ (x - x.mean(0))
         miss: Array = np.empty_like(weights)
-        for part in self._parts:
+        for part in np.array_split(np.arange(len(x)), min(_BLOCKS, len(x))):
             miss[part] = np.linalg.solve(self._inverse[np.ix_(part, part)], weights[part])
         return miss
 
@@ -52,7 +53,7 @@ class Judge:
         return np.asarray(_harmonics(q, self.q) @ (self._inverse @ (x - middle)) + middle)
 
 
-def row_shift(q: Array, x: Array, most: int = 3) -> tuple[int, float, float]:
+def row_shift(q: Array, x: Array) -> tuple[int, float, float]:
     """Find how many rows further down the joints are that fit better than a row's own, 0 for none.
 
     Then mean distances [unit of x] that blocks of rows are predicted to, as they are and shifted.
@@ -63,26 +64,23 @@ def row_shift(q: Array, x: Array, most: int = 3) -> tuple[int, float, float]:
         rows = rows[thinned(len(rows), _SEARCHED)]
         return float(np.linalg.norm(Judge(q[rows + shift]).miss(x[rows]), axis=1).mean())
 
-    if len(q) < 12 + 2 * most:
+    if len(q) < _FEWEST:
         return 0, np.nan, np.nan
-    errors = {shift: error(shift) for shift in range(-most, most + 1)}
+    errors = {shift: error(shift) for shift in range(-_FARTHEST, _FARTHEST + 1)}
     best = min(errors, key=lambda shift: errors[shift])
     return best if errors[best] < 0.4 * errors[0] else 0, errors[0], errors[best]
 
 
-def jumps(pixels: Array, half: int = 3) -> Mask:
+def jumps(x: Array) -> Mask:
     """Find frames away from the median of their neighbours (Hampel's filter).
 
-    Pixels (n, 2), NaN where nothing was seen, with `half` neighbours on either side; a mask (n,).
+    x (n, m) [px or mm] has NaN where nothing was seen; a mask (n,).
     """
-    seen = np.flatnonzero(np.isfinite(pixels[:, 0]))
-    result = np.zeros(len(pixels), bool)
-    if len(seen) < 2 * half + 1:
-        return result
-    x = np.pad(pixels[seen], ((half, half), (0, 0)), mode="edge")
-    window = np.stack([x[k : k + len(seen)] for k in range(2 * half + 1)])
-    middle = np.median(window, axis=0)
-    far = np.linalg.norm(pixels[seen] - middle, axis=1)
-    scale = 1.48 * np.median(np.abs(window - middle), axis=0).max(axis=1)
-    result[seen] = far > 6.0 * np.maximum(scale, 1.0)
+    from scipy.ndimage import median_filter
+
+    result, seen = np.zeros(len(x), bool), np.isfinite(x[:, 0])
+    if seen.sum() >= _WINDOW:
+        away = x[seen] - median_filter(x[seen], (_WINDOW, 1), mode="nearest")
+        scale = 1.48 * median_filter(np.abs(away), (_WINDOW, 1), mode="nearest").max(axis=1)
+        result[seen] = np.linalg.norm(away, axis=1) > 6.0 * np.maximum(scale, 1.0)
     return result

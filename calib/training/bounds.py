@@ -27,9 +27,8 @@ _TREND = 7  # degree of what a joint's value tells of its direction
 def node_bounds(model: Model, u: Array, errors: Array) -> tuple[Array, Array]:
     """Bounds (nodes,) of a log's model on what the sensor reads and on the true position.
 
-    With a body they are its posterior's: they grow with the distance from the rows by themselves.
-    Without one they are learned from the rows at `u` (k, dof), held out with `errors` (k,) [unit],
-    and grow beyond the rows as fast as the position can change.
+    A body's are its posterior's.  Without one, and in defects, they are learned from the errors
+    (k,) [unit] of rows that were held out, at `u` (k, dof) in the unit box.
     """
     motor = model.motor
     if model.body is None:
@@ -50,15 +49,13 @@ def node_bounds(model: Model, u: Array, errors: Array) -> tuple[Array, Array]:
 def simulated_bounds(
     model: Model, simulation: Simulation, play: Array | None, seed: np.random.SeedSequence
 ) -> tuple[Array, Array, Array]:
-    """Bounds (nodes,) by exact samples that are neither learned nor tested, and these.
-
-    Inverse answers often stand on a limit, where a map is least certain: some samples do too.
+    """Bounds (nodes,) by exact samples that are neither learned nor tested, and these samples.
 
     play : (dof,), half the play of each joint, where the direction of approach is known
-    Returns the bounds, and joints (n, dof) in the unit box and positions (n, m).
     """
     scale, about, rng = model.motor.scale, model.about, np.random.default_rng(seed)
     q = simulation.draw(_DRAWN, rng)
+    # inverse answers often stand on a limit, where a map is least certain: some samples do too
     limits = q[: np.count_nonzero(near_border(model.motor, scale.to_unit(q))) // 20].copy()
     joint = rng.integers(q.shape[1], size=len(limits))
     there = np.where(rng.random(len(limits)) < 0.5, about.upper[joint], about.lower[joint])
@@ -85,8 +82,7 @@ def play_of(samples: Samples, part: SmoothPart) -> Array | None:
     u = scale.to_unit(samples.q[rows])
     value, slope = part.smooth.value_and_slope(u)
     side = directions(samples.q)[rows]
-    # a joint near its upper limit mostly came from below: a curve of the joint has taken
-    # that part of the play already
+    # a joint near a limit mostly came from one side: its curve has taken that part already
     surprise = np.empty_like(side)
     for k, v in enumerate(u.T):
         powers = np.polynomial.chebyshev.chebvander(2.0 * np.clip(v, 0.0, 1.0) - 1.0, _TREND)

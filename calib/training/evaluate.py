@@ -21,8 +21,7 @@ from ..model.model import Model
 from ..model.space import Space
 from ..samples.samples import Samples
 from ..samples.simulation import Simulation
-from .learn import associate
-from .options import TrainingOptions
+from .learn import TrainingOptions, associate
 from .smooth import SmoothPart, to_learn
 from .sound_rows import sound_log
 from .touched import NOT_LEARNED, in_sockets
@@ -107,10 +106,7 @@ def held_out_residuals(
 ) -> Residuals:
     """Residuals of all readouts on rows of a log that were held out in contiguous blocks.
 
-    The default readout and the body are held out in ten blocks; the readouts of the maps
-    are those of maps that have learned from every other block.
-
-    left : what the default readout leaves over of the rows of `part` that it has not seen
+    `left` is what the default readout leaves over of the rows of `part` that it has not seen.
     """
     n, scale, clip = len(samples), model.motor.scale, model.solver.clip
     forward: dict[str, Array] = {}

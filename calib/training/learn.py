@@ -1,4 +1,4 @@
-"""Learning: which maps samples get, both of them and their links.
+"""Learning: what a training is asked for, and the maps and links that samples get.
 
 Without a body a log's held-out blocks choose between a lattice, a sheet that folds over a few paths
 which cross in the workspace, and a gas.  A lattice can follow a stream.
@@ -8,22 +8,23 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import asdict, dataclass, replace
+from typing import Any
 
 import numpy as np
+from numpy.random import SeedSequence
 
 from ..common.arrays import Array
+from ..common.choices import BODIES, VIEWS
 from ..common.parallel import in_turn, side_by_side
 from ..common.scale import Scale
 from ..errors import OptionError
 from ..maps.association import Association
-from ..maps.density import kind_of
-from ..maps.lattice import shape_of
+from ..maps.density import Gain, kind_of
+from ..maps.lattice import Size, shape_of
 from ..maps.links import wiring_of
 from ..maps.som import SOM
 from ..samples.samples import Samples
-from .options import TrainingOptions
-from .smooth import unit_box
 
 Progress = Callable[[float, str, float], None]
 """Called with the share of the work done, the stage, and the current error (or NaN)."""
@@ -42,6 +43,92 @@ _ROWS_PER_NODE = 5
 _LEAST_SIDE = (4, 20)
 _BLOCKS, _PARTS = 10, 3  # contiguous blocks, of which every third is held out in turn
 _BETTER = 0.9  # of the lattice's error: what a gas has to reach
+
+
+_STREAMS = {"motor": 0, "sensory": 1, "imagined": 2, "bounds": 3, "evaluation": 4}
+"""Independent random streams of one seed."""
+
+
+@dataclass(frozen=True)
+class TrainingOptions:
+    """How a model is trained.
+
+    Attributes
+    ----------
+    size, motor_size, sensory_size : int, str or tuple of int, optional
+        Nodes along each axis of both lattices, or of one.  70 by default, which stands for 70x70
+        and, with three joints, a 17x17x17 motor map; for a log about five rows per node.
+    map : str or gain function, optional
+        Network: "vdsom:residual" (default; "gas" where held-out blocks of a log without a body
+        prefer it) or another name that :class:`calib.SOM` knows, or a function of a
+        :class:`calib.Visit`.
+    rule : {"batch", "online"}
+        Kohonen's batch map, or the paper's eq. 1 to 8, sample by sample.
+    epochs : int, optional
+        Passes over the samples; with `sigma` it trains the full lattice alone, without
+        the coarse lattices that come first by default.
+    sigma : (float, float), optional
+        Neighbourhood radius at the start and at the end [nodes].
+    links : {"reciprocal", "oja", "local", "mutual"}
+        How the links (eq. 5) are learned and read (eq. 6), see docs/paper.md.
+    body : {"auto", "none"}
+        ``auto`` fits a kinematic body under the maps; ``none`` learns from maps and links
+        alone, as the paper does.
+    view : {"auto", "base", "rigid", "similarity", "affine", "homography", "pinhole"}
+        What the sensor measures: ``base`` says that positions are in the robot's root frame,
+        ``auto`` is rigid for lengths, a homography for pixels, a pinhole for an arm in space.
+    seed : int
+        The same seed gives the same model, byte for byte.
+
+    Examples
+    --------
+    >>> import calib
+    >>> calib.TrainingOptions(size=20, map="som").seed
+    0
+    """
+
+    size: Size | None = None
+    motor_size: Size | None = None
+    sensory_size: Size | None = None
+    map: str | Gain | None = None
+    rule: str = "batch"
+    epochs: int | None = None
+    sigma: tuple[float, float] | None = None
+    links: str = "reciprocal"
+    body: str = "auto"
+    view: str = "auto"
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        seed = self.seed
+        if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:
+            raise OptionError(f"seed {seed!r}: expected a whole number, 0 or more")
+        wiring_of(self.links)
+        for name, value, choices in (("body", self.body, BODIES), ("view", self.view, VIEWS)):
+            if value not in choices:
+                raise OptionError(f"{name} {value!r}: expected one of {', '.join(choices)}")
+
+    @property
+    def shapes(self) -> tuple[tuple[int, ...], tuple[int, ...]]:
+        """The motor and the sensory lattice, where they are given."""
+        both = self.size or 70
+        return shape_of(self.motor_size or both), shape_of(self.sensory_size or both)
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain data for a model file."""
+        data = {k: v for k, v in asdict(self).items() if k != "size"} | {"seed": int(self.seed)}
+        if callable(self.map):
+            data["map"] = getattr(self.map, "__name__", "custom")
+        return data
+
+    def stream(self, name: str) -> SeedSequence:
+        """Seed of one of the independent random streams."""
+        return SeedSequence(self.seed, spawn_key=(_STREAMS[name],))
+
+
+def unit_box(samples: Samples) -> Scale:
+    """The unit box of the joints' ranges."""
+    return Scale.of_range(samples.lower, samples.upper, samples.revolute)
 
 
 def associate(
@@ -91,14 +178,14 @@ def resolved(samples: Samples, options: TrainingOptions) -> tuple[TrainingOption
     options, notes = _with_sizes(samples, options)
     if options.map:
         return options, notes
-    plain = options.rule == "batch" and options.epochs is None and options.sigma is None
-    if options.body == "none" and samples.simulation is None and plain:
-        share = _gas_over_lattice(samples, options)
-        if share < _BETTER:
-            told = f"maps without a lattice (gas), which have {share:.2f} of a VDSOM's error"
-            notes.append(f"{told} on held-out blocks of the log; `map` chooses another")
-            return replace(options, map="gas"), notes
-    return replace(options, map=LATTICE), notes
+    plain = (options.rule, options.epochs, options.sigma, options.body)
+    alone = samples.simulation is None and plain == ("batch", None, None, "none")
+    share = _gas_over_lattice(samples, options) if alone else 1.0
+    if share >= _BETTER:
+        return replace(options, map=LATTICE), notes
+    told = f"maps without a lattice (gas), which have {share:.2f} of a VDSOM's error"
+    notes.append(f"{told} on held-out blocks of the log; `map` chooses another")
+    return replace(options, map="gas"), notes
 
 
 def _gas_over_lattice(samples: Samples, options: TrainingOptions) -> float:
@@ -133,13 +220,10 @@ def _with_sizes(samples: Samples, options: TrainingOptions) -> tuple[TrainingOpt
     # as many nodes in a lattice of the joints' dimension, and in one of the space
     motor = motor or (_of_dimension(dof, given) if len(given) == 2 and dof in (1, 3) else given)
     sensory = sensory or (_of_dimension(3, plane) if width == 3 else plane)
-    for name, shape, most, each in (
-        ("motor", motor, dof, "joint"),
-        ("sensory", sensory, width, "coordinate"),
-    ):
+    for name, shape, most in (("motor", motor, dof), ("sensory", sensory, width)):
         if len(shape) > most:
             told = f"{name} size {'x'.join(map(str, shape))}: expected at most {most} numbers"
-            raise OptionError(f"{told}, one per {each}", parameter=f"{name}_size")
+            raise OptionError(f"{told}, one for each axis", parameter=f"{name}_size")
     return replace(options, motor_size=motor, sensory_size=sensory), notes
 
 

@@ -16,17 +16,16 @@ from ..body.planar import planar_structure
 from ..body.rows import Rows
 from ..body.sensor import doubtful_depth
 from ..body.spatial import structure_of, unknown_structure
-from ..body.spatial_start import refuse_pixels
 from ..body.telling import warnings_of
 from ..body.views import is_camera
 from ..common.arrays import Array, Index
 from ..common.choices import VIEWS
-from ..common.scale import METRES, Scale
+from ..common.scale import METRES
 from ..errors import OptionError
 from ..maps.model_selection import misfit
 from ..maps.predictor import BodyInBox
 from ..samples.samples import Samples
-from .options import TrainingOptions
+from .learn import TrainingOptions, unit_box
 
 NO_ARM = 0.02
 """Share of the extent: a body that is further off explains nothing."""
@@ -53,11 +52,6 @@ class SmoothPart:
     def error(self) -> float:
         """Mean distance of held-out rows from the body [unit]."""
         return float(np.linalg.norm(self.fit.held_out, axis=1).mean())
-
-
-def unit_box(samples: Samples) -> Scale:
-    """The unit box of the joints' ranges."""
-    return Scale.of_range(samples.lower, samples.upper, samples.revolute)
 
 
 def find_smooth_part(samples: Samples, *, view: str = "auto", seed: int) -> SmoothPart:
@@ -90,10 +84,8 @@ def wrong_around(part: SmoothPart, samples: Samples, u: Array) -> Array | None:
 
 
 def taught(samples: Samples, part: SmoothPart | None, options: TrainingOptions) -> bool:
-    """Whether the maps learn from positions that the body imagines, besides the samples.
-
-    A log may leave parts of the joints' range out; a simulation only has too few samples.
-    """
+    """Whether the maps learn from positions that the body imagines, besides the samples."""
+    # a log may leave parts of the joints' range out, a simulation only has too few samples
     few = len(samples) < math.prod(options.shapes[0])
     return part is not None and (samples.simulation is None or few)
 
@@ -159,7 +151,6 @@ def _fit_in_space(samples: Samples, rows: Index, view: str, seed: int) -> BodyFi
         lens, sd = camera.lens, camera.lens_sd
         template = structure_of(arm, "pinhole", unit="px", extent=extent, lens=lens, lens_sd=sd)
         found = fit(template, [Rows(q, x)], seed=seed)
-        refuse_pixels(found.body, q, x)
         return replace(found, notes=(*found.notes, *doubtful_depth(found.body, q)))
     metre, unused = METRES.get(samples.unit, 1.0), ""
     if isinstance(arm, SpatialArm) and not simulated:

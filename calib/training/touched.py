@@ -151,8 +151,12 @@ def as_positions(model: Model, log: Samples) -> tuple[Samples, list[str]]:
     log, _ = in_sockets(model, log, touch)  # where the model has them
     gone = f"{count - len(log)} touches in no socket of theirs are left out"
     touch, q = log.touch or touch, model.about.joints_of(log)
+    noise = float(body.noise[0]) / structure.metre
     number, known, own = touch.renumbered()
-    rows = touching(structure, q, number, known, log.x, float(body.noise[0]) / structure.metre)
+    rows = [
+        replace(each, floor=0.5 * noise, noise=noise)
+        for each in touching(structure, q, number, known, log.x)
+    ]
     seen = together(structure, rows)
     belief, point = restated(body, seen), seen.groups["point"]
     at, beta, variance = belief.active, belief.beta.copy(), np.zeros((seen.size, seen.size))

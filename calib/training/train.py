@@ -15,16 +15,16 @@ from ..errors import LogError
 from ..maps.local_models import NO_MODELS
 from ..maps.model_selection import select
 from ..model.about import About, Rows
-from ..model.baseline import Paths, learn_baseline
+from ..model.baseline import Seen, learn_baseline
 from ..model.model import Model
 from ..samples.joint_values import directions
+from ..samples.moved import moved_words
 from ..samples.samples import Samples
 from ..samples.wrong_rows import screen
 from .bounds import approached, node_bounds, play_of, play_words, simulated_bounds
 from .evaluate import answered_within, fresh_residuals, held_out_residuals, summarise
-from .learn import Progress, associate, resolved
-from .options import TrainingOptions
-from .smooth import find_smooth_part, taught, to_learn, unit_box
+from .learn import Progress, TrainingOptions, associate, resolved, unit_box
+from .smooth import find_smooth_part, taught, to_learn
 from .sound_rows import fit_sound_rows
 from .touched import fit_sockets
 
@@ -110,6 +110,8 @@ def _learned(samples: Samples, options: TrainingOptions, progress: Progress) -> 
             samples = replace(samples, q=samples.q - play * directions(samples.q))
             part = fit(samples)
             notes.append(play_words(samples, play))
+        if simulation is None:
+            notes += moved_words(samples, part.fit.body.predict(samples.q))
     notes += part.fit.notes if part is not None else ()
 
     begin(0.1, "maps")
@@ -149,7 +151,7 @@ def _learned(samples: Samples, options: TrainingOptions, progress: Progress) -> 
     miss = np.linalg.norm(model.predictor.value(u[some]) - samples.x[some], axis=1)
     baseline = learn_baseline(association, known_u, known_x, miss)
     if part is None and simulation is None:
-        baseline = replace(baseline, paths=Paths.of(motor, baseline.motor, known_u))
+        baseline = replace(baseline, seen=Seen.of(scale, known_u))
     if play is not None:
         model = approached(model, play)
     begin(1.0, "done")

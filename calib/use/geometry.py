@@ -25,7 +25,7 @@ from ..body.parameters import Indices, Prior
 from ..body.rows import Rows
 from ..body.settings import FREE, SHIFT, STUDENT, UNTOLD
 from ..body.spatial import SpatialStructure, structure_of
-from ..body.spatial_start import frame
+from ..body.starts import frame
 from ..common.arrays import Array
 from ..common.choices import CAUSES, LOG_FRAMES
 from ..common.scale import METRES

@@ -70,8 +70,7 @@ def handeye(
         _place(f"{carried} in the frame of {arm.tip}", found.hand),
         _place(f"{standing} in the base frame", found.base),
         f"corners are predicted to {reprojection['mean']:.2g} px (largest "
-        f"{reprojection['max']:.2g}), {found.millimetres:.2g} mm at the board; "
-        f"{found.used} of {found.pictures} pictures",
+        f"{reprojection['max']:.2g}); {found.used} of {found.pictures} pictures",
         f"lens: focal length {found.lens['focal']:.1f} ± {found.lens['focal_95']:.2g} px",
         f"limited by {found.limited_by}",
     ]

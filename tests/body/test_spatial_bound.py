@@ -12,7 +12,7 @@ from calib.body.belief import Body
 from calib.body.rows import Rows
 from calib.body.sensor import SensorPose, without_gauge
 from calib.body.spatial import structure_of
-from calib.body.spatial_start import frame
+from calib.body.starts import frame
 
 NOISE = 5e-5
 
