@@ -15,9 +15,6 @@ from ..common.frozen import ReadOnly, frozen
 
 Indices = NDArray[np.intp]
 
-Part = tuple[str | None, str, str]
-"""Joint that a parameter belongs to, its name within the body, its unit."""
-
 
 class Label(NamedTuple):
     """What one parameter is, for words and JSON."""
@@ -48,7 +45,7 @@ class Block:
     """Parameters of one kind, which are freed together."""
 
     name: str
-    parts: tuple[Part, ...]
+    parts: tuple[tuple[str | None, str, str], ...]  # joint, name and unit of each, as `Label`
     mean: Array | float = 0.0  # prior mean
     sd: Array | float = 0.0  # prior sd where the block is freed; 0 holds a parameter at its mean
     scales: tuple[Hyper, ...] = ()  # whose sd the evidence chooses instead

@@ -20,7 +20,7 @@ import numpy as np
 from ..arm.spatial_chain import Motion, move
 from ..common.arrays import Array
 from .curves import HARMONICS, curve_slope, curve_value, waves_of
-from .parameters import Block, Gaussian, Hyper, Indices, Label, Part, Prior
+from .parameters import Block, Gaussian, Hyper, Indices, Label, Prior
 from .views import PLANAR, SPATIAL, Measurement, Moved, Placed, Sight, ViewKind, compose
 
 Ladder = tuple[tuple[str, tuple[str, ...]], ...]
@@ -174,7 +174,7 @@ class Structure:
                         hypers.append(each._replace(indices=at, shape=shape))
         return Prior(self.neutral(), sd, tuple(hypers))
 
-    def of_joints(self, what: str, *units: str) -> tuple[Part, ...]:
+    def of_joints(self, what: str, *units: str) -> tuple[tuple[str, str, str], ...]:
         """One parameter of each joint, in a unit that all share or each has."""
         every = units * self.dof if len(units) == 1 else units
         pairs = zip(self.joint_names, every, strict=True)
@@ -232,7 +232,7 @@ class Structure:
         return Fixed(
             gain[:, None], self.offsets(beta)[:, None], bent, curves,
             elastic if elastic.any() else None, self.links(beta),
-            {**own, **self.measurement.ready(own)},
+            {**own, "placed": self.measurement.placed(own)},
         )  # fmt: skip
 
     def offsets(self, beta: Array) -> Array:

@@ -42,8 +42,6 @@ class ViewKind:
     groups: tuple[str, ...] = ()  # groups of parameters that every member fits
     outputs: int = 2  # 2 positions in a plane or pixels, 3 positions in space, 6 of a pose
     least: int = 2  # fewest rows that place the sensor in front of an arm in space
-    # what is known of the tool where there is a drawing; None: nothing
-    tool: Hyper | None = None
 
     @property
     def scaled(self) -> bool:
@@ -71,7 +69,7 @@ SPATIAL = {
     "base pose": ViewKind(("tool", "tool.rotation"), 6, 3),
     "base target": ViewKind(("tool", "tool.rotation"), 6, 3),
     "pose": ViewKind((*_FRAME, "tool", "tool.rotation"), 6, 3),
-    "pinhole": ViewKind((*_FRAME, "tool"), 2, 6, Hyper("tool", TAG, WIDER)),
+    "pinhole": ViewKind((*_FRAME, "tool"), 2, 6),
 }
 """Sensors of an arm in space; where there are two outputs, a camera sees it."""
 
@@ -116,12 +114,8 @@ class Measurement:
         """The sensor at its parameters, by block."""
         raise NotImplementedError
 
-    def ready(self, own: Mapping[str, Array]) -> Mapping[str, Any]:
-        """What follows from the parameters alone, by further names for `look`."""
-        return {"placed": self.placed(own)}
-
     def look(self, own: Mapping[str, Any], motion: Motion, also: Array) -> Sight:  # noqa: ARG002
-        """See a chain with the parameters, by block, and what follows from them.
+        """See a chain with the parameters, by block; ``"placed"`` is the sensor at them.
 
         also : (n, g), what else a row tells: which point was touched, which corner was seen
         """
@@ -277,8 +271,8 @@ class InSpace(Measurement):
 
     @property
     def tool(self) -> Hyper | None:  # type: ignore[override]
-        """What is known of the tool."""
-        return SPATIAL[self.kind].tool
+        """What is known of the tool: a camera's tag is near the tip."""
+        return Hyper("tool", TAG, WIDER) if self.camera else None
 
     @property
     def camera(self) -> bool:

@@ -15,6 +15,7 @@ from ..arm.loading import arm_from_urdf
 from ..body.nominal import nominal_of
 from ..body.planar import PlanarStructure
 from ..body.spatial import SpatialStructure, structure_of
+from ..body.structure import Structure
 from ..common.arrays import Array
 from ..common.rows import thinned
 from ..errors import CalibError, OptionError
@@ -38,12 +39,10 @@ def nominal_in_plane(model: Parts, *, based: bool = False) -> tuple[PlanarStruct
     if based:
         structure = replace(structure, view="base", mirror=nominal.mirror)
         return structure, structure.neutral()
-    beta, view = structure.neutral(), slice(structure.groups["length"][0])
-    beta[view] = body.beta[view]  # the sensor's own parameters come first
-    return structure, beta
+    return structure, nominal_behind(structure, body.beta)
 
 
-def nominal_in_space(structure: SpatialStructure, beta: Array) -> Array:
+def nominal_behind(structure: Structure, beta: Array) -> Array:
     """Parameters of the drawing's arm behind the sensor, and with the tool, of a body's `beta`."""
     nominal = structure.neutral()
     for group, indices in structure.groups.items():
@@ -91,7 +90,7 @@ def nominal_for_kernel(model: Parts, arm: KernelArm) -> tuple[KernelArm | None, 
             return (KernelArm.of(structure, beta) if same else None), 0
         if own.informed:
             kind = 2 if own.dof >= 6 else 1 if own.outputs == 2 else 0
-            return KernelArm.of(own, nominal_in_space(own, model.body.beta)), kind
+            return KernelArm.of(own, nominal_behind(own, model.body.beta)), kind
         drawn = nominal_arm(model) if simulated else None
     except CalibError:
         return None, 0

@@ -18,6 +18,7 @@ from ..model.about import About, Rows
 from ..model.baseline import Seen, learn_baseline
 from ..model.model import Model
 from ..samples.joint_values import directions
+from ..samples.moved import moved_words
 from ..samples.samples import Samples
 from ..samples.wrong_rows import screen
 from .bounds import approached, node_bounds, play_of, play_words, simulated_bounds
@@ -109,6 +110,8 @@ def _learned(samples: Samples, options: TrainingOptions, progress: Progress) -> 
             samples = replace(samples, q=samples.q - play * directions(samples.q))
             part = fit(samples)
             notes.append(play_words(samples, play))
+        if simulation is None:
+            notes += moved_words(samples, part.fit.body.predict(samples.q))
     notes += part.fit.notes if part is not None else ()
 
     begin(0.1, "maps")

@@ -27,8 +27,8 @@ from ..model.model import Model
 from ..model.nominal import (
     moves_in_space,
     nominal_arm,
+    nominal_behind,
     nominal_in_plane,
-    nominal_in_space,
     visited_joints,
 )
 from ..model.space import REACHED, Space
@@ -85,7 +85,7 @@ class _Wanted:
         """Place (n, 3) and orientation (n, 3, 3) of the nominal tool in the base frame."""
         assert self.space is not None  # noqa: S101
         structure: Any = self.space.body.structure
-        place, turn = structure.pose(q, nominal_in_space(structure, self.space.body.beta))
+        place, turn = structure.pose(q, nominal_behind(structure, self.space.body.beta))
         return place, turn
 
 
@@ -332,12 +332,12 @@ def _wanted(model: Model, view: str, cause: str) -> _Wanted:
         if free and not in_space and (seen := fit_geometry(model, view=view, cause=cause).frame):
             moved = [seen, *moved]
     elif body is not None and own.informed and (free or own.view == "base"):
-        drawn, moved = frozen(nominal_in_space(own, body.beta)), []
+        drawn, moved = frozen(nominal_behind(own, body.beta)), []
         predict = partial(own.predict, beta=drawn)
         space = Space.of(model) if own.dof >= _POSED or own.camera else None
     else:
         fit = fit_geometry(model, view=view, cause=cause)
-        beta = frozen(nominal_in_space(fit.structure, fit.beta))
+        beta = frozen(nominal_behind(fit.structure, fit.beta))
         predict = partial(fit.structure.predict, beta=beta)
 
     def target(q: Array) -> Array:

@@ -32,7 +32,7 @@ def some_beta(s: PlanarStructure, seed: int = 0) -> np.ndarray:
     generator = np.random.default_rng(seed)
     beta = s.prior(s.members()[-1][1]).mean + generator.normal(0, 0.02, s.size)
     beta[s.groups["length"]] = 0.3
-    beta[4:6] = 0.5, -0.3
+    beta[s.groups["view.shift"]] = 0.5, -0.3
     return beta
 
 
@@ -83,9 +83,10 @@ def test_a_rotated_sensor_is_an_offset_of_the_first_joint():
     beta[s.groups["elastic"]] = 0.0
     moved, turned = beta.copy(), beta.copy()
     moved[s.groups["offset"][0]] += 0.3
-    turned[0] += 0.3
+    turned[s.groups["view.rotation"]] += 0.3
     for each in (moved, turned):
-        each[2:4] = each[6:11] = 0.0  # a rigid view
+        for name in ("view.shear", "view.tilt", "lens"):
+            each[s.groups[name]] = 0.0  # a rigid view
     q = np.random.default_rng(5).uniform(-1, 1, (6, 2))
     assert np.allclose(s.predict(q, moved), s.predict(q, turned), atol=1e-14)
 

@@ -14,7 +14,7 @@ from calib.arm.robots import resolve_robot
 from calib.arm.urdf import read_urdf
 from calib.body.spatial import structure_of
 from calib.errors import OptionError, QueryError
-from calib.model.nominal import nominal_in_space
+from calib.model.nominal import nominal_behind
 from calib.use.correct import correct
 from calib.use.geometry import fit_geometry
 
@@ -212,7 +212,7 @@ def test_six_joints_keep_the_tools_orientation():
     q = q + np.random.default_rng(1).uniform(-0.3, 0.3, (100, 6))
     found = correct(model, q)
     assert found.reachable.all()
-    wanted = structure.pose(q, nominal_in_space(structure, beta))
+    wanted = structure.pose(q, nominal_behind(structure, beta))
     reached = structure.pose(found.q, beta)
     assert np.abs(reached[0] - wanted[0]).max() < 1e-8
     assert np.abs(reached[1] - wanted[1]).max() < 1e-8
@@ -259,7 +259,7 @@ def test_the_placement_error_covers_where_the_tip_really_stands(robot, seed):
     found = correct(model, asked, limit=0.5)
     known = found.reachable
     assert known.mean() > 0.9
-    aim = structure.predict(asked[known], nominal_in_space(structure, beta))
+    aim = structure.predict(asked[known], nominal_behind(structure, beta))
     off = np.linalg.norm(structure.predict(found.q[known], beta) - aim, axis=1)
     assert np.mean(off <= found.placement_error[known]) >= 0.95
     assert np.median(found.placement_error) < 8 * np.median(off)

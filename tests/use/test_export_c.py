@@ -14,7 +14,7 @@ from models import in_pixels, in_plane, in_space, six
 import calib
 from calib.arm.rotations import logarithm
 from calib.errors import OptionError
-from calib.model.nominal import nominal_in_plane, nominal_in_space
+from calib.model.nominal import nominal_behind, nominal_in_plane
 from calib.use.formats import c_header
 
 COMPILER = shutil.which("cc") or shutil.which("gcc")
@@ -183,7 +183,7 @@ def test_six_joints_are_corrected_to_the_nominal_pose(tmp_path):
     fixed = answers(m, q, tmp_path)[3]
     structure, beta = m.body.structure, m.body.beta
     real, turned = structure.pose(fixed, beta)
-    wanted, aim = structure.pose(q, nominal_in_space(structure, beta))
+    wanted, aim = structure.pose(q, nominal_behind(structure, beta))
     assert np.linalg.norm(real - wanted, axis=1).max() < 1e-9
     angle = np.linalg.norm(logarithm(turned @ np.swapaxes(aim, 1, 2)), axis=1)
     off = np.linalg.norm(logarithm(structure.pose(q, beta)[1] @ np.swapaxes(aim, 1, 2)), axis=1)
