@@ -102,19 +102,6 @@ class Arm:
         found = self._by_rows(q, together)
         return found[..., :3], found[..., 3:]
 
-    def points(self, q: ArrayLike) -> Array:
-        """Return the joints' origins and the tip, to draw the arm, (n, m + 1, 3) or (m + 1, 3) [m].
-
-        At joint values (n, dof) or (dof,) [rad or m], in the root link's frame; the m joints
-        include mimic joints.
-        """
-
-        def stops(rows: Array) -> Array:
-            motion = self.chain.motion(rows)
-            return np.moveaxis(np.concatenate([motion.places, motion.position[None]]), 2, 0)
-
-        return self._by_rows(q, stops)
-
     @property
     def link_lengths(self) -> dict[str, float]:
         """Distance [m] from each joint to the next, the last to the tip, at zero."""
@@ -127,14 +114,12 @@ class Arm:
         The link is stretched along itself; all that lies beyond is carried along.
         """
         k = self._index(joint, "length")
-        if not np.isfinite(length) or length < 0:
-            raise OptionError(f"link length {length:g} m: expected a finite number, 0 or more")
         link, chain, own = self._links()[k], self.chain, self._own
         old = float(np.linalg.norm(link))
-        if old < _MIN_LENGTH:
+        if old < _MIN_LENGTH or not 0.0 <= length < math.inf:
             raise OptionError(
-                f"the link of joint {quoted(joint)} has no length: nothing can be stretched; "
-                "change another joint's link"
+                f"length {length:g} m of the link of joint {quoted(joint)}, which is {old:g} m "
+                "long: expected 0 or more, of a link that has a length"
             )
         shift = (length / old - 1.0) * link
         points, centres = chain.points.copy(), chain.centres.copy()
@@ -151,8 +136,6 @@ class Arm:
         left of it, and off the plane.
         """
         offset = np.array([dx, dy, dz], dtype=float)
-        if not np.isfinite(offset).all():
-            raise OptionError(f"tip offset {dx}, {dy}, {dz}: expected finite numbers [m]")
         tip = self.chain.tip + offset @ self._tip_axes
         return replace(self, chain=replace(self.chain, tip=tip))
 

@@ -52,7 +52,8 @@ def find_chains(
 ) -> list[Chain]:
     """Chains of two free joints or more that reach alike and furthest, the furthest first."""
     tips = [tip] if tip else sorted({_arm_tip(urdf, posture, joint) for joint in free})
-    paths = [([joint for joint in urdf.path(end) if joint in free], end) for end in tips]
+    names = {joint.name for joint in free}
+    paths = [([joint for joint in urdf.path(end) if joint.name in names], end) for end in tips]
     found = [
         Chain(tuple(path), end, _reach(path, end, posture)) for path, end in paths if len(path) > 1
     ]

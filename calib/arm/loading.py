@@ -125,19 +125,18 @@ def arm_from_urdf(
     wanted = None if tip is None else _find_link(urdf, tip)
     kinematics = Kinematics(urdf)
     posture = kinematics.posture(lock)
+    own = [j for j in urdf.joints if j.movable and not j.mimic and j.name not in lock]
     if joints is None:
-        logged = {joint.name for joint in urdf.joints} if columns is None else set(columns)
-        free = [
-            joint
-            for joint in _leaders(urdf, lock)
-            if joint.name in logged and (joint.name in ranges or not joint.stuck)
-        ]
+        logged = {joint.name for joint in own} if columns is None else set(columns)
+        usable = [joint for joint in own if joint.name in ranges or not joint.stuck]
+        free = [joint for joint in usable if joint.name in logged]
         best, notes = _found(urdf, posture, free, wanted, planar=planar, logged=columns is not None)
-        idle = [j.name for j in urdf.path(best.tip) if j.movable and j.name not in logged]
-        notes += [f"locked because the log has no columns for them: {listed(idle)}"] * bool(idle)
+        path = {joint.name for joint in urdf.path(best.tip)}
+        if idle := [joint.name for joint in own if joint.name in path - logged]:
+            notes.append(f"locked because the log has no columns for them: {listed(idle)}")
     else:
         named = re.split(r"\s*,\s*", joints.strip()) if isinstance(joints, str) else joints
-        best, notes = _named(urdf, posture, named, wanted, lock), []
+        best, notes = _named(urdf, posture, named, wanted, own), []
     active, tip = best.joints, best.tip
     if wanted is None and not tip.lower().endswith(TIP_NAMES):
         notes.append(f"tip {quoted(tip)} was chosen (`tip` changes it)")
@@ -188,11 +187,6 @@ def arm_from_urdf(
     return arm.with_range({**ranges, **{joint.name: joint.travel for joint in others}})
 
 
-def _leaders(urdf: Urdf, lock: Mapping[str, float]) -> list[Joint]:
-    """Joints that move on their own."""
-    return [j for j in urdf.joints if j.movable and not j.mimic and j.name not in lock]
-
-
 def _found(
     urdf: Urdf,
     posture: Posture,
@@ -237,13 +231,14 @@ def _named(
     posture: Posture,
     names: Sequence[str],
     tip: str | None,
-    lock: Mapping[str, float],
+    own: Sequence[Joint],
 ) -> Chain:
-    """Return the arm of the joints that a user named."""
+    """Return the arm of the joints that a user named, all of them `own` ones, with no leader."""
     asked = [_movable(urdf, name, "joints") for name in names]
     if tip is None and asked:
         tip = find_tip(urdf, max(asked, key=lambda joint: len(urdf.path(joint.child))).child)
-    free = [j.name for j in urdf.path(tip or "") if j in _leaders(urdf, lock)]
+    path = {joint.name for joint in urdf.path(tip or "")}
+    free = [joint.name for joint in own if joint.name in path]
     chains = find_chains(urdf, posture, [joint for joint in asked if joint.name in free], tip)
     if not chains or sorted(joint.name for joint in chains[0].joints) != sorted(names):
         raise OptionError(

@@ -149,7 +149,7 @@ class Urdf:
 
     def below(self, link: str) -> tuple[Joint, ...]:
         """Joints that a link carries directly, in file order."""
-        return tuple(joint for joint in self.joints if joint.parent == link)
+        return self._below.get(link, ())
 
     def carries(self, link: str) -> bool:
         """Whether some movable joint lies beyond a link."""
@@ -158,6 +158,11 @@ class Urdf:
     @cached_property
     def _above(self) -> dict[str, Joint]:
         return {joint.child: joint for joint in self.joints}
+
+    @cached_property
+    def _below(self) -> dict[str, tuple[Joint, ...]]:
+        parents = {joint.parent for joint in self.joints}
+        return {link: tuple(j for j in self.joints if j.parent == link) for link in parents}
 
 
 def read_urdf(path: Path) -> str:
@@ -190,9 +195,7 @@ def parse_urdf(text: str, name: str = "robot") -> Urdf:
     """
     robot = _parse_xml(text)
     notes: list[str] = []
-    own_name = (robot.get("name") or "").strip()
-    if not own_name:
-        notes.append(f"the URDF gives the robot no name: {name} is used")
+    own_name = robot.get("name", "").strip()
     links, joint_names = _names(robot, "link"), _names(robot, "joint")
     if not links:
         raise RobotError("the URDF has no links: expected a robot with links and joints")

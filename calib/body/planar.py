@@ -217,49 +217,41 @@ def planar_starts(
 ) -> list[tuple[PlanarStructure, Array]]:
     """Candidates of signs, mirror and parameters (d,), the best linear fits first.
 
-    With a nominal geometry its own signs come first; every combination is tried where the view
-    is not metric (a camera says nothing of the servos) or where the nominal signs do not fit.
+    With a nominal geometry its own signs alone, unless they do not fit or the view is not metric:
+    a camera says nothing of the servos.
     """
     nominal, tip = structure.nominal, z[:, 0] + 1j * z[:, 1]
-    if nominal is None:
-        found = [_linear(structure, q, tip, *each) for each in sides(structure.revolute)]
-    else:
-        found = []
+    start, ways = _linear, sides(structure.revolute)
+    if nominal is not None:
         mirrors = (nominal.mirror,) if structure.view == "base" else (1, -1)
-        for flip in product((1, -1), repeat=structure.dof):
-            signs = tuple(np.multiply(nominal.signs, flip).tolist())
-            found += [_placed(structure, q, tip, signs, mirror) for mirror in mirrors]
-            fits = min(error for error, _, _ in found) <= DOUBTED * structure.extent
-            if signs == nominal.signs and fits and not structure.seen_as.scaled:
-                break
-    found.sort(key=lambda item: item[0])
-    return [(each, beta) for _, each, beta in found[:_MOST]]
+        flips = np.array([*product((1, -1), repeat=structure.dof)]) * nominal.signs
+        start, ways = _placed, product(map(tuple, flips.tolist()), mirrors)
+    every = [replace(structure, signs=signs, mirror=mirror) for signs, mirror in ways]
+    found = sorted(((each, *start(each, q, tip)) for each in every), key=lambda item: item[1])
+    own = [item for item in found if nominal is not None and item[0].signs == nominal.signs]
+    if own and own[0][1] <= DOUBTED * structure.extent and not structure.seen_as.scaled:
+        found = own
+    return [(each, beta) for each, _, beta in found[:_MOST]]
 
 
-def _placed(
-    structure: PlanarStructure, q: Array, tip: Complex, signs: tuple[int, ...], mirror: int
-) -> tuple[float, PlanarStructure, Array]:
-    """Error, structure and parameters of the drawing in the frame that fits tips (n,) best."""
-    own = replace(structure, signs=signs, mirror=mirror)
+def _placed(own: PlanarStructure, q: Array, tip: Complex) -> tuple[float, Array]:
+    """Error and parameters of the drawing in the frame that fits tips (n,) best."""
     beta, groups = own.neutral(), own.groups
     if own.view != "base":
-        p = own.seen(q, beta)[0].position.T @ (1, 1j * mirror)
+        p = own.seen(q, beta)[0].position.T @ (1, 1j * own.mirror)
         t = np.vdot(p - p.mean(), tip) / (np.vdot(p - p.mean(), p).real + 1e-300)
         scale = np.log(max(abs(t), 1e-12) / own.metre) if own.seen_as.scaled else 0.0
         shift = np.mean(tip - own.metre * np.exp(scale + 1j * np.angle(t)) * p)
         beta[groups["view.rotation"]], beta[groups["view.scale"]] = np.angle(t), scale
         beta[groups["view.shift"]] = shift.real, shift.imag
     miss = np.abs(tip - own.predict(q, beta) @ (1, 1j))
-    return float(np.sqrt(np.mean(miss**2))), own, beta
+    return float(np.sqrt(np.mean(miss**2))), beta
 
 
-def _linear(
-    structure: PlanarStructure, q: Array, tip: Complex, signs: tuple[int, ...], mirror: int
-) -> tuple[float, PlanarStructure, Array]:
-    """Error, structure and parameters of the chain that fits tips (n,) best."""
-    own = replace(structure, signs=signs, mirror=mirror)
+def _linear(own: PlanarStructure, q: Array, tip: Complex) -> tuple[float, Array]:
+    """Error and parameters of the chain that fits tips (n,) best."""
     beta, groups, turning = own.neutral(), own.groups, np.asarray(own.revolute)
-    found, miss = linear_chain(q, tip, signs, mirror, own.revolute)
+    found, miss = linear_chain(q, tip, own.signs, own.mirror, own.revolute)
     sizes = np.asarray(found.lengths) / own.metre
     if own.seen_as.scaled:  # in the first length, or where joints slide in metres
         unit = float(sizes[0] if turning.all() else np.exp(np.log(sizes[~turning] + 1e-300).mean()))
@@ -268,7 +260,7 @@ def _linear(
     beta[groups["length"]] = np.where(turning, sizes, 0.0)
     beta[groups["offset"]], beta[groups["view.rotation"]] = found.offsets, found.rotation
     beta[groups["view.shift"]] = found.shift
-    return float(np.sqrt(np.mean(miss**2))), own, beta
+    return float(np.sqrt(np.mean(miss**2))), beta
 
 
 def planar_structure(

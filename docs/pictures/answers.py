@@ -60,7 +60,9 @@ def maps() -> None:
     answers = sorted(model.inverse_all(TARGET)[0], key=lambda q: -q[1])
     for q, colour in zip(answers, ("#0b7285", INK), strict=True):
         left.plot(*np.degrees(q), "o", color=colour, markersize=10, markeredgecolor="white")
-        skeleton = 1e3 * arm.plane.project(arm.points(q[None])[0])
+        motion = arm.chain.motion(q[None])
+        stops = np.vstack([motion.places[..., 0], motion.position.T])
+        skeleton = 1e3 * arm.plane.project(stops)
         right.plot(*skeleton.T, "-o", color=colour, linewidth=3.5, markersize=6)
     right.plot(
         *(1e3 * TARGET), "*", color="white", markeredgecolor="black", markersize=16, zorder=5

@@ -77,11 +77,12 @@ def agrees_with_pinocchio(arm, text, mimics):
     # an axis may be askew by 1e-4 rad: what leaves the plane is projected onto it
     planar = said.shape[1] == 2
     seen = arm.plane.project(truth) if planar else truth
-    size = max(1.0, np.abs(truth).max() / FAR, np.abs(arm.points(q)).max() / FAR)
+    far = np.abs(arm.chain.motion(q).places).max()
+    size = max(1.0, np.abs(truth).max() / FAR, far / FAR)
     assert np.abs(said - seen).max() <= 1e-9 * size
     if planar:
         away = (truth - arm.plane.origin) @ arm.plane.normal
-        reach = np.abs(truth - arm.plane.origin).max() + np.abs(arm.points(q)).max()
+        reach = np.abs(truth - arm.plane.origin).max() + far
         assert np.abs(away).max() <= 1e-9 * size + 1e-3 * reach
 
 
