@@ -162,7 +162,7 @@ def _fit_in_space(samples: Samples, rows: Index, view: str, seed: int) -> BodyFi
         unused = f"orientations are not used with the view {kind!r}"
     else:
         names, turns = samples.joint_names, samples.revolute
-        template = unknown_structure(names, turns, extent, samples.unit, metre)
+        template = unknown_structure(names, turns, extent, samples.unit, metre, simulated)
         unused = "orientations are used together with the robot's URDF: give `robot`"
-    found = fit(template, [Rows(q, x)], simulated=simulated, seed=seed)
+    found = fit(template, [Rows(q, x)], seed=seed)
     return found if orientation is None else replace(found, notes=(*found.notes, unused))
