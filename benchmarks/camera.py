@@ -213,8 +213,8 @@ def logged(folder: Path, metres: bool, name: str = "log.csv") -> tuple[calib.Sam
         lens, _ = load_lens(folder / "shots", BOARD)
         setting = Setup(7, board=BOARD, lens=lens)
     made = log_pictures(folder / "pictures", read_joints(folder / "joints.csv"), setting)
-    made.write(folder / name)
-    return calib.read_log(folder / name, joints=NAMES), f"{made.noise:.2g} {made.unit}"
+    calib.write_log(made, folder / name)
+    return calib.read_log(folder / name, joints=NAMES), f"{made.source['noise']:.2g} {made.unit}"
 
 
 def main() -> None:
@@ -267,7 +267,7 @@ def run(folder: Path, count: int, seconds: float) -> None:
             with stage(f"calib log, {seconds:g} s of video"):
                 shot = log_video(folder / "film" / "run.mp4", table, setting)
             off = 1e3 * abs(shot.source["time_offset"] - 1004.0)
-            shot.write(folder / "film" / f"{what}.csv")
+            calib.write_log(shot, folder / "film" / f"{what}.csv")
             log = calib.read_log(folder / "film" / f"{what}.csv", joints=NAMES)
             print(
                 f"{what}, video, {len(log)} rests, clocks off by {off:.1f} ms: "

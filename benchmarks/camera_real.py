@@ -27,7 +27,7 @@ from calib.recording.joint_table import JointTable
 from calib.recording.lens import Lens
 from calib.recording.setting import Setup
 from calib.recording.tag_logs import log_pictures, log_video
-from calib.samples.recorded import Recorded
+from calib.samples.samples import Samples
 
 Change = Callable[[np.ndarray, int, np.random.Generator], np.ndarray]
 
@@ -60,7 +60,7 @@ def shots(
     return q, pictures
 
 
-def logged(q: np.ndarray, pictures: list[np.ndarray], setting: Setup) -> Recorded:
+def logged(q: np.ndarray, pictures: list[np.ndarray], setting: Setup) -> Samples:
     """Make the log of pictures."""
     with tempfile.TemporaryDirectory() as folder:
         for k, picture in enumerate(pictures):
@@ -69,7 +69,7 @@ def logged(q: np.ndarray, pictures: list[np.ndarray], setting: Setup) -> Recorde
         return log_pictures(folder, JointTable("joints", tuple(NAMES), q, None, names), setting)
 
 
-def told(name: str, desk: Desk, make: Callable[[], Recorded]) -> None:
+def told(name: str, desk: Desk, make: Callable[[], Samples]) -> None:
     """Print how far a log is off, and what it says."""
     try:
         log = make()
@@ -82,8 +82,8 @@ def told(name: str, desk: Desk, make: Callable[[], Recorded]) -> None:
     rms = scale * np.sqrt(np.square(miss).mean())
     worst = scale * np.linalg.norm(miss, axis=1).max()
     print(
-        f"{name}: rms {rms:.3f} {unit}, stated {scale * log.noise:.3f}, worst {worst:.3f} {unit}, "
-        f"{len(log)} rows"
+        f"{name}: rms {rms:.3f} {unit}, stated {scale * log.source['noise']:.3f}, "
+        f"worst {worst:.3f} {unit}, {len(log)} rows"
     )
     for note in log.notes:
         print(f"    {note}")
@@ -96,7 +96,7 @@ def clipped(count: int) -> None:
         desk = replace(DESK, still=(lying,))
         q, pictures = shots(desk, count)
 
-        def made(q=q, pictures=pictures) -> Recorded:
+        def made(q=q, pictures=pictures) -> Samples:
             return logged(q, pictures, METRES)
 
         seen = desk.camera.project(lying.outline())
@@ -225,7 +225,7 @@ def shutter(_count: int) -> None:
                 ("in motion up to 3 rad/s", 3.0),
             ):
 
-                def made(still: float | None = still, folder: str = folder) -> Recorded:
+                def made(still: float | None = still, folder: str = folder) -> Samples:
                     return log_video(f"{folder}/run.mp4", table, PIXELS, still=still)
 
                 told(f"{name} shutter, {what}", DESK, made)

@@ -216,7 +216,7 @@ def guard(worlds: int) -> None:
             for first in (24, 24 + SERIES):
                 shots = pictures(rig, rig.seen + bumped * moved, first, first + SERIES)
                 log = shots.log(glass, rig.in_hand)
-                log = replace(own.poses, q=log.q, x=log.x, orientation=log.quaternion)
+                log = replace(own.poses, q=log.q, x=log.x, orientation=log.orientation)
                 drifted = bool(calib.check(model, log).drifted)
                 alarms += drifted and not bumped
                 found += drifted and bumped

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from calib.model.model import Model
     from calib.recording.lens import Lens
     from calib.recording.setting import Setup
-    from calib.samples.recorded import Recorded
+    from calib.samples.samples import Samples
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -87,7 +87,7 @@ class Shooting:
         max_gap: float,
         still: float | None,
         time_offset: float | None,
-    ) -> Recorded:
+    ) -> Samples:
         """Make a log of pictures or a video, and draw what was seen if that is wanted."""
         first, source = Path(sources[0]), sources[0] if len(sources) == 1 else sources
         film = first.is_file() and first.suffix.lower() not in PICTURES
@@ -116,14 +116,14 @@ class Shooting:
         else:
             made = log_pictures(source, table, setting)
             named = {each.name: each for each in list_pictures(source)}
-            path = named[(made.pictures or ())[len(made) // 2]]
+            path = named[made.pictures[len(made) // 2]]
         say(made.notes)
         folder = Path(output).resolve().parent
         if output != "-" and path.resolve().is_relative_to(folder):
             # named in the log, so that train can draw the map over it
             name = path.resolve().relative_to(folder).as_posix()
             made = replace(made, source={**made.source, "photo": name})
-        if self.picture is not None:
+        if self.picture is not None and made.pixels is not None:
             write_seen(self.picture, read_photo(path), setting, made.pixels)
         return made
 
@@ -150,7 +150,7 @@ def record_board(
     camera: str | None,
     joints: Sequence[str] | None,
     **of_joints: Any,
-) -> Recorded:
+) -> Samples:
     """Make a log of pictures of a board; `lens` is a lens, its file or its pictures, or None."""
     import calib
     from calib.recording.board_pictures import find_board
@@ -176,6 +176,8 @@ def log_of_pictures(
     model: Model, source: str, joints_file: str | None, camera: str | None, degrees: bool | None
 ) -> Iterator[str]:
     """A log as typed; or one of pictures, read as the model's own were."""
+    from calib.samples.logs import write_log
+
     if joints_file is None and not Path(source).is_dir():
         yield source
         return
@@ -189,7 +191,7 @@ def log_of_pictures(
     )  # fmt: skip
     with TemporaryDirectory() as folder:
         path = str(Path(folder) / f"{Path(source).name}.csv")
-        made.write(path)
+        write_log(made, path)
         yield path
 
 

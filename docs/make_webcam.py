@@ -61,7 +61,7 @@ def main(target: Path) -> None:
         photo = read_picture(list_pictures(folder / "pictures")[7], colour=True)
         write_seen(folder / "seen.png", photo, board_given, made.pixels)
         save(Image.open(folder / "seen.png"), target / "webcam-seen.jpg")
-        made.write(folder / "log.csv")
+        calib.write_log(made, folder / "log.csv")
         log = calib.read_log(folder / "log.csv", joints=list(made.joint_names))
         model = calib.train(log)
         shown = take_photo(list_pictures(folder / "pictures")[7], model.sensory.weights, "px")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 
@@ -16,19 +16,16 @@ from .settings import SHARED, UNTOLD
 from .structure import OfStructure, Structure
 from .views import is_camera
 
-_CHUNK = 2000
-"""Rows that a bound is evaluated for at a time."""
+_CHUNK = 2000  # rows that a bound is evaluated for at a time
 
 
-@dataclass(frozen=True)
-class Parameter:
+class Parameter(NamedTuple):
     """One parameter of a body with its 95 % interval."""
 
     name: str
     group: str
     joint: str | None
-    # in `unit`
-    value: float
+    value: float  # in `unit`
     low: float
     high: float
     unit: str
@@ -144,13 +141,12 @@ class Body(OfStructure):
 
     def parameters(self) -> tuple[Parameter, ...]:
         """The fitted parameters with 95 % intervals; the curves' harmonics are left out."""
-        sd = self.told
-        out = []
-        for index in self.active:
-            group, joint, name, unit = self.structure.labels[int(index)]
-            value, half = float(self.beta[index]), 1.96 * float(sd[index])
+        half, labels, out = 1.96 * self.told, self.structure.labels, []
+        for index in self.active.tolist():
+            (group, joint, name, unit), value = labels[index], float(self.beta[index])
+            ends = float(value - half[index]), float(value + half[index])
             if not group.startswith("curve"):
-                out.append(Parameter(name, group, joint, value, value - half, value + half, unit))
+                out.append(Parameter(name, group, joint, value, *ends, unit))
         return tuple(out)
 
     def describe(self) -> tuple[str, ...]:
@@ -177,7 +173,7 @@ class Body(OfStructure):
             "rows": self.rows,
             "noise": [float(v) for v in self.noise],
             "kappa": self.kappa,
-            "parameters": [vars(p) for p in self.parameters()],
+            "parameters": [p._asdict() for p in self.parameters()],
             "words": list(self.describe()),
         }
 

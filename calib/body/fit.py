@@ -76,10 +76,11 @@ class Fit:
         """Noise sd (m,) of each output."""
         return self.parts[0].noise
 
-    def with_noise(self, rows: Sequence[Rows]) -> list[Rows]:
-        """Rows of the same sensors, their noise to begin with as it was found."""
+    def beginning(self, rows: Sequence[Rows], prior: Prior) -> Fit:
+        """A fit of rows of the same sensors under another prior, from what was found on."""
         pairs = zip(rows, self.parts, strict=True)
-        return [replace(each, noise=part.noise) for each, part in pairs]
+        rows = [replace(each, noise=part.noise) for each, part in pairs]
+        return Fit(self.structure, rows, self.beta, prior, nu=self.nu)
 
     # The posterior.
 

@@ -14,7 +14,6 @@ from ..common.arrays import Array
 from . import settings
 from .belief import Body, Second
 from .covariance import as_kept
-from .fit import Fit
 from .gate import Passed, leave_blocks_out, pass_gate
 from .parameters import Prior
 from .planar import PlanarStructure
@@ -50,83 +49,73 @@ class BodyFit:
 
 
 def fit(
-    structure: Structure,
-    rows: Sequence[Rows],
-    *,
-    begin: Array | None = None,
-    simulated: bool | None = None,
-    seed: int = 0,
+    structure: Structure, rows: Sequence[Rows], *, begin: Array | None = None, seed: int = 0
 ) -> BodyFit:
     """Fit a structure to what one sensor or several saw of its chain.
 
     structure : the chain and its priors; signs and mirror are found, and without a drawing the
         chain.  Of several sensors it is what `rows.together` makes of it.
-    rows : of each sensor; the first one's are what the belief predicts, and what is held out
+    rows : of each sensor; the first one's are what the belief predicts
     begin : (d,), parameters to begin with; by default they are found from the first sensor's rows
-    simulated : whether the rows are samples of a simulation: Gaussian weights, a lower noise
-        floor; by default what the structure says
     seed : chooses the rows of the gate where there are many
     """
-    simulated = structure.simulated if simulated is None else simulated
-    share = settings.SIMULATED_FLOOR if simulated else settings.LOG_FLOOR
-    size = share * np.array([*[structure.extent] * 3, 1.0, 1.0, 1.0])  # rotations in rad
-    rows = [replace(each, floor=size[: each.z.shape[1]]) for each in rows]
-    found = _fitted(structure, rows, begin, simulated, seed)
+    found = _fitted(structure, rows, begin, seed)
     if not isinstance(structure, PlanarStructure) or structure.nominal is None:
         return found
-    if structure.view == "base" or _typical(found) < settings.DOUBTED * structure.extent:
+    typical = np.median(np.linalg.norm(found.held_out, axis=1))
+    if structure.view == "base" or typical < settings.DOUBTED * structure.extent:
         return found
-    free = _fitted(replace(structure, nominal=None), rows, begin, simulated, seed)
-    if not _typical(free) < _typical(found) / 2:
+    free = _fitted(replace(structure, nominal=None), rows, begin, seed)
+    if not np.median(np.linalg.norm(free.held_out, axis=1)) < typical / 2:
         return found
     note = "the nominal geometry does not fit the rows, even with its frame free: it is not used"
     return replace(free, notes=(note,))
 
 
-def _typical(found: BodyFit) -> float:
-    """Median length of held-out residuals."""
-    return float(np.median(np.linalg.norm(found.held_out, axis=1)))
-
-
-def _fitted(
-    structure: Structure, rows: Sequence[Rows], begin: Array | None, simulated: bool, seed: int
-) -> BodyFit:
-    q, z = rows[0].q, rows[0].z
-    nu = np.inf if simulated else settings.STUDENT
-    members = structure.members()
+def _fitted(structure: Structure, rows: Sequence[Rows], begin: Array | None, seed: int) -> BodyFit:
+    """The fit; samples of a simulation have Gaussian weights and a lower noise floor."""
+    floor, nu = settings.LOG_FLOOR, settings.STUDENT
+    if structure.simulated:
+        floor, nu = settings.SIMULATED_FLOOR, np.inf
+    sizes = floor * np.array([*[structure.extent] * 3, 1.0, 1.0, 1.0])  # rotations in rad
+    rows = [replace(each, floor=sizes[: each.z.shape[1]]) for each in rows]
+    members, rng = structure.members(), np.random.default_rng(seed)
     chain = next((free for name, free in members if name == "chain"), members[0][1])
-    some, rng = list(rows), np.random.default_rng(seed)
-    for k, each in enumerate(rows):
-        if len(each) > structure.gate_rows:  # a draw in the order of the log
-            some[k] = each.take(np.sort(rng.permutation(len(each))[: structure.gate_rows]))
+    # a draw in the order of the log
+    drawn = [np.sort(rng.permutation(len(each))[: structure.gate_rows]) for each in rows]
+    some = [each.take(own) for each, own in zip(rows, drawn, strict=True)]
     starts = (
-        (Start(structure, begin),) if begin is not None else best_starts(structure, q, z, chain)
+        [Start(structure, begin)] if begin is not None else best_starts(structure, rows[0], chain)
     )
     tried = [pass_gate(start, chain, some, nu) for start in starts]
     passed = max(tried, key=lambda each: each.fit.evidence)
     whole = passed.fit
-    if any(len(few) < len(every) for few, every in zip(some, rows, strict=True)):
-        whole = _over_all_rows(passed.fit, rows)
-    held, own = leave_blocks_out(whole), whole.structure
-    repeat, second = 0.0, None
-    if not simulated:
-        repeat = repeatability(q, z[:, : own.blocks[0]])
-        second = _second(passed, chain, some)
+    if max(map(len, rows)) > structure.gate_rows:  # carried on over all rows, its scales kept
+        sd = np.zeros(len(whole.beta))
+        sd[whole.active] = whole.sd
+        # exact rows leave nothing to learn of their noise
+        learn = bool((whole.noise > whole.parts[0].floor).any())
+        whole = whole.beginning(rows, Prior(whole.mean, sd))
+        whole.maximise(learn=learn, steps=4, tolerance=settings.SETTLED)
+    held, own, first = leave_blocks_out(whole), whole.structure, rows[0]
     body = Body(
         own, whole.beta, whole.active, as_kept(whole.covariance), whole.noise,
         kappa=max(1.0, held.ratio()), tau=held.tau(whole), residual=np.zeros(own.outputs), nu=nu,
-        autocorrelation=whole.autocorrelation, scales=passed.fit.scales, rows=len(z),
-        simulated=simulated, member=passed.name, second=second, repeat=repeat,
+        autocorrelation=whole.autocorrelation, scales=passed.fit.scales, rows=len(first),
+        simulated=structure.simulated, member=passed.name,
     )  # fmt: skip
+    if not structure.simulated:
+        repeat = _repeatability(first.q, first.z[:, : own.blocks[0]])
+        body = replace(body, second=_second(passed, chain, some), repeat=repeat)
     # Where the other blocks determine nothing, they predict their mean.
-    first, *others = (
+    residuals = [
         np.where(np.isfinite(residual), residual, each.z - each.z.mean(axis=0))
         for residual, each in zip(held.residuals, rows, strict=True)
-    )
-    return BodyFit(body, first, beside=tuple(others))
+    ]
+    return BodyFit(body, residuals[0], beside=tuple(residuals[1:]))
 
 
-def repeatability(q: Array, z: Array) -> float:
+def _repeatability(q: Array, z: Array) -> float:
     """Sd of readings `z` (n, p) [unit] along an axis where joints (n, dof) are the same; else 0."""
     _, pose, count = np.unique(q.round(6), axis=0, return_inverse=True, return_counts=True)
     freedom, pose = len(q) - len(count), pose.ravel()
@@ -134,17 +123,6 @@ def repeatability(q: Array, z: Array) -> float:
         return 0.0
     means = np.stack([np.bincount(pose, axis) for axis in z.T], axis=1) / count[:, None]
     return float(np.sqrt(((z - means[pose]) ** 2).sum() / (freedom * z.shape[1])))
-
-
-def _over_all_rows(fit: Fit, rows: Sequence[Rows]) -> Fit:
-    """The member's fit carried on over all rows, with its prior scales kept."""
-    sd = np.zeros(len(fit.beta))
-    sd[fit.active] = fit.sd
-    # exact rows leave nothing to learn of their noise
-    learn = bool((fit.noise > fit.parts[0].floor).any())
-    rows = fit.with_noise(rows)
-    whole = Fit(fit.structure, rows, fit.beta, Prior(fit.mean, sd), nu=fit.nu)
-    return whole.maximise(learn=learn, steps=4, tolerance=settings.SETTLED)
 
 
 def _second(passed: Passed, chain: tuple[str, ...], rows: Sequence[Rows]) -> Second | None:
@@ -172,8 +150,7 @@ def _second(passed: Passed, chain: tuple[str, ...], rows: Sequence[Rows]) -> Sec
             hypers.append(h)
     for h in hypers:
         sd[h.indices] = h.scale * np.sqrt(h.shape)
-    wider = Prior(prior.mean, sd, tuple(hypers))
-    made = Fit(fit.structure, fit.with_noise(rows), fit.beta, wider, nu=fit.nu).maximise(steps=4)
+    made = fit.beginning(rows, Prior(prior.mean, sd, tuple(hypers))).maximise(steps=4)
     # Few rows of an arm in space tell how large its curves are altogether, if not where.
     few = count < settings.SHARED_ROWS and fit.structure.kind == "spatial"
     share = np.clip(leave_blocks_out(made).ratio(), settings.LEAST_SHARE, 1.0) if few else 1.0

@@ -31,25 +31,18 @@ _PARTITIONS = (0, 2, 5, 10)
 
 @dataclass(frozen=True)
 class HeldOut:
-    """What a fit predicts for each contiguous block of rows from the others."""
+    """What a fit predicts for each contiguous block of rows from the others.
 
-    # (n, m) of each sensor, held-out residuals of ten blocks; NaN where the other blocks do not
-    # determine the body
-    residuals: tuple[Array, ...]
-    # (n,), negative log predictive density of the first sensor's rows, up to a constant; NaN for
-    # rows without a spread
-    score: Array
-    edges: Indices  # (b + 1,), limits of their blocks
+    All but `residuals` are of the first sensor.
+    """
+
+    residuals: tuple[Array, ...]  # (n, m) of each sensor; NaN where the others leave the body open
+    score: Array  # (n,), negative log predictive density, up to a constant; NaN without a spread
+    edges: Indices  # (b + 1,), limits of the blocks
     # dict of int to (n,) array, error over the 95 % radius, for partitions into 2, 5 and 10 blocks,
     # and 0: of the fit itself, whose own residuals may contradict what it states there
     ratios: dict[int, Array]
-    # (n,), rows that are no outliers of the fit itself; the others do not enter `kappa`
-    common: NDArray[np.bool_]
-
-    @property
-    def residual(self) -> Array:
-        """Held-out residuals (n, m) of the first sensor."""
-        return self.residuals[0]
+    common: NDArray[np.bool_]  # (n,), rows that are no outliers: the others do not enter `kappa`
 
     def blockwise(self) -> Array:
         """Mean score of each block, NaN where there is none."""
@@ -69,9 +62,8 @@ class HeldOut:
             enough = (part for part in known if len(part) > LEAST_ROWS_OF_A_QUANTILE)
             return [float(np.quantile(part, 0.95)) for part in enough]
 
-        usual = {parts: each[self.common] for parts, each in self.ratios.items()}
-        finest = np.where(self.common, self.ratios[max(usual)], np.nan)
-        found = quantiles(list(usual.values()))
+        found = quantiles([each[self.common] for each in self.ratios.values()])
+        finest = np.where(self.common, self.ratios[max(self.ratios)], np.nan)
         single = quantiles(np.split(finest, self.edges[1:-1]))
         if len(single) > 1:
             found.append(float(np.mean(single) + np.std(single)))
@@ -82,7 +74,7 @@ class HeldOut:
         out = np.empty(len(fit.noise))
         for part in fit.parts[0].outputs:
             p, s = part.stop - part.start, fit.noise[part.start]
-            e = np.linalg.norm(self.residual[:, part], axis=1)
+            e = np.linalg.norm(self.residuals[0][:, part], axis=1)
             e = e[np.isfinite(e)]
             limited = np.minimum(e, 4 * np.median(e)) if len(e) else np.array([s])
             beyond = float((limited**2).mean()) / p - 1.3 * s**2

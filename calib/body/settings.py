@@ -21,7 +21,7 @@ FINER = (0.2, 20.0)
 told what is in the hand to .46 mm, with 1 mm at least to 2.3."""
 
 SERVOS = (1.0, 100.0)
-"""The same of offsets: 0.1 deg where an arm was calibrated, 10 deg where servos were put on."""
+"""The same of offsets: 10 deg where servos were put on."""
 
 GAIN = 1e-3
 """Prior sd of a joint's gain, of a drawing; twice that without one."""
@@ -44,8 +44,8 @@ TAG = 2e-3
 """A camera's tag is held where the drawing says to so many metres."""
 
 SOCKET = 2e-2
-"""A ball that touches sockets is held where the drawing says to so many metres; where it was flat,
-an arm without any stated distance shrank to a point, which touches every socket at once."""
+"""The same of a ball that touches sockets [m]: flat, an arm without any stated distance shrank to a
+point, which touches every socket at once."""
 
 WIDTH, CURVE_FLOOR = 20.0, 3e-3
 """Waves a turn at which a curve's prior variance has fallen by exp(-1/2), and what stays beyond: a
@@ -64,9 +64,8 @@ SETTLED = 0.2
 """Share of a posterior sd that the last step of a log's member moves at most."""
 
 SHARED = 1.25
-"""Factor on the parameters' spread within a bound.  An error of a length is shared by the whole
-workspace: without it the bound covers 95 % on average over logs, but much less in one log and more
-in the next; with it 95 % of the places are covered in 19 of 20 logs."""
+"""Factor on the parameters' spread within a bound: an error of a length is shared by the whole
+workspace.  With it 95 % of the places are covered in 19 of 20 logs, else on average over logs."""
 
 OUTLIER = 0.1
 """A row of less Student weight than this, beyond eight noise sd, does not enter the inflation."""
@@ -83,9 +82,7 @@ of it stays: few rows tell how large curves are altogether, if not where."""
 
 GUARDED_ROWS, GUARD_LENS = 60, 1e-3
 """Rows from which the second fit frees lens and elasticity that the member left out (fewer have
-wide bounds already), and the sd of the lens as a bend at 1.5 extents: 1 % per m2 of an arm of half
-a metre.  Learned in a corner of the range it was beyond the bound elsewhere: 77 % covered, now 81.
-"""
+wide bounds), and the sd of a planar arm's lens: of a corner of the range 77 % covered, now 81."""
 
 REPEATS = 10
 """Further readings of poses that tell of the sensor's noise."""
@@ -106,5 +103,5 @@ UNTOLD = 0.95
 that was turned by 12 deg it was said to be 0 within .2 deg where .757 deg was true."""
 
 TARGET = float(np.radians(10.0))
-"""Orientations in the robot's root frame are those of the drawing's tip where they differ by less:
-only then do they tell the last joint's offset, .757 deg of a UR10 that was said to be 0."""
+"""Orientations in the robot's root frame are those of the drawing's tip where they differ by less
+[rad]: only then do they tell the last joint's offset."""

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -51,25 +52,21 @@ class Start:
     noise: float = 0.0  # share of the extents that the residuals have
 
 
-def best_starts(
-    structure: Structure, q: Array, z: Array, free: tuple[str, ...]
-) -> tuple[Start, ...]:
+def best_starts(structure: Structure, rows: Rows, free: tuple[str, ...]) -> list[Start]:
     """The best start, and a rival that explains the rows nearly as well by another arm.
 
     Rows along a path can be explained by two arms, of which joint curves may prefer the wrong
     one; the gate then decides with the curves.
 
-    q, z : (n, dof) and (n, m)
     free : groups that the runs fit; the gate's chain
     """
-    rng = np.random.default_rng(0)
-    ask = q.min(axis=0) + rng.random((100, q.shape[1])) * np.ptp(q, axis=0)
-    if len(q) > _ROWS:
-        some = np.sort(np.random.default_rng(0).permutation(len(q))[:_ROWS])
-        q, z = q[some], z[some]
+    q, lower, rng = rows.q, rows.q.min(axis=0), np.random.default_rng(0)
+    some = np.sort(np.random.default_rng(0).permutation(len(q))[:_ROWS])
+    ask = lower + rng.random((100, q.shape[1])) * (q.max(axis=0) - lower)
+    q, z = q[some], rows.z[some]
     runs = [Start(*found) for found in candidates(structure, q, z)]
     if len(runs) == 1:  # nothing to choose from: the gate goes on from here
-        return tuple(runs)
+        return runs
     for steps in (6, 40):
         for k, run in enumerate(runs):
             prior = run.structure.prior(free)
@@ -84,8 +81,8 @@ def best_starts(
         apart = best.structure.residual(there, run.structure.predict(ask, run.beta))
         other = np.abs(apart / best.structure.extents).max() > max(APART, 20 * best.noise)
         if other and run.noise <= RIVAL_START * best.noise and np.isfinite(run.cost):
-            return best, run
-    return (best,)
+            return [best, run]
+    return [best]
 
 
 def candidates(structure: Structure, q: Array, z: Array) -> Sequence[tuple[Structure, Array]]:
@@ -104,8 +101,7 @@ def candidates(structure: Structure, q: Array, z: Array) -> Sequence[tuple[Struc
     if not structure.informed:
         some = thinned(len(q), _ROWS_ALONE)
         return _random_chains(structure, q[some], z[some])
-    some = thinned(len(q), _ROWS)
-    beta, view = frame(structure, q[some], z[some]), structure.view
+    beta, view = frame(structure, q, z), structure.view
     if view == "base pose" and np.linalg.norm(beta[structure.groups["tool.rotation"]]) > TARGET:
         view = "base target"
     return [(replace(structure, view=view), beta)]
@@ -178,7 +174,7 @@ def _guesses(structure: SpatialStructure, q: Array, z: Array, arm: Array) -> lis
         return _cameras(structure, points, z, beta)
     tools = _TOOL * structure.chain.reach * np.vstack([np.zeros(3), np.eye(3), -np.eye(3)])
     turns = [(tool, *similarity(points + rotations @ tool, z[:, :3])) for tool in tools]
-    if structure.outputs == 6:  # relative rotations alone tell it, but of a tool that does not turn
+    if structure.outputs == 6:  # without it 2 of 48 mountings of long tools were not found
         turns.append((tools[0], _turn_of_poses(rotations, exponential(z[:, 3:])), tools[0], 1.0))
     if structure.based:
         turns = [(tools[0], np.eye(3), tools[0], 1.0)]
@@ -257,11 +253,9 @@ def _absorbed(structure: SpatialStructure, beta: Array) -> SpatialStructure:
     """Return the structure whose nominal chain is where `beta` puts origins and tip."""
     still = structure.move(np.zeros((structure.chain.joints, 1)), beta)
     axes = still.axes[..., 0] / np.linalg.norm(still.axes[..., 0], axis=1, keepdims=True)
-    tip, rotation = still.position[..., 0], still.rotation[..., 0]
-    chain = replace(
-        structure.chain, axes=axes, points=still.origins[..., 0], tip=tip, rotation=rotation
-    )
-    return replace(structure, chain=chain)
+    found = {"points": still.origins, "tip": still.position, "rotation": still.rotation}
+    places: dict[str, Any] = {name: value[..., 0] for name, value in found.items()}
+    return replace(structure, chain=replace(structure.chain, axes=axes, **places))
 
 
 def _drawn(structure: SpatialStructure, z: Array, rng: np.random.Generator) -> SpatialStructure:
@@ -272,7 +266,7 @@ def _drawn(structure: SpatialStructure, z: Array, rng: np.random.Generator) -> S
     link = structure.extent / structure.metre / np.sqrt(dof)
     steps = rng.normal(0.0, link / np.sqrt(3), size=(dof, 3))
     middle = z[:, :3].mean(axis=0) / structure.metre
-    points = middle + np.cumsum(np.vstack([np.zeros(3), steps[1:]]), axis=0)
-    points = points - points.mean(axis=0) + middle
+    points = np.cumsum(steps, axis=0)
+    points += middle - points.mean(axis=0)
     tip = points[-1] + rng.normal(0.0, link / np.sqrt(3), size=3)
     return replace(structure, chain=replace(chain, axes=axes, points=points, tip=tip))

@@ -17,19 +17,11 @@ from ..common.arrays import Array
 from ..common.rows import thinned
 from .belief import Body
 
-_SMOOTH = 0.5
-"""Length [rad] over which the residual of a log is alike (Matern 5/2)."""
-
+_SMOOTH = 0.5  # length [rad] over which the residual of a log is alike (Matern 5/2)
 _MEASURED = 300  # measured rows that the residual is compared with, evenly spread
-
-_STILL, _LITTLE = 1e-6, float(np.radians(1.0))
-"""A joint that moves less than this [rad or m] is constant; one that turns less tells little."""
-
-_SHARE = 1e-3
-"""Joint directions with less than this share of the largest spread never moved."""
-
-_CELLS, _AREA_ROWS = 24, 300
-"""Cells along each joint's span that tell a path from an area, from this many rows on."""
+_STILL, _LITTLE = 1e-6, np.radians(1.0)  # [rad or m] of a joint that is constant; that tells little
+_SHARE = 1e-3  # of the largest spread: joint directions that never moved
+_CELLS, _AREA_ROWS = 24, 300  # along each span, that tell a path from an area; rows that do
 
 
 def warnings_of(
@@ -41,8 +33,8 @@ def warnings_of(
     joint_names, revolute : names of the joints; which of them turn
     travel : (dof,), joint ranges; a joint that moved through less than a tenth of its is named
     """
-    span, whole = np.ptp(q, axis=0), np.full(q.shape[1], np.inf) if travel is None else travel
-    notes = []
+    span, notes = np.ptp(q, axis=0), []
+    whole = np.full(q.shape[1], np.inf) if travel is None else travel
     for name, turns, moved, most in zip(joint_names, revolute, span, whole, strict=True):
         if moved < _STILL:
             notes.append(f"{name} never moves: the rows cannot tell its length, offset or sign")
@@ -52,20 +44,17 @@ def warnings_of(
             notes.append(f"{name} moves through {100 * moved / most:.2g} % of its range only")
     moving = np.flatnonzero(span >= _STILL)
     if len(moving) > 1:
-        scaled = (q[:, moving] - q[:, moving].mean(axis=0)) / span[moving]
-        values = np.linalg.svd(scaled, compute_uv=False)
+        share = (q[:, moving] - q[:, moving].min(axis=0)) / span[moving]
+        values = np.linalg.svd(share - share.mean(axis=0), compute_uv=False)
         rank = int((values > _SHARE * values[0]).sum())
-        cells = np.minimum(((scaled - scaled.min(axis=0)) * _CELLS).astype(int), _CELLS - 1).T
+        cells = np.minimum((share * _CELLS).astype(int), _CELLS - 1).T
+        visited = max(len(np.unique(a * _CELLS + b)) for a, b in combinations(cells, 2))
         if rank < len(moving):
             notes.append(
                 f"{', '.join(joint_names[int(i)] for i in moving)} move together along {rank} of "
                 f"{len(moving)} directions: the rows cannot tell them apart"
             )
-        elif len(q) >= _AREA_ROWS and all(
-            # any two joints together visit no more cells than a few curves would
-            len(np.unique(a * _CELLS + b)) < 7 * _CELLS
-            for a, b in combinations(cells, 2)
-        ):
+        elif len(q) >= _AREA_ROWS and visited < 7 * _CELLS:  # no more than a few curves would
             notes.append(
                 "the joints move along a path, not over an area: beside it the bound is wide"
             )

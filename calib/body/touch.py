@@ -39,17 +39,12 @@ class Touch(Measurement):
 
     count: int  # sockets
     size: float  # of the arm [m]
-    sized: bool  # whether anything tells how large the arm is
+    within: tuple[float, float] = FINER  # doubt of joint origins
 
     outputs = 3
     floating = True
     free = ("point",)
     tool = Hyper("tool", SOCKET, (1.0, 1.0))
-
-    @property
-    def within(self) -> tuple[float, float]:  # type: ignore[override]
-        """Doubt of joint origins; not large where nothing tells how large the arm is."""
-        return (FINER[0], 5.0 if self.sized else 1.0)
 
     def parameters(self) -> tuple[Block, ...]:
         """The sockets."""
@@ -103,21 +98,15 @@ class _Told:
         yield "point", lambda: self.slope.reshape(*self.values.shape, -1).transpose(2, 1, 0)
 
 
-@dataclass(frozen=True)
-class TouchFit:
-    """A body that touches told, in the arm's base frame or the sensor's."""
-
-    fit: BodyFit
-    points: Array  # (p, 3), where the sockets are [m]
-
-
 def touching(
     structure: SpatialStructure, q: Array, point: NDArray[np.intp], known: Sequence[Known], x: Array
 ) -> list[Rows]:
     """Touches, positions, and what is known of sockets, each a measurement; see `fit_touches`."""
     touched = point >= 0
+    # origins are not far off where nothing tells how large the arm is
     sized = not touched.all() or any(each.value is not None for each in known)
-    touch = Touch(int(point.max()) + 1, structure.chain.reach, sized)
+    within = FINER[0], 5.0 if sized else 1.0
+    touch = Touch(int(point.max()) + 1, structure.chain.reach, within)
     seen = np.column_stack([q[touched], point[touched].astype(float)])
     rows = [Rows(seen, np.zeros((len(seen), 3)), touch)]
     if not touched.all():
@@ -140,8 +129,8 @@ def fit_touches(
     upper: Array,
     x: Array | None = None,
     seed: int = 0,
-) -> TouchFit:
-    """Fit an arm to touches.
+) -> tuple[BodyFit, Array]:
+    """Fit an arm to touches, and tell where the sockets are (p, 3) [m] in the sensor's frame.
 
     structure : the arm with its drawing as prior: in its base frame (view ``"base"``), or before
         the sensor that measured some rows (``"rigid"``)
@@ -175,7 +164,7 @@ def fit_touches(
     else:
         range_of = np.random.default_rng(seed).random((_POSTURES, q.shape[1]))
         body = anchored(body, lower + range_of * (upper - lower))
-    return TouchFit(replace(found, body=body, held_out=held), points)
+    return replace(found, body=body, held_out=held), points
 
 
 def _scattered(residual: Array, point: NDArray[np.intp]) -> Array:

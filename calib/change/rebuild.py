@@ -99,10 +99,8 @@ def settled_model(
     some = slice(None, None, -(-len(u) // _ROWS))
     if body is not None:
         with suppress(CalibError):  # too few rows, or too close to each other
-            found = fit(
-                body.structure, [Measured(scale.from_unit(u[some]), x[some])],
-                simulated=body.simulated, seed=model.about.seed,
-            )  # fmt: skip
+            told = [Measured(scale.from_unit(u[some]), x[some])]
+            found = fit(body.structure, told, seed=model.about.seed)
 
     def linked(u: Array, x: Array) -> Association:
         return Association.learn(motor, u, sensory, sensory.scale.to_unit(x), wiring)

@@ -38,7 +38,6 @@ class About(ReadOnly):
     unit: str  # unit of the positions
     bound_of: str  # "true position" or "sensor reading": what the expected error bounds
     source: str  # "simulation" or "log"
-    taught: bool  # whether the maps learned from positions that the body predicts, too
     samples: int  # number of training samples
     seed: int
     options: Mapping[str, Any]  # "map", "rule", "epochs", "sigma" of the training
@@ -53,9 +52,7 @@ class About(ReadOnly):
     notes: tuple[str, ...] = ()  # notes that were printed while the model was made
     # columns of its log that have other names than what they hold
     columns: Mapping[str, str] = field(default_factory=dict)
-    degrees: bool = (
-        False  # whether its log has turning joints in degrees; later logs are read alike
-    )
+    degrees: bool = False  # whether its log, and so later ones, has turning joints in degrees
     picture: tuple[int, int] | None = None  # [px], width and height of a camera's pictures in space
     frame: str = ""  # the sensor's, as its log names it
 
@@ -67,7 +64,7 @@ class About(ReadOnly):
     def measured(self, **facts: Any) -> About:
         """The same facts but for these, of a model that now rests on what a sensor read."""
         told: dict[str, Any] = {"source": "log", "bound_of": "sensor reading", "simulation": None}
-        return replace(self, **told, taught=False, **facts)
+        return replace(self, **told, **facts)
 
     def joints_of(self, log: Samples) -> Array:
         """Joint values (n, dof) of a log in the order of the model's joints.

@@ -18,7 +18,7 @@ from ..common.arrays import Array
 from ..common.wording import INSTALL, listed
 from ..errors import LogError
 from ..samples.joint_values import MAX_GAP, check_limits, covered, joint_speed, joints_at
-from ..samples.recorded import Recorded, told
+from ..samples.samples import Samples
 from .clocks import SURE, ClockError, align_clocks
 
 _JOINTS = ("sensor_msgs/msg/JointState",)
@@ -42,7 +42,7 @@ def read_bag(
     still: float | None = None,
     time_offset: float | None = None,
     frames: Sequence[str] | None = None,
-) -> Recorded:
+) -> Samples:
     """Read joint states and positions, or poses, of the tip from a recording.
 
     path : a ROS 1 ``.bag``, a ROS 2 bag (its folder), or an ``.mcap`` or ``.db3`` file
@@ -78,20 +78,19 @@ def read_bag(
     for why, wrong in doubts.items():
         dropped[why] = int((usable & wrong).sum())
         usable &= ~wrong
-    notes += told(dropped, "positions")
+    notes += [f"{count} positions left out: {why}" for why, count in dropped.items() if count]
     if not usable.any():
         hint = "change `max_gap`, `still` or `time_offset`"
         raise LogError(f"no position is left ({'; '.join(notes)})", hint=hint)
     stamps = stamps[usable]
     turned = _turns(poses[:, 4:])  # drivers may leave orientations unset
-    return Recorded(
-        names,
+    return Samples(
         joints_at(stamps, times, values),
         x[usable],
+        names,
         source={"source": "bag", **({"frame": frame} if frame else {})},
-        quaternion=poses[usable, 4:] if turned else None,
+        orientation=poses[usable, 4:] if turned else None,
         time=stamps - stamps[0],
-        dropped={why: count for why, count in dropped.items() if count},
         notes=tuple(notes),
     )
 

@@ -12,7 +12,7 @@ from ..arm.rotations import cross_matrix, quaternion_of
 from ..common.arrays import Array, Index
 from ..common.wording import listed
 from ..errors import LogError, OptionError
-from ..samples.recorded import Recorded
+from ..samples.samples import Samples
 from .board import LEAST_CORNERS, Board, BoardFinder
 from .joint_table import JointTable, is_dataset, read_dataset, read_joints, read_shots
 from .lens import Lens, calibrate_lens
@@ -62,7 +62,7 @@ class BoardPictures:
             return known, ()
         return calibrate_lens(self.corners, self.board, self.size)
 
-    def log(self, lens: Lens, in_hand: bool) -> Recorded:
+    def log(self, lens: Lens, in_hand: bool) -> Samples:
         """The pictures as a log of poses of what is in the hand, in the frame of the other.
 
         The point that it tells is ahead of the camera, or in the middle of the board.
@@ -85,12 +85,12 @@ class BoardPictures:
             "source": "board", "eye": "hand" if in_hand else "base", "board": self.board.text,
             "point": at.tolist(), "size": list(self.size), "lens": lens.to_json(),
         }  # fmt: skip
-        return Recorded(
-            self.joint_names, self.q, turns @ at + shift, source=source,
-            noise=float(np.sqrt(np.einsum("njj->n", covariance[:, :3, :3]).mean() / 3)),
-            quaternion=quaternion_of(turns), covariance=covariance, pictures=self.names,
-            notes=self.notes,
-            episodes=None if self.episodes is None else self.episodes.astype(float),
+        noise = float(np.sqrt(np.einsum("njj->n", covariance[:, :3, :3]).mean() / 3))
+        source |= {"noise": noise, "noise_of_reference": 0.0, "dropped": {}}
+        return Samples(
+            self.q, turns @ at + shift, self.joint_names, source=source, notes=self.notes,
+            orientation=quaternion_of(turns), covariance=covariance, pictures=self.names,
+            episode=None if self.episodes is None else self.episodes.astype(float),
         )  # fmt: skip
 
 

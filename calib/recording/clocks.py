@@ -104,12 +104,13 @@ class _Chain:
 
     def __init__(self, q: Array, seen: Array, revolute: tuple[bool, ...]) -> None:
         from ..body.planar import planar_structure
+        from ..body.rows import Rows
         from ..body.starts import best_starts  # both bring SciPy's linear algebra
 
         names = tuple(f"q{k}" for k in range(q.shape[1]))
         template = planar_structure(seen, names, revolute, None, "homography", "px", False)
         members = dict(template.members())["chain"]
-        begin = best_starts(template, q, seen, members)[0]
+        begin = best_starts(template, Rows(q, seen), members)[0]
         self._structure, self._beta = begin.structure, begin.beta.copy()
         self._prior = begin.structure.prior((*members, "lens"))
         self._active = np.flatnonzero(self._prior.sd > 0)

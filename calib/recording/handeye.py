@@ -24,7 +24,6 @@ from ..common.rows import thinned
 from ..common.wording import listed
 from ..errors import LogError, OptionError
 from ..samples.diagnosis import Finding, readings
-from ..samples.recorded import Recorded
 from ..samples.samples import Samples
 from ..samples.settings import MOST_ORDERED
 from .board import Board
@@ -191,15 +190,11 @@ def _limit(poses: Array, wrist: str, focal: float, off: float, hand: float) -> s
     return f"the arm's own errors (hand known to {hand:.1f} mm); {add}"
 
 
-def _samples(arm: SpatialArm, log: Recorded, kept: Mask) -> Samples:
+def _samples(arm: SpatialArm, log: Samples, kept: Mask) -> Samples:
     """The pictures that agree as a log of poses."""
-    q, turned = log.q[kept], log.quaternion
-    assert turned is not None  # noqa: S101 - they are poses
-    return Samples(
-        q, log.x[kept], arm.joint_names, np.minimum(arm.lower, q.min(axis=0)),
-        np.maximum(arm.upper, q.max(axis=0)), arm.revolute, arm=arm, orientation=turned[kept],
-        source=log.about(),
-    )  # fmt: skip
+    log = log.take(kept)
+    lower, upper = np.minimum(arm.lower, log.lower), np.maximum(arm.upper, log.upper)
+    return replace(log, lower=lower, upper=upper, revolute=arm.revolute, arm=arm, notes=())
 
 
 def _left_out(names: tuple[str, ...], kept: Mask) -> list[str]:

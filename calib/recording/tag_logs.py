@@ -14,7 +14,7 @@ from ..common.arrays import Array, Index, Mask
 from ..common.parallel import one_blas_thread
 from ..errors import LogError
 from ..samples.joint_values import MAX_GAP, SETTLE, check_limits, covered, joint_speed, joints_at
-from ..samples.recorded import Recorded, told
+from ..samples.samples import Samples
 from .clocks import Clocks, align_clocks
 from .joint_table import JointTable, read_shots
 from .pictures import Frame, Video
@@ -32,7 +32,7 @@ _SHAKE = 0.5  # a tag that moves more has not come to rest [px]
 
 def log_pictures(
     source: str | os.PathLike[str] | Sequence[str], joints: JointTable, setting: Setup
-) -> Recorded:
+) -> Samples:
     """Make a log from pictures of an arm with a printed tag on its tip.
 
     source : a folder, a pattern such as `shots/*.jpg`, or several names
@@ -72,7 +72,7 @@ def log_video(
     still: float | None = None,
     max_gap: float = MAX_GAP,
     revolute: Sequence[bool] | None = None,
-) -> Recorded:
+) -> Samples:
     """Make a log from a video, of any format that OpenCV opens; see `log_pictures`.
 
     joints : with times, by a clock of their own
@@ -178,7 +178,7 @@ def _check_motion(q: Array, seen: Sightings, what: str) -> None:
 
 def _assembled(
     seen: Sightings, tags: Sequence[Tag], notes: list[str], about: dict[str, Any], **more: Any
-) -> Recorded:
+) -> Samples:
     """Put a log together from the tags of some pictures, and why others have none."""
     setting, reference = seen.setting, seen.reference[0]
     pixels = np.array([tag.centre for tag in tags])
@@ -200,12 +200,14 @@ def _assembled(
         quaternion, unit = quaternion_of(turns), "m"
     shared = float(np.sqrt(np.mean(common**2)))
     noise = np.array([tag.noise for tag in tags]) * scale
-    notes = notes + told(seen.reasons, seen.what)
+    dropped = {why: count for why, count in seen.reasons.items() if count}
+    notes = notes + [f"{count} {seen.what} left out: {why}" for why, count in dropped.items()]
     if steep := sum(tag.upright < 0.5 for tag in tags):
         notes.append(f"the tag is seen at more than 60 deg in {steep} rows: let it face the camera")
-    return Recorded(
-        x=x, unit=unit, noise=float(np.hypot(np.sqrt(np.mean(noise**2)), shared)), common=shared,
-        pixels=pixels, source=about, quaternion=quaternion,
-        dropped={why: count for why, count in seen.reasons.items() if count},
-        notes=tuple(notes), **more,
+    about["noise"] = float(np.hypot(np.sqrt(np.mean(noise**2)), shared))
+    about["noise_of_reference"] = shared
+    about["dropped"] = dropped
+    return Samples(
+        x=x, unit=unit, pixels=pixels, source=about, orientation=quaternion, notes=tuple(notes),
+        **more,
     )  # fmt: skip

@@ -196,8 +196,8 @@ def write_log(samples: Samples, path: str | os.PathLike[str]) -> None:
     >>> bool((calib.read_log("log.csv", arm).q == samples.q).all())
     True
     """
-    about = samples.orientation, samples.covariance
-    write_table(path, log_columns(samples.joint_names, samples.q, samples.x, *about))
+    about = {**samples.source, "unit": samples.unit} if samples.source else None
+    write_table(path, log_columns(samples), about=about)
 
 
 def _sound(
@@ -234,7 +234,7 @@ def _sound(
         away = (column < low - edge) | (column > high + edge)
         leave_out(away, f"have {roles.joints[k]} outside of the chosen range")
         values[:, k] = np.clip(column, low, high)
-    q, x, turns, _ = np.split(values, np.cumsum([len(some) for some in roles[:3]]), axis=1)
+    q, x, turns, spread = np.split(values, np.cumsum([len(some) for some in roles[:3]]), axis=1)
     zero: Mask = kept & (x == 0.0).all(axis=1)
     left_out = 0
     # a single row, or one place of the joints, may be the origin of the sensor
@@ -245,6 +245,10 @@ def _sound(
         unturned = kept & (np.abs(length - 1) > ROUNDING)
         words = f"hold no orientation: qx, qy, qz, qw of length {length[np.argmax(unturned)]:.4g}"
         left_out += leave_out(unturned, f"{words}, expected 1")
+    if roles.spread:
+        variance = spread[:, [0, 6, 11]].sum(axis=1)  # of x, y and z
+        unsure = variance > settings.UNSURE**2 * np.median(np.abs(variance[kept]))
+        left_out += leave_out(unsure, "have a covariance far wider than usual")
     return np.flatnonzero(kept), dropped, left_out, notes
 
 

@@ -11,7 +11,7 @@ from ..arm.rotations import exponential, quaternion_of
 from ..common.arrays import Array
 from ..common.wording import listed
 from ..errors import LogError, OptionError
-from .samples import POSITION
+from .samples import POSITION, Samples
 from .tables import Source
 
 if TYPE_CHECKING:
@@ -108,23 +108,19 @@ def parse_columns(text: str) -> dict[str, str]:
     return mapping
 
 
-def log_columns(
-    joints: Sequence[str],
-    q: Array,
-    x: Array,
-    quaternion: Array | None = None,
-    covariance: Array | None = None,
-) -> dict[str, Array]:
-    """Columns of a log by name: joints, positions, orientation and its covariance, if known."""
-    columns = dict(zip(joints, q.T, strict=True)) | dict(zip(POSITION, x.T, strict=False))
-    if len(columns) < q.shape[1] + x.shape[1]:
-        raise OptionError(f"joints {listed(joints)} cannot be told from the positions")
-    if quaternion is not None:
-        columns |= dict(zip(QUATERNION, quaternion.T, strict=True))
-    if covariance is not None:
+def log_columns(samples: Samples) -> dict[str, Array]:
+    """Columns of a log by name: joints, positions, and what else is known of the rows."""
+    columns = dict(zip(samples.joint_names, samples.q.T, strict=True))
+    columns |= dict(zip(samples.axes, samples.x.T, strict=True))
+    if len(columns) < samples.dof + len(samples.axes):
+        raise OptionError(f"joints {listed(samples.joint_names)} cannot be told from the positions")
+    if samples.orientation is not None:
+        columns |= dict(zip(QUATERNION, samples.orientation.T, strict=True))
+    if samples.covariance is not None:
         row, column = np.triu_indices(6)
-        columns |= dict(zip(COVARIANCE, covariance[:, row, column].T, strict=True))
-    return columns
+        columns |= dict(zip(COVARIANCE, samples.covariance[:, row, column].T, strict=True))
+    more = {"time": samples.time, "episode": samples.episode}
+    return columns | {name: column for name, column in more.items() if column is not None}
 
 
 def covariances(values: Array, label: str) -> Array:

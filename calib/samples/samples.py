@@ -44,10 +44,10 @@ class Samples:
     x: Array  # (n, 2) or (n, 3), tip positions in the sensor's plane, or in space [unit]
     joint_names: tuple[str, ...]
     # (dof,), range of each joint that was babbled (the arm's limits or narrower), or for a log
-    # without a robot the extremes of its data [rad or m]
-    lower: Array
-    upper: Array
-    revolute: tuple[bool, ...]  # whether each joint turns (rad) or slides (m)
+    # without a robot the extremes of its data, which stand where it is empty [rad or m]
+    lower: Array = field(default_factory=lambda: np.empty(0))
+    upper: Array = field(default_factory=lambda: np.empty(0))
+    revolute: tuple[bool, ...] = ()  # whether each joint turns (rad) or slides (m); all if empty
     unit: str = "m"  # of the positions: "m", "sensor", or what the user stated
     # for simulated samples what is needed to draw fresh exact ones
     simulation: Simulation | None = field(default=None, repr=False)
@@ -72,13 +72,17 @@ class Samples:
     # (n,), numbers of the rows in the log's file, counted below its header from 1
     rows: NDArray[np.intp] | None = field(default=None, repr=False)
     time: Array | None = field(default=None, repr=False)  # (n,), where the log has them [s]
+    episode: Array | None = field(default=None, repr=False)  # (n,), the series each row is of
+    pixels: Array | None = field(default=None, repr=False)  # (n, 2), of a tag in pictures [px]
+    pictures: tuple[str, ...] = field(default=(), repr=False)  # names of those it was made of
     left_out: int = 0  # rows without what a sensor saw: zeros, or no orientation
     in_time: bool = False  # whether the user said how late positions are: nothing is estimated
 
     def __post_init__(self) -> None:
-        for name in ("joint_names", "revolute", "notes"):
-            object.__setattr__(self, name, tuple(getattr(self, name)))
-        names, dof = self.joint_names, len(self.joint_names)
+        names, dof = tuple(self.joint_names), len(self.joint_names)
+        own = {"joint_names": names, "revolute": tuple(self.revolute) or (True,) * dof}
+        for name, value in {**own, "notes": tuple(self.notes)}.items():
+            object.__setattr__(self, name, value)
         if not dof or len(set(names)) != dof or len(self.revolute) != dof:
             raise LogError(
                 f"samples need one or more joints of different names, not {names}, each of which "
@@ -88,13 +92,16 @@ class Samples:
         axes = POSITION if "z" in given or (not given and _width(self.x) == 3) else POSITION[:2]
         n = len(self._own("q", number_rows(self.q, names, "q", LogError)[0], dof))
         self._own("x", number_rows(self.x, axes, "x", LogError)[0], n, len(axes))
+        if n == 0:
+            raise LogError("no rows: samples need at least one")
+        if not np.size(self.lower):
+            object.__setattr__(self, "lower", self.q.min(axis=0) - 1e-9)
+            object.__setattr__(self, "upper", self.q.max(axis=0) + 1e-9)
         for name, shape in {"lower": (dof,), "upper": (dof,), "orientation": (n, 4)}.items():
             if (value := getattr(self, name)) is not None:
                 self._own(name, np.array(value, dtype=float), *shape)
         if self.covariance is not None:
             self._own("covariance", self.covariance, n, 6, 6)
-        if n == 0:
-            raise LogError("no rows: samples need at least one")
         for name, values in (("q", self.q), ("x", self.x)):
             known = (np.abs(values) < LARGEST).all(axis=1)
             if not known.all():
@@ -143,9 +150,10 @@ class Samples:
         rows = index if isinstance(index, slice) else np.atleast_1d(np.asarray(index))
         if not isinstance(rows, slice) and not rows.size:
             rows = rows.astype(np.intp)  # an empty list has no type that could index
-        each = ("q", "x", "orientation", "covariance", "rows", "time")
+        each = ("q", "x", "orientation", "covariance", "rows", "time", "episode", "pixels")
         some = {name: values[rows] for name in each if (values := getattr(self, name)) is not None}
-        return replace(self, touch=self.touch and self.touch.take(rows), **some)
+        names = tuple(np.array(self.pictures)[rows].tolist()) if self.pictures else ()
+        return replace(self, touch=self.touch and self.touch.take(rows), pictures=names, **some)
 
 
 def _width(x: Any) -> int:

@@ -83,13 +83,6 @@ def wrong_around(part: SmoothPart, samples: Samples, u: Array) -> Array | None:
     return misfit(scale, scale.to_unit(q), part.fit.held_out, extent, u)
 
 
-def taught(samples: Samples, part: SmoothPart | None, options: TrainingOptions) -> bool:
-    """Whether the maps learn from positions that the body imagines, besides the samples."""
-    # a log may leave parts of the joints' range out, a simulation only has too few samples
-    few = len(samples) < math.prod(options.shapes[0])
-    return part is not None and (samples.simulation is None or few)
-
-
 def to_learn(
     samples: Samples,
     part: SmoothPart | None,
@@ -104,7 +97,8 @@ def to_learn(
     u, x = unit_box(samples).to_unit(samples.q[rows]), samples.x[rows]
     if part is None:
         return u, x, None
-    if taught(samples, part, options):
+    # a log may leave parts of the joints' range out, a simulation only has too few samples
+    if samples.simulation is None or len(samples) < math.prod(options.shapes[0]):
         every = -(-len(u) // _LEARNED_ROWS)
         rng = np.random.default_rng(options.stream("imagined"))
         drawn = rng.random((_IMAGINED * math.prod(options.shapes[0]), u.shape[1]))
@@ -168,7 +162,7 @@ def _fit_in_space(samples: Samples, rows: Index, view: str, seed: int) -> BodyFi
         unused = f"orientations are not used with the view {kind!r}"
     else:
         names, turns = samples.joint_names, samples.revolute
-        template = unknown_structure(names, turns, extent, samples.unit, metre)
+        template = unknown_structure(names, turns, extent, samples.unit, metre, simulated)
         unused = "orientations are used together with the robot's URDF: give `robot`"
-    found = fit(template, [Rows(q, x)], simulated=simulated, seed=seed)
+    found = fit(template, [Rows(q, x)], seed=seed)
     return found if orientation is None else replace(found, notes=(*found.notes, unused))

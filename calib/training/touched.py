@@ -67,12 +67,11 @@ def fit_sockets(samples: Samples, seed: int) -> tuple[Samples, SmoothPart, list[
     kept, points = np.ones(len(samples), bool), np.full((len(touch.sockets), 3), np.nan)
     for _ in range(3):
         number, known, own = touch.take(kept).renumbered()
-        found = fit_touches(
+        found, points[own] = fit_touches(
             structure, samples.q[kept], number, known,
             lower=samples.lower, upper=samples.upper, x=samples.x[kept], seed=seed,
         )  # fmt: skip
-        points[own] = found.points
-        tip = found.fit.body.predict(samples.q)
+        tip = found.body.predict(samples.q)
         off = np.linalg.norm(tip - points[touch.number], axis=1)
         now = ~touch.strays(off)
         if (now == kept).all() or now.mean() < 1 - _MOST:
@@ -96,7 +95,7 @@ def fit_sockets(samples: Samples, seed: int) -> tuple[Samples, SmoothPart, list[
     sized = any(each.value is not None for each in touch.known)
     notes += [] if seen else [_BASE, *[_SIZE] * (not sized)]
     samples = replace(samples, x=_placed(samples, touch, points)).take(kept)
-    return samples, SmoothPart.of(samples, found.fit, np.arange(len(samples))), notes
+    return samples, SmoothPart.of(samples, found, np.arange(len(samples))), notes
 
 
 def in_sockets(model: Model, samples: Samples, touch: Touches) -> tuple[Samples, dict[str, Any]]:

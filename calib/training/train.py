@@ -24,7 +24,7 @@ from ..samples.wrong_rows import screen
 from .bounds import approached, node_bounds, play_of, play_words, simulated_bounds
 from .evaluate import answered_within, fresh_residuals, held_out_residuals, summarise
 from .learn import Progress, TrainingOptions, associate, resolved, unit_box
-from .smooth import find_smooth_part, taught, to_learn
+from .smooth import find_smooth_part, to_learn
 from .sound_rows import fit_sound_rows
 from .touched import fit_sockets
 
@@ -133,7 +133,7 @@ def _learned(samples: Samples, options: TrainingOptions, progress: Progress) -> 
     begin(0.8, "evaluation")
     empty, visited = np.zeros(motor.size), np.zeros(motor.size, dtype=bool)
     visited[motor.nearest(u)[1][:, 0]] = True
-    about = _about(samples, options, taught(samples, part, options))
+    about = _about(samples, options)
     model = Model(about, association, local, empty, empty, visited, body)
     if simulation is not None:
         seed = options.stream("bounds")
@@ -169,7 +169,7 @@ def _learned(samples: Samples, options: TrainingOptions, progress: Progress) -> 
     return replace(model, about=about, baseline=baseline, rows=rows, seconds=seconds)
 
 
-def _about(samples: Samples, options: TrainingOptions, taught: bool) -> About:
+def _about(samples: Samples, options: TrainingOptions) -> About:
     """What is known before anything is learned; errors and notes are added later."""
     arm, simulation, source = samples.arm, samples.simulation, samples.source
     plane, how = samples.plane or getattr(arm, "plane", None), options.to_json()
@@ -185,7 +185,6 @@ def _about(samples: Samples, options: TrainingOptions, taught: bool) -> About:
         plane=plane and {name: tuple(getattr(plane, name).tolist()) for name in axes},
         bound_of="true position" if simulation is not None else "sensor reading",
         source="simulation" if simulation is not None else "log",
-        taught=taught,
         samples=len(samples),
         seed=int(options.seed),
         options=how,

@@ -43,7 +43,7 @@ def info(model: opt.ModelFile, *, degrees: opt.Degrees = False) -> Outcome:
     document = summary(loaded, model, about.errors, {}) | {
         "ranges": dict(zip(about.joint_names, limits, strict=True)),
         "joint_units": dict(zip(about.joint_names, about.units_of_joints, strict=True)),
-        **fields(about, "locked source simulation taught options"),
+        **fields(about, "locked source simulation options"),
         "history": loaded.history,
         "body": None if loaded.body is None else loaded.body.to_json(),
         "rows": 0 if loaded.rows is None else len(loaded.rows),

@@ -44,6 +44,9 @@ def log(
 
     Exit code 3 if no clock offset, or more than one, fits a video to its joints.
     """
+    from calib.samples.logs import write_log
+    from calib.samples.roles import log_columns
+
     check_file(output, TABLES, stream=True)
     bags: dict[str, Any] = {"joints_topic": joints_topic, "tip_topic": tip_topic, "frames": frames}
     timed: dict[str, Any] = {"max_gap": max_gap, "still": still, "time_offset": time_offset}
@@ -52,7 +55,8 @@ def log(
         made = shooting.record(bag, output, joints, degrees, prismatic or (), **timed)
         factor, shown = for_people(made.unit)
         kinds = f"[rad, {made.unit}]"
-        kinds += f", noise {factor * made.noise:.2g} {shown}" if made.noise else ""
+        noise = factor * float(made.source["noise"])
+        kinds += f", noise {noise:.2g} {shown}" if noise else ""
     else:
         from calib.recording.bags import read_bag
 
@@ -63,10 +67,11 @@ def log(
         made = read_bag(bag[0], **bags, **timed, joints=joints)
         say(made.notes)
         kinds = "[rad, m, s]"
-    made.write(output)
+    write_log(made, output)
     names = made.joint_names
     units = {name: "m" if name in (prismatic or ()) else "rad" for name in names}
-    document = {"log": output, "joints": names, "samples": len(made), **made.about()}
+    document = {"log": output, "joints": names, "samples": len(made), "unit": made.unit}
+    document |= made.source
     document["units"] = {"joints": units, "positions": made.unit, "time": "s"}
-    line = f"{len(made)} rows of {', '.join(made.columns())} {kinds}"
+    line = f"{len(made)} rows of {', '.join(log_columns(made))} {kinds}"
     return Outcome(document, [f"{output}: {line}"])

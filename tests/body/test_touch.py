@@ -22,12 +22,12 @@ def world():
 @pytest.fixture(scope="module")
 def unscaled(world):
     """What the sockets tell without a distance between them."""
-    return world.fit([]).fit.body
+    return world.fit([])[0].body
 
 
 def test_the_tip_is_found_from_sockets_alone(world, unscaled):
-    fit = world.fit(world.known((0, 1), (2, 3)))
-    off, bound = world.off(fit.fit.body)
+    fit, points = world.fit(world.known((0, 1), (2, 3)))
+    off, bound = world.off(fit.body)
     before = world.off(unscaled)[0]
     drawn = np.linalg.norm(
         world.truth.predict(world.q, world.truth.neutral()) - world.points[world.number], axis=1
@@ -36,9 +36,9 @@ def test_the_tip_is_found_from_sockets_alone(world, unscaled):
     assert off.mean() < 0.25 * MM
     assert off.mean() < before.mean()
     assert (off < bound).mean() > 0.9
-    scatter = fit.fit.body.predict(world.q) - fit.points[world.number]
+    scatter = fit.body.predict(world.q) - points[world.number]
     assert np.linalg.norm(scatter, axis=1).mean() < 0.3 * MM
-    apart = np.linalg.norm(fit.points[0] - fit.points[1])
+    apart = np.linalg.norm(points[0] - points[1])
     assert apart == pytest.approx(np.linalg.norm(world.points[0] - world.points[1]), abs=0.2 * MM)
 
 
@@ -63,7 +63,7 @@ def test_offsets_are_within_their_intervals():
     hits = []
     for seed in range(2):
         world = World(10 + seed, each=10)
-        body = world.fit(world.known((0, 1), (2, 3))).fit.body
+        body = world.fit(world.known((0, 1), (2, 3)))[0].body
         offsets = world.truth.groups["offset"][1:]
         hits += list(np.abs(body.beta[offsets]) < 1.96 * body.deviations[offsets] + 1e-12)
     assert np.mean(hits) > 0.8

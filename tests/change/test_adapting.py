@@ -74,7 +74,6 @@ def test_what_is_known_of_an_adapted_model():
     fresh, about = found.model, found.model.about
     assert (about.source, about.bound_of, about.samples) == ("log", "sensor reading", 60)
     assert about.simulation is None
-    assert not about.taught
     assert about.unit == "m"
     assert about.notes == found.notes
     assert about.errors["local"]["forward"]["distance"] == found.after

@@ -29,7 +29,7 @@ def test_a_video_becomes_rests(film):
     assert 5 <= len(made) <= 9
     miss = made.x - film.scene.tip_pixels(made.q)
     assert np.sqrt((miss**2).sum(1).mean()) < 0.15
-    assert made.dropped["the arm moves"] > 40
+    assert made.source["dropped"]["the arm moves"] > 40
 
 
 def test_a_video_becomes_slow_frames(film):

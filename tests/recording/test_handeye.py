@@ -215,7 +215,7 @@ def test_the_command_says_where_the_camera_is_and_its_model_watches_it(folder, r
     made = replace(corners(other, seen=bumped), episodes=np.repeat([4, 7], 20))
     log = folder / "series.csv"
     glass = Lens.from_json(calib.load(model).about.options["board"]["lens"])
-    made.log(glass, True).write(log)
+    calib.write_log(made.log(glass, True), log)
     done = run("check", model, "--data", log, "--json")
     assert done.code == 3, done.err
     found = {each["episode"]: each["drifted"] for each in done.document["episodes"]}

@@ -30,8 +30,8 @@ def test_pixels_in_the_order_of_numbers(shot):
     assert made.pictures[9:12] == ("img_9.png", "img_10.png", "img_11.png")
     miss = made.x - shot.scene.tip_pixels(shot.q)
     assert np.sqrt((miss**2).sum(1).mean()) < 0.1
-    assert made.dropped == {}
-    assert 0.01 < made.noise < 0.1
+    assert made.source["dropped"] == {}
+    assert 0.01 < made.source["noise"] < 0.1
 
 
 def test_rows_find_their_pictures_by_name(copy):
@@ -56,7 +56,7 @@ def test_metres_by_the_board_and_the_height(shot):
     miss = np.linalg.norm(made.x - truth_on_board(shot.scene, shot.q), axis=1)
     assert made.unit == "m"
     assert np.sqrt((miss**2).mean()) < 1e-3  # a small picture, 1.5 mm a pixel
-    assert 0.3 * np.sqrt((miss**2).mean()) < 2 * made.noise < 5e-3
+    assert 0.3 * np.sqrt((miss**2).mean()) < 2 * made.source["noise"] < 5e-3
     flat = make(shot.folder, Setup(7, board=BOARD, lens=LENS))
     assert np.linalg.norm(flat.x - made.x, axis=1).max() > 5e-3
 
@@ -73,19 +73,19 @@ def test_the_pose_of_the_tag(shot):
     assert made.x.shape == (16, 3)
     assert np.abs(made.x[:, 2] - 0.025).max() < 0.02
     angle = shot.q.sum(1) - shot.scene.still[0].place[3]
-    turned = 2 * np.arctan2(made.quaternion[:, 2], made.quaternion[:, 3])
+    turned = 2 * np.arctan2(made.orientation[:, 2], made.orientation[:, 3])
     assert np.abs(np.angle(np.exp(1j * (turned - angle)))).max() < 0.02
 
 
 def test_the_log_says_its_unit_to_train(shot, tmp_path):
     made = make(shot.folder)
     for name in ("log.csv", "log.parquet"):
-        made.write(tmp_path / name)
+        calib.write_log(made, tmp_path / name)
         log = calib.read_log(tmp_path / name, joints=["a", "b", "c"])
         assert log.unit == "px"
         assert (log.x == made.x).all()
         about = open_source(tmp_path / name).about
-        assert about["noise"] == made.noise
+        assert about["noise"] == made.source["noise"]
         assert about["tag"] == 7
         with pytest.raises(calib.LogError, match="states that its positions are in px"):
             calib.read_log(tmp_path / name, joints=["a", "b", "c"], unit="mm")
@@ -167,7 +167,7 @@ def test_counts_and_sizes_and_damage(copy):
     (folder / "p" / "img_6.png").write_text("no picture")
     made = make(folder)
     assert len(made) == 13
-    assert made.dropped == {"cut off or damaged": 3}
+    assert made.source["dropped"] == {"cut off or damaged": 3}
     assert sum("cut off; left out" in note for note in made.notes) == 2
     assert any("img_6.png is no picture" in note for note in made.notes)
     cv2.imwrite(str(folder / "p" / "img_7.png"), picture[:400])

@@ -146,13 +146,13 @@ def test_poses_of_tf_between_two_frames(tmp_path, kind):
     with pytest.raises(LogError, match=r"2 transforms of tf move.*base,link.*camera,tag"):
         read_bag(bag)
     found = read_bag(bag, frames=("world", "tool"))
-    assert found.about()["frame"] == "world"
+    assert found.source["frame"] == "world"
     t = 0.013 + found.time
     # the camera stands at x = 1, the tool 0.1 along the turned z of the tag
     away = np.stack([1 + 0 * t, -0.1 * np.sin(t), 0.1 * np.cos(t)], axis=1)
     assert np.abs(found.x - x_at(t) - away).max() < 1e-8
     expected = np.array([turn_at(each) for each in t])
-    assert np.abs(np.abs((found.quaternion * expected).sum(axis=1)) - 1).max() < 1e-12
+    assert np.abs(np.abs((found.orientation * expected).sum(axis=1)) - 1).max() < 1e-12
     with pytest.raises(LogError, match="0 transforms of tf move between 'base' and 'tool'"):
         read_bag(bag, frames=("base", "tool"))
     with pytest.raises(LogError, match=r"0 transforms of tf move between 'tag' and 'tool'"):
@@ -166,7 +166,7 @@ def test_orientations_of_poses_become_columns(tmp_path, run):
     about, header = (tmp_path / "log.csv").read_text().splitlines()[:2]
     assert about == '# calib {"frame": "base", "source": "bag", "unit": "m"}'
     assert header == "elbow,shoulder,x,y,z,qx,qy,qz,qw,time"
-    assert read_bag(write(tmp_path / "b", tip="PoseStamped")).quaternion is None  # left unset
+    assert read_bag(write(tmp_path / "b", tip="PoseStamped")).orientation is None  # left unset
     refused = run("log", bag, "--frames", "camera,tag", "-o", tmp_path / "no.csv")
     assert (refused.code, refused.err.count("\n")) == (1, 1)
     assert "0 transforms of tf" in refused.err

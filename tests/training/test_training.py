@@ -49,7 +49,6 @@ def test_the_papers_own_readout_comes_close_to_the_papers_tables():
 @pytest.mark.parametrize("rows", [10, 30, 300])
 def test_maps_of_small_logs_learn_from_what_the_body_predicts(rows):
     model = calib.train(log(rows), size=8)
-    assert model.about.taught
     assert mean_error(model) < 1e-3 * MM
     # the links know branches and neighbourhoods where no row was
     assert (np.diff(model.links.indptr) > 0).all()
