@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 
 from . import options as opt
 from .output import say
-from .parsing import BadOption
 from .samples import Compared, log_of
 
 if TYPE_CHECKING:
@@ -66,7 +65,5 @@ def with_photo(model: Model, path: str, log: Samples | None) -> Model:
     """Return a model with a photo; for metres `log` says where its camera was."""
     from calib.recording.photo import take_photo
 
-    if len(model.axes) != 2:
-        raise BadOption("--photo: positions in space are not drawn over a photo")
     about, unit = None if log is None else log.source, model.about.unit
     return replace(model, photo=take_photo(path, model.sensory.weights, unit, about))

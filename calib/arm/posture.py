@@ -30,10 +30,10 @@ class Posture:
 
 
 class Kinematics:
-    """A Pinocchio model of a checked URDF, asked for postures.
+    """Where Pinocchio's transforms put the links of a checked URDF.
 
-    It is built joint by joint: a stranger's names may mean something to Pinocchio's own parser,
-    which calls the world `universe`, and gaps that do no harm here stop it.
+    Its models are not used: their parser gives a stranger's names a meaning (the world is
+    `universe`), and their data of 900 joints take 48 GB.
     """
 
     def __init__(self, urdf: Urdf) -> None:
@@ -43,30 +43,25 @@ class Kinematics:
             raise RobotError(
                 f"robots need Pinocchio, which cannot be imported ({error}): pip install pin"
             ) from None
-        self._pin: Any = pin
-        self._urdf, self._model = urdf, pin.Model()
-        self._joints: dict[str, int] = {}
-        # of each link the joint that carries it, and its placement there
-        self._links: dict[str, tuple[int, Any]] = {urdf.root: (0, pin.SE3.Identity())}
+        self._pin, self._urdf = pin, urdf
         # a URDF may list a joint before the one that carries it
-        for joint in sorted(urdf.joints, key=lambda joint: len(urdf.path(joint.child))):
-            carrier, there = self._links[joint.parent]
-            placed = there * pin.SE3(pin.rpy.rpyToMatrix(*joint.rpy), np.array(joint.xyz))
-            if joint.movable:
-                motion = "Revolute" if joint.revolute else "Prismatic"
-                kind = getattr(pin, f"JointModel{motion}Unaligned")(_direction(joint))
-                carrier = self._model.addJoint(carrier, kind, placed, str(len(self._joints)))
-                self._joints[joint.name], placed = carrier, pin.SE3.Identity()
-            self._links[joint.child] = carrier, placed
+        ordered = sorted(urdf.joints, key=lambda joint: len(urdf.path(joint.child)))
+        self._placed: list[tuple[Joint, Any]] = [
+            (joint, pin.SE3(pin.rpy.rpyToMatrix(*joint.rpy), np.array(joint.xyz)))
+            for joint in ordered
+        ]
 
     def posture(self, told: Mapping[str, float]) -> Posture:
         """Return the posture at joint values [rad or m]; others follow one, or are neutral."""
-        data, q = self._model.createData(), np.zeros(self._model.nq)
-        for name, value in self._urdf.values(told).items():
-            q[self._joints[name] - 1] = value  # each joint has one value
-        self._pin.forwardKinematics(self._model, data, q)
-        links = self._links.items()
-        return Posture({link: (data.oMi[k] * there).homogeneous for link, (k, there) in links})
+        pin, values = self._pin, self._urdf.values(told)
+        frames: dict[str, Any] = {self._urdf.root: pin.SE3.Identity()}
+        for joint, placed in self._placed:
+            frames[joint.child] = frames[joint.parent] * placed
+            if joint.movable:
+                moved, still = values[joint.name] * _direction(joint), np.zeros(3)
+                turn, shift = (moved, still) if joint.revolute else (still, moved)
+                frames[joint.child] *= pin.SE3(pin.exp3(turn), shift)
+        return Posture({link: frame.homogeneous for link, frame in frames.items()})
 
 
 def _direction(joint: Joint) -> Array:

@@ -20,10 +20,10 @@ from ..common.wording import listed, quoted, suggestion
 from ..errors import RobotError
 
 MAX_BYTES = 50_000_000
-MAX_JOINTS = 1_000  # Pinocchio recurses along the chain and overflows its stack beyond
+MAX_JOINTS = 1_000  # links are followed by recursion
 MAX_TRAVEL = 1_000.0  # [m]; a slide that claims more states no usable limit
 _MAX_OFFSET = 1e6  # [m]; further out a double has no micrometres left
-_LONGEST_AXIS = 1e6  # Pinocchio squares it
+_LONGEST_AXIS = 1e6  # its square overflows long before a double does
 _HEAVIEST = 1e5  # [kg]; heavier is a mistake in the file, not an arm's link
 
 _NUMBER = re.compile(r"[+-]?((\d+\.?\d*|\.\d+)(e[+-]?\d+)?|inf(inity)?)", re.IGNORECASE)

@@ -6,6 +6,7 @@ is first asked for.  Maps alone, without a body, are compared with their bound.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -13,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from ..body.belief import Body, knows_orientation
+from ..body.covariance import autocorrelation_time
 from ..common.arrays import Array, Mask
 from ..errors import LogError, ModelError
 from ..model.model import Model
@@ -25,8 +27,8 @@ from .explain import Explanation, explain, is_changed
 from .frame import Reference, carried_offset, reference_of
 from .hypotheses import as_built
 from .orientation import TurnedTool, turned_tool
-from .score import GroupTest, Tested, bound_test, group_tests
-from .settings import FEW_WRONG, OUTLIER, UNEXPLAINED
+from .score import GroupTest, Tested, alike, group_tests
+from .settings import BEYOND, FEW_WRONG, OUTLIER, UNEXPLAINED
 
 _LEAST_ROWS = 10  # fewest different rows that a judgement or a correction can rest on
 _MISREAD = ("exchanged", "turns")
@@ -88,8 +90,8 @@ class Comparison:
     @property
     def notes(self) -> tuple[str, ...]:
         """What the user should be told of the rows."""
-        rows = "1 row contradicts" if self.strays == 1 else f"{self.strays} rows contradict"
-        return (*self.told, *[f"{rows} all others: left out"] * bool(self.strays))
+        stray = f"rows that contradict all others are left out: {self.strays}"
+        return (*self.told, *[stray] * bool(self.strays))
 
     # The belief in their frame, and what is tested.
 
@@ -129,8 +131,8 @@ class Comparison:
     def tested(self) -> Tested:
         """Tests of single groups against the belief as the model holds it; maps have none."""
         if self.model.body is None:
-            baseline = self.model.baseline
-            return Tested((), *2 * (baseline.noise if baseline else 0.0,))
+            noise = self.model.baseline.noise if self.model.baseline else 0.0
+            return Tested((), noise, noise)
         held = self.reference if self.reference.new else Reference(self.body, self.body.beta)
         return group_tests(held, self.log, self.probes)
 
@@ -144,16 +146,31 @@ class Comparison:
 
     @cached_property
     def bound_test(self) -> tuple[float, GroupTest]:
-        """Share of the rows beyond what the model told, and whether these are too many."""
-        k, slope, noisy = np.flatnonzero(self.kept), None, self.tested.noisy
-        shared = np.full(len(k), self.shared**2)
+        """Share of the rows beyond the 95 % bound, and the chance of so many by noise."""
+        from scipy.special import bdtrc, chdtri
+
+        k, tested, shared = np.flatnonzero(self.kept), self.tested, np.asarray(self.shared**2)
+        away, told = (self.x - self.predicted)[k], self._told[k]
+        square, m = (away**2).sum(axis=1), away.shape[1]
+        radius = float(chdtri(m, 0.05))  # squared, of 95 % of a Gaussian, in units of a deviation
         if self.shared and self.model.body is not None:  # model's frame and the log's own
             columns = shared_columns(self.reference, self.log, self.log.z)
-            shared = (columns**2).sum(axis=(1, 2)) / columns.shape[1]
-        if noisy is not None:
-            slope = self.body.structure.slope(self.q[k], self.body.beta)[..., noisy[0]]
-        away = (self.x - self.predicted)[k]
-        return bound_test(self.tested, k, self.u[k], away, self._told[k], shared, slope)
+            shared = (columns**2).sum(axis=(1, 2)) / m
+        # half of the rows of a noisier sensor are nearer than its median
+        noise = max(tested.noise**2, float(np.median(square)) / float(chdtri(m, 0.5)))
+        noise = max(noise - tested.usual**2, 0.0)
+        if noise and alike(k, self.u[k], away) * radius > float(np.median(told)) ** 2:
+            noise = 0.0
+        if tested.noisy is not None:
+            slope = self.body.structure.slope(self.q[k], self.body.beta)[..., tested.noisy[0]]
+            noise = noise + tested.noisy[1] ** 2 * (slope**2).sum(axis=1)
+        over = square > told**2 + radius * (shared + noise)
+        # rows that err together count once
+        time = autocorrelation_time(over[:, None].astype(float)) if over.any() else 1.0
+        count, n = int(over.sum() / time), math.ceil(len(over) / time)
+        p = float(bdtrc(count - 1, n, BEYOND)) if count else 1.0
+        beyond = float(np.mean(square > told**2 + radius * shared))
+        return beyond, GroupTest("bound", p, -2.0 * math.log(max(p, 1e-300)))
 
     # What explains them.
 
@@ -204,10 +221,9 @@ class Comparison:
     @cached_property
     def tool(self) -> TurnedTool:
         """How the tool is turned beside the best explanation of the positions."""
-        if not self.changed:
-            return self.tool_beside(self.body.structure, self.body.beta)
-        beta = self.explanations[0].beta
-        return self.tool_beside(self.reference.structure, beta, framed=True)
+        beta = self.explanations[0].beta if self.changed else self.body.beta
+        structure = self.reference.structure if self.changed else self.body.structure
+        return self.tool_beside(structure, beta, framed=self.changed)
 
     def tool_beside(self, structure: Any, beta: Array, *, framed: bool = False) -> TurnedTool:
         """How it is turned beside what parameters (d,) predict."""
@@ -241,12 +257,11 @@ def compare(model: Model, log: Samples, cause: str | None = None) -> Comparison:
     if log.touch is not None:  # which no sensor saw
         cause = cause or "joints"
         log, notes = as_positions(model, log)
-    given, before = log.left_out + len(log), log.left_out
+    given, before, unit, shared = log.left_out + len(log), log.left_out, log.unit, log.shared
     _refuse_degrees(model, log)
-    unit, shared = log.unit, log.shared
     log, told = sound_log(model, log)
-    names, first = model.about.joint_names, np.hstack([log.q, log.x])
-    rows = np.sort(np.unique(first, axis=0, return_index=True)[1])
+    names = model.about.joint_names
+    rows = np.sort(np.unique(np.hstack([log.q, log.x]), axis=0, return_index=True)[1])
     repeated = len(log) - len(rows)
     known = np.isfinite(model.expected_error(log.q[rows]))
     if known.sum() < _LEAST_ROWS:

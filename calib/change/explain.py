@@ -17,7 +17,7 @@ from ..body.settings import NATS
 from ..common.arrays import Array
 from .equations import Equations, Log
 from .frame import Reference
-from .hypotheses import Hypothesis, freedom, hypotheses_of, is_framed, name_of
+from .hypotheses import FRAME, Hypothesis, freedom, hypotheses_of, is_framed
 from .settings import CREEP, MARGIN, OWN
 
 _ROWS = 200  # that hypotheses are compared on
@@ -51,9 +51,10 @@ class Explanation:
 
     @property
     def name(self) -> str:
-        """Its hypothesis in words, or the shape that none has."""
+        """Such as "frame, length", or what it is where nothing is freed."""
+        own = [g.removeprefix("view.") for g in self.hypothesis if g not in FRAME]
         shape = "waves of the joints" if self.waves > CREEP else "a smooth residual"
-        return name_of(self.hypothesis) if self.hypothesis else shape
+        return ", ".join([*["frame"] * is_framed(self.hypothesis), *own]) or shape
 
 
 def explain(

@@ -125,12 +125,6 @@ def hypotheses_of(structure: Structure, cause: str | None = None) -> tuple[Hypot
     return tuple(dict.fromkeys(known))
 
 
-def name_of(hypothesis: Hypothesis) -> str:
-    """Such as "nothing", "frame", "frame, length"."""
-    own = [g.removeprefix("view.") for g in hypothesis if g not in FRAME]
-    return ", ".join([*["frame"] * is_framed(hypothesis), *own]) or "nothing"
-
-
 def is_framed(hypothesis: Hypothesis) -> bool:
     """Whether the sensor's frame is free."""
     return "view.shift" in hypothesis

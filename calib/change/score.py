@@ -20,7 +20,7 @@ from ..common.arrays import Array
 from .equations import Equations, Log, Noisy, own_columns
 from .frame import Reference
 from .hypotheses import FRAME, TESTED, freedom, indices_of
-from .settings import BEYOND, CREPT, FALSE_ALARM, JOINT_NOISES, NOISIER, POWER
+from .settings import CREPT, FALSE_ALARM, JOINT_NOISES, NOISIER, POWER
 
 _ROWS = 300  # their power grows with the rows, their work with the rows too
 _FINER = (0.5, 0.7, 1.0, 1.4, 2.0)  # times the noise of an encoder, once one is found
@@ -74,8 +74,7 @@ class Tested:
 def fired(groups: Iterable[GroupTest]) -> tuple[GroupTest, ...]:
     """Groups above their threshold, the most telling first."""
     above = (g for g in groups if g.score > 1.0 and g.name != DRIFT)
-    # a larger group explains more by chance alone
-    return tuple(sorted(above, key=lambda g: 3.0 * g.freedom - g.statistic))
+    return tuple(sorted(above, key=lambda g: (-g.score, 3.0 * g.freedom - g.statistic)))
 
 
 def groups_of(body: Body) -> dict[str, Indices]:
@@ -119,9 +118,7 @@ class _Noise:
         self.likelihood, self.usual = e.likelihood(y, np.array([self.size, e.usual])).tolist()
         # rows that err together count once
         self.temper = autocorrelation_time(e.rest(y, self.size))
-        told = e.values / (self.size**2 + e.values)
-        # directions of the rows that tell the noise
-        self.left = (len(y) - float((1.0 - (1.0 - told) ** 2).sum())) / self.temper
+        self.left = e.left(self.size) / self.temper
         self.shape = noisy
 
 
@@ -159,6 +156,10 @@ def group_tests(reference: Reference, log: Log, probes: Array) -> Tested:
     y, x = e.whiten(residual), e.whiten(x)
     power, pull = e.information(y, x, noise.size)
     found, count = [], len(groups) + 2
+    # the usual noise is known, another one is that of the fit in which all may have changed
+    left = noise.left
+    if noise.size <= NOISIER * e.usual:
+        left = max(left, e.left(noise.size) / noise.temper - len(reference.sizes))
     for name, indices in groups.items():
         place = np.searchsorted(every, indices)
         if name.startswith("elastic"):  # of a joint about a vertical axis no load is felt
@@ -172,9 +173,9 @@ def group_tests(reference: Reference, log: Log, probes: Array) -> Tested:
         values, vectors = values[clear], vectors[:, clear] / size[:, None]
         turned, k = vectors.T @ pull[place], len(values)
         statistic = float((turned**2 / values).sum()) / noise.temper
-        p = min(1.0, count * float(fdtrc(k, noise.left, statistic / k)))
+        p = min(1.0, count * float(fdtrc(k, left, statistic / k)))
         deviation = np.sqrt((vectors**2 / values).sum(axis=1) * noise.temper)
-        least = k * float(fdtri(k, noise.left, 1.0 - FALSE_ALARM / count))
+        least = k * float(fdtri(k, left, 1.0 - FALSE_ALARM / count))
         needed = chndtrinc(least, k, 1.0 - POWER) * noise.temper
         change = every[place], vectors @ (turned / values), deviation
         smallest = float(np.sqrt(needed / told) * moves[place[0]])
@@ -189,7 +190,7 @@ def group_tests(reference: Reference, log: Log, probes: Array) -> Tested:
         mean, square = float(np.trace(power)), float((power**2).sum())
         if mean > 0.0:
             spread, ratio = mean**2 / square, float(pull @ pull) / mean / noise.temper
-            p = min(1.0, count * float(fdtrc(spread, noise.left, ratio)))
+            p = min(1.0, count * float(fdtrc(spread, left, ratio)))
             found.append(GroupTest(DRIFT, p, spread * ratio, round(spread)))
     noisy, now = None, noise.size * float(reference.sizes[0])
     if noise.shape is not None:
@@ -197,38 +198,7 @@ def group_tests(reference: Reference, log: Log, probes: Array) -> Tested:
     return Tested(tuple(found), now, float(reference.body.noise[0]), noisy, noisier)
 
 
-def bound_test(
-    tested: Tested, rows: Indices, u: Array, residual: Array, bound: Array, shared: Array,
-    slope: Array | None,
-) -> tuple[float, GroupTest]:  # fmt: skip
-    """Share of the rows beyond the 95 % bound, and how surely these are too many to be noise.
-
-    rows, u : (n,) and (n, dof), their numbers in the log and their joints in the unit box
-    residual, bound : (n, m) and (n,) [unit], infinite where the model tells none
-    shared : (n,), variance of an axis by what all rows share
-    slope : (n, m), motion of the tip by a joint whose encoder is noisy
-    """
-    from scipy.special import bdtrc, chdtri
-
-    square, m = (residual**2).sum(axis=1), residual.shape[1]
-    radius = float(chdtri(m, 0.05))  # squared, of 95 % of a Gaussian, in units of a deviation
-    # half of the rows of a noisier sensor are nearer than its median
-    noise = max(tested.noise**2, float(np.median(square)) / float(chdtri(m, 0.5)))
-    noise = max(noise - tested.usual**2, 0.0)
-    if noise and _alike(rows, u, residual) * radius > float(np.median(bound)) ** 2:
-        noise = 0.0
-    if tested.noisy is not None and slope is not None:
-        noise = noise + tested.noisy[1] ** 2 * (slope**2).sum(axis=1)
-    over = square > bound**2 + radius * (shared + noise)
-    # rows that err together count once
-    time = autocorrelation_time(over[:, None].astype(float)) if over.any() else 1.0
-    count, n = int(over.sum() / time), math.ceil(len(over) / time)
-    p = float(bdtrc(count - 1, n, BEYOND)) if count else 1.0
-    beyond = float(np.mean(square > bound**2 + radius * shared))
-    return beyond, GroupTest("bound", p, -2.0 * math.log(max(p, 1e-300)))
-
-
-def _alike(rows: Indices, u: Array, residual: Array) -> float:
+def alike(rows: Indices, u: Array, residual: Array) -> float:
     """Variance of an axis by which rows of like joints err alike, 0 where that may be chance."""
     from scipy.spatial import cKDTree
     from scipy.special import ndtri

@@ -38,10 +38,6 @@ class Answer(NamedTuple):
     # (n,), whether the distance is within the expected error and within 1 % of the extent
     reachable: NDArray[np.bool_]
 
-    def take(self, rows: slice | list[int] | NDArray[np.intp]) -> Answer:
-        """Some of the rows."""
-        return Answer._make(values[rows] for values in self)
-
 
 @dataclass(frozen=True, eq=False)
 class Path:

@@ -153,7 +153,7 @@ class Model(Parts):
         target, u, _ = self.solver.solve_all(answers.in_sight(self, rows))
         every = answers.answer(self, u, rows[target])
         edges = np.searchsorted(target, np.arange(len(rows) + 1)).tolist()
-        return [every.take(slice(a, b)) for a, b in itertools.pairwise(edges)]
+        return [Answer._make(part[a:b] for part in every) for a, b in itertools.pairwise(edges)]
 
     def inverse_all(self, x: ArrayLike) -> list[Array]:
         """Joint values (k, dof) of every branch that reaches each target (n, m).

@@ -46,23 +46,21 @@ class Space:
 
     model: Parts
     body: Body  # the body in the view "base", in m
-    joints: Joints
     length: float  # [m], the arm's length
 
     @staticmethod
     def of(model: Parts) -> Space:
         """The arm of a model, made once; QueryError if the model knows no chain in space."""
         if "space" not in model.remembered:
-            about, body = model.about, _in_base(model.body) or _drawn(model)
+            body = _in_base(model.body) or _drawn(model)
             if body is None:
                 raise QueryError(
                     "the model knows no arm in space in its base frame: expected one that was "
                     "learned from a log together with the robot that it is of"
                 )
             structure: Any = body.structure
-            joints = Joints(about.lower, about.upper, about.revolute)
             length = max(structure.chain.reach, 1e-9)
-            model.remembered["space"] = Space(model, body, joints, length)
+            model.remembered["space"] = Space(model, body, length)
         found: Space = model.remembered["space"]
         return found
 
@@ -199,8 +197,10 @@ class Space:
         moved = np.abs(scale.difference(u, wish) * scale.span).max(axis=1)
         beside = (left <= TOLERANCE * self.length) & (moved <= _BESIDE) & (not spare)
         alone = np.flatnonzero(~beside | every)
+        about = self.model.about
+        joints = Joints(about.lower, about.upper, about.revolute)
         branches = pose_branches(
-            self.evaluate, p[alone], r[alone], self.joints, self.length, starts=near[alone]
+            self.evaluate, p[alone], r[alone], joints, self.length, starts=near[alone]
         )
         others = {}
         for i, rows in zip(alone.tolist(), branches, strict=True):

@@ -167,7 +167,7 @@ class _Pair:
         """Joints' times (n,), and what was seen (n, m), of some rows."""
         when = clocks.joints_time(self.t)
         inside = np.flatnonzero((when >= self.joint_time[0]) & (when <= self.joint_time[-1]))
-        some = inside[thinned(len(inside), rows)] if len(inside) else inside
+        some = inside[thinned(len(inside), rows)]
         return when[some], self.x[some]
 
     def refined(self, start: Clocks, revolute: tuple[bool, ...] | None) -> Clocks | None:

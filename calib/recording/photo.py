@@ -113,9 +113,8 @@ def write_seen(path: str | os.PathLike[str], photo: Picture, setting: Setup, pla
             cv2.circle(canvas, (u, v), radius * thick, colour, line, cv2.LINE_AA)
 
     circles(places, 3, _PLACES, -1)
-    wanted = setting.tags_at.points if setting.tags_at is not None else {}
     for tag in TagFinder(setting.dictionary).find(grey):
-        known = tag.number in wanted or tag.number == setting.tag
+        known = tag.number in setting.finder.numbers
         colour = _TIP if tag.number == setting.tag else _BOARD if known else _OTHER
         corners = np.round(tag.corners).astype(np.int32)
         cv2.polylines(canvas, [corners], True, colour, thick + 1, cv2.LINE_AA)

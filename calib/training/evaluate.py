@@ -30,7 +30,6 @@ EVALUATED = ("kept", "free")
 _PLACED = 10  # rows that tell where a frame is
 _FAR_NEARER = 0.5  # of the median error: a frame that moved explains so much
 _SAMPLES = 10_000
-_STREAM = 4  # the same as in training: the tables agree
 # rows that errors are measured on, of maps and of a body; more would tell no more
 _TESTED, _ANSWERED = 5_000, 1_000
 _FOLDS = 20  # maps are tested on blocks that those of every other block did not show
@@ -308,7 +307,7 @@ def fresh_residuals(model: Model, simulation: Simulation) -> Residuals:
 
 def fresh_points(simulation: Simulation, seed: int) -> tuple[Array, Array]:
     """Joints (n, dof) and true positions (n, 2) of the 10,000 points that test a seed's models."""
-    rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(_STREAM,)))
+    rng = np.random.default_rng(TrainingOptions(seed=seed).stream("evaluation"))
     q = simulation.draw(_SAMPLES, rng)
     return q, simulation.true(q, rng)
 
