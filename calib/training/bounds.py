@@ -10,7 +10,7 @@ from ..body.approach import Approach, learn_play
 from ..body.covariance import RADIUS_95
 from ..common.arrays import Array
 from ..errors import OptionError
-from ..maps.node_bounds import learn_bounds, near_border
+from ..maps.node_bounds import learn_bounds
 from ..model.model import Model
 from ..samples.joint_values import directions
 from ..samples.samples import Samples
@@ -53,14 +53,8 @@ def simulated_bounds(
 
     play : (dof,), half the play of each joint, where the direction of approach is known
     """
-    scale, about, rng = model.motor.scale, model.about, np.random.default_rng(seed)
+    scale, rng = model.motor.scale, np.random.default_rng(seed)
     q = simulation.draw(_DRAWN, rng)
-    # inverse answers often stand on a limit, where a map is least certain: some samples do too
-    limits = q[: np.count_nonzero(near_border(model.motor, scale.to_unit(q))) // 20].copy()
-    joint = rng.integers(q.shape[1], size=len(limits))
-    there = np.where(rng.random(len(limits)) < 0.5, about.upper[joint], about.lower[joint])
-    limits[np.arange(len(limits)), joint] = there
-    q = np.concatenate([q, limits])
     x, side = simulation.true(q, rng), directions(q)
     u = scale.to_unit(q if play is None else q - play * side)
     inside = model.covers(u)
@@ -69,8 +63,7 @@ def simulated_bounds(
     errors = np.linalg.norm(model.predictor.value(u) - x, axis=1)
     bounds = learn_bounds(model.motor, u[inside], errors[inside])
     bounds = np.maximum(bounds, _ROUNDING * model.solver.extent)
-    drawn = inside & (np.arange(len(q)) < _DRAWN)
-    return bounds, u[drawn], x[drawn]
+    return bounds, u[inside], x[inside]
 
 
 def play_of(samples: Samples, part: SmoothPart) -> Array | None:
