@@ -29,7 +29,7 @@ from .finding import (
     plane_normal,
 )
 from .plane import plane_of
-from .posture import Kinematics, Posture, folded
+from .posture import Posture, folded, posture_of
 from .robots import resolve_robot
 from .urdf import Joint, Mimic, Range, Urdf, parse_urdf, read_urdf
 
@@ -123,8 +123,7 @@ def arm_from_urdf(
             )
         _movable(urdf, held, "lock")
     wanted = None if tip is None else _find_link(urdf, tip)
-    kinematics = Kinematics(urdf)
-    posture = kinematics.posture(lock)
+    posture = posture_of(urdf, lock)
     own = [j for j in urdf.joints if j.movable and not j.mimic and j.name not in lock]
     if joints is None:
         logged = {joint.name for joint in own} if columns is None else set(columns)
@@ -145,7 +144,7 @@ def arm_from_urdf(
         if joint.movable and (mimic := urdf.followed(joint, lock)).leader in names:
             following[joint.name] = mimic
     copies = [name for name in following if name not in names]
-    posture = kinematics.posture({**lock, **dict.fromkeys(following, 0.0)})
+    posture = posture_of(urdf, {**lock, **dict.fromkeys(following, 0.0)})
     normal = plane_normal(active, posture, wanted=planar)
     if copies and planar:
         raise RobotError(

@@ -29,39 +29,29 @@ class Posture:
         return np.asarray(self.frames[joint.child][:3, :3] @ _direction(joint))
 
 
-class Kinematics:
-    """Where Pinocchio's transforms put the links of a checked URDF.
+def posture_of(urdf: Urdf, told: Mapping[str, float]) -> Posture:
+    """Return the posture at joint values [rad or m]; others follow one, or are neutral.
 
-    Its models are not used: their parser gives a stranger's names a meaning (the world is
+    By Pinocchio's transforms.  Its models give a stranger's names a meaning (the world is
     `universe`), and their data of 900 joints take 48 GB.
     """
-
-    def __init__(self, urdf: Urdf) -> None:
-        try:
-            import pinocchio as pin
-        except ImportError as error:
-            raise RobotError(
-                f"robots need Pinocchio, which cannot be imported ({error}): pip install pin"
-            ) from None
-        self._pin, self._urdf = pin, urdf
-        # a URDF may list a joint before the one that carries it
-        ordered = sorted(urdf.joints, key=lambda joint: len(urdf.path(joint.child)))
-        self._placed: list[tuple[Joint, Any]] = [
-            (joint, pin.SE3(pin.rpy.rpyToMatrix(*joint.rpy), np.array(joint.xyz)))
-            for joint in ordered
-        ]
-
-    def posture(self, told: Mapping[str, float]) -> Posture:
-        """Return the posture at joint values [rad or m]; others follow one, or are neutral."""
-        pin, values = self._pin, self._urdf.values(told)
-        frames: dict[str, Any] = {self._urdf.root: pin.SE3.Identity()}
-        for joint, placed in self._placed:
-            frames[joint.child] = frames[joint.parent] * placed
-            if joint.movable:
-                moved, still = values[joint.name] * _direction(joint), np.zeros(3)
-                turn, shift = (moved, still) if joint.revolute else (still, moved)
-                frames[joint.child] *= pin.SE3(pin.exp3(turn), shift)
-        return Posture({link: frame.homogeneous for link, frame in frames.items()})
+    try:
+        import pinocchio as pin
+    except ImportError as error:
+        raise RobotError(
+            f"robots need Pinocchio, which cannot be imported ({error}): pip install pin"
+        ) from None
+    values = urdf.values(told)
+    frames: dict[str, Any] = {urdf.root: pin.SE3.Identity()}
+    # a URDF may list a joint before the one that carries it
+    for joint in sorted(urdf.joints, key=lambda joint: len(urdf.path(joint.child))):
+        placed = pin.SE3(pin.rpy.rpyToMatrix(*joint.rpy), np.array(joint.xyz))
+        frames[joint.child] = frames[joint.parent] * placed
+        if joint.movable:
+            moved, still = values[joint.name] * _direction(joint), np.zeros(3)
+            turn, shift = (moved, still) if joint.revolute else (still, moved)
+            frames[joint.child] *= pin.SE3(pin.exp3(turn), shift)
+    return Posture({link: frame.homogeneous for link, frame in frames.items()})
 
 
 def _direction(joint: Joint) -> Array:

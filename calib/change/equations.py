@@ -130,11 +130,6 @@ class Equations:
             value -= PSEUDO * (np.log(grid) + 0.5 / grid**2)
         return float(grid[int(np.argmax(value))])
 
-    def left(self, noise: float) -> float:
-        """Directions of the rows that tell the noise."""
-        told = self.values / (noise**2 + self.values)
-        return len(self.columns) - float((1.0 - (1.0 - told) ** 2).sum())
-
     def rest(self, y: Array, noise: float) -> Array:
         """What the unknown does not follow of the residuals, (n, m) in noises."""
         inner = self.columns.T @ self.columns

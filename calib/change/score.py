@@ -118,7 +118,9 @@ class _Noise:
         self.likelihood, self.usual = e.likelihood(y, np.array([self.size, e.usual])).tolist()
         # rows that err together count once
         self.temper = autocorrelation_time(e.rest(y, self.size))
-        self.left = e.left(self.size) / self.temper
+        # directions of the rows that tell the noise
+        told = e.values / (self.size**2 + e.values)
+        self.left = (len(y) - float((1.0 - (1.0 - told) ** 2).sum())) / self.temper
         self.shape = noisy
 
 
@@ -156,10 +158,6 @@ def group_tests(reference: Reference, log: Log, probes: Array) -> Tested:
     y, x = e.whiten(residual), e.whiten(x)
     power, pull = e.information(y, x, noise.size)
     found, count = [], len(groups) + 2
-    # the usual noise is known, another one is that of the fit in which all may have changed
-    left = noise.left
-    if noise.size <= NOISIER * e.usual:
-        left = max(left, e.left(noise.size) / noise.temper - len(reference.sizes))
     for name, indices in groups.items():
         place = np.searchsorted(every, indices)
         if name.startswith("elastic"):  # of a joint about a vertical axis no load is felt
@@ -173,9 +171,9 @@ def group_tests(reference: Reference, log: Log, probes: Array) -> Tested:
         values, vectors = values[clear], vectors[:, clear] / size[:, None]
         turned, k = vectors.T @ pull[place], len(values)
         statistic = float((turned**2 / values).sum()) / noise.temper
-        p = min(1.0, count * float(fdtrc(k, left, statistic / k)))
+        p = min(1.0, count * float(fdtrc(k, noise.left, statistic / k)))
         deviation = np.sqrt((vectors**2 / values).sum(axis=1) * noise.temper)
-        least = k * float(fdtri(k, left, 1.0 - FALSE_ALARM / count))
+        least = k * float(fdtri(k, noise.left, 1.0 - FALSE_ALARM / count))
         needed = chndtrinc(least, k, 1.0 - POWER) * noise.temper
         change = every[place], vectors @ (turned / values), deviation
         smallest = float(np.sqrt(needed / told) * moves[place[0]])
@@ -190,7 +188,7 @@ def group_tests(reference: Reference, log: Log, probes: Array) -> Tested:
         mean, square = float(np.trace(power)), float((power**2).sum())
         if mean > 0.0:
             spread, ratio = mean**2 / square, float(pull @ pull) / mean / noise.temper
-            p = min(1.0, count * float(fdtrc(spread, left, ratio)))
+            p = min(1.0, count * float(fdtrc(spread, noise.left, ratio)))
             found.append(GroupTest(DRIFT, p, spread * ratio, round(spread)))
     noisy, now = None, noise.size * float(reference.sizes[0])
     if noise.shape is not None:

@@ -16,7 +16,7 @@ from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
-from ..arm.posture import Kinematics
+from ..arm.posture import posture_of
 from ..arm.spatial_chain import move
 from ..arm.urdf import Joint, Urdf, parse_urdf
 from ..common.arrays import Array
@@ -76,7 +76,7 @@ def _origins(geometry: Geometry, urdf: Urdf) -> dict[str, Array]:
             parameter="tip",
             value=arm.tip,
         )
-    drawn = Kinematics(urdf).posture({**arm.locked, **dict.fromkeys(geometry.places, 0.0)}).frames
+    drawn = posture_of(urdf, {**arm.locked, **dict.fromkeys(geometry.places, 0.0)}).frames
     offsets = structure.chain.coupling @ beta[structure.groups["offset"]]
     motion = move(structure.links(beta), offsets[:, None])
     carried, fitted = np.eye(4), {urdf.root: np.eye(4)}

@@ -6,7 +6,7 @@ import pytest
 from reference import random_joints
 
 from calib.arm.loading import arm_from_urdf
-from calib.arm.posture import Kinematics
+from calib.arm.posture import posture_of
 from calib.arm.robots import resolve_robot
 from calib.arm.urdf import parse_urdf, read_urdf
 from calib.errors import RobotError
@@ -27,7 +27,7 @@ def test_a_mimic_of_nothing_is_mended_aloud():
     urdf = parse_urdf(TWO.replace('<origin xyz="0.2 0 0"/>', '<mimic joint="no"/>'))
     (note,) = urdf.notes
     assert "'no', which does not exist" in note
-    assert set(Kinematics(urdf).posture({}).frames) == {"a", "b", "c", "d"}
+    assert set(posture_of(urdf, {}).frames) == {"a", "b", "c", "d"}
 
 
 def test_an_axis_too_long_to_be_a_direction_is_refused():

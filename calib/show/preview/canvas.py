@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...arm.posture import Kinematics
-from ...arm.urdf import parse_urdf
+from ...arm.posture import posture_of
+from ...arm.urdf import Urdf, parse_urdf
 from ...common.arrays import Array
 from ...errors import CalibError
 from ...model.about import About
@@ -85,7 +85,7 @@ def packed(values: ArrayLike, kind: type[np.generic]) -> str:
 class DrawnArm:
     """The links from a robot's root to its tip as a skeleton, moved by the active joints."""
 
-    kinematics: Kinematics
+    urdf: Urdf
     about: About
     way: tuple[str, ...]  # links from the root to the tip
 
@@ -97,7 +97,8 @@ class DrawnArm:
         try:
             urdf = parse_urdf(about.urdf, about.robot)
             way = (urdf.root, *(joint.child for joint in urdf.path(about.tip)))
-            return DrawnArm(Kinematics(urdf), about, way)
+            posture_of(urdf, about.locked)  # without Pinocchio no arm is drawn
+            return DrawnArm(urdf, about, way)
         except CalibError:
             return None
 
@@ -106,7 +107,7 @@ class DrawnArm:
         about, found = self.about, []
         for row in np.atleast_2d(np.asarray(q, dtype=float)).tolist():
             values = {**about.locked, **dict(zip(about.joint_names, row, strict=True))}
-            found.append(self.kinematics.posture(values).frames)
+            found.append(posture_of(self.urdf, values).frames)
         return {link: np.stack([each[link] for each in found]) for link in self.way}
 
     def tips(self, q: ArrayLike) -> Array:
