@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..common.arrays import Array
 from .covariance import radius_95
@@ -23,9 +22,7 @@ from .rows import Rows
 from .settings import LEAST_ROWS_OF_A_QUANTILE, NATS, OUTLIER, SETTLED, UNKNOWN_KAPPA
 from .starts import Start
 
-_WORK = 5e5
-"""Rows times parameters beyond which only some rows, evenly spaced, get a predicted spread."""
-
+_WORK = 5e5  # rows times parameters beyond which only some rows get a predicted spread
 _PARTITIONS = (0, 2, 5, 10)
 
 
@@ -40,9 +37,9 @@ class HeldOut:
     score: Array  # (n,), negative log predictive density, up to a constant; NaN without a spread
     edges: Indices  # (b + 1,), limits of the blocks
     # dict of int to (n,) array, error over the 95 % radius, for partitions into 2, 5 and 10 blocks,
-    # and 0: of the fit itself, whose own residuals may contradict what it states there
+    # and 0: of the fit itself, whose own residuals may contradict what it states there; NaN for
+    # outliers of the fit
     ratios: dict[int, Array]
-    common: NDArray[np.bool_]  # (n,), rows that are no outliers: the others do not enter `kappa`
 
     def blockwise(self) -> Array:
         """Mean score of each block, NaN where there is none."""
@@ -62,9 +59,8 @@ class HeldOut:
             enough = (part for part in known if len(part) > LEAST_ROWS_OF_A_QUANTILE)
             return [float(np.quantile(part, 0.95)) for part in enough]
 
-        found = quantiles([each[self.common] for each in self.ratios.values()])
-        finest = np.where(self.common, self.ratios[max(self.ratios)], np.nan)
-        single = quantiles(np.split(finest, self.edges[1:-1]))
+        found = quantiles(list(self.ratios.values()))
+        single = quantiles(np.split(self.ratios[max(self.ratios)], self.edges[1:-1]))
         if len(single) > 1:
             found.append(float(np.mean(single) + np.std(single)))
         return max(found) if found else UNKNOWN_KAPPA
@@ -119,7 +115,8 @@ def leave_blocks_out(fit: Fit, partitions: tuple[int, ...] = _PARTITIONS) -> Hel
                 if b - a == 1:
                     v = np.einsum("nii->n", spread) / p  # of a Student with 4 degrees of freedom
                     score[rows] = 0.5 * (p * np.log(v) + (4 + p) * np.log1p(length**2 / (4 * v)))
-    return HeldOut(residuals, score, edges, ratios, fit.weight[:, 0] > OUTLIER)
+        ratios[parts][fit.weight[:, 0] <= OUTLIER] = np.nan
+    return HeldOut(residuals, score, edges, ratios)
 
 
 @dataclass(frozen=True)

@@ -67,7 +67,7 @@ def moved_at(q: Array, residual: Array) -> tuple[int, float] | None:
         # a few wild rows are no step: medians
         usual, now = float(np.median(inside)), float(np.median(beyond))
         error = 2.0 / np.sqrt(residual.shape[1] * len(inside))
-        gain = np.log(now / max(usual, 1e-300)) / error
+        gain = np.log(max(now, 1e-300) / max(usual, 1e-300)) / error  # exact rows leave nothing
         if now > _TIMES * usual and gain > _SURE:
             found.append((gain, k, np.sqrt(now - usual)))
     if not found:

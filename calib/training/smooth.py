@@ -67,11 +67,12 @@ def find_smooth_part(samples: Samples, *, view: str = "auto", seed: int) -> Smoo
     extent = float(np.linalg.norm(np.ptp(x, axis=0)))
     if part.error <= NO_ARM * extent or samples.simulation is not None:
         return part
+    planar = "planar " * (x.shape[1] == 2 and samples.arm is None)
     doubt = (
-        f"no {'arm' if samples.arm else 'planar arm'} explains the positions: held-out rows are "
-        f"missed by {100 * part.error / extent:.2g} % of their extent; check that `joints` names "
-        "all that moved, base to tip, that each row's joints and position are of one moment, and "
-        "give the URDF of an arm in space; maps and links alone learn what is no arm: `body='none'`"
+        f"no {planar}arm explains the positions: held-out rows are missed by "
+        f"{100 * part.error / extent:.2g} % of their extent; check that `joints` names all that "
+        "moved, base to tip, that each row's joints and position are of one moment, and give the "
+        "URDF of an arm in space; maps and links alone learn what is no arm: `body='none'`"
     )
     return replace(part, fit=replace(found, notes=(*found.notes, doubt)))
 
