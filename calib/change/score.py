@@ -20,10 +20,11 @@ from ..common.arrays import Array
 from .equations import Equations, Log, Noisy, own_columns
 from .frame import Reference
 from .hypotheses import FRAME, TESTED, freedom, indices_of
-from .settings import CREPT, FALSE_ALARM, JOINT_NOISES, NOISIER, POWER
+from .settings import CREPT, FALSE_ALARM, JOINT_NOISES, NOISIER
 
 _ROWS = 300  # their power grows with the rows, their work with the rows too
 _FINER = (0.5, 0.7, 1.0, 1.4, 2.0)  # times the noise of an encoder, once one is found
+_POWER = 0.9  # share of logs in which the smallest change that is told would be found
 _LASTING = 10  # rows over which noise may last
 
 DRIFT = "drift"
@@ -174,7 +175,7 @@ def group_tests(reference: Reference, log: Log, probes: Array) -> Tested:
         p = min(1.0, count * float(fdtrc(k, noise.left, statistic / k)))
         deviation = np.sqrt((vectors**2 / values).sum(axis=1) * noise.temper)
         least = k * float(fdtri(k, noise.left, 1.0 - FALSE_ALARM / count))
-        needed = chndtrinc(least, k, 1.0 - POWER) * noise.temper
+        needed = chndtrinc(least, k, 1.0 - _POWER) * noise.temper
         change = every[place], vectors @ (turned / values), deviation
         smallest = float(np.sqrt(needed / told) * moves[place[0]])
         found.append(GroupTest(name, p, statistic, k, change, smallest))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 # Share of undisturbed logs for which `check` may call anything changed, after Bonferroni
 FALSE_ALARM = 1e-3
-POWER = 0.9  # share of logs in which the smallest change that is told would be found
 OUTLIER = 5.0  # noises from which a row contradicts all others
 PSEUDO = 4.0  # observations that the old noise counts for
 # Noise of one encoder over that of the sensor, at the tip: a factor of four is .4 nats at most
