@@ -20,6 +20,7 @@ from .hypotheses import FRAME, GROUPS, Cause, indices_of, is_sensors, parts_of
 from .score import fired
 from .settings import CREEP, NOISIER
 
+_EXACT = 1e3  # times the noise of a model: it learned from exact samples
 _SIGNIFICANT = 2.6  # standard deviations from which a parameter is said to have changed
 _ALIKE = 0.15  # share of a displacement that may differ between two words for it
 _VAGUE = math.radians(1.0)  # half an interval of a turn from which it is worth a word
@@ -58,8 +59,9 @@ def find_causes(found: Comparison) -> tuple[tuple[Cause, ...], tuple[str, ...]]:
     )
     if tested.noisier and (noise := min(tested.noise, left)) > NOISIER * tested.usual:
         factor, unit = for_people(found.unit_seen)
-        times = f"{noise / tested.usual:.2g} times the usual"
-        words = f"the scatter is {factor * noise:.3g} {unit} per axis, {times}"
+        times = noise / tested.usual  # of exact samples there is no usual one
+        more = f", {times:.2g} times the usual" if times < _EXACT else ""
+        words = f"the scatter is {factor * noise:.3g} {unit} per axis{more}"
         causes.append(Cause("noise", "noise", words, noise, None, found.unit_seen))
     if found.tool.score > 1.0:
         turn, angle = found.tool.turn, float(np.linalg.norm(found.tool.turn))

@@ -106,7 +106,7 @@ _CAMERA = ("view.scale", "view.shear", "view.tilt")
 _SENSOR = ((), ("view.scale",), _CAMERA, ("view.scale", "view.shear", "lens"))
 _GEOMETRY = ("offset", "length", "gain", "placement")
 _EVERY = (*_GEOMETRY, "elastic", "tool")
-_ARM = (("offset",), ("length",), ("gain",), ("elastic",), ("tool",), _EVERY)
+_ARM = (("offset",), ("length",), ("gain",), ("elastic",), ("tool",), _GEOMETRY, _EVERY)
 _BOTH = (("offset",), ("length",), (*_EVERY, "curve", *_CAMERA, "lens"))
 
 

@@ -151,3 +151,30 @@ def test_online_method_needs_thousands_and_says_what_it_did():
     assert found.improved
     assert found.model.history[0]["method"] == "online"
     assert any("were shown" in note for note in found.notes)
+
+
+TOGETHER = ("elbow.length=+3%", "elbow.offset=0.02")
+
+
+@pytest.mark.parametrize("seed", [1, 7])
+def test_rows_of_an_unchanged_arm_are_added_where_few_were_known(seed):
+    two = calib.load_arm("two_link")
+    few, more, exact = (
+        calib.babble(two, n, seed=seed + k, noise=s, changes=TOGETHER)
+        for k, n, s in ((0, 12, 5e-4), (1, 40, 5e-4), (2, 300, 0.0))
+    )
+    model = calib.train(replace(few, simulation=None), size=6)
+    made = calib.adapt(model, more)
+    assert made.correction == "nothing changed, rows added"
+    assert error(made.model, exact) < 0.7 * error(model, exact)
+
+
+@pytest.mark.parametrize("seed", [1, 4])
+def test_an_offset_and_a_length_that_change_together_are_both_mended(seed):
+    two = calib.load_arm("two_link")
+    log, exact = (
+        calib.babble(two, n, seed=seed, noise=s, changes=TOGETHER)
+        for n, s in ((20, 5e-4), (300, 0.0))
+    )
+    made = calib.adapt(calib.train(calib.babble(two, 2000), size=8), log)
+    assert error(made.model, exact) < 4e-4

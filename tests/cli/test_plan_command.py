@@ -43,7 +43,7 @@ def test_command_completes_a_log(run, log, tmp_path, arm):
         (["two_link", "--from", "1,9"], 1, "elbow = 9"),
         (["two_linc"], 1, "did you mean two_link"),
         (["MODEL", "--tip", "t"], 2, "--tip is for ROBOT"),
-        (["MODEL", "--range", "elbow=0:9"], 1, "outside"),
+        (["MODEL", "--range", "elbow=0:9"], 1, "limits"),
     ],
 )
 def test_command_errors_are_one_line_and_write_nothing(run, model, tmp_path, args, code, part):
