@@ -148,9 +148,9 @@ def _few_shot(found: Comparison, report: Progress) -> Adaptation:
     hypothesis = best.hypothesis if found.changed else ()
     # what nobody may miss: another unit, a mirror, a joint that turns round or not at all
     loud = [cause.words for cause in found.reference.causes] if found.explained else []
-    known = "nothing changed" if found.score <= 1.0 else "no single change explains the log"
+    why = "nothing changed" if found.score <= 1.0 else "no single change explains the log"
     added = ", rows added" * (made.improved or found.score > 1.0)
-    correction = best.name if found.changed else known + added
+    correction = best.name if found.changed else why + added
     told = _old_model(found, before, after, correction, *loud)
     if found.changed:
         left = {g for g, ix in found.reference.structure.groups.items() if len(ix)} - {*hypothesis}
