@@ -10,7 +10,6 @@ import numpy as np
 
 from ..common.arrays import Array
 from ..common.choices import METHODS
-from ..common.parallel import one_blas_thread
 from ..common.rows import thinned
 from ..common.wording import for_people
 from ..errors import OptionError
@@ -24,7 +23,7 @@ from ..samples.samples import Samples
 from ..training.evaluate import error_sizes, evaluate_residuals, summarise
 from ..training.learn import Progress
 from .causes import find_causes, frame_between
-from .comparison import Comparison, compare
+from .comparison import Comparison, compare, comparing
 from .follow import BLOCK, HORIZON, OnlineAdapter
 from .hypotheses import GROUPS, Cause, is_framed
 from .rebuild import rebuilt
@@ -130,7 +129,7 @@ def adapt(
     if method not in METHODS:
         raise OptionError(f"method {method!r} is unknown, choose one of {', '.join(METHODS)}")
     report = progress or (lambda *_: None)
-    with one_blas_thread():
+    with comparing():
         found = compare(model, log, cause)
         if method == "online":
             return _online(found, report)

@@ -10,13 +10,12 @@ from typing import Any
 import numpy as np
 
 from ..common.arrays import Array
-from ..common.parallel import one_blas_thread
 from ..errors import LogError, OptionError
 from ..maps.map import Map, search_tree
 from ..model.model import Model
 from ..samples.samples import Samples
 from .causes import find_causes
-from .comparison import Comparison, compare
+from .comparison import Comparison, compare, comparing
 from .hypotheses import Cause
 from .score import GroupTest, fired
 from .settings import FALSE_ALARM
@@ -147,7 +146,7 @@ def check(
     LogError
         If the log is not of this arm, too short, or looks wrong.
     """
-    with one_blas_thread():
+    with comparing():
         found = compare(model, log, cause)
         score, tested, adapts = found.score, found.tested, False
         causes, told = find_causes(found)
@@ -262,7 +261,7 @@ def recognise(models: Sequence[Model], log: Samples) -> Recognition:
     why = None
     for index, model in enumerate(models):
         try:
-            with one_blas_thread():
+            with comparing():
                 compared = compare(model, log)
                 score, distance = compared.score, float(np.median(compared.missed))
         except LogError as error:  # outside of what this one has learned

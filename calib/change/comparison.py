@@ -7,6 +7,8 @@ is first asked for.  Maps alone, without a body, are compared with their bound.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -16,6 +18,7 @@ import numpy as np
 from ..body.belief import Body, knows_orientation
 from ..body.covariance import autocorrelation_time
 from ..common.arrays import Array, Mask
+from ..common.parallel import one_blas_thread
 from ..errors import LogError, ModelError
 from ..model.model import Model
 from ..samples.diagnosis import diagnose, readings, refuse_mistakes, rows_behind
@@ -241,6 +244,16 @@ class Comparison:
             f"nothing explains the log: its positions are {100 * self._left[1]:.0f} % of their "
             f"spread away from any change of the arm or the sensor; {check}"
         )
+
+
+@contextmanager
+def comparing() -> Iterator[None]:
+    """One BLAS thread; a forged file, whose numbers no equation holds, is told."""
+    try:
+        with one_blas_thread():
+            yield
+    except np.linalg.LinAlgError:
+        raise ModelError("no equation holds the model's numbers: train it again") from None
 
 
 def compare(model: Model, log: Samples, cause: str | None = None) -> Comparison:
