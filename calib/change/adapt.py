@@ -153,7 +153,8 @@ def _few_shot(found: Comparison, report: Progress) -> Adaptation:
     correction = best.name if found.changed else why + added
     told = _old_model(found, before, after, correction, *loud)
     if found.changed:
-        left = {g for g, ix in found.reference.structure.groups.items() if len(ix)} - {*hypothesis}
+        left = {g for g, ix in found.reference.structure.groups.items() if len(ix)}
+        left -= {group.partition(":")[0] for group in hypothesis}
         if len(found.reference.sizes) >= 3:  # a tracker has no lens
             left.discard("lens")
         told = replace(told, kept=tuple(w.kept for g, w in GROUPS.items() if g in left and w.kept))

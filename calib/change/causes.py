@@ -125,7 +125,7 @@ def _of_change(found: Comparison) -> list[Cause]:
             continue
         for _, every in parts_of(structure, group):
             some, most = every[clear[every]], float(np.abs(change[every]).max())
-            whole = GROUPS[group].whole
+            whole = GROUPS[group.partition(":")[0]].whole
             if whole and len(some):  # by its largest one
                 some = some[[np.argmax(np.abs(change[some]))]]
             for k in some.tolist():

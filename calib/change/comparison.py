@@ -30,7 +30,7 @@ from .explain import Explanation, explain, is_changed
 from .frame import Reference, carried_offset, reference_of
 from .hypotheses import as_built
 from .orientation import TurnedTool, turned_tool
-from .score import GroupTest, Tested, alike, group_tests
+from .score import GroupTest, Tested, alike, fired, group_tests
 from .settings import BEYOND, FEW_WRONG, OUTLIER, UNEXPLAINED
 
 _LEAST_ROWS = 10  # fewest different rows that a judgement or a correction can rest on
@@ -180,7 +180,10 @@ class Comparison:
     @cached_property
     def explanations(self) -> tuple[Explanation, ...]:
         """Hypotheses with their evidence, best first; of a calm log that of no change."""
-        return explain(self.reference, self.log, self.cause, calm=not self._suspect)
+        # the first joint's origin is the sensor's frame
+        links = [f"placement:{name}" for name in self.model.about.joint_names[1:]]
+        link = next((g.name for g in fired(self.tested.groups) if g.name in links), None)
+        return explain(self.reference, self.log, self.cause, not self._suspect, link)
 
     @cached_property
     def _suspect(self) -> bool:

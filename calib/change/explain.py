@@ -58,13 +58,17 @@ class Explanation:
 
 
 def explain(
-    reference: Reference, log: Log, cause: str | None = None, calm: bool = False
-) -> tuple[Explanation, ...]:
+    reference: Reference, log: Log, cause: str | None = None, calm: bool = False,
+    link: str | None = None,
+) -> tuple[Explanation, ...]:  # fmt: skip
     """All hypotheses with their evidence, best first.
 
+    link : "placement:JOINT" that the tests name first, if they do: a link was bent or exchanged
     calm : whether nothing changed: only the sizes of the log's own residual are then compared
     """
     every = ((),) if calm else hypotheses_of(reference.structure, cause)
+    if link is not None and not calm and cause != "sensor":
+        every = (*every[:1], (link,), *every[1:])
     *narrow, richest = (h for h in every if is_framed(h) or calm or not reference.new)
     log, found, at = log.some(_ROWS), list[Explanation](), dict[Hypothesis, Array]()
     temper = max(reference.body.kappa, 1.0) ** 2

@@ -136,10 +136,15 @@ def is_sensors(group: str) -> bool:
 
 
 def parts_of(structure: Structure, group: str) -> list[tuple[str, Indices]]:
-    """Parts of a group that are named apart, each with its parameters: the joints' curves."""
+    """Parts of a group, or of a "group:joint", each with its parameters: the joints' curves."""
+    group, _, joint = group.partition(":")
     curves = group == "curve"
     own = [n for n in structure.groups if (n.startswith("curve.") if curves else n == group)]
-    return [(name, structure.groups[name]) for name in own]
+    labels = structure.labels
+    return [
+        (name, np.array([k for k in structure.groups[name] if joint in ("", labels[k].joint)], int))
+        for name in own
+    ]
 
 
 def indices_of(structure: Structure, groups: Iterable[str]) -> Indices:

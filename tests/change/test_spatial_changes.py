@@ -173,16 +173,35 @@ def test_a_tracker_before_a_simulated_arm_moves_neither_its_commands_nor_its_dra
     assert max(abs(told["value"]) for told in offsets) < np.radians(0.05)
 
 
-def test_what_few_rows_cannot_mend_widens_the_bound_of_six_joints_too():
-    """The nodes' bounds were widened, which six joints do not ask: 11.6 mm off, 1.4 mm told."""
+@pytest.fixture(scope="module")
+def sparse():
+    """A six-joint arm and a model of fifteen rows of it."""
     six = calib.load_arm("six_axis")
-    changes = ["elbow.length=+3%", "wrist_1.length=-2%"]
     few = replace(calib.babble(six, 15, seed=0, noise=1e-4), simulation=None)
+    return six, calib.train(few, size=6)
+
+
+@pytest.mark.parametrize("seed", [9, 900])
+def test_fifteen_rows_mend_the_placement_of_one_joint(sparse, seed):
+    """All placements cost more than fifteen rows tell: they stayed 11.6 mm off."""
+    six, model = sparse
+    changes = ["elbow.length=+3%", "wrist_1.length=-2%"]
     new, exact = (
-        calib.babble(six, n, seed=9, noise=s, changes=changes) for n, s in ((15, 1e-4), (200, 0.0))
+        calib.babble(six, n, seed=seed, noise=s, changes=changes)
+        for n, s in ((15, 1e-4), (200, 0.0))
     )
-    model = calib.train(few, size=6)
     made = calib.adapt(model, new)
-    assert calib.check(model, new).drifted
+    error = np.linalg.norm(made.model.forward(exact.q) - exact.x, axis=1)
+    assert error.mean() < 5e-4
+    assert np.mean(error <= made.model.expected_error(exact.q)) > 0.93
+
+
+def test_what_nothing_mends_widens_the_bound_of_six_joints_too(sparse):
+    """The nodes' bounds were widened, which six joints do not ask: 11.6 mm off, 1.4 mm told."""
+    six, model = sparse
+    changes = [f"{joint}.length=+{2 + k}%" for k, joint in enumerate(six.joint_names[1:])]
+    new, exact = (calib.babble(six, n, seed=9, changes=changes) for n in (12, 200))
+    made = calib.adapt(model, new)
+    assert not made.improved
     error = np.linalg.norm(made.model.forward(exact.q) - exact.x, axis=1)
     assert np.mean(error <= made.model.expected_error(exact.q)) > 0.93
