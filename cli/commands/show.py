@@ -27,7 +27,7 @@ def report(
     loaded, log = drawn.load(model)
     import calib
     from calib.common.atomic import atomic_write
-    from calib.show.report.drawing import to_png
+    from calib.show.report.figures import to_png
 
     lines = []
     if output is not None:
