@@ -40,7 +40,7 @@ def urdf(
     """
     import calib
     from calib.common.atomic import atomic_write
-    from calib.use.correct import frame_notes
+    from calib.use.frames import frame_notes
     from calib.use.geometry import fit_geometry
     from calib.use.urdf import MOST_UNEXPLAINED, check_output, corrected_urdf
 
