@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -45,9 +45,11 @@ class Shooting:
     camera: opt.DatasetCamera = None
     eye: Annotated[Eye | None, flag("--eye", "Of a board: in the hand, or standing.")] = None
 
-    def given(self) -> bool:
-        """Whether any of what only pictures have was typed."""
-        return self != Shooting()
+    def taken(self, names: Sequence[str]) -> bool:
+        """Whether names are of pictures or a video, or what only these have was typed."""
+        kinds, marks = VIDEOS + PICTURES, set("*?[")
+        seen = any(Path(name).suffix.lower() in kinds or marks & {*name} for name in names)
+        return seen or self != Shooting()
 
     def setting(self, output: str) -> Setup:
         """Make the setting; a lens that is calibrated is written beside the log."""
@@ -83,23 +85,20 @@ class Shooting:
         sources: Sequence[str],
         output: str,
         joints: Sequence[str] | None,
-        degrees: bool,
-        prismatic: Sequence[str],
-        max_gap: float,
-        still: float | None,
-        time_offset: float | None,
+        timed: Mapping[str, Any],
+        **of_joints: Any,
     ) -> Samples:
         """Make a log of pictures or a video, and draw what was seen if that is wanted."""
         first, source = Path(sources[0]), sources[0] if len(sources) == 1 else sources
         film = first.is_file() and first.suffix.lower() not in PICTURES
         if len(sources) > 1 and (film or self.eye is not None):
             raise BadOption(f"{len(sources)} names: expected one video or dataset, or pictures")
-        if not film and (still is not None or time_offset is not None):
+        if not film and {timed["still"], timed["time_offset"]} != {None}:
             raise BadOption("--still and --time-offset are for videos and bags, not pictures")
         if self.eye is not None:
             return record_board(
                 sources[0], self.board, self.eye, self.lens, self.joints_file, self.camera, joints,
-                degrees=degrees, prismatic=prismatic,
+                **of_joints,
             )  # fmt: skip
         from calib.recording.joint_table import read_joints
         from calib.recording.photo import read_photo, write_seen
@@ -107,13 +106,11 @@ class Shooting:
         from calib.recording.tag_logs import log_pictures, log_video
 
         setting = self.setting(output)
-        table = read_joints(str(self.joints_file), joints, degrees=degrees, prismatic=prismatic)
+        table = read_joints(str(self.joints_file), joints, **of_joints)
         path = first
         if film:
-            made = log_video(
-                first, table, setting, time_offset=time_offset, still=still, max_gap=max_gap,
-                revolute=[name not in prismatic for name in table.names],
-            )  # fmt: skip
+            turns = [name not in of_joints["prismatic"] for name in table.names]
+            made = log_video(first, table, setting, revolute=turns, **timed)
         else:
             made = log_pictures(source, table, setting)
             named = {each.name: each for each in list_pictures(source)}
@@ -127,11 +124,6 @@ class Shooting:
         if self.picture is not None and made.pixels is not None:
             write_seen(self.picture, read_photo(path), setting, made.pixels)
         return made
-
-
-def is_picture(path: str) -> bool:
-    """Whether a name is that of pictures or a video, not of a recording of ROS."""
-    return Path(path).suffix.lower() in VIDEOS + PICTURES or any(mark in path for mark in "*?[")
 
 
 def need_joints(source: str, joints_file: str | None) -> None:

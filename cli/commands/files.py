@@ -181,8 +181,7 @@ def report(
     lines = []
     if output is not None:
         calib.report(loaded, output, log)
-        size = Path(output).stat().st_size / 1e6
-        lines.append(f"{output}: {size:.2f} MB, open it in a browser")
+        lines.append(_page(output))
     if png is not None:
         folder = Path(png)
         folder.mkdir(parents=True, exist_ok=True)
@@ -213,9 +212,7 @@ def preview(
     with calib.preview(loaded, html, log, **how) as shown:
         say(shown.notes)
         if html is not None:
-            size = Path(html).stat().st_size
-            line = f"{html}: {size / 1e6:.2f} MB, open it in a browser"
-            return Outcome({"html": html, "bytes": size}, [line])
+            return Outcome({"html": html, "bytes": Path(html).stat().st_size}, [_page(html)])
         try:
             print(shown.url, flush=True)
             note("showing the preview; Ctrl-C ends it")
@@ -224,3 +221,7 @@ def preview(
         except KeyboardInterrupt:
             note("ended")
     return Outcome({"url": shown.url})
+
+
+def _page(path: str) -> str:
+    return f"{path}: {Path(path).stat().st_size / 1e6:.2f} MB, open it in a browser"

@@ -12,7 +12,7 @@ from calib.common.wording import for_people
 
 from .. import options as opt
 from .. import parsing
-from ..camera import Shooting, is_picture, need_joints
+from ..camera import Shooting, need_joints
 from ..options import Text, flag, option
 from ..output import Outcome, note, say
 from ..parsing import TABLES, BadOption, above_zero, check_file
@@ -52,9 +52,11 @@ def log(
     check_file(output, TABLES, stream=True)
     bags: dict[str, Any] = {"joints_topic": joints_topic, "tip_topic": tip_topic, "frames": frames}
     timed: dict[str, Any] = {"max_gap": max_gap, "still": still, "time_offset": time_offset}
-    if shooting.given() or any(map(is_picture, bag)):
+    if shooting.taken(bag):
         refuse(bags, "is for bags, not for pictures and videos")
-        made = shooting.record(bag, output, joints, degrees, prismatic or (), **timed)
+        made = shooting.record(
+            bag, output, joints, timed, degrees=degrees, prismatic=prismatic or ()
+        )
         factor, shown = for_people(made.unit)
         kinds = f"[rad, {made.unit}]"
         noise = factor * float(made.source["noise"])

@@ -183,7 +183,8 @@ def train(
         log = babbled(robot, selection, babbling, seed)
     else:
         log = sockets.of(measured(robot, selection, data, logged, seed, lens))
-    path = output or _default_name(str(robot or data))
+    safe = re.sub(r"[^\w.+-]+", "_", Path(str(robot or data)).stem).lstrip(".")
+    path = output or ("log.calib" if (robot or data) == "-" else f"{safe or 'robot'}.calib")
     check_file(path, ())
     if output is None and not force:
         _check_same_origin(path, log)
@@ -237,8 +238,3 @@ def _check_same_origin(path: str, log: Samples) -> None:
         hint="name another file with -o, or replace it with `force=True`",
         parameter="force",
     )
-
-
-def _default_name(source: str) -> str:
-    safe = re.sub(r"[^\w.+-]+", "_", Path(source).stem).lstrip(".")
-    return "log.calib" if source == "-" else f"{safe or 'robot'}.calib"
