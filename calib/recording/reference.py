@@ -37,7 +37,6 @@ class Pose:
     # of a small turn [rad] in the camera's axes, of the shift [m], and of the lens's parameters,
     # which the pose was found with (15, 15)
     covariance: Array
-    rms: float  # rms distance of the points from where the pose puts them [px]
 
     @property
     def camera(self) -> Array:
@@ -73,7 +72,7 @@ def find_pose(lens: Lens, points: Array, pixels: Array) -> Pose:
     covariance = follows @ lens.covariance @ follows.T
     variance = max(square / max(len(own) - 6, 1), _LEAST_NOISE**2)
     covariance[:6, :6] += np.linalg.pinv(own.T @ own) * variance
-    return Pose(rotation, shift, covariance, float(np.sqrt(square / len(points))))
+    return Pose(rotation, shift, covariance)
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,7 +125,7 @@ class PlaneReference:
             told, lens = about["reference"], Lens.from_json(about["lens"])
             rotation = np.array(told["rotation"], float).reshape(3, 3)
             shift = -rotation @ np.array(told["camera"], float).reshape(3)
-            return cls(lens, Pose(rotation, shift, np.zeros((15, 15)), 0.0), float(told["height"]))
+            return cls(lens, Pose(rotation, shift, np.zeros((15, 15))), float(told["height"]))
         except (KeyError, TypeError, ValueError):
             raise LogError(
                 "the log does not say where its camera was: expected one that calib log made"

@@ -162,7 +162,8 @@ def adapt(
 
     check_file(output, ())
     loaded = calib.load(model)
-    path = output or adapted_name(model)
+    stem = Path(model).name.removesuffix(".calib").removesuffix(".adapted")
+    path = output or str(Path(model).with_name(f"{stem}.adapted.calib"))
     check_file(path, ())  # before the work whose result would be lost
     log = log_for(loaded, data, reading)
     with progress_bar() as progress:
@@ -210,19 +211,6 @@ def adapt(
     if found.kept:
         more.append(f"left as it was: {', '.join(found.kept)}")
     return Outcome(document, lines, more, code=0 if found.improved else NO)
-
-
-def adapted_name(model: str) -> str:
-    """Return the file beside a model that its adaptation is written to.
-
-    Examples
-    --------
-    >>> adapted_name("m.calib"), adapted_name("m.adapted.calib")
-    ('m.adapted.calib', 'm.adapted.calib')
-    """
-    path = Path(model)
-    stem = path.name.removesuffix(".calib").removesuffix(".adapted")
-    return str(path.with_name(f"{stem}.adapted.calib"))
 
 
 def recognise(

@@ -50,13 +50,12 @@ def log(
     from calib.samples.roles import log_columns
 
     check_file(output, TABLES, stream=True)
+    slides = prismatic or ()
     bags: dict[str, Any] = {"joints_topic": joints_topic, "tip_topic": tip_topic, "frames": frames}
     timed: dict[str, Any] = {"max_gap": max_gap, "still": still, "time_offset": time_offset}
     if shooting.taken(bag):
         refuse(bags, "is for bags, not for pictures and videos")
-        made = shooting.record(
-            bag, output, joints, timed, degrees=degrees, prismatic=prismatic or ()
-        )
+        made = shooting.record(bag, output, joints, timed, degrees=degrees, prismatic=slides)
         factor, shown = for_people(made.unit)
         kinds = f"[rad, {made.unit}]"
         noise = factor * float(made.source["noise"])
@@ -73,7 +72,7 @@ def log(
         kinds = "[rad, m, s]"
     write_log(made, output)
     names = made.joint_names
-    units = {name: "m" if name in (prismatic or ()) else "rad" for name in names}
+    units = {name: "m" if name in slides else "rad" for name in names}
     document = {"log": output, "joints": names, "samples": len(made), "unit": made.unit}
     document |= made.source
     document["units"] = {"joints": units, "positions": made.unit, "time": "s"}
