@@ -10,8 +10,7 @@ from typing import ClassVar, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..common.arrays import Array
-from ..common.frozen import own_floats
+from ..common.arrays import Array, own_floats
 from ..common.rows import checked_rows
 from ..common.scale import TURN
 from ..common.wording import listed, quoted, suggestion

@@ -14,8 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..common.arrays import Array
-from ..common.frozen import own_floats
+from ..common.arrays import Array, own_floats
 from ..errors import LogError, RobotError
 
 #: Axes closer to the normal than this (cosine of 45 degrees, rounding apart) are skipped.

@@ -19,8 +19,7 @@ from typing import Annotated
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..common.arrays import Array, Shape
-from ..common.frozen import own_floats
+from ..common.arrays import Array, Shape, own_floats
 from .rotations import cross_matrix, exponential
 
 #: Standard gravity in the root frame of an arm that stands upright [m/s2].

@@ -10,8 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..common.arrays import Array
-from ..common.frozen import ReadOnly, frozen
+from ..common.arrays import Array, ReadOnly, frozen
 
 Indices = NDArray[np.intp]
 

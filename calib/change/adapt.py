@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from ..body.covariance import radius_95
 from ..common.arrays import Array
 from ..common.choices import METHODS
 from ..common.rows import thinned
@@ -212,11 +213,16 @@ def _doubted(found: Comparison, made: Adaptation, fresh: Model) -> Adaptation:
     apart = np.linalg.norm(fresh.predictor.value(u) - model.predictor.value(u), axis=1)
     apart = np.maximum(apart + fresh.model_bounds, float(np.quantile(missed, 0.95)))
     bounds, model_bounds = (np.maximum(b, apart) for b in (model.bounds, model.model_bounds))
+    body = model.body
+    if body is not None:  # bounds at more than three joints are the body's own
+        size = float(np.median(apart)) / float(radius_95(np.eye(found.x.shape[1])[None])[0])
+        body = replace(body, residual=np.maximum(body.residual, size))
+    wider = replace(model, body=body, bounds=bounds, model_bounds=model_bounds)
+    known = float(np.nanmedian(wider.model_error(found.q)))
     told = (
         f"the rows are missed by {factor * float(missed.mean()):.3g} {name} on average but do not "
-        f"show why: the prediction stays, known to {factor * float(apart.mean()):.3g} {name} only"
+        f"show why: the prediction stays, known to {factor * known:.3g} {name} only"
     )
-    wider = replace(model, bounds=bounds, model_bounds=model_bounds)
     return replace(made, model=wider, notes=(*made.notes, told))
 
 

@@ -1,4 +1,4 @@
-"""Rows of numbers from what users pass as arrays: named columns are taken by name.
+"""Numbers from users and files: rows of them, checked; named columns are taken by name.
 
 Use it wherever a function takes joint values or positions: a table whose columns are named in
 another order would otherwise be read in the wrong order without a word.
@@ -6,6 +6,7 @@ another order would otherwise be read in the wrong order without a word.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -15,6 +16,9 @@ from numpy.typing import NDArray
 from ..errors import CalibError, OptionError, QueryError
 from .arrays import Array
 from .wording import listed, quoted, suggestion
+
+LARGEST = 1e15
+"""No measure of an arm is so large, and its powers are numbers still."""
 
 
 def number_rows(
@@ -108,3 +112,20 @@ def _numbers(values: Any, what: str, error: type[CalibError]) -> Array:
 def thinned(count: int, most: int) -> NDArray[np.intp]:
     """Return at most `most` row numbers of `count`, evenly spread, in order."""
     return np.unique(np.linspace(0, count - 1, min(count, most)).round().astype(np.intp))
+
+
+def numbers(name: str, values: Any, count: int) -> list[float]:
+    """Return a list of so many finite numbers, or raise ValueError; true and false are none."""
+    given = values if isinstance(values, list) else []
+    good = [v for v in given if isinstance(v, int | float) and not isinstance(v, bool)]
+    if len(good) != count or len(given) != count or not all(map(math.isfinite, good)):
+        raise ValueError(f"{name}: {values!r:.40} are not {count} finite numbers")
+    return [float(value) for value in good]
+
+
+def whole(name: str, value: object, least: int, most: int) -> int:
+    """Return a whole number within bounds, NumPy's too; True and 3.0 are none."""
+    good = isinstance(value, int | np.integer) and not isinstance(value, bool)
+    if not (good and least <= value <= most):  # type: ignore[operator]
+        raise OptionError(f"{name} is {value!r}, expected a whole number, {least} to {most:,}")
+    return int(value)  # type: ignore[call-overload, no-any-return]

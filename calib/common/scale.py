@@ -7,8 +7,7 @@ from typing import Annotated
 
 import numpy as np
 
-from .arrays import Array, Mask, Shape
-from .frozen import ReadOnly
+from .arrays import Array, Mask, ReadOnly, Shape
 
 TURN = 2 * np.pi
 

@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any, cast
 
 import numpy as np
 
-from ..common.arrays import Array, Index, Own, Shape
+from ..common.arrays import Array, Index, Own, Shape, freeze
 from ..common.choices import READOUTS
-from ..common.frozen import freeze
 from ..common.parallel import side_by_side
 from ..errors import OptionError
 from .linear_models import LinearModels, regress

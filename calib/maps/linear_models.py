@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..common.arrays import Array, Index
-from ..common.frozen import ReadOnly
+from ..common.arrays import Array, Index, ReadOnly
 from .local_models import blend, blend_size
 from .map import Map, nearest_points
 

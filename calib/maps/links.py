@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import numpy as np
 from numpy.typing import NDArray
 
-from ..common.arrays import Array, Index, Shape
-from ..common.frozen import ReadOnly
+from ..common.arrays import Array, Index, ReadOnly, Shape
 from ..errors import OptionError
 from .map import Map
 

@@ -9,8 +9,7 @@ from typing import Annotated
 
 import numpy as np
 
-from ..common.arrays import Array, Index, Mask, Shape
-from ..common.frozen import ReadOnly
+from ..common.arrays import Array, Index, Mask, ReadOnly, Shape
 from .map import Map, nearest_points
 
 MOST_DEGREE = 5

@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 
-from ..common.arrays import Array, Index, Shape
-from ..common.frozen import freeze, frozen
+from ..common.arrays import Array, Index, Shape, freeze, frozen
 from ..common.scale import Scale
 from .lattice import Graph, Lattice
 

@@ -11,8 +11,7 @@ from typing import Annotated, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..common.arrays import Array, Shape
-from ..common.frozen import ReadOnly
+from ..common.arrays import Array, ReadOnly, Shape
 from ..errors import LogError, ModelError
 from ..samples.samples import Samples
 

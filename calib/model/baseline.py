@@ -7,8 +7,7 @@ from typing import Annotated
 
 import numpy as np
 
-from ..common.arrays import Array, Shape
-from ..common.frozen import ReadOnly
+from ..common.arrays import Array, ReadOnly, Shape
 from ..common.scale import Scale
 from ..maps.association import Association
 from ..maps.map import Map, nearest_points

@@ -12,9 +12,8 @@ from numpy.typing import NDArray
 
 from ..body.approach import Approach
 from ..body.belief import Body
-from ..common.arrays import Array, Mask, Own, Shape
+from ..common.arrays import Array, Mask, Own, Shape, freeze
 from ..common.choices import MAP_READOUTS
-from ..common.frozen import freeze
 from ..common.wording import one_line
 from ..errors import OptionError
 from ..inverse.solver import Solver

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from ..body.covariance import pack, unpack
 from ..common.arrays import TRIANGLE, Shape
-from ..common.checks import LARGEST
+from ..common.rows import LARGEST
 from ..errors import ModelError
 
 Tensors = dict[str, NDArray[Any]]

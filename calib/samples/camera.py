@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..common.arrays import Array
-from ..common.checks import numbers
+from ..common.rows import numbers
 from ..errors import LogError
 
 #: Widths and heights [px] that a camera's pictures usually have.

@@ -15,7 +15,7 @@ import numpy as np
 
 from ..arm.urdf import Range
 from ..common.arrays import Array, Index, Mask
-from ..common.checks import LARGEST
+from ..common.rows import LARGEST
 from ..common.scale import TURN
 from ..common.wording import for_people, unit_of_joint
 from ..errors import CalibError, LogError, OptionError

@@ -13,7 +13,7 @@ from ..arm.arm import Arm, SpatialArm
 from ..arm.plane import Plane, fit_plane
 from ..arm.urdf import Range
 from ..common.arrays import Array, Index, Mask
-from ..common.checks import LARGEST, whole
+from ..common.rows import LARGEST, whole
 from ..common.wording import listed, vector
 from ..errors import LogError, OptionError
 from . import settings

@@ -12,8 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..arm.arm import Arm
 from ..arm.plane import Plane
 from ..common.arrays import Array
-from ..common.checks import LARGEST, whole
-from ..common.rows import column_names, number_rows
+from ..common.rows import LARGEST, column_names, number_rows, whole
 from ..errors import LogError, OptionError
 from .camera import Camera
 from .simulation import Change, Simulation, parse_changes

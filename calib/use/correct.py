@@ -17,8 +17,7 @@ from ..arm.rotations import logarithm
 from ..body.covariance import radius_95, spread_of
 from ..body.planar import PlanarStructure
 from ..body.settings import SHARED
-from ..common.arrays import Array
-from ..common.frozen import frozen
+from ..common.arrays import Array, frozen
 from ..common.rows import checked_rows, each_joint
 from ..common.scale import TURN
 from ..errors import QueryError

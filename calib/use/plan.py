@@ -16,10 +16,9 @@ from numpy.typing import ArrayLike, NDArray
 from ..arm.arm import Arm, SpatialArm
 from ..body.spatial import structure_of
 from ..body.telling import greedy, most_telling
-from ..common.arrays import Array, Index
-from ..common.checks import whole
+from ..common.arrays import Array, Index, ReadOnly
 from ..common.choices import EYES
-from ..common.frozen import ReadOnly
+from ..common.rows import whole
 from ..common.scale import Scale
 from ..errors import OptionError
 from ..maps.map import search_tree
