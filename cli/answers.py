@@ -1,7 +1,4 @@
-"""Answers to queries: for people, as documents, or as a table in the columns that were asked.
-
-It needs NumPy.
-"""
+"""Answers to queries: for people, as documents, or as a table; it needs NumPy."""
 
 from __future__ import annotations
 
@@ -77,13 +74,14 @@ class Query:
         ]
         return TextTable(header, rows, title, left=0)
 
-    def read(self, names: Sequence[str], more: Sequence[Sequence[str]] = ()) -> Batch:
-        """Read the table of queries; its positions come in the model's unit."""
+    def read(self, names: Sequence[str], more: Sequence[Sequence[str]] = ()) -> tuple[Batch, Any]:
+        """Read queries, positions in the model's unit, and which rows (n,) are numbers."""
         if self.asking.input_ is None:
             raise BadOption("--input FILE is missing: expected a table of queries")
         batch = read_batch(self.asking.input_, names, more, self.asking.columns or {})
         lengths = [name in _LENGTHS and name not in self.joints.names for name in batch.names]
-        return replace(batch, values=batch.values / np.where(lengths, self.positions.typed, 1.0))
+        values = batch.values / np.where(lengths, self.positions.typed, 1.0)
+        return replace(batch, values=values), np.isfinite(values).all(axis=1)
 
     def answer(
         self,
@@ -125,19 +123,14 @@ class Query:
 
 
 def beside(batch: Batch, valid: NDArray[np.bool_], added: Mapping[str, Any]) -> dict[str, Any]:
-    """Columns of a table of queries with answers, those of rows that are `valid` (n,)."""
+    """Columns of a table of queries with answers of rows that are `valid` (n,), else NaN or 0."""
     say(batch.notes(list(added)))
-    return batch.answered(over_all_rows(valid, added))
-
-
-def over_all_rows(valid: NDArray[np.bool_], columns: Mapping[str, Any]) -> dict[str, NDArray[Any]]:
-    """Columns (n,) with values where rows are `valid` (n,); the others are NaN, or not reached."""
     found: dict[str, NDArray[Any]] = {}
-    for name, column in columns.items():
+    for name, column in added.items():
         truths = name == "reachable"
         found[name] = np.full(len(valid), 0 if truths else np.nan, int if truths else float)
         found[name][valid] = column
-    return found
+    return batch.answered(found)
 
 
 def say_rows(numbers: Sequence[int], of: int, what: str) -> None:

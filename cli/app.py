@@ -50,8 +50,10 @@ _TOGETHER = {
     "info": "robots evaluate",
     "query": "forward path correct",
     "many": "sweep reproduce",
-    "files": "urdf export",
-    "show": "preview report",
+    "files": "urdf export preview report",
+    "train": "plan babble",
+    "drift": "check adapt recognise",
+    "recording": "log handeye tag",
 }
 """Commands of one module, where it does not have the command's name."""
 _MODULE = {name: module for module, names in _TOGETHER.items() for name in names.split()}

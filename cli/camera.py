@@ -1,8 +1,8 @@
-"""Pictures and videos for commands: their options, and the logs that are made of them."""
+"""Pictures and videos for commands: logs that are made of them, and photos that are drawn over."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -17,6 +17,7 @@ from . import options as opt
 from .options import Text, flag, option
 from .output import say
 from .parsing import BadOption
+from .samples import Compared, log_of
 
 if TYPE_CHECKING:
     from calib.model.model import Model
@@ -44,9 +45,11 @@ class Shooting:
     camera: opt.DatasetCamera = None
     eye: Annotated[Eye | None, flag("--eye", "Of a board: in the hand, or standing.")] = None
 
-    def given(self) -> bool:
-        """Whether any of what only pictures have was typed."""
-        return self != Shooting()
+    def taken(self, names: Sequence[str]) -> bool:
+        """Whether names are of pictures or a video, or what only these have was typed."""
+        kinds, marks = VIDEOS + PICTURES, set("*?[")
+        seen = any(Path(name).suffix.lower() in kinds or marks & {*name} for name in names)
+        return seen or self != Shooting()
 
     def setting(self, output: str) -> Setup:
         """Make the setting; a lens that is calibrated is written beside the log."""
@@ -82,23 +85,20 @@ class Shooting:
         sources: Sequence[str],
         output: str,
         joints: Sequence[str] | None,
-        degrees: bool,
-        prismatic: Sequence[str],
-        max_gap: float,
-        still: float | None,
-        time_offset: float | None,
+        timed: Mapping[str, Any],
+        **of_joints: Any,
     ) -> Samples:
         """Make a log of pictures or a video, and draw what was seen if that is wanted."""
         first, source = Path(sources[0]), sources[0] if len(sources) == 1 else sources
         film = first.is_file() and first.suffix.lower() not in PICTURES
         if len(sources) > 1 and (film or self.eye is not None):
             raise BadOption(f"{len(sources)} names: expected one video or dataset, or pictures")
-        if not film and (still is not None or time_offset is not None):
+        if not film and {timed["still"], timed["time_offset"]} != {None}:
             raise BadOption("--still and --time-offset are for videos and bags, not pictures")
         if self.eye is not None:
             return record_board(
                 sources[0], self.board, self.eye, self.lens, self.joints_file, self.camera, joints,
-                degrees=degrees, prismatic=prismatic,
+                **of_joints,
             )  # fmt: skip
         from calib.recording.joint_table import read_joints
         from calib.recording.photo import read_photo, write_seen
@@ -106,13 +106,11 @@ class Shooting:
         from calib.recording.tag_logs import log_pictures, log_video
 
         setting = self.setting(output)
-        table = read_joints(str(self.joints_file), joints, degrees=degrees, prismatic=prismatic)
+        table = read_joints(str(self.joints_file), joints, **of_joints)
         path = first
         if film:
-            made = log_video(
-                first, table, setting, time_offset=time_offset, still=still, max_gap=max_gap,
-                revolute=[name not in prismatic for name in table.names],
-            )  # fmt: skip
+            turns = [name not in of_joints["prismatic"] for name in table.names]
+            made = log_video(first, table, setting, revolute=turns, **timed)
         else:
             made = log_pictures(source, table, setting)
             named = {each.name: each for each in list_pictures(source)}
@@ -126,11 +124,6 @@ class Shooting:
         if self.picture is not None and made.pixels is not None:
             write_seen(self.picture, read_photo(path), setting, made.pixels)
         return made
-
-
-def is_picture(path: str) -> bool:
-    """Whether a name is that of pictures or a video, not of a recording of ROS."""
-    return Path(path).suffix.lower() in VIDEOS + PICTURES or any(mark in path for mark in "*?[")
 
 
 def need_joints(source: str, joints_file: str | None) -> None:
@@ -206,3 +199,57 @@ def _lens_of(model: Model) -> Lens:
         raise BadOption(
             "the model is not of pictures of a board: make a log of these by calib log --eye"
         ) from None
+
+
+def photo_of_log(model: Model, log: Samples, data: str) -> Model:
+    """Return a model with the picture that its log names, if it lies beside or below the log."""
+    from calib.errors import CalibError
+
+    named = log.source.get("photo")
+    if not isinstance(named, str) or data == "-":
+        return model
+    folder = Path(data).resolve().parent
+    # a log may come from a stranger: it must not bring files from elsewhere into a model
+    try:
+        path = (folder / named).resolve()
+        if not (path.is_relative_to(folder) and path.is_file()):
+            return model
+        made = with_photo(model, str(path), log)
+    except (OSError, ValueError):  # no name of a file
+        return model
+    except CalibError as error:
+        say([f"no photo is kept in the model: {error}"])
+        return model
+    say([f"{path.name} is kept in the model as its photo; --no-photo leaves it out"])
+    return made
+
+
+@dataclass(frozen=True, kw_only=True)
+class Drawn(Compared):
+    """What a model is drawn with, as typed."""
+
+    data: opt.Data = None
+    photo: opt.PhotoFile = None
+    no_photo: opt.NoPhoto = False
+
+    def load(self, path: str) -> tuple[Model, Samples | None]:
+        """Load a model as it is to be drawn, and a log of its own arm where one is given."""
+        import calib
+
+        model = calib.load(path)
+        log = log_of(model, self.data, self)
+        if self.photo is None:
+            return (replace(model, photo=None) if self.no_photo else model), log
+        model = with_photo(model, self.photo, log)
+        if not self.no_photo:
+            model.save(path)
+            say([f"{self.photo} is kept in {path}; --no-photo leaves it out"])
+        return model, log
+
+
+def with_photo(model: Model, path: str, log: Samples | None) -> Model:
+    """Return a model with a photo; for metres `log` says where its camera was."""
+    from calib.recording.photo import take_photo
+
+    about, unit = None if log is None else log.source, model.about.unit
+    return replace(model, photo=take_photo(path, model.sensory.weights, unit, about))

@@ -1,7 +1,6 @@
 """Options: what several commands take, with the same name and meaning in each.
 
-An annotation of Typer each: a command names those that it takes. What is typed in a form of its
-own is read by a reader, and is Any to Typer.
+An annotation of Typer each; what is typed in a form of its own has a reader, and is Any to Typer.
 """
 
 from __future__ import annotations

@@ -105,12 +105,6 @@ class TextTable:
         return [*title, *lines, *textwrap.wrap(printable(self.foot), _WIDTH)]
 
 
-def fact_lines(pairs: Mapping[str, str]) -> list[str]:
-    """Return names and values, one pair on each line."""
-    width = max(map(len, pairs), default=0)
-    return [f"{name:<{width}}  {as_typed(value)}" for name, value in pairs.items()]
-
-
 _Line = str | TextTable
 
 

@@ -1,8 +1,4 @@
-"""Parsing: how typed texts become values, and how wrong usage is told.
-
-Types, ranges and choices are declared with Typer's own annotations; readers are for what Typer has
-no type for.
-"""
+"""Parsing: how typed texts that Typer has no type for become values, and wrong usage is told."""
 
 from __future__ import annotations
 

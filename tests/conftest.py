@@ -14,6 +14,8 @@ import pytest
 from hypothesis import settings
 from threadpoolctl import threadpool_limits
 
+import calib
+
 # a deadline would test how busy the machine is
 settings.register_profile("calib", deadline=None)
 settings.load_profile("calib")
@@ -66,6 +68,12 @@ def one_blas_thread():
     """Small matrices in one thread: several would wait for each other."""
     with threadpool_limits(1, user_api="blas"):
         yield
+
+
+@pytest.fixture(scope="session")
+def arm() -> calib.PlanarArm:
+    """The bundled two_link: shoulder 0 to 90, elbow 15 to 150 deg."""
+    return calib.load_arm("two_link")
 
 
 @pytest.fixture(scope="session")

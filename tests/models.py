@@ -73,9 +73,9 @@ def no_arm(n: int) -> calib.Samples:
 
 
 def two_link(q: np.ndarray) -> np.ndarray:
-    """Tip of the 2R arm by the textbook: (n, 2) -> (n, 2)."""
-    a, b = q[:, 0], q[:, 0] + q[:, 1]
-    return np.stack([L1 * np.cos(a) + L2 * np.cos(b), L1 * np.sin(a) + L2 * np.sin(b)], axis=1)
+    """Tip of the 2R arm by the textbook: (..., 2) -> (..., 2)."""
+    a, b = q[..., 0], q[..., 0] + q[..., 1]
+    return np.stack([L1 * np.cos(a) + L2 * np.cos(b), L1 * np.sin(a) + L2 * np.sin(b)], axis=-1)
 
 
 def two_link_inverse(x: np.ndarray, sign: float) -> np.ndarray:
@@ -92,11 +92,10 @@ def draw(model: calib.Model, n: int, seed: int = 0, margin: float = 0.0) -> np.n
     return model.about.lower + u * (model.about.upper - model.about.lower)
 
 
-@cache
-def in_space(n: int = 240):
-    """Return a model of a log of `spatial_three` as it was built, with joint curves."""
+def built(view: str = "rigid", *, curves: bool = False):
+    """Return `spatial_three`, its structure, parameters as if built, and what drew them."""
     arm = calib.load_arm("spatial_three")
-    structure = structure_of(arm, "rigid")
+    structure = structure_of(arm, view)
     rng, groups = np.random.default_rng(0), structure.groups
     beta = structure.neutral()
     beta[groups["view.rotation"]] = rng.normal(0, 1, 3)
@@ -105,8 +104,15 @@ def in_space(n: int = 240):
     beta[structure.shifts] = rng.normal(0, 5e-4, (3, 3))
     beta[structure.turns] = rng.normal(0, 1e-3, (3, 3))
     beta[groups["elastic"]] = -1e-3
-    for k in range(3):
+    for k in range(3 * curves):
         beta[groups[f"curve.{k}"][[9, 48 + 14]]] = rng.normal(0, 5e-4, 2)
+    return arm, structure, beta, rng
+
+
+@cache
+def in_space(n: int = 240):
+    """Return a model of a log of `spatial_three` as it was built, with joint curves."""
+    arm, structure, beta, rng = built(curves=True)
     q = rng.uniform(arm.lower, arm.upper, (n, 3))
     x = structure.predict(q, beta) + rng.normal(0, 2e-5, (n, 3))
     samples = calib.Samples(

@@ -1,8 +1,9 @@
-"""Wording: names, choices and units as people read them, in messages that stay one short line."""
+"""Wording: names, choices and units as people read them, messages of one short line, pages."""
 
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterable
 from difflib import get_close_matches
 
@@ -15,6 +16,7 @@ INSTALL = "pip install 'calib-arm[{0}]', or in a checkout pip install '.[{0}]'"
 ROUNDED_AWAY = 1e-9
 """Errors below this [m], or below this share of a sensor's extent, are rounding."""
 
+_PLACE = re.compile(r"@([a-z]+(?:\.[a-z]+)?)@")  # in a page that is a file of a package
 _PREFIXES = ((1e-3, "mm"), (1e-6, "µm"), (1e-9, "nm"))
 
 
@@ -87,3 +89,19 @@ def length_in_words(value: float, unit: str) -> str:
         return "below 1 nm" if value else "0"
     factor, name = next((f, n) for f, n in _PREFIXES if abs(value) >= 0.9995 * f or n == "nm")
     return f"{value / factor:.3g} {name}"
+
+
+def filled(package: str, name: str, **parts: str) -> str:
+    """Return a file of a package whose places are filled.
+
+    A place such as `@page.css@` takes the file of that name, any other one of the parts.
+    """
+    from importlib.resources import files
+
+    folder = files(package)
+
+    def fill(found: re.Match[str]) -> str:
+        place = found[1]
+        return parts[place] if place in parts else (folder / place).read_text(encoding="utf-8")
+
+    return _PLACE.sub(fill, (folder / name).read_text(encoding="utf-8"))

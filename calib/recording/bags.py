@@ -1,8 +1,4 @@
-"""Bags: ROS 1 and ROS 2 recordings and MCAP files, as logs.
-
-Joint states and tip positions are messages of their own, at rates of their own: the joints
-are interpolated to the times of the positions.
-"""
+"""Bags: ROS 1 and ROS 2 recordings and MCAP files, as logs."""
 
 from __future__ import annotations
 
@@ -26,10 +22,8 @@ _POSITIONS = tuple(
     f"geometry_msgs/msg/{kind}" for kind in ("PointStamped", "PoseStamped", "TransformStamped")
 )
 _TF = "tf2_msgs/msg/TFMessage"
-#: Turns [rad] and lengths [m] below which a transform is the same.
-_SAME = 1e-9
-#: Offsets [s] below which stamps are taken as they are: training estimates what is left.
-_IN_TIME = 0.005
+_SAME = 1e-9  # turns [rad] and lengths [m] below which a transform is the same
+_IN_TIME = 0.005  # [s], offsets below which stamps are left: training estimates the rest
 
 
 def read_bag(
@@ -188,11 +182,7 @@ def _found_offset(stamps: Array, x: Array, times: Array, values: Array) -> tuple
 
 
 def _poses(reader: Any, topics: Sequence[str], frames: Sequence[str] | None) -> tuple[Array, str]:
-    """The tip's times, places and quaternions (n, 8), and their frame.
-
-    The one moving transform between two frames, with the still ones around it; a topic that is not
-    of tf counts as a transform to a frame of its name.
-    """
+    """Times, places and quaternions (n, 8) of the one transform that moves, and their frame."""
     parents: dict[str, str] = {}
     moves: dict[str, list[tuple[float, ...]]] = {}  # rows by child
     for topic, received, message in _messages(reader, topics):

@@ -11,7 +11,7 @@ import numpy as np
 from ..common.arrays import Array, Mask
 from ..common.choices import DICTIONARY
 from ..common.scale import METRES
-from ..common.templates import filled
+from ..common.wording import filled
 from ..errors import OptionError
 from .pictures import Picture, opencv
 from .tags import find_dictionary, lay_corners, tag_cells

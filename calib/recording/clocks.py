@@ -1,8 +1,7 @@
 """A sensor's clock against the joints': offset and rate, or a refusal.
 
-A correlation of speeds alone is wrong by many seconds where an arm repeats itself. It only names
-candidates. Each is judged by how well joints predict what was seen; the best must be clearly better
-than its rival. How late it is tells the one estimator of delays, :mod:`calib.samples.delays`.
+A correlation of speeds names candidates, for an arm may repeat itself; the one from which joints
+predict best what was seen is taken, if its rival is clearly worse.
 """
 
 from __future__ import annotations
@@ -26,10 +25,8 @@ _CANDIDATES = 15  # peaks of the correlation of speeds that are judged
 _FITTED = 3  # of them that are fitted to the end
 _GRID = 50.0  # [1/s]
 _OVERLAP = 0.8  # of the shorter recording must have a counterpart
-_JUDGED, _REFINED = (
-    (120, 4),
-    (300, 12),
-)  # rows, and steps, that judge candidates and refine the best
+_JUDGED = (120, 4)  # rows, and steps, that judge candidates
+_REFINED = (300, 12)  # and that refine the best
 _SOFTS = (1e-2 * SOFT, SOFT, 1e2 * SOFT)
 _STEP = 0.01  # over which a velocity is taken [s]
 _FARTHEST_STEP = 0.08  # [s]: far from the solution the velocity is a poor guide
@@ -82,11 +79,7 @@ class _Waves:
             self._soft = min(_SOFTS, key=lambda soft: _median(Judge(q, soft).miss(seen)))
 
     def look(self, q: Array, ahead: Array, behind: Array, seen: Array, since: Array) -> Any:
-        """What `estimate_delay` takes, with the clocks' rate last.
-
-        Were the joints late, held-out blocks would miss by the tip's motion, less what the fit
-        would have made of that: the same linear map takes both.
-        """
+        """What `estimate_delay` takes, with the clocks' rate last."""
         judge, none = Judge(q, self._soft), np.empty(0)
         speed = (judge.predict(ahead, seen) - judge.predict(behind, seen)) / (2.0 * _STEP)
         velocity, apart = (judge.miss(each) for each in (speed, speed * since))
@@ -97,10 +90,7 @@ class _Waves:
 
 
 class _Chain:
-    """A planar chain under a tilted camera, fitted with the clocks: a dozen parameters, few rows.
-
-    Of a filmed arm of three joints, 18 s, it knows the clock to .01 ms, waves to 2 ms.
-    """
+    """A planar chain under a tilted camera, fitted with the clocks: for few rows."""
 
     def __init__(self, q: Array, seen: Array, revolute: tuple[bool, ...]) -> None:
         from ..body.planar import planar_structure
@@ -171,10 +161,7 @@ class _Pair:
         return when[some], self.x[some]
 
     def refined(self, start: Clocks, revolute: tuple[bool, ...] | None) -> Clocks | None:
-        """Fit the offset, and the rate where the rows show one: noise would spoil both ends.
-
-        revolute : of a planar chain's joints; None fits without a chain
-        """
+        """Fit the offset, and the rate where rows show one; without `revolute` no planar chain."""
         when, seen = self.some(start, _REFINED[0])
         try:
             there = self.joints(when)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import os
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -124,7 +124,7 @@ def _solved(arm: SpatialArm, shots: BoardPictures, in_hand: bool, known: Lens | 
     )
     views = _Views.of(shots, lens, in_hand)
     _refuse_readings(structure, views, shots.board)
-    _, pixels, body, kept, misses = _explained(structure, views)
+    _, kept, pixels, body, misses = _explained(structure, views)
     own, sensor = structure.groups["lens"], SensorPose.of(body)
     f, u, v, k1 = (float(value) for value in body.beta[own])
     focal_95 = _Z95 * body.kappa * float(pixels.deviations[own[0]])
@@ -138,12 +138,20 @@ def _solved(arm: SpatialArm, shots: BoardPictures, in_hand: bool, known: Lens | 
     )  # fmt: skip
     first, last = arm.joint_names[0], arm.joint_names[-1]
     turn, shift = np.degrees(max(hand["rotation_95"])), 1e3 * max(hand["position_95"])
+    gone = [name for name, stays in zip(shots.names, kept, strict=True) if not stays]
+    where = f"from {gone[0]} on" if len(gone) > 1 and not kept[-len(gone) :].any() else "in them"
+    left = (
+        f"{len(gone)} pictures contradict the others and are left out ({listed(gone)}): {where} "
+        "camera or board was moved, the camera refocused or zoomed, or the joints are not theirs"
+    )
     gauge = (
         f"no picture tells a turn about {first} and a shift along it from where the base stands, "
         f"nor a turn about {last} and a shift along it from what is in the hand: both joints count "
         f"as their encoders say. Of a tip that the true {last} carries, the place in the hand is "
         f"sure to {turn:.2g} deg and {shift:.2g} mm"
     )
+    log = shots.log(glass, in_hand).take(kept)
+    lower, upper = np.minimum(arm.lower, log.lower), np.maximum(arm.upper, log.upper)
     return HandEye(
         eye="hand" if in_hand else "base",
         pictures=shots.count,
@@ -156,8 +164,8 @@ def _solved(arm: SpatialArm, shots: BoardPictures, in_hand: bool, known: Lens | 
             "known": known is not None,
         },
         limited_by=_limit(poses, listed(arm.joint_names[-2:]), focal_95 / f, off, shift),
-        notes=(*shots.notes, *doubts, *_left_out(shots.names, kept), gauge),
-        poses=_samples(arm, shots.log(glass, in_hand), kept),
+        notes=(*shots.notes, *doubts, *[left] * bool(gone), gauge),
+        poses=replace(log, lower=lower, upper=upper, revolute=arm.revolute, arm=arm, notes=()),
         body=body,
     )  # fmt: skip
 
@@ -190,23 +198,6 @@ def _limit(poses: Array, wrist: str, focal: float, off: float, hand: float) -> s
     return f"the arm's own errors (hand known to {hand:.1f} mm); {add}"
 
 
-def _samples(arm: SpatialArm, log: Samples, kept: Mask) -> Samples:
-    """The pictures that agree as a log of poses."""
-    log = log.take(kept)
-    lower, upper = np.minimum(arm.lower, log.lower), np.maximum(arm.upper, log.upper)
-    return replace(log, lower=lower, upper=upper, revolute=arm.revolute, arm=arm, notes=())
-
-
-def _left_out(names: tuple[str, ...], kept: Mask) -> list[str]:
-    """Say which pictures contradict the others."""
-    gone = [name for name, stays in zip(names, kept, strict=True) if not stays]
-    where = f"from {gone[0]} on" if len(gone) > 1 and not kept[-len(gone) :].any() else "in them"
-    return [
-        f"{len(gone)} pictures contradict the others and are left out ({listed(gone)}): {where} "
-        "camera or board was moved, the camera refocused or zoomed, or the joints are not theirs"
-    ] * bool(gone)
-
-
 @dataclass(frozen=True, eq=False)
 class _Views:
     """What is in the hand seen from what stands still, and the corners that tell it."""
@@ -233,28 +224,22 @@ class _Views:
         )
 
 
-class _Fitted(NamedTuple):
-    """The fit of the pictures that agree."""
-
-    usual: float  # [px], the median picture's miss
-    pixels: Body  # as it reads corners
-    poses: Body  # as it reads poses
-    kept: Mask  # (p,), which pictures agree
-    off: Array  # (n,) [px], how far their corners are from where the fit puts them
+_Fit = tuple[float, Mask, Body, Body, Array]
+"""The median picture's miss [px], which agree (p,), bodies of corners and poses, misses [px]."""
 
 
-def _explained(structure: SpatialStructure, views: _Views) -> _Fitted:
+def _explained(structure: SpatialStructure, views: _Views) -> _Fit:
     """Fit the pictures that agree; raises LogError if too few do."""
     number = np.arange(len(views.q))
-    half, found = len(number) // 2, list[_Fitted]()
+    half, found = len(number) // 2, list[_Fit]()
     # a board that was moved once leaves one half whole
-    for kept in (number >= 0, number < half, number >= half):
-        found += _fitted(structure, views, kept)
-        if found and found[-1].kept.mean() > 0.5 and found[-1].usual < _SHARP:
+    for start in (number >= 0, number < half, number >= half):
+        found += _fitted(structure, views, start)
+        if found and found[-1][1].mean() > 0.5 and found[-1][0] < _SHARP:
             break
     # the sharpest that leave out few
-    best = min(found, key=lambda each: each.usual / each.kept.mean(), default=None)
-    if best is None or best.usual > _NEAR or best.kept.mean() < _LEAST_SHARE:
+    best = min(found, key=lambda each: each[0] / each[1].mean(), default=None)
+    if best is None or best[0] > _NEAR or best[1].mean() < _LEAST_SHARE:
         raise LogError(
             "no place of camera and board explains the pictures: check that each row of joints is "
             "of its picture, whether it is this robot, and that camera and board were not moved"
@@ -262,9 +247,9 @@ def _explained(structure: SpatialStructure, views: _Views) -> _Fitted:
     return best
 
 
-def _fitted(structure: SpatialStructure, views: _Views, kept: Mask) -> list[_Fitted]:
+def _fitted(structure: SpatialStructure, views: _Views, kept: Mask) -> list[_Fit]:
     """The fit of the pictures that agree with those that it begins with, none where it fails."""
-    found = list[_Fitted]()
+    found = list[_Fit]()
     for _ in range(4):
         own = kept[views.rows]
         rows = (np.cumsum(kept) - 1)[views.rows[own]]
@@ -281,7 +266,7 @@ def _fitted(structure: SpatialStructure, views: _Views, kept: Mask) -> list[_Fit
         off = np.linalg.norm(views.pixels - seen, axis=1)
         by_picture = np.array([np.median(off[views.rows == k]) for k in range(len(kept))])
         usual = float(np.median(by_picture[kept]))
-        found = [_Fitted(usual, fit.body, body, kept, off[own])]
+        found = [(usual, kept, fit.body, body, off[own])]
         before, kept = kept, by_picture < max(_ASTRAY * usual, _NEAR)
         if (kept == before).all():
             break

@@ -1,7 +1,6 @@
 """Joint values beside pictures or a video, of a table or of a LeRobotDataset v3 folder.
 
-Its layout (huggingface/lerobot, src/lerobot/datasets): `meta/info.json` names features and files,
-`data/` has a row for each frame, `meta/episodes/` says where each episode begins in the videos.
+Its layout is that of huggingface/lerobot, src/lerobot/datasets.
 """
 
 from __future__ import annotations

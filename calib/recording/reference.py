@@ -1,8 +1,4 @@
-"""What positions are told in: metres in a frame on the desk, whose pose a recording tells anew.
-
-Its marks are a board's corners, or tags at known places. A camera that was bumped between
-recordings changes where they appear and leaves positions as they were, but for their noise.
-"""
+"""What positions are told in: metres in a frame on the desk, whose pose a recording tells anew."""
 
 from __future__ import annotations
 
@@ -41,7 +37,6 @@ class Pose:
     # of a small turn [rad] in the camera's axes, of the shift [m], and of the lens's parameters,
     # which the pose was found with (15, 15)
     covariance: Array
-    rms: float  # rms distance of the points from where the pose puts them [px]
 
     @property
     def camera(self) -> Array:
@@ -77,16 +72,7 @@ def find_pose(lens: Lens, points: Array, pixels: Array) -> Pose:
     covariance = follows @ lens.covariance @ follows.T
     variance = max(square / max(len(own) - 6, 1), _LEAST_NOISE**2)
     covariance[:6, :6] += np.linalg.pinv(own.T @ own) * variance
-    return Pose(rotation, shift, covariance, float(np.sqrt(square / len(points))))
-
-
-def square_pose(lens: Lens, corners: Array, size: float) -> Pose:
-    """Fit the pose of a printed square of a side [m] to its corners (4, 2) [px].
-
-    Its frame: origin in the middle, x to the right, y up, z out of the paper.
-    """
-    signs = np.array([[-1, 1, 0], [1, 1, 0], [1, -1, 0], [-1, -1, 0]])
-    return find_pose(lens, 0.5 * size * signs, corners)
+    return Pose(rotation, shift, covariance)
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,7 +125,7 @@ class PlaneReference:
             told, lens = about["reference"], Lens.from_json(about["lens"])
             rotation = np.array(told["rotation"], float).reshape(3, 3)
             shift = -rotation @ np.array(told["camera"], float).reshape(3)
-            return cls(lens, Pose(rotation, shift, np.zeros((15, 15)), 0.0), float(told["height"]))
+            return cls(lens, Pose(rotation, shift, np.zeros((15, 15))), float(told["height"]))
         except (KeyError, TypeError, ValueError):
             raise LogError(
                 "the log does not say where its camera was: expected one that calib log made"
@@ -213,10 +199,7 @@ def _middle(group: Sequence[Marks]) -> dict[int, Array]:
 
 
 def _elsewhere(middle: Marks, marks: Marks) -> bool:
-    """Whether marks moved, by the median of them, or grew by a new focus.
-
-    A pose would take most of a focus, and be off by a millimetre away from the board.
-    """
+    """Whether marks moved, by the median of them, or grew by a new focus, as a pose cannot tell."""
     a, b = np.array([middle[n] for n in marks]), np.array([*marks.values()])
     moved, growth = np.linalg.norm(b - a, axis=1), similarity(a, b)[2] - 1.0
     return bool(np.median(moved) > _MOVED or (abs(growth) > _STRETCH and moved.max() > _MOVED))

@@ -18,7 +18,7 @@ from ..samples.samples import Samples
 from .clocks import Clocks, align_clocks
 from .joint_table import JointTable, read_shots
 from .pictures import Frame, Video
-from .reference import square_pose, turns_and_shifts
+from .reference import find_pose, turns_and_shifts
 from .setting import LOOKS, Setup, Sightings, sight
 from .tags import LEAST_NOISE, Tag
 from .track import jumps, row_shift
@@ -191,7 +191,9 @@ def _assembled(
     if lens is not None:
         about["lens"] = lens.to_json()
     if setting.pose and lens is not None and size is not None:
-        turns, x = turns_and_shifts([square_pose(lens, tag.corners, size) for tag in tags])
+        # the tag's frame: origin in the middle, x to the right, y up, z out of the paper
+        square = 0.5 * size * np.array([[-1, 1, 0], [1, 1, 0], [1, -1, 0], [-1, -1, 0]])
+        turns, x = turns_and_shifts([find_pose(lens, square, tag.corners) for tag in tags])
         if reference is None:
             scale = x[:, 2] / lens.focal.mean()
         else:

@@ -1,8 +1,7 @@
 """Printed tags in a picture: which, and where to a few hundredths of a pixel.
 
-What is printed is known to its last cell: OpenCV's `findTransformECC` (Evangelidis and Psarakis,
-2008) moves it over the picture. In benchmarks/camera.py tags are found to .010 px, .012 where
-blurred; OpenCV's contours leave .093 and .113. Its board's corners have .06 px, laid over .011.
+The print is moved over the picture by `findTransformECC` (Evangelidis and Psarakis, 2008): tags
+to .010 px, where OpenCV's contours leave .093; a board's corners to .011 for .06 (camera.py).
 """
 
 from __future__ import annotations

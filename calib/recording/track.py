@@ -1,7 +1,6 @@
 """The tag's track: how well joints predict it, its jumps, and rows whose joints are a neighbour's.
 
-Ridge regression on the products of the joints' harmonics, in which the tip of any arm and,
-closely, its pixels are linear. Blocks of neighbouring rows are held out, in closed form.
+Ridge regression on products of the joints' harmonics, in which the tip of any arm is linear.
 """
 
 from __future__ import annotations

@@ -32,7 +32,8 @@ from ..model.nominal import (
 )
 from ..model.space import REACHED, Space
 from ..samples.joint_values import check_joint_values, wrap
-from .geometry import fit_geometry, frame_is_free, frames, is_simulated
+from .frames import frame_is_free, frame_notes, frames, is_simulated
+from .geometry import fit_geometry
 
 _USUAL = 3.0  # a correction this many times the 95 % quantile of the model's own is not trusted
 _LEAST = 0.01  # [rad or m]; a limit below would refuse what is harmless
@@ -42,18 +43,6 @@ _TRIED, _SAME = 5, 1e-6  # rows by which the compiled kernel is compared, and ho
 _FITTED = ("view.", "tool", "lens")  # parameters of the sensor and of what is put on the tip
 _TURNED = 1e-4  # a turn of the frame that is worth a word [rad]
 
-_FREE = (
-    "the sensor's frame is fitted to the log, so the first joint's offset is taken as zero; if the "
-    "log is in the robot's root frame, give `view='base'`"
-)
-_STAYS = (
-    "`cause='joints'` applies to what an adaptation found in a plane, else it is said to the "
-    "adaptation itself: here the first joint's offset stays zero"
-)
-_BEFORE = (
-    "the sensor's frame is taken as it was before the adaptation, where the first joint's offset "
-    "was taken as zero"
-)
 _MOVED = (
     "an adaptation found that the sensor's frame turned, which is not corrected; an offset of the "
     "first joint looks the same: if the sensor stayed, give `cause='joints'`"
@@ -170,13 +159,9 @@ class Corrected:
 
 
 def correct(
-    model: Model,
-    q: ArrayLike,
-    *,
-    limit: ArrayLike | None = None,
-    view: str = "auto",
+    model: Model, q: ArrayLike, *, limit: ArrayLike | None = None, view: str = "auto",
     cause: str = "sensor",
-) -> Corrected:
+) -> Corrected:  # fmt: skip
     """Compensate for what the nominal kinematics do not know.
 
     A controller that trusts its URDF commands `q` to bring the tip to a place.  The real
@@ -250,13 +235,6 @@ def _notes(model: Model, wanted: _Wanted, cause: str) -> tuple[str, ...]:
     notes = list(frame_notes(model, cause)) if wanted.free else []
     notes += [_POSITIONS] * (moves_in_space(model) and not wanted.posed)
     return (*notes, *[_MOVED] * turned)
-
-
-def frame_notes(model: Model, cause: str) -> tuple[str, ...]:
-    """Return what is assumed where the sensor's frame is fitted to the model's own log."""
-    if cause == "sensor":
-        return (_FREE,)
-    return (_BEFORE,) if model.history and not moves_in_space(model) else (_FREE, _STAYS)
 
 
 def usual_limit(model: Model, view: str = "auto", cause: str = "sensor") -> Array:

@@ -1,16 +1,13 @@
 """The geometry of a chain that fits a model best: offsets, joint origins, the tip, the sensor.
 
-A planar arm is a chain before a sensor that looks straight at its plane and reports two of three
-coordinates; the prior holds what that cannot see.  `calib urdf` writes what was found, `calib
-correct` takes the sensor's frame.
+A planar arm is a chain before a sensor that looks straight at its plane; the prior holds what that
+cannot see.  `calib urdf` writes what was found, `calib correct` takes the sensor's frame.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -27,12 +24,12 @@ from ..body.settings import FREE, SHIFT, STUDENT, UNTOLD
 from ..body.spatial import SpatialStructure, structure_of
 from ..body.starts import frame
 from ..common.arrays import Array
-from ..common.choices import CAUSES, LOG_FRAMES
 from ..common.scale import METRES
 from ..errors import OptionError
 from ..model.alignment import Alignment
 from ..model.model import Model
 from ..model.nominal import nominal_arm, nominal_in_plane, visited_joints
+from .frames import frame_is_free, frames, is_simulated
 
 _POINTS, _ROWS = 500, 2_000
 _FLOOR = 1e-7  # of the extent: a residual below is rounding
@@ -64,14 +61,10 @@ class Geometry:
 
     arm: Arm  # the nominal arm
     structure: SpatialStructure  # its chain and view
-    # (d,), parameters and their posterior standard deviations, 0 where nothing was fitted
-    beta: Array
-    sd: Array
-    # whether the sensor's frame was fitted; the first joint's offset and place are nominal then, by
-    # convention
-    free: bool
-    # whether the tip's fitted place belongs to the arm; else it is the sensor's: a probe, a tag
-    move_tip: bool
+    beta: Array  # (d,)
+    sd: Array  # (d,), of the posterior, 0 where nothing was fitted
+    free: bool  # whether the sensor's frame was fitted; the first joint is nominal then
+    move_tip: bool  # whether the tip's fitted place is the arm's; else a probe's or a tag's
     # [m; px], root mean square distance that this geometry, and the nominal one, do not explain,
     # each with the sensor and the tip where they fit best
     residual: float
@@ -83,7 +76,7 @@ class Geometry:
         """Unit of `residual`, `before` and `reach`."""
         return self.structure.unit if self.structure.camera else "m"
 
-    @cached_property
+    @property
     def places(self) -> tuple[str, ...]:
         """Joints whose origins are fitted, mimic joints included, as the URDF names them."""
         path = parse_urdf(self.arm.urdf).path(self.arm.tip)
@@ -139,50 +132,10 @@ def _with_interval(value: Array, half: Array) -> dict[str, Any]:
     return {"value": value.tolist(), "interval": half.tolist()}
 
 
-def frame_is_free(model: Model, view: str = "auto") -> bool:
-    """Whether nothing says how the sensor's frame lies to the robot's root link.
-
-    Positions of a simulation are in the root link's plane; those of a log are in the sensor's
-    own frame, unless `view` is "base".
-    """
-    if view not in LOG_FRAMES:
-        raise OptionError(
-            f"view {view!r}: expected one of {', '.join(LOG_FRAMES)}", parameter="view", value=view
-        )
-    based = "base" in (view, model.about.options.get("view"))
-    return not is_simulated(model) and not based
-
-
-def is_simulated(model: Model) -> bool:
-    """Whether a model was first learned in simulation."""
-    source = model.about.source
-    if model.history:
-        source = model.history[0].get("from", {}).get("source", source)
-    return bool(source != "log")
-
-
-def frames(model: Model, cause: str = "sensor") -> list[Alignment]:
-    """Return how the sensor's frame moved, adaptation after adaptation.
-
-    None with the cause "joints", which says that it stayed.
-    """
-    if cause not in CAUSES:
-        raise OptionError(
-            f"cause {cause!r}: expected one of {', '.join(CAUSES)}", parameter="cause", value=cause
-        )
-    if cause == "joints":
-        return []
-    return [Alignment.from_json(e["frame"]) for e in model.history if e.get("frame") is not None]
-
-
 def fit_geometry(
-    model: Model,
-    *,
-    view: str = "auto",
-    cause: str = "sensor",
-    move_base: bool = False,
+    model: Model, *, view: str = "auto", cause: str = "sensor", move_base: bool = False,
     move_tip: bool = False,
-) -> Geometry:
+) -> Geometry:  # fmt: skip
     """Fit the nominal chain to what was learned, where rows were, by Gauss-Newton.
 
     Unknown are the joints' offsets and places and the tip's (of an arm in space six numbers for
@@ -213,8 +166,7 @@ def fit_geometry(
             value=unit,
         )
     q, x, error = _points(model)
-    # undo what adaptations found to be the sensor's
-    for moved in reversed(frames(model, cause)):
+    for moved in reversed(frames(model, cause)):  # what adaptations found to be the sensor's
         x = moved.inverse().apply(x)
     if isinstance(arm, SpatialArm):
         probe = not is_simulated(model)
@@ -235,10 +187,9 @@ def fit_geometry(
 
 
 def _points(model: Model) -> tuple[Array, Array, float]:
-    """Joint values and positions [unit] where rows were, and the least error of their mean.
+    """Joint values, positions [unit] and the least error of their mean: rows, or visited nodes.
 
-    They are the rows themselves where kept, else the motor nodes that rows visited, at which
-    the model answers: its error there is that of its own rows, and larger than the residual.
+    The model's error at nodes is that of its own rows, and larger than the residual.
     """
     if model.rows is not None and not model.history:
         some = slice(None, None, -(-len(model.rows) // _ROWS))
@@ -252,23 +203,13 @@ def _points(model: Model) -> tuple[Array, Array, float]:
 
 
 def fit_in_space(
-    arm: SpatialArm,
-    body: Body | None,
-    q: Array,
-    x: Array,
-    *,
-    unit: str,
-    free: bool,
-    probe: bool,
-    move_base: bool,
-    move_tip: bool,
-) -> Geometry:
+    arm: SpatialArm, body: Body | None, q: Array, x: Array, *, unit: str, free: bool, probe: bool,
+    move_base: bool, move_tip: bool,
+) -> Geometry:  # fmt: skip
     """Fit offsets, joint origins and the tip to positions `x` (n, m) at joints `q` (n, dof).
 
     With `probe` the sensed point may be anywhere on the last link; else it is the tip, as in a
-    simulation, and moves only with `move_tip`.  The prior is that of a body: joint origins to 1 mm
-    and 0.1 deg, or as many times that as the evidence takes. What the rows do not tell apart is
-    within the intervals.
+    simulation, and moves only with `move_tip`.  The prior is that of a body.
     """
     own: Any = None if body is None else body.structure
     known = None  # the body's own parameters, where they are of this structure
@@ -302,19 +243,12 @@ def fit_in_space(
 
 
 def fit_in_plane(
-    arm: PlanarArm,
-    q: Array,
-    x: Array,
-    unit: str,
-    *,
-    free: bool,
-    move_base: bool = False,
+    arm: PlanarArm, q: Array, x: Array, unit: str, *, free: bool, move_base: bool = False,
     error: float = 0.0,
-) -> Geometry:
+) -> Geometry:  # fmt: skip
     """Fit offsets, places and, with a `free` frame, the sensor's place to positions `x` (n, 2).
 
-    `error` [unit] is the least noise along an axis that positions are credited with: an adapted
-    model answers without noise, yet with the error of its rows.
+    `error` [unit] is the least noise along an axis: a model's answers have that of its rows.
     """
     structure = structure_of(arm, unit=unit, extent=_rms(x - x.mean(axis=0)), kind=InPlane)
     groups, start, scaled = structure.groups, structure.neutral(), free and unit != "m"
@@ -347,11 +281,7 @@ def fit_in_plane(
 
 
 def _precision(arm: PlanarArm, ends: Indices, sd: Array) -> Array:
-    """Prior precision (k, k) of the parameters that have an `sd` (d,).
-
-    Across a link its far end, one of `ends` (dof, 3), keeps a narrow width: there a displacement is
-    the same as a turn, which an offset should carry.
-    """
+    """Prior precision (k, k); links' `ends` (dof, 3) are narrow across, where an offset turns."""
     active, chain = np.flatnonzero(sd), arm.chain
     precision = np.diag(sd[active] ** -2)
     links = np.diff(np.vstack([chain.points, chain.tip]), axis=0)
@@ -365,13 +295,11 @@ def _precision(arm: PlanarArm, ends: Indices, sd: Array) -> Array:
     return precision
 
 
-def _held(prior: Prior, still: Sequence[int] | Indices) -> Prior:
-    sd, hypers = prior.sd.copy(), []
+def _held(prior: Prior, still: Indices) -> Prior:
+    sd = prior.sd.copy()
     sd[still] = 0.0
-    for hyper in prior.hypers:
-        kept = ~np.isin(hyper.indices, still)
-        if kept.any():
-            hypers.append(hyper._replace(indices=hyper.indices[kept], shape=hyper.shape[kept]))
+    kept = [(hyper, ~np.isin(hyper.indices, still)) for hyper in prior.hypers]
+    hypers = (h._replace(indices=h.indices[k], shape=h.shape[k]) for h, k in kept if k.any())
     return Prior(prior.mean, sd, tuple(hypers))
 
 
@@ -387,41 +315,29 @@ def _fitted(
 def _geometry(
     arm: Arm, fit: Fit, nominal: Array, free: bool, move_tip: bool, reach: float, metre: float
 ) -> Geometry:
-    """What a fit found, beside the nominal arm's parameters; `metre` are units of a metre."""
-    misfit = fit.parts[0].residual_at(nominal)
-    sizes = (_rms(fit.residual) / metre, _rms(misfit) / metre, reach)
-    structure: Any = fit.structure
-    return Geometry(arm, structure, fit.beta, _deviations(fit), free, move_tip, *sizes)
+    """What a fit found, beside the nominal arm's parameters; `metre` are units of a metre.
 
-
-def _deviations(fit: Fit) -> Array:
-    """Standard deviations (d,) of a fitted geometry.
-
-    Gains, elasticity and joint curves that it leaves out bend it by ``P X' W Xc c`` (Schmidt's
-    "consider" covariance), with c as the rows and the priors of an arm leave them.  As noise alone,
-    waves of 1 mrad left 1 of 4 displacements within its interval.
+    Parameters c that it leaves out bend it by ``P X' W Xc c`` (Schmidt's "consider" covariance):
+    as noise alone, waves of 1 mrad left 1 of 4 displacements within its interval.
     """
-    structure, active = fit.structure, fit.active
-    usual = structure.prior(_LEFT_OUT).sd
+    structure: Any = fit.structure
+    active, sd, usual = fit.active, np.zeros(structure.size), structure.prior(_LEFT_OUT).sd
     usual[active] = 0.0
     both = np.union1d(active, np.flatnonzero(usual))
     own = np.isin(both, active)
     root = (np.sqrt(fit.weight) / fit.noise).ravel()
-    x = (
-        structure.linearise(fit.parts[0].q, fit.beta, both)[1].reshape(len(root), -1)
-        * root[:, None]
-    )
+    x = structure.linearise(fit.parts[0].q, fit.beta, both)[1].reshape(len(root), -1)
+    x = x * root[:, None]
     gram = x.T @ x
-    free = fit.told * gram
-    free[np.ix_(own, own)] = with_prior(free[np.ix_(own, own)], fit.sd, fit.known)
-    free[~own, ~own] += usual[both[~own]] ** -2.0
-    spread = Factor(free).inverse()[np.ix_(~own, ~own)]
+    precision = fit.told * gram
+    precision[np.ix_(own, own)] = with_prior(precision[np.ix_(own, own)], fit.sd, fit.known)
+    precision[~own, ~own] += usual[both[~own]] ** -2.0
+    spread = Factor(precision).inverse()[np.ix_(~own, ~own)]
     mean = spread @ (fit.told * (x.T @ (root * fit.residual.ravel()))[~own])
     bent = Factor(fit.precision).solve(gram[np.ix_(own, ~own)])
-    total = fit.covariance + bent @ (spread + np.outer(mean, mean)) @ bent.T
-    sd = np.zeros(structure.size)
-    sd[active] = np.sqrt(np.diag(total))
-    return sd
+    sd[active] = np.sqrt(np.diag(fit.covariance + bent @ (spread + np.outer(mean, mean)) @ bent.T))
+    rms, before = (_rms(r) / metre for r in (fit.residual, fit.parts[0].residual_at(nominal)))
+    return Geometry(arm, structure, fit.beta, sd, free, move_tip, rms, before, reach)
 
 
 def _rms(rows: Array) -> float:

@@ -1,12 +1,15 @@
-"""The commands that write a model for other programs: `calib urdf` and `calib export`."""
+"""The commands that write a model or show it: `urdf`, `export`, `report` and `preview`."""
 
 from __future__ import annotations
 
+import time
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from calib.common.wording import for_people
 
 from .. import options as opt
+from ..camera import Drawn
 from ..options import Text, flag, option
 from ..output import NO, Outcome, TextTable, fixed, note, number, say, sized
 from ..parsing import BadOption, check_file
@@ -40,7 +43,7 @@ def urdf(
     """
     import calib
     from calib.common.atomic import atomic_write
-    from calib.use.correct import frame_notes
+    from calib.use.frames import frame_notes
     from calib.use.geometry import fit_geometry
     from calib.use.urdf import MOST_UNEXPLAINED, check_output, corrected_urdf
 
@@ -157,3 +160,68 @@ def export(
         atomic_write(paths[name], text.encode(*(("ascii", "replace") if ascii_alone else ())))
     lines = [f"{path}: {made[name][1]}" for name, path in paths.items()]
     return Outcome(document | paths, lines)
+
+
+def report(
+    model: opt.ModelFile,
+    *,
+    output: Annotated[Text, option("--output -o FILE.html", "One file.")] = None,
+    png: Annotated[Text, option("--png DIR", "Its figures as PNG.")] = None,
+    drawn: Drawn,
+) -> Outcome:
+    """Write figures and tables that explain a calibration."""
+    if output is None and png is None:
+        raise BadOption("nothing to write: expected -o FILE.html, or --png DIR, or both")
+    check_file(output, (".html", ".htm"))
+    loaded, log = drawn.load(model)
+    import calib
+    from calib.common.atomic import atomic_write
+    from calib.show.report.figures import to_png
+
+    lines = []
+    if output is not None:
+        calib.report(loaded, output, log)
+        lines.append(_page(output))
+    if png is not None:
+        folder = Path(png)
+        folder.mkdir(parents=True, exist_ok=True)
+        for name, figure in calib.figures(loaded, log).items():
+            path = folder / f"{name}.png"
+            atomic_write(path, to_png(figure))
+            lines.append(str(path))
+    return Outcome({"output": output, "png": png}, lines)
+
+
+def preview(
+    model: opt.ModelFile,
+    *,
+    html: Annotated[Text, option("--html FILE", "Write the page for any browser.")] = None,
+    drawn: Drawn,
+    port: Annotated[int, option("--port N", "Of the page (0: any).", min=0, max=65535)] = 0,
+    no_open: Annotated[bool, flag("--no-open", "Print the address alone.")] = False,
+    live: Annotated[bool, flag("--live", "Drag a target, see all its solutions.")] = False,
+) -> Outcome:
+    """Show the arm and its learned maps in a browser, with meshcat."""
+    import calib
+
+    if live and html is not None:
+        raise BadOption("--live needs a running preview: expected it without --html")
+    check_file(html, (".html", ".htm"), option="--html")
+    loaded, log = drawn.load(model)
+    how: dict[str, Any] = {"live": live, "port": port, "browse": not no_open}
+    with calib.preview(loaded, html, log, **how) as shown:
+        say(shown.notes)
+        if html is not None:
+            return Outcome({"html": html, "bytes": Path(html).stat().st_size}, [_page(html)])
+        try:
+            print(shown.url, flush=True)
+            note("showing the preview; Ctrl-C ends it")
+            while True:
+                time.sleep(0.2)  # so often it looks whether it shall end [s]
+        except KeyboardInterrupt:
+            note("ended")
+    return Outcome({"url": shown.url})
+
+
+def _page(path: str) -> str:
+    return f"{path}: {Path(path).stat().st_size / 1e6:.2f} MB, open it in a browser"

@@ -10,7 +10,7 @@ from calib.common.wording import printable
 from calib.model.facts import facts
 
 from .. import options as opt
-from ..output import Outcome, TextTable, as_typed, fact_lines, fields, say, sized
+from ..output import Outcome, TextTable, as_typed, fields, say, sized
 from ..samples import Compared, Sockets, log_of
 from ..summary import accuracy, advice, answers_back, does_not_hold, error_table, summary
 
@@ -62,7 +62,8 @@ def info(model: opt.ModelFile, *, degrees: opt.Degrees = False) -> Outcome:
         about_it["backlash"] = ", ".join(f"{n} {sized(play, unit)}" for n, play, unit in parts)
     if loaded.history:
         about_it["earlier states"] = str(len(loaded.history))
-    lines = fact_lines(about_it)
+    width = max(map(len, about_it))
+    lines = [f"{name:<{width}}  {as_typed(text)}" for name, text in about_it.items()]
     told = [] if loaded.body is None else loaded.body.describe()
     lines += ["", "body", *(f"  {printable(line)}" for line in told)] if told else []
     if not about.errors:

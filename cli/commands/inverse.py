@@ -179,8 +179,7 @@ def _batch(query: Query, in_space: bool, how: dict[str, Any]) -> Outcome:
     nearby = [f"near_{name}" for name in joints.names]
     # fewer than six joints reach almost no pose that is given: its columns go along unread
     turns = TURN if len(joints.names) >= 6 and len(axes) == 3 else ()
-    batch = query.read(axes, (nearby, turns))
-    valid: Any = np.isfinite(batch.values).all(axis=1)
+    batch, valid = query.read(axes, (nearby, turns))
     given = dict(zip(batch.names, batch.values[valid].T, strict=True))
     posed = bool(turns) and "qw" in given
     turn = np.stack([given[name] for name in TURN], axis=1) if posed else None

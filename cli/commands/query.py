@@ -43,11 +43,10 @@ def forward(
         from calib.errors import QueryError
         from calib.samples.joint_values import check_joint_values
 
-        batch = query.read(joints.names)
+        batch, valid = query.read(joints.names)
         q = batch.values / np.array(joints.typed)
         ranges = (about.joint_names, about.lower, about.upper, about.revolute)
         check_joint_values(q, *ranges, degrees=asking.degrees, error=QueryError)
-        valid = np.isfinite(q).all(axis=1)
         answers = beside(batch, valid, _told(query, q[valid], readout))
         unknown = np.flatnonzero(valid & np.isnan(answers["x"])) + 1
         failures = {"out_of_reach": (unknown.tolist(), "outside of what was learned")}
@@ -116,8 +115,8 @@ def path(
 
     query = Query(model, asking)
     asked, joints, positions = query.model, query.joints, query.positions
-    batch = query.read(asked.axes)
-    valid = np.flatnonzero(np.isfinite(batch.values).all(axis=1))
+    batch, rows = query.read(asked.axes)
+    valid = np.flatnonzero(rows)
     longest = None if step is None else step / positions.typed
     found = asked.path(batch.values[valid], joints.one_each("--from", start), longest)
     table: dict[str, Any] = {
@@ -128,7 +127,7 @@ def path(
         "reachable": found.reachable.astype(np.int64),
         "jump": np.isin(np.arange(len(found.q)), found.jumps).astype(np.int64),
     }
-    out, held = (np.flatnonzero(rows) + 1 for rows in (~found.reachable, found.held))
+    out, held = (np.flatnonzero(which) + 1 for which in (~found.reachable, found.held))
     furthest = positions.said(float(found.distance[out - 1].max(initial=0.0)))
     failures = {
         "jumps": (found.jumps + 1, "a jump cannot be avoided, the branch ends before"),
@@ -160,9 +159,8 @@ def correct(
 
     query = Query(model, asking)
     loaded, joints = query.model, query.joints
-    batch = query.read(joints.names)
+    batch, valid = query.read(joints.names)
     factors = np.array(joints.typed)
-    valid: Any = np.isfinite(batch.values).all(axis=1)
     most: Any = None if limit is None else limit / factors
     found = calib.correct(loaded, batch.values[valid] / factors, limit=most, view=view, cause=cause)
     say(found.notes)

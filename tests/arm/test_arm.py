@@ -5,6 +5,7 @@ import pytest
 from chains import SLIDE, chain_urdf, turning
 from hypothesis import given
 from hypothesis import strategies as st
+from models import two_link
 from reference import pinocchio_forward, random_joints
 
 from calib.arm.loading import arm_from_urdf, load_arm
@@ -18,10 +19,7 @@ ANGLE = st.floats(-np.pi, np.pi)
 
 @given(ANGLE, ANGLE)
 def test_two_links_follow_the_closed_form(q1, q2):
-    expected = [
-        0.30 * np.cos(q1) + 0.25 * np.cos(q1 + q2),
-        0.30 * np.sin(q1) + 0.25 * np.sin(q1 + q2),
-    ]
+    expected = two_link(np.array([q1, q2]))
     np.testing.assert_allclose(load_arm("two_link").forward([q1, q2]), expected, atol=1e-15)
 
 

@@ -80,12 +80,9 @@ def test_no_play_is_found_where_there_is_none():
     assert trained("elbow.noise=0.005").approach is None
     assert trained(as_log=True).approach is None
     rng = np.random.default_rng(3)
+    n = (200, 2)
     found = [
-        learn_play(
-            rng.normal(size=(200, 2)),
-            rng.normal(size=(200, 2, 2)),
-            np.sign(rng.normal(size=(200, 2))),
-        )
+        learn_play(rng.normal(size=n), rng.normal(size=(*n, 2)), np.sign(rng.normal(size=n)))
         for _ in range(200)
     ]
     assert sum(play is not None for play in found) <= 1

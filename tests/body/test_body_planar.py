@@ -9,22 +9,10 @@ from calib.body.curves import curve_slope, curve_value, waves_of
 from calib.body.planar import PlanarStructure
 
 
-def structure(
-    revolute=(True, True), view="rigid", signs=None, mirror=1, nominal=None
-) -> PlanarStructure:
-    n = len(revolute)
+def structure(revolute=(True, True), view="rigid", signs=(1, 1), mirror=1) -> PlanarStructure:
+    names = tuple(f"j{i}" for i in range(len(revolute)))
     return PlanarStructure(
-        tuple(f"j{i}" for i in range(n)),
-        tuple(revolute),
-        view,
-        "m",
-        1.0,
-        tuple(signs or (1,) * n),
-        mirror,
-        0.4,
-        (0.1, -0.2),
-        nominal,
-        False,
+        names, revolute, view, "m", 1.0, signs, mirror, 0.4, (0.1, -0.2), None, False
     )
 
 

@@ -1,13 +1,13 @@
 """One maximisation: a step that fails is damped where rows leave a direction open."""
 
 import numpy as np
+from small_maps import UNIT_BOX
 
 from calib.body.fit import Fit
 from calib.body.parameters import Prior
 from calib.body.rows import Rows
 from calib.body.structure import Structure
 from calib.body.views import Measurement
-from calib.common.scale import Scale
 from calib.maps.model_selection import misfit
 
 
@@ -39,23 +39,20 @@ def test_a_step_that_an_open_direction_spoils_is_damped():
     assert abs(search.beta[0] - search.beta[1]) < 1.0
 
 
-SCALE = Scale(np.zeros(2), np.ones(2), np.zeros(2, dtype=bool))
-
-
 def rows(n=6000, seed=0):
     rng = np.random.default_rng(seed)
     return rng.random((n, 2)), rng.normal(scale=1e-3, size=(n, 2))
 
 
 def test_noise_is_no_misfit():
-    assert all(misfit(SCALE, *rows(seed=s), 1.0, rows(seed=s)[0]) is None for s in range(5))
+    assert all(misfit(UNIT_BOX, *rows(seed=s), 1.0, rows(seed=s)[0]) is None for s in range(5))
 
 
 def test_a_defect_stands_out_of_noise_where_it_is_and_only_there():
     u, held = rows()
     inside = np.linalg.norm(u - 0.5, axis=1) < 0.1
     held[inside] += 3e-3
-    found = misfit(SCALE, u, held, 1.0, u)
+    found = misfit(UNIT_BOX, u, held, 1.0, u)
     assert (found[np.linalg.norm(u - 0.5, axis=1) < 0.08] > 0).all()
     assert (found[np.linalg.norm(u - 0.5, axis=1) > 0.2] == 0).mean() > 0.995
     np.testing.assert_allclose(np.median(found[inside]), 2 * 9e-6, rtol=0.3)
@@ -63,7 +60,7 @@ def test_a_defect_stands_out_of_noise_where_it_is_and_only_there():
 
 def test_rows_that_repeat_and_outliers_are_no_misfit():
     u, noise = rows(600)
-    assert misfit(SCALE, np.repeat(u, 10, axis=0), np.repeat(noise, 10, axis=0), 1.0, u) is None
+    assert misfit(UNIT_BOX, np.repeat(u, 10, axis=0), np.repeat(noise, 10, axis=0), 1.0, u) is None
     u, held = rows()
     held[::50] *= 100
-    assert misfit(SCALE, u, held, 1.0, u) is None
+    assert misfit(UNIT_BOX, u, held, 1.0, u) is None

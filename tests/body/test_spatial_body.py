@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from models import in_pixels
+from models import built, in_pixels
 
 from calib.arm.loading import load_arm
 from calib.arm.rotations import exponential, logarithm
@@ -68,30 +68,12 @@ def test_derivatives_are_differences(robot, view):
         np.testing.assert_allclose(moved, by_joint[:, :, k], atol=1e-6 * size)
 
 
-def truth(view="rigid", *, curves=False, seed=0):
-    """A spatial arm as it might be built, seen by a sensor that stands anywhere."""
-    arm = load_arm("spatial_three")
-    structure = structure_of(arm, view)
-    rng, groups = np.random.default_rng(seed), structure.groups
-    beta = structure.neutral()
-    beta[groups["view.rotation"]] = rng.normal(0, 1, 3)
-    beta[groups["view.shift"]] = rng.normal(0, 1, 3)
-    beta[groups["tool"]] = rng.normal(0, 0.02, 3)
-    beta[structure.shifts] = rng.normal(0, 5e-4, (3, 3))
-    beta[structure.turns] = rng.normal(0, 1e-3, (3, 3))
-    beta[groups["elastic"]] = -1e-3
-    if curves:
-        for k in range(3):
-            beta[groups[f"curve.{k}"][[9, 48 + 14]]] = rng.normal(0, 5e-4, 2)
-    return arm, structure, beta
-
-
 def spread(z):
     return float(np.sqrt(((z - z.mean(axis=0)) ** 2).sum(axis=1).mean()))
 
 
 def test_a_fit_finds_the_arm_and_its_bound_holds_the_errors():
-    arm, structure, beta = truth()
+    arm, structure, beta, _ = built()
     q, fresh = rows(arm, 80, 1), rows(arm, 400, 2)
     rng = np.random.default_rng(3)
     z = structure.predict(q, beta) + rng.normal(0, 5e-5, (len(q), 3))
@@ -109,7 +91,7 @@ def test_a_fit_finds_the_arm_and_its_bound_holds_the_errors():
 
 
 def test_curves_are_found_where_they_are():
-    arm, structure, beta = truth(curves=True)
+    arm, structure, beta, _ = built(curves=True)
     q, fresh = rows(arm, 150, 1), rows(arm, 300, 2)
     z = structure.predict(q, beta) + np.random.default_rng(3).normal(0, 3e-5, (len(q), 3))
     fit = fitting.fit(replace(structure, extent=spread(z)), [Rows(q, z)])
@@ -122,7 +104,7 @@ def test_curves_are_found_where_they_are():
 
 
 def test_a_pose_tells_the_tools_orientation():
-    arm, structure, beta = truth("pose")
+    arm, structure, beta, _ = built("pose")
     beta[structure.groups["tool.rotation"]] = (0.3, -1.0, 0.5)
     q, fresh = rows(arm, 60, 1), rows(arm, 100, 2)
     rng = np.random.default_rng(3)
@@ -136,7 +118,7 @@ def test_a_pose_tells_the_tools_orientation():
 
 
 def test_millimetres_and_a_free_scale():
-    arm, structure, beta = truth("similarity")
+    arm, structure, beta, _ = built("similarity")
     beta[structure.groups["view.scale"]] = np.log(1000.0)
     q = rows(arm, 60, 1)
     z = structure.predict(q, beta)
@@ -150,7 +132,7 @@ def test_millimetres_and_a_free_scale():
 
 
 def test_rows_that_no_arm_explains_are_refused_in_one_line():
-    arm, structure, beta = truth()
+    arm, structure, beta, _ = built()
     q = rows(arm, 60, 1)
     z = structure.predict(q, beta)
     for bad, words in (
@@ -166,7 +148,7 @@ def test_rows_that_no_arm_explains_are_refused_in_one_line():
 
 
 def test_shuffled_orientations_and_pixels_are_refused_in_one_line():
-    arm, structure, beta = truth("pose")
+    arm, structure, beta, _ = built("pose")
     q, rng = rows(arm, 60, 1), np.random.default_rng(2)
     poses = structure.predict(q, beta)
     assert len(candidates(structure, q, poses)) == 1
@@ -180,7 +162,7 @@ def test_shuffled_orientations_and_pixels_are_refused_in_one_line():
 
 
 def test_ten_rows_tell_no_less_than_the_drawing_with_its_frames():
-    arm, structure, beta = truth()
+    arm, structure, beta, _ = built()
     q = rows(arm, 10, 1)
     z = structure.predict(q, beta) + np.random.default_rng(0).normal(0, 2e-4, (10, 3))
     structure = replace(structure, extent=spread(z))
@@ -215,7 +197,7 @@ def test_exact_rows_give_the_chain_to_rounding():
 
 
 def test_a_joint_that_never_moved_keeps_its_drawing_and_a_wide_bound():
-    arm, structure, beta = truth()
+    arm, structure, beta, _ = built()
     q = rows(arm, 100, 1)
     q[:, 1] = 0.3
     z = structure.predict(q, beta) + np.random.default_rng(3).normal(0, 5e-5, (len(q), 3))

@@ -146,13 +146,6 @@ def test_history_is_kept_inside(tmp_path):
     assert calib.load(tmp_path / "m.calib").history == twice.history
 
 
-def test_online_method_needs_thousands_and_says_what_it_did():
-    found = calib.adapt(model(), log("elbow.length=+20%", n=3000, noise=0.0), method="online")
-    assert found.improved
-    assert found.model.history[0]["method"] == "online"
-    assert any("were shown" in note for note in found.notes)
-
-
 TOGETHER = ("elbow.length=+3%", "elbow.offset=0.02")
 
 

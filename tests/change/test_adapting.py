@@ -159,15 +159,10 @@ def test_how_much_of_the_range_a_log_measured():
 
 
 def test_where_nothing_is_to_improve_the_model_stays():
-    found = calib.adapt(model(), log(noise=1e-3, n=40))
+    rows = log(noise=1e-3, n=40)
+    found = calib.adapt(model(), rows)
     assert not found.improved
     assert found.model is model()
     assert found.changed == ()
-    assert found.before["mean"] == pytest.approx(
-        np.linalg.norm(
-            model().forward(log(noise=1e-3, n=40).q) - log(noise=1e-3, n=40).x, axis=1
-        ).mean()
-    )
-
-
-# --- online -----------------------------------------------------------------------------
+    gap = np.linalg.norm(model().forward(rows.q) - rows.x, axis=1)
+    assert found.before["mean"] == pytest.approx(gap.mean())

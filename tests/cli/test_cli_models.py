@@ -72,6 +72,8 @@ def test_what_a_log_differs_in_is_told_with_its_unit(run):
     assert "elbow" in found
     assert "2.8" in found  # 0.05 rad
     assert "deg" in found
+    assert "bounds" not in found
+    assert "expected_error" in run("info", "m.calib").out
 
 
 def test_no_table_is_wider_than_100_columns(run, tmp_path):

@@ -143,11 +143,3 @@ def test_a_planar_log_without_a_tip_is_told_whose_positions_it_has(run, tmp_path
     train = ("train", "three_link", *joints, "-o", tmp_path / "m.calib")
     assert "--tip" in run(*train).err
     assert "those of tip" not in run(*train, "--tip", "tip").err
-
-
-def test_train_says_what_was_found_and_not_what_bounds_are(run, folder):
-    train = ("train", "two_link", "--data", folder / "log.csv", "--size", "5")
-    done = run(*train, "-o", folder / "f.calib")
-    (found,) = (line for line in done.out.splitlines() if line.startswith("found: "))
-    assert "bounds" not in found
-    assert "expected_error" in run("info", folder / "f.calib").out

@@ -6,18 +6,11 @@ import re
 
 import numpy as np
 import pytest
-from models import measured
+from models import measured, two_link
 
 import calib
 
 TARGETS = ((0.1, 0.4), (-0.1, 0.3), (0.2, 0.35))
-
-
-def two_link(q: np.ndarray) -> np.ndarray:
-    """Closed form of the bundled arm, links 0.30 and 0.25 m."""
-    a, b = q[..., 0], q[..., 0] + q[..., 1]
-    x = 0.30 * np.cos(a) + 0.25 * np.cos(b)
-    return np.stack([x, 0.30 * np.sin(a) + 0.25 * np.sin(b)], axis=-1)
 
 
 UNITS = {"joints": {"shoulder": "rad", "elbow": "rad"}, "positions": "m", "seconds": "s"}

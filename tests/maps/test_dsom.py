@@ -1,14 +1,11 @@
 """The dynamic map: what its source says of elasticity, time and density."""
 
 import numpy as np
+from small_maps import points
 
 import calib
 from calib.maps.lattice import Lattice
 from calib.maps.others import present_dsom
-
-
-def uniform(n, seed=0):
-    return np.random.default_rng(seed).random((n, 2))
 
 
 def step(weights, x, elasticity, rate, shape):
@@ -18,7 +15,7 @@ def step(weights, x, elasticity, rate, shape):
 
 
 def test_one_sample_moves_a_3x3_map_as_the_source_says():
-    w, x = uniform(9, seed=3), np.array([0.2, 0.9])
+    w, x = points(9, seed=3), np.array([0.2, 0.9])
     d = np.linalg.norm(w - x, axis=1) / np.sqrt(2)  # over the diagonal of the box
     s = d.argmin()
     p = Lattice((3, 3)).positions() / 2  # a lattice of unit sides
@@ -29,7 +26,7 @@ def test_one_sample_moves_a_3x3_map_as_the_source_says():
 
 def test_learning_does_not_depend_on_time():
     """The same sample and the same map: the same step, however old the map is."""
-    w, x = uniform(16, seed=2), uniform(1, seed=5)
+    w, x = points(16, seed=2), points(1, seed=5)
     young = step(w, x, 2.0, 0.1, (4, 4))
     old = w.copy()
     present_dsom(old, Lattice((4, 4)), np.repeat(w[:1], 1000, axis=0), 2.0, 0.1)
@@ -39,7 +36,7 @@ def test_learning_does_not_depend_on_time():
 
 def test_an_old_map_still_follows_a_change():
     lattice, w = Lattice((6, 6)), Lattice((6, 6)).positions() / 10
-    first, then = 0.5 * uniform(4000), 0.5 + 0.5 * uniform(4000, seed=1)
+    first, then = 0.5 * points(4000), 0.5 + 0.5 * points(4000, seed=1)
     errors = []
     for samples in (first, then):
         errors.append(np.mean(present_dsom(w.copy(), lattice, then[:200], 2.0, 0.0)))
@@ -62,7 +59,7 @@ def test_density_is_not_followed():
 
 
 def test_a_dsom_unfolds_and_represents_its_samples():
-    x = uniform(4000)
+    x = points(4000)
     network = calib.SOM((10, 10), "dsom").fit(x)
     assert network.topographic_error(x) < 0.1
     assert network.quantization_error(x) < 1.6 * 0.377 / 10

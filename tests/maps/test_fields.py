@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
+from small_maps import points
 
 import calib
 from calib.errors import LogError, OptionError
 
-X = np.random.default_rng(0).uniform(size=(600, 2))
-Q = np.random.default_rng(1).uniform(size=(600, 2))
+X, Q = points(600), points(600, seed=1)
 
 
 def test_a_gain_draws_nodes():
@@ -61,12 +61,8 @@ def test_what_cannot_be():
         calib.SOM(110, rule="online").fit_pair(Q, Q)
 
 
-def uniform(n, d, seed=0):
-    return np.random.default_rng(seed).random((n, d))
-
-
 def test_in_six_dimensions_it_is_closer_to_samples_than_rows_and_a_lattice():
-    u, fresh = uniform(6000, 6), uniform(1000, 6, seed=1)
+    u, fresh = points(6000, d=6), points(1000, seed=1, d=6)
     error = {
         name: calib.SOM((20, 20), name).fit(u).quantization_error(fresh)
         for name in ("gas", "rows", "som")

@@ -2,13 +2,10 @@
 
 import numpy as np
 import pytest
+from small_maps import points
 
 import calib
 from calib.maps.gng import Gas, insert, present_gng
-
-
-def uniform(n, seed=0):
-    return np.random.default_rng(seed).random((n, 2))
 
 
 def gas(weights, pairs, age=None, error=None):
@@ -49,7 +46,7 @@ def test_a_node_is_inserted_between_the_worst_and_its_worst_neighbour():
 
 
 def test_a_gas_grows_to_its_size_and_follows_its_samples():
-    x = uniform(3000)
+    x = points(3000)
     network = calib.SOM((10, 10), "gng").fit(x)
     assert 95 <= network.size <= 100
     assert network.quantization_error(x) < 1.15 * 0.377 / 10
@@ -58,7 +55,7 @@ def test_a_gas_grows_to_its_size_and_follows_its_samples():
 
 
 def test_a_gas_leaves_a_hole_empty_that_a_lattice_crosses():
-    x = uniform(6000)
+    x = points(6000)
     x = x[np.linalg.norm(x - 0.5, axis=1) > 0.3]
     gap = {}
     for name in ("som", "gng"):

@@ -2,29 +2,14 @@
 
 import numpy as np
 import pytest
+from small_maps import grid, points
 
 from calib.common.choices import MAP_READOUTS
 from calib.common.scale import Scale
 from calib.maps.association import Association
-from calib.maps.lattice import Lattice
 from calib.maps.linear_models import regress
 from calib.maps.links import WIRINGS
-from calib.maps.map import Map
 from calib.maps.som import SOM
-
-
-def box(*periodic):
-    return Scale(np.zeros(len(periodic)), np.ones(len(periodic)), np.array(periodic))
-
-
-def grid(n=9, scale=None):
-    scale = scale or box(False, False)
-    lattice = Lattice((n,) * len(scale.span))
-    return Map((lattice.positions() + 0.5) / n, lattice, scale, np.zeros((0, 4)))
-
-
-def points(n, seed=0):
-    return np.random.default_rng(seed).random((n, 2))
 
 
 def plane(u):

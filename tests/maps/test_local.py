@@ -2,26 +2,11 @@
 
 import numpy as np
 import pytest
+from small_maps import grid, points
 
-from calib.common.scale import TURN, Scale
+from calib.common.scale import TURN
 from calib.maps import local_models as local
-from calib.maps.lattice import Lattice
 from calib.maps.local_models import exponents
-from calib.maps.map import Map
-
-
-def scale_of(*periodic):
-    return Scale(np.zeros(len(periodic)), np.where(periodic, TURN, 1.0), np.array(periodic))
-
-
-def grid(*periodic, n=7):
-    lattice = Lattice((n,) * len(periodic))
-    units = (lattice.positions() + 0.5) / n
-    return Map(units, lattice, scale_of(*periodic), np.zeros((0, 4)))
-
-
-def points(n, d=2, seed=0):
-    return np.random.default_rng(seed).random((n, d))
 
 
 def fitted(motor, u, x, degree, samples):
@@ -51,16 +36,16 @@ def polynomial(degree, d=2, seed=0):
 )
 def test_polynomials_of_the_models_degree_are_reproduced_with_their_slopes(d, degree, samples):
     value, slope = polynomial(degree, d)
-    motor, u = grid(*(False,) * d, n={2: 18, 3: 7}[d]), points(3000, d)
+    motor, u = grid({2: 18, 3: 7}[d], (False,) * d), points(3000, d=d)
     models = fitted(motor, u, value(u), degree, samples)
-    fresh = points(300, d, seed=1)
+    fresh = points(300, seed=1, d=d)
     said, tilt = local.predict(models, motor, fresh, slope=True)
     np.testing.assert_allclose(said, value(fresh), atol=1e-6)
     np.testing.assert_allclose(tilt, slope(fresh), atol=1e-4)
 
 
 def test_predictions_have_no_steps_where_the_speaking_nodes_change():
-    motor, u = grid(False, False), points(2000)
+    motor, u = grid(7), points(2000)
     ripple = np.stack([np.sin(9 * u[:, 0]), np.cos(9 * u[:, 1])], axis=1)
     models = fitted(motor, u, ripple, 1, 50)
     path = np.linspace([0.1, 0.2], [0.9, 0.7], 20_001)
@@ -70,7 +55,7 @@ def test_predictions_have_no_steps_where_the_speaking_nodes_change():
 
 
 def test_models_join_at_the_seam_of_a_joint_that_turns_round():
-    motor, u = grid(True, False, n=9), points(4000)
+    motor, u = grid(9, (True, False)), points(4000)
 
     def truth(u):
         angle = TURN * u[:, 0]
@@ -86,7 +71,7 @@ def test_models_join_at_the_seam_of_a_joint_that_turns_round():
 
 @pytest.mark.parametrize(("degree", "samples"), [(0, 30), (1, 50), (2, 60)])
 def test_each_node_has_the_least_squares_fit_with_weights_that_end_at_its_radius(degree, samples):
-    motor, u = grid(False, False, n=8), points(600)
+    motor, u = grid(8), points(600)
     x = np.random.default_rng(1).normal(size=(600, 2))  # no polynomial: the weights tell
     models = fitted(motor, u, x, degree, samples)
     for node, found, radius in zip(motor.units, models.coefficients, models.radius, strict=True):
@@ -102,7 +87,7 @@ def test_each_node_has_the_least_squares_fit_with_weights_that_end_at_its_radius
 
 def test_rows_on_a_line_do_not_multiply_their_noise_beside_it():
     """Unchecked, the largest answer half a spacing away is 20 times the noise."""
-    motor = grid(False, False, n=12)
+    motor = grid(12)
     u = np.stack([np.linspace(0, 1, 600), np.full(600, 0.5)], axis=1) + 1e-4 * points(600, seed=4)
     noise = np.random.default_rng(3).normal(scale=1e-3, size=(600, 2))
     near = np.flatnonzero(np.abs(motor.units[:, 1] - 0.5) < 0.1)[:, None]

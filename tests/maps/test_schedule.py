@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from small_maps import UNIT_BOX
 
 from calib.change.follow import matching_sigma
-from calib.common.scale import Scale
 from calib.maps.batch import coarse_to_fine, decay
 from calib.maps.lattice import Lattice
 from calib.maps.map import Map
@@ -41,13 +41,10 @@ def test_epochs_or_sigma_train_the_full_lattice_alone(epochs, sigma, radii):
     )
 
 
-BOX = Scale(np.zeros(2), np.ones(2), np.zeros(2, dtype=bool))
-
-
 def trained_like(*history, shape=(30, 30)):
     lattice = Lattice(shape)
     units = np.zeros((lattice.size, 2))
-    return Map(units, lattice, BOX, np.array([(*row, 0.0) for row in history]))
+    return Map(units, lattice, UNIT_BOX, np.array([(*row, 0.0) for row in history]))
 
 
 def test_between_two_epochs_the_radius_is_interpolated_geometrically():

@@ -2,16 +2,12 @@
 
 import numpy as np
 import pytest
+from small_maps import grid, points
 
-from calib.common.scale import Scale
-from calib.maps.lattice import Lattice
-from calib.maps.map import Map
 from calib.maps.model_selection import follows_the_motion, select
 
 N = 6000
-BOX = Scale(np.zeros(2), np.ones(2), np.zeros(2, dtype=bool))
-LATTICE = Lattice((20, 20))
-MOTOR = Map((LATTICE.positions() + 0.5) / 20, LATTICE, BOX, np.zeros((0, 4)))
+MOTOR = grid(20)
 
 
 class Known:
@@ -28,10 +24,6 @@ def chosen(u, added):
     return select(MOTOR, u, u + added, Known(), added)
 
 
-def points(n=N, seed=0):
-    return np.random.default_rng(seed).random((n, 2))
-
-
 def noise(n=N, size=1e-4, seed=7):
     return size * np.random.default_rng(seed).standard_normal((n, 2))
 
@@ -46,11 +38,11 @@ def bump(u):
 
 @pytest.mark.parametrize("size", [0.0, 1e-4, 1e-2])
 def test_noise_leaves_every_node_silent(size):
-    assert chosen(points(), noise(size=size))[0].models.degree == -1
+    assert chosen(points(N), noise(size=size))[0].models.degree == -1
 
 
 def test_a_defect_is_mended_and_nothing_is_said_far_from_it():
-    u, fresh = points(), points(4000, 1)
+    u, fresh = points(N), points(4000, 1)
     predictor, held = chosen(u, bump(u) + noise())
     models = predictor.models
     left = np.linalg.norm(predictor.value(fresh) - fresh - bump(fresh), axis=1)
@@ -76,7 +68,7 @@ def test_what_a_late_clock_leaves_is_not_learned():
 
 
 def test_a_defect_that_one_stretch_of_the_log_alone_shows_is_not_believed():
-    u = points()
+    u = points(N)
     once = np.zeros((N, 2))
     once[:40] = 2e-3  # the tracker slipped for forty rows
     assert chosen(u, once + noise())[0].models.degree == -1

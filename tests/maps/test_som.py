@@ -2,20 +2,14 @@
 
 import numpy as np
 import pytest
+from small_maps import UNIT_BOX, box, points
 from threadpoolctl import threadpool_info, threadpool_limits
 
-from calib.common.scale import Scale
 from calib.errors import LogError, OptionError
-from calib.maps.lattice import Lattice
 from calib.maps.som import SOM
 from calib.maps.vdsom import VDSOM, Layer, Rates
 
-UNIT_BOX = Scale(np.zeros(2), np.ones(2), np.zeros(2, dtype=bool))
 BOUND = 0.377  # quantization error of the best (hexagonal) quantizer: 0.377 sqrt(A / N)
-
-
-def uniform(n, seed=0, d=2):
-    return np.random.default_rng(seed).random((n, d))
 
 
 def neighbourhood(lattice, sigma):
@@ -45,19 +39,8 @@ def present(weights, lattice, x, sigma, rate):
 @pytest.fixture(scope="module")
 def settled():
     """A 3x3 map that the batch rule has brought to rest at a constant radius."""
-    x = uniform(400)
+    x = points(400)
     return x, SOM((3, 3), "som", epochs=200, sigma=(1.0, 1.0)).fit(x, scale=UNIT_BOX)
-
-
-def test_one_sample_moves_a_3x3_map_as_equations_1_to_3_say():
-    lattice = Lattice((3, 3))
-    w = uniform(9, seed=3)
-    x = np.array([0.2, 0.9])
-    best = np.linalg.norm(w - x, axis=1).argmin()  # eq. 1
-    r = np.array([[i, j] for i in range(3) for j in range(3)])
-    h = np.exp(-((r - r[best]) ** 2).sum(axis=1) / (2 * 0.8**2))  # eq. 3
-    expected = w + 0.3 * h[:, None] * (x - w)  # eq. 2
-    np.testing.assert_allclose(present(w, lattice, x[None], 0.8, 0.3), expected, atol=1e-12)
 
 
 def test_batch_weights_are_the_weighted_mean_of_the_samples(settled):
@@ -72,13 +55,12 @@ def test_two_nodes_by_hand():
     x = np.array([[0.0], [0.1], [0.9], [1.0]])
     low, high = 0.05, 0.95
     expected = [(low + h * high) / (1 + h), (h * low + high) / (1 + h)]
-    box = Scale(np.zeros(1), np.ones(1), np.zeros(1, dtype=bool))
-    network = SOM((2,), "som", epochs=50, sigma=(1.0, 1.0)).fit(x, scale=box)
+    network = SOM((2,), "som", epochs=50, sigma=(1.0, 1.0)).fit(x, scale=box(False))
     np.testing.assert_allclose(np.sort(network.units[:, 0]), expected, atol=1e-12)
 
 
 def test_the_gain_weighs_the_samples_in_the_batch_rule():
-    x = uniform(300)
+    x = points(300)
     heavy = np.where(x[:, 0] > 0.5, 5.0, 1.0)
 
     def gain(visit):
@@ -93,7 +75,7 @@ def test_the_gain_weighs_the_samples_in_the_batch_rule():
 
 def test_the_online_rule_comes_to_rest_where_the_batch_rule_does(settled):
     x, network = settled
-    weights = network.units + 0.05 * (uniform(9, seed=5) - 0.5)
+    weights = network.units + 0.05 * (points(9, seed=5) - 0.5)
     start = np.abs(weights - network.units).max()
     for rate in np.geomspace(0.02, 1e-4, 60):
         weights = present(weights, network.lattice, x, 1.0, rate)
@@ -104,9 +86,9 @@ def test_the_online_rule_comes_to_rest_where_the_batch_rule_does(settled):
 # a varying density is no quantizer: it spends nodes on the border
 @pytest.mark.parametrize(("name", "near"), [("som", 1.15), ("vdsom", 1.35)])
 def test_a_70x70_map_is_ordered_and_close_to_the_best_quantizer(name, near):
-    x = uniform(20_000)
+    x = points(20_000)
     network = SOM((70, 70), name).fit(x, scale=UNIT_BOX)
-    fresh = uniform(5000, seed=1)
+    fresh = points(5000, seed=1)
     assert network.quantization_error(x) < near * BOUND / 70
     assert network.quantization_error(fresh) < (near + 0.05) * BOUND / 70
     assert network.topographic_error(fresh) < 0.05
@@ -114,7 +96,7 @@ def test_a_70x70_map_is_ordered_and_close_to_the_best_quantizer(name, near):
 
 def test_neighbours_on_the_lattice_are_neighbours_in_space():
     """An ordered map of the square is the square turned or mirrored, with no fold."""
-    network = SOM((12, 12), "som").fit(uniform(4000), scale=UNIT_BOX)
+    network = SOM((12, 12), "som").fit(points(4000), scale=UNIT_BOX)
     grid = network.units.reshape(12, 12, 2)
     down, right = np.diff(grid, axis=0)[:, :-1], np.diff(grid, axis=1)[:-1]
     area = down[..., 0] * right[..., 1] - down[..., 1] * right[..., 0]
@@ -123,7 +105,7 @@ def test_neighbours_on_the_lattice_are_neighbours_in_space():
 
 @pytest.mark.parametrize("rule", ["batch", "online"])
 def test_a_varying_density_map_reaches_closer_to_the_border(rule):
-    x = uniform(3000)
+    x = points(3000)
     plain, varying = (
         SOM((8, 8), name, rule=rule, epochs=6, sigma=(4.0, 1.0)).fit(x, scale=UNIT_BOX)
         for name in ("som", "vdsom")
@@ -141,7 +123,7 @@ def test_a_varying_density_map_reaches_closer_to_the_border(rule):
     [("vdsom", "batch"), ("vdsom", "online"), *((n, None) for n in ("dsom", "gas", "gng:error"))],
 )
 def test_the_same_seed_gives_the_same_map_and_another_seed_another(name, rule):
-    x = uniform(500)
+    x = points(500)
     options = {} if rule is None else {"rule": rule}
     a, b, c = (SOM((6, 6), name, seed=s, **options).fit(x) for s in (1, 1, 2))
     assert a.units.tobytes() == b.units.tobytes()
@@ -150,7 +132,7 @@ def test_the_same_seed_gives_the_same_map_and_another_seed_another(name, rule):
 
 
 def test_units_of_measure_do_not_change_the_map():
-    x = uniform(500)
+    x = points(500)
     plain, scaled = (SOM((6, 6)).fit(x * k + s) for k, s in ((1, 0), ([1e3, 1e-3], [5, -7])))
     np.testing.assert_allclose(scaled.units, plain.units, atol=1e-9)
     np.testing.assert_allclose(
@@ -162,7 +144,7 @@ def test_progress_tells_growing_shares_up_to_1():
     for rule in ("batch", "online"):
         shares = []
         SOM((30, 30), rule=rule).fit(
-            uniform(300), progress=lambda share, error, s=shares: s.append((share, error))
+            points(300), progress=lambda share, error, s=shares: s.append((share, error))
         )
         done = [share for share, _ in shares]
         assert done == sorted(done)
@@ -206,7 +188,7 @@ def test_training_runs_with_one_thread_of_the_blas():
         counts.extend(p["num_threads"] for p in threadpool_info() if p["user_api"] == "blas")
 
     with threadpool_limits(2, user_api="blas"):
-        SOM((4, 4), "som").fit(uniform(100), progress=look)
+        SOM((4, 4), "som").fit(points(100), progress=look)
         after = [p["num_threads"] for p in threadpool_info() if p["user_api"] == "blas"]
     assert set(counts) == {1}
     assert set(after) == {2}

@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
+from small_maps import UNIT_BOX
 
 import calib
-from calib.common.scale import Scale
 from calib.errors import OptionError
 from calib.maps.density import READINGS, Visit
 from calib.maps.lattice import Lattice
@@ -12,8 +12,6 @@ from calib.maps.links import WIRINGS
 from calib.maps.vdsom import CHUNK, VDSOM, Layer, Rates, zeta
 from calib.paper.setting import Setting
 from calib.paper.trial import Schedule, activity_errors, association
-
-BOX = Scale(np.zeros(2), np.ones(2), np.zeros(2, dtype=bool))
 
 
 def rates(n, sigma, alpha, maps=1, eta=0.13, beta=1.0):
@@ -37,7 +35,7 @@ def test_a_step_is_eq_1_to_3(shape):
         winner = away.argmin()  # eq. 1
         distances.append(away[winner])
         wanted += a * h_of(lattice, winner, s)[:, None] * (sample - wanted)  # eq. 3, 2
-    net = VDSOM([Layer(w, lattice, BOX)])
+    net = VDSOM([Layer(w, lattice, UNIT_BOX)])
     (found,) = net.show([x], rates(5, sigma, alpha))
     np.testing.assert_allclose(net.layers[0].weights, wanted, atol=5 * np.exp(-8.0))
     np.testing.assert_allclose(found, distances, atol=5 * np.exp(-8.0))
@@ -66,7 +64,7 @@ def test_eq_7_and_8_weigh_a_sample_and_never_beyond_its_place():
     visit = Visit(1.0, np.array([winner]), np.zeros(1), w, lattice)
     for name in ("rho", "border", "error"):
         g = READINGS[name](visit)[0]
-        net = VDSOM([Layer(w, lattice, BOX, READINGS[name])])
+        net = VDSOM([Layer(w, lattice, UNIT_BOX, READINGS[name])])
         net.show([x], Rates((np.array([1.0]),), *(np.array([v]) for v in (0.3, 1.0, 0.1, 1.0))))
         step = min(0.3 * g, 1.0) * h_of(lattice, winner, 1.0)[:, None]
         np.testing.assert_allclose(net.layers[0].weights, w + step * (x - w), atol=1e-3)
@@ -99,7 +97,7 @@ def test_eq_8_as_printed_gathers_all_nodes_in_one_place_and_only_online():
 
 def linked(c, wiring=WIRINGS["oja"]):
     """Two maps of three nodes in a row, and links to start from."""
-    layers = [Layer(np.column_stack([[0.0, 0.5, 1.0], [0.0] * 3]), Lattice((3,)), BOX)] * 2
+    layers = [Layer(np.column_stack([[0.0, 0.5, 1.0], [0.0] * 3]), Lattice((3,)), UNIT_BOX)] * 2
     return VDSOM(layers, wiring, c)
 
 

@@ -3,22 +3,9 @@
 import numpy as np
 import pytest
 from models import draw, measured, six, trained
+from small_maps import grid, points
 
-from calib.common.scale import TURN, Scale
-from calib.maps.lattice import Lattice
-from calib.maps.map import Map
 from calib.maps.node_bounds import blend_nodes, learn_bounds, near_border
-
-
-def grid(n=12, periodic=False):
-    lattice = Lattice((n, n))
-    span = np.array([TURN if periodic else 1.0, 1.0])
-    scale = Scale(np.zeros(2), span, np.array([periodic, False]))
-    return Map((lattice.positions() + 0.5) / n, lattice, scale, np.zeros((0, 4)))
-
-
-def points(n, seed=0):
-    return np.random.default_rng(seed).random((n, 2))
 
 
 def coverage(motor, bounds, u, errors):
@@ -34,7 +21,7 @@ def uneven(u, seed):
 
 @pytest.mark.parametrize("seed", range(2))
 def test_bounds_hold_for_95_percent_inside_and_at_the_border(seed):
-    motor, u = grid(), points(6000, seed)
+    motor, u = grid(12), points(6000, seed)
     bounds = learn_bounds(motor, u, uneven(u, seed + 100))
     fresh = points(20_000, seed + 200)
     errors = uneven(fresh, seed + 300)
@@ -45,7 +32,7 @@ def test_bounds_hold_for_95_percent_inside_and_at_the_border(seed):
 
 def test_few_errors_give_bounds_that_hold_rather_too_often():
     """Averaged over many draws of 40 errors, as conformal prediction promises."""
-    motor, held = grid(), []
+    motor, held = grid(12), []
     for seed in range(30):
         u = points(40, seed)
         bounds = learn_bounds(motor, u, uneven(u, seed + 100))
@@ -55,7 +42,7 @@ def test_few_errors_give_bounds_that_hold_rather_too_often():
 
 
 def test_so_many_errors_are_within_their_bounds_as_conformal_prediction_asks():
-    motor, u = grid(), 0.3 + 0.4 * points(200)  # no sample is near a limit
+    motor, u = grid(12), 0.3 + 0.4 * points(200)  # no sample is near a limit
     errors = np.random.default_rng(1).random(200)
     share = np.sort(errors / blend_nodes(motor, learn_bounds(motor, u, errors), u))
     rank = int(np.ceil(0.95 * (len(errors) + 1))) - 1  # a fresh error exceeds it in 5 %

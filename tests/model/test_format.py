@@ -45,9 +45,6 @@ def test_every_tensor_and_every_key_is_on_the_page(kind, tmp_path):
     assert set(said["association"]["wiring"]) <= told
 
 
-# --- a reader of its own, by the page -------------------------------------------------------
-
-
 def read(data):
     """The description and the tensors of a file."""
     (length,) = struct.unpack("<Q", data[:8])

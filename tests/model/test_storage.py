@@ -139,9 +139,6 @@ def test_a_device_without_end_is_not_read():
         calib.load("/dev/zero")
 
 
-# --- what cannot be read back ----------------------------------------------------------------
-
-
 def test_errors_that_could_not_be_measured_are_stored_as_null(tmp_path):
     """A log of one circle left NaN in the inverse errors, and a file that nothing could read."""
     nan = {"mean": float("nan"), "max": float("nan"), "p99": float("nan")}

@@ -237,18 +237,6 @@ def generator(name: str) -> types.ModuleType:
 def test_commands_that_can_say_no_tell_so_in_the_reference():
     text = (DOCS / "cli.md").read_text(encoding="utf-8")
     sections = {s.split("\n")[0].split()[-1]: s for s in text.split("\n## calib ")[1:]}
-    for name in [
-        "forward",
-        "inverse",
-        "path",
-        "check",
-        "adapt",
-        "recognise",
-        "correct",
-        "urdf",
-        "log",
-    ]:
+    names = ("forward", "inverse", "path", "check", "adapt", "recognise", "correct", "urdf", "log")
+    for name in names:
         assert "xit code 3" in sections[name], name
-
-
-# --- the machinery itself ---------------------------------------------------------------

@@ -46,8 +46,6 @@ def test_there_are_examples_of_the_main_functions():
     assert {"calib", "calib.training.train.train", "calib.model.model.Model.forward"} <= named
 
 
-# --- names in docstrings are names that exist ----------------------------------------------
-
 CHOICES = {
     "rule": RULES,
     "readout": READOUTS,

@@ -50,14 +50,9 @@ def test_videos_that_make_no_log(film, tmp_path):
     refused("lens was calibrated with 640x480", log_video, run, joints, Setup(7, lens=LENS))
     twins = Desk(film.scene.camera, film.scene.lengths, still=(tag(7, 0.05, (0.1, 0.1, 0, 1)),))
     frames = [twins.picture(q, np.random.default_rng(0)) for q in joints.q[:600:50]]
-    write_video(str(tmp_path / "twins.mp4"), frames, 20.0)
-    refused(
-        r"twice in \d+ of 12 frames \(twins.mp4 at",
-        log_video,
-        tmp_path / "twins.mp4",
-        joints,
-        Setup(7),
-    )
+    twice = tmp_path / "twins.mp4"
+    write_video(str(twice), frames, 20.0)
+    refused(r"twice in \d+ of 12 frames \(twins.mp4 at", log_video, twice, joints, Setup(7))
     (tmp_path / "p.csv").write_text("a,b\n0,1\n1,2\n")
     refused("a column 'time'", log_video, run, read_joints(tmp_path / "p.csv"), Setup(7))
     with pytest.raises(OptionError):

@@ -146,13 +146,8 @@ def test_at_one_place(copy):
 
 
 def test_the_arm_never_moves(copy):
-    np.savetxt(
-        copy.folder / "same.csv",
-        np.tile(copy.q[0], (16, 1)),
-        delimiter=",",
-        header="a,b,c",
-        comments="",
-    )
+    same = np.tile(copy.q[0], (16, 1))
+    np.savetxt(copy.folder / "same.csv", same, delimiter=",", header="a,b,c", comments="")
     refused("never moves", make, copy.folder, joints="same.csv")
 
 

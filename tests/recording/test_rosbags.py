@@ -4,6 +4,7 @@ import sys
 
 import numpy as np
 import pytest
+from models import two_link
 
 import calib
 from calib.errors import LogError, OptionError
@@ -24,16 +25,7 @@ def q_at(t):
 
 
 def x_at(t):
-    q = q_at(t)
-    angle = q.sum(axis=1)
-    return np.stack(
-        [
-            0.3 * np.cos(q[:, 0]) + 0.25 * np.cos(angle),
-            0.3 * np.sin(q[:, 0]) + 0.25 * np.sin(angle),
-            np.zeros(len(q)),
-        ],
-        axis=1,
-    )
+    return np.column_stack([two_link(q_at(t)), np.zeros(len(t))])
 
 
 UNTURNED = (0.0, 0.0, 0.0, 1.0)
@@ -66,12 +58,8 @@ def write(path, kind="ros2", tip="PointStamped", n=300, hole=None, latency=0.0, 
         point = types["geometry_msgs/msg/Point"](*map(float, x))
         turn = types["geometry_msgs/msg/Quaternion"](*(turn_at(t) if turning else UNTURNED))
         if tip == "TFMessage":
-            return types["tf2_msgs/msg/TFMessage"](
-                [
-                    transformed(t, "camera", "tag", x, turn),
-                    transformed(t, "base", "link", 2 * x, turn),
-                ]
-            )
+            moved = (("camera", "tag", x), ("base", "link", 2 * x))
+            return types["tf2_msgs/msg/TFMessage"]([transformed(t, *m, turn) for m in moved])
         if tip == "PointStamped":
             return types["geometry_msgs/msg/PointStamped"](header(t), point)
         if tip == "PoseStamped":
@@ -90,14 +78,9 @@ def write(path, kind="ros2", tip="PointStamped", n=300, hole=None, latency=0.0, 
         (t, "/joint_states", "sensor_msgs/msg/JointState", joint_state(t, q))
         for t, q in zip(joint_t, q_at(joint_t), strict=True)
     ]
-    kinds = "tf2_msgs" if tip == "TFMessage" else "geometry_msgs"
+    kinds, topic = ("tf2_msgs", "/tf") if tip == "TFMessage" else ("geometry_msgs", "/tracker")
     messages += [
-        (
-            t,
-            "/tf" if tip == "TFMessage" else "/tracker",
-            f"{kinds}/msg/{tip}",
-            position(t + latency, x),
-        )
+        (t, topic, f"{kinds}/msg/{tip}", position(t + latency, x))
         for t, x in zip(tip_t, x_at(tip_t), strict=True)
     ]
     if tip == "TFMessage":

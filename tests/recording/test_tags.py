@@ -33,12 +33,8 @@ def postures(desk, n, rng, margin=40):
 
 
 def true_lens(camera):
-    return Lens(
-        camera.size,
-        np.full(2, camera.focal),
-        camera.centre,
-        np.array([camera.k1, camera.k2, 0.0, 0.0, 0.0]),
-    )
+    bent = np.array([camera.k1, camera.k2, 0.0, 0.0, 0.0])
+    return Lens(camera.size, np.full(2, camera.focal), camera.centre, bent)
 
 
 def on_board(sticker, points):
@@ -105,12 +101,8 @@ def test_board_corners_are_where_the_renderer_puts_them():
 
 
 def test_lens_round_trip(tmp_path):
-    lens = Lens(
-        (640, 480),
-        np.array([600.0, 602.0]),
-        np.array([318.0, 243.0]),
-        np.array([-0.15, 0.04, 1e-3, -2e-3, 0.01]),
-    )
+    bent = np.array([-0.15, 0.04, 1e-3, -2e-3, 0.01])
+    lens = Lens((640, 480), np.array([600.0, 602.0]), np.array([318.0, 243.0]), bent)
     pixels = np.random.default_rng(0).uniform([0, 0], [640, 480], (200, 2))
     assert np.allclose(lens.distort(lens.undistort(pixels)), pixels, atol=1e-9)
     mine = lens.undistort(pixels)

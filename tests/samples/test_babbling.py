@@ -3,14 +3,8 @@
 import numpy as np
 import pytest
 
-from calib.arm.loading import load_arm
 from calib.errors import OptionError
 from calib.samples.samples import babble
-
-
-@pytest.fixture(scope="module")
-def arm():
-    return load_arm("two_link")
 
 
 def test_babbling_stays_within_and_covers_the_range(arm):

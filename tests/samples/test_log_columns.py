@@ -4,15 +4,9 @@ import polars as pl
 import pytest
 from log_files import GOOD, refused
 
-from calib.arm.loading import load_arm
 from calib.errors import OptionError
 from calib.samples.logs import read_log
 from calib.samples.roles import parse_columns
-
-
-@pytest.fixture(scope="module")
-def arm():
-    return load_arm("two_link")  # shoulder 0..90, elbow 15..150 deg
 
 
 def test_columns_are_found_by_name_in_any_order_and_others_are_ignored(file):

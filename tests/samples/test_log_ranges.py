@@ -7,16 +7,10 @@ import numpy as np
 import pytest
 from log_files import GOOD, refused
 
-from calib.arm.loading import load_arm
 from calib.errors import OptionError
 from calib.samples.logs import read_log
 
 TURN = 2 * math.pi
-
-
-@pytest.fixture(scope="module")
-def arm():
-    return load_arm("two_link")  # shoulder 0..90, elbow 15..150 deg
 
 
 def table(joints, n=40):

@@ -11,17 +11,11 @@ from hypothesis import strategies as st
 from log_files import GOOD, refused
 
 from calib import train
-from calib.arm.loading import load_arm
 from calib.errors import CalibError, LogError
 from calib.samples.joint_values import locked_from_log
 from calib.samples.logs import read_log, write_log
 from calib.samples.samples import Samples, babble
 from calib.samples.tables import read_batch, write_table
-
-
-@pytest.fixture(scope="module")
-def arm():
-    return load_arm("two_link")  # shoulder 0..90, elbow 15..150 deg
 
 
 @pytest.mark.parametrize("name", ["log.csv", "log.parquet", "log.pq"])

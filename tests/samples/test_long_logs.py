@@ -14,11 +14,6 @@ JOINTS = ["shoulder", "elbow"]
 
 
 @pytest.fixture(scope="module")
-def arm():
-    return calib.load_arm("two_link")
-
-
-@pytest.fixture(scope="module")
 def rows(arm):
     """A log of N rows, of which every hundredth misses a value."""
     log = calib.babble(arm, N, seed=3, noise=1e-3)
@@ -54,9 +49,6 @@ def test_text_that_programs_write(tmp_path, text, values):
     np.testing.assert_array_equal(open_source(path).numbers(["a", "b"])[0], values)
 
 
-# Long logs
-
-
 def test_the_rows_drawn_depend_on_the_seed_alone(files, arm, rows):
     drawn = [read_log(path, arm, most=200, seed=1) for path in files]
     complete = rows[np.isfinite(rows).all(axis=1)]
@@ -80,9 +72,6 @@ def test_a_log_that_fits_is_held_whole(files, arm, rows):
     for bad in (1, 2.5, True):
         with pytest.raises(OptionError, match="most"):
             read_log(files[0], arm, most=bad)
-
-
-# Training
 
 
 def test_a_model_of_a_long_log_rests_on_the_rows_drawn_and_is_as_good(tmp_path, arm):

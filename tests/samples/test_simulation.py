@@ -3,16 +3,10 @@
 import numpy as np
 import pytest
 
-from calib.arm.loading import load_arm
 from calib.errors import OptionError
 from calib.samples.simulation import Simulation, parse_changes
 
 L1, L2 = 0.30, 0.25
-
-
-@pytest.fixture(scope="module")
-def arm():
-    return load_arm("two_link")
 
 
 @pytest.fixture(scope="module")
@@ -121,16 +115,11 @@ def test_backlash_delays_the_joint_in_a_measurement(arm):
     )
 
 
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ("wrist.length=1", "no joint 'wrist'; choices: shoulder, elbow, sensor, tip"),
-    ],
-)
-def test_impossible_changes_are_refused_when_made(arm, change, message):
-    with pytest.raises(OptionError, match=message) as caught:
-        simulate(arm, change)
-    assert "\n" not in str(caught.value)
+def test_impossible_changes_are_refused_when_made(arm):
+    with pytest.raises(
+        OptionError, match="no joint 'wrist'; choices: shoulder, elbow, sensor, tip"
+    ):
+        simulate(arm, "wrist.length=1")
 
 
 @pytest.mark.parametrize("noise", [-1e-9, float("nan"), float("inf"), True, "1", None])

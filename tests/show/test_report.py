@@ -60,12 +60,8 @@ def test_one_small_file_without_addresses_in_the_page_own_ink():
     assert all(a.startswith(("#", "data:image/png")) for a in read.addresses)
     assert len(set(read.names)) == len(read.names)
     assert {a[1:] for a in read.addresses if a.startswith("#")} <= set(read.names)
-    for text in (
-        "default-src 'none'",
-        "currentColor",
-        "prefers-color-scheme: dark",
-        "@media print",
-    ):
+    words = ("default-src 'none'", "currentColor", "prefers-color-scheme: dark", "@media print")
+    for text in words:
         assert text in page
     assert not re.search("#010203|#020304", page)
     errors = calib.evaluate(noisy()).errors["local"]["forward"]["distance"]

@@ -12,17 +12,9 @@ from calib.training.evaluate import Residuals, evaluate_residuals, summarise
 
 
 def table(forward, inverse, distance):
-    n = len(distance)
-    residuals = Residuals(
-        q=np.zeros((n, 2)),
-        x=np.zeros((n, 2)),
-        forward={"local": np.array(forward)},
-        inverse={"local": np.array(inverse)},
-        distance={"local": np.array(distance)},
-        joint_names=("hip", "knee"),
-        left_out=0,
-    )
-    return summarise(residuals)["local"]
+    nothing = np.zeros((len(distance), 2))
+    told = ({"local": np.array(each)} for each in (forward, inverse, distance))
+    return summarise(Residuals(nothing, nothing, *told, ("hip", "knee")))["local"]
 
 
 def finite(errors):

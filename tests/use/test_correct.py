@@ -85,9 +85,6 @@ def test_command(tmp_path, run):
     )  # in rad
 
 
-# --- turns, limits, frames, columns --------------------------------------------------------
-
-
 @pytest.fixture(scope="module")
 def turning():
     """A model of an arm whose first joint turns all the way round, adapted to an offset."""

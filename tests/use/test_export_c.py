@@ -109,10 +109,6 @@ def answers(model, q, folder, language="c99", single=False):
     return out[:, :m], out[:, m], out[:, m + 1 : -dof].reshape(-1, m, dof), out[:, -dof:]
 
 
-def _unit(model, q):
-    return model.motor.scale.to_unit(q)
-
-
 def questions(model, n):
     """Joint values (n, dof) over the range and somewhat beyond it."""
     lower, upper = model.about.lower, model.about.upper
@@ -141,7 +137,7 @@ def test_the_header_agrees_with_the_model(kind, language, tmp_path):
     np.testing.assert_allclose(x[known], wanted[known], rtol=0, atol=1e-12 * m.reach)
     told = m.expected_error(q)
     np.testing.assert_allclose(bound, told, rtol=1e-9, atol=1e-9 * m.reach)
-    inside = m.predictor.value_and_slope(_unit(m, q[known]))[1] / m.motor.scale.span
+    inside = m.predictor.value_and_slope(m.motor.scale.to_unit(q[known]))[1] / m.motor.scale.span
     np.testing.assert_allclose(slope[known], inside, rtol=0, atol=1e-11 * m.reach)
     assert np.isnan(slope[~known]).all()
 

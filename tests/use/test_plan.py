@@ -1,4 +1,4 @@
-"""Plans: within the limits, spread, in a short order; what is impossible is told."""
+"""Plans: within the limits, spread, in a short order; what is impossible is told; the command."""
 
 import itertools
 import math
@@ -14,19 +14,6 @@ from calib.common.scale import TURN, Scale
 from calib.use.plan import farthest, length, shortest_tour, tells
 
 DEGREE = math.radians(1.0)
-
-
-def way(plan):
-    """Return all places that the arm comes through, the start first."""
-    return plan.q if plan.start is None else np.vstack([plan.start, plan.q])
-
-
-@pytest.fixture(scope="module")
-def arm():
-    return calib.load_arm("two_link")
-
-
-# --- limits -------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("robot", ["two_link", "three_link", "polar", "scara"])
@@ -60,9 +47,6 @@ def test_a_joint_without_limits_has_no_margin_and_its_ends_are_one_place(tmp_pat
     assert apart[~np.eye(30, dtype=bool)].min() > 0.08
 
 
-# --- spread -------------------------------------------------------------------------------
-
-
 @given(st.integers(0, 2**32), st.integers(2, 12), st.booleans())
 @settings(deadline=None, max_examples=30)
 def test_farthest_points_are_within_twice_the_best_spread(seed, n, periodic):
@@ -88,9 +72,6 @@ def test_new_poses_go_where_measured_ones_are_not(arm):
     np.testing.assert_array_equal(calib.plan(arm, 12, measured=swapped).q, plan.q)
 
 
-# --- order --------------------------------------------------------------------------------
-
-
 @given(st.integers(0, 2**32), st.integers(1, 7))
 @settings(deadline=None, max_examples=40)
 def test_tours_are_permutations_close_to_the_shortest(seed, n):
@@ -114,16 +95,13 @@ def test_many_poses_of_an_arm_never_measured_can_be_planned():
 def test_travel_is_that_of_the_rows_and_short(arm):
     plan = calib.plan(arm, 60, start=[1.0, 1.0])
     np.testing.assert_array_equal(plan.start, [1.0, 1.0])
-    moves = np.abs(np.diff(way(plan), axis=0))
+    moves = np.abs(np.diff(np.vstack([plan.start, plan.q]), axis=0))
     np.testing.assert_allclose(plan.travel, moves.sum(axis=0))
     share = (moves / (arm.upper - arm.lower)).max(axis=1).sum()
     assert plan.length == pytest.approx(share)
     assert plan.length < 0.3 * plan.random_length
     # a random move is 0.47 of a range long in the mean of the larger of two uniform moves
     assert plan.random_length == pytest.approx(0.52 * 60, rel=0.15)
-
-
-# --- Python's errors and the file ---------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -155,3 +133,47 @@ def test_a_written_plan_is_no_log_by_mistake(arm, tmp_path):
     log = calib.read_log(path, arm, columns={"x": "expected_x", "y": "expected_y"})
     np.testing.assert_array_equal(log.q, plan.q)
     np.testing.assert_array_equal(log.x, plan.x)
+
+
+@pytest.mark.parametrize("name", ["poses.csv", "poses.parquet"])
+def test_command_writes_what_python_plans(run, tmp_path, arm, name):
+    path = tmp_path / name
+    done = run("plan", "two_link", "-n", "20", "--seed", "3", "--from", "0.5,1", "-o", path)
+    assert done.code == 0, done.err
+    assert "joints travel" in done.out
+    log = calib.read_log(path, arm, columns={"x": "expected_x", "y": "expected_y"})
+    np.testing.assert_array_equal(log.q, calib.plan(arm, 20, seed=3, start=[0.5, 1.0]).q)
+
+
+def test_command_completes_a_log(run, log, tmp_path, arm):
+    done = run("plan", "two_link", "-n", "6", "--data", log, "-o", "-")
+    assert done.code == 0
+    assert "beside the 400 measured ones" in done.err
+    rows = [[float(v) for v in line.split(",")[:2]] for line in done.out.splitlines()[1:]]
+    expected = calib.plan(arm, 6, measured=calib.read_log(log, arm)).q
+    np.testing.assert_array_equal(rows, expected)
+
+
+@pytest.mark.parametrize(
+    ("args", "code", "part"),
+    [
+        (["two_link"], 2, "-o"),
+        (["two_link", "-n", "5000"], 2, "at most 1000"),
+        (["two_link", "--margin", "-1"], 2, "zero or more"),
+        (["two_link", "--from", "1"], 2, "2 values"),
+        (["two_link", "--from", "1,9"], 1, "elbow = 9"),
+        (["two_linc"], 1, "did you mean two_link"),
+        (["MODEL", "--tip", "t"], 2, "--tip is for ROBOT"),
+        (["MODEL", "--range", "elbow=0:9"], 1, "limits"),
+    ],
+)
+def test_command_errors_are_one_line_and_write_nothing(run, model, tmp_path, args, code, part):
+    path = tmp_path / "p.csv"
+    words = [str(model) if arg == "MODEL" else arg for arg in args]
+    output = [] if part == "-o" else ["-o", str(path)]
+    done = run("plan", *words, *output)
+    assert done.code == code
+    assert part in done.err
+    assert len(done.err.strip().splitlines()) == 1
+    assert done.out == ""
+    assert not path.exists()

@@ -3,7 +3,6 @@
 import math
 
 import numpy as np
-import pytest
 from models import in_pixels, trained
 from scipy.stats import qmc
 
@@ -15,26 +14,13 @@ from calib.use.pose_space import hits_itself, space_of
 DEGREE = math.radians(1.0)
 
 
-@pytest.fixture(scope="module")
-def arm():
-    return calib.load_arm("two_link")
-
-
-# --- models -------------------------------------------------------------------------------
-
-
 def test_plan_of_a_model_tells_what_it_expects():
     model = trained("two_link", n=3000, size=20)
     plan = calib.plan(model, 25)
     np.testing.assert_array_equal(plan.x, model.forward(plan.q))
     np.testing.assert_array_equal(plan.expected_error, model.expected_error(plan.q))
-    assert list(plan.columns()) == [
-        "shoulder",
-        "elbow",
-        "expected_x",
-        "expected_y",
-        "expected_error",
-    ]
+    names = ["shoulder", "elbow", "expected_x", "expected_y", "expected_error"]
+    assert list(plan.columns()) == names
     # its URDF tells the limits
     np.testing.assert_allclose(plan.q.min(axis=0), model.about.lower + DEGREE)
 
@@ -71,9 +57,6 @@ def test_planned_poses_teach_more_than_random_ones(arm):
     sobol = [variance(arm.lower + (arm.upper - arm.lower) * u) for u in drawn]
     assert max(planned) < min(random)
     assert np.mean(planned) < 0.9 * np.mean(sobol)
-
-
-# --- arms in space -----------------------------------------------------------------------------
 
 
 def test_the_most_telling_poses_are_those_of_the_posterior():

@@ -80,9 +80,6 @@ def test_command(tmp_path, run):
     assert calib.load_arm(tmp_path / "c.urdf").link_lengths["elbow"] == pytest.approx(0.26)
 
 
-# --- the file ------------------------------------------------------------------------------
-
-
 def test_a_diff_shows_the_changed_attributes_alone():
     text = arm().urdf.replace(
         "</robot>",

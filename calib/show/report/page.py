@@ -11,15 +11,13 @@ import numpy as np
 
 from ...common.atomic import atomic_write
 from ...common.choices import READOUTS
-from ...common.templates import filled
-from ...common.wording import length_in_words, quoted, suggestion
+from ...common.wording import filled, length_in_words, quoted, suggestion
 from ...errors import OptionError
 from ...model.facts import facts, shown_errors
 from ...model.model import Model
 from ...samples.samples import Samples
 from ...training.evaluate import Evaluation, Residuals, evaluate, evaluate_residuals
-from .drawing import settings, to_svg
-from .figures import by_socket, heat_maps, lattices, over_photo, u_matrices
+from .figures import by_socket, heat_maps, lattices, over_photo, settings, to_svg, u_matrices
 
 # name: what the figure shows, how to read it, and what draws it, or None where there is nothing
 _Draw = Callable[[Model, Residuals | None, Samples | None], Any]

@@ -1,0 +1,184 @@
+"""The commands of cameras and recordings: `calib log`, `calib handeye` and `calib tag`."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Any
+
+from typer import Argument
+
+from calib.common.choices import DICTIONARY, Eye
+from calib.common.wording import for_people
+
+from .. import options as opt
+from .. import parsing
+from ..camera import Shooting, need_joints
+from ..options import Text, flag, option
+from ..output import Outcome, note, say
+from ..parsing import TABLES, BadOption, above_zero, check_file
+from ..samples import Selection, refuse
+
+
+def log(
+    bag: Annotated[
+        list[str],
+        Argument(
+            metavar="BAG|PICTURES|VIDEO|DATASET",
+            help="A ROS bag, a folder or files, a video; with --eye a LeRobotDataset.",
+        ),
+    ],
+    *,
+    output: Annotated[str, option("--output -o LOG", "The log: CSV or Parquet.")],
+    joints_topic: Annotated[Text, option("--joints-topic TOPIC", "JointState, if several.")] = None,
+    tip_topic: Annotated[Text, option("--tip-topic TOPIC", "Points, poses, tf if several.")] = None,
+    frames: Annotated[Any, option("--frames SENSOR,TIP", "Of tf, if many.", parsing.names)] = None,
+    joints: opt.JointNames = None,
+    max_gap: Annotated[float, option("--max-gap S", "Between joint states [s].", above_zero)] = 0.1,
+    still: Annotated[
+        Any, option("--still V", "Drop rows that move faster [rad/s].", above_zero)
+    ] = None,
+    time_offset: opt.TimeOffset = None,
+    shooting: Shooting,
+    degrees: opt.Degrees = False,
+    prismatic: opt.Prismatic = None,
+) -> Outcome:
+    """Turn a ROS bag, pictures or a video into a log of joints and positions.
+
+    Exit code 3 if no clock offset, or more than one, fits a video to its joints.
+    """
+    from calib.samples.logs import write_log
+    from calib.samples.roles import log_columns
+
+    check_file(output, TABLES, stream=True)
+    slides = prismatic or ()
+    bags: dict[str, Any] = {"joints_topic": joints_topic, "tip_topic": tip_topic, "frames": frames}
+    timed: dict[str, Any] = {"max_gap": max_gap, "still": still, "time_offset": time_offset}
+    if shooting.taken(bag):
+        refuse(bags, "is for bags, not for pictures and videos")
+        made = shooting.record(bag, output, joints, timed, degrees=degrees, prismatic=slides)
+        factor, shown = for_people(made.unit)
+        kinds = f"[rad, {made.unit}]"
+        noise = factor * float(made.source["noise"])
+        kinds += f", noise {noise:.2g} {shown}" if noise else ""
+    else:
+        from calib.recording.bags import read_bag
+
+        if len(bag) > 1:
+            raise BadOption(f"{len(bag)} names are for pictures: expected one bag")
+        if frames is not None and len(frames) != 2:
+            raise BadOption("--frames names two frames: expected SENSOR,TIP")
+        made = read_bag(bag[0], **bags, **timed, joints=joints)
+        say(made.notes)
+        kinds = "[rad, m, s]"
+    write_log(made, output)
+    names = made.joint_names
+    units = {name: "m" if name in slides else "rad" for name in names}
+    document = {"log": output, "joints": names, "samples": len(made), "unit": made.unit}
+    document |= made.source
+    document["units"] = {"joints": units, "positions": made.unit, "time": "s"}
+    line = f"{len(made)} rows of {', '.join(log_columns(made))} {kinds}"
+    return Outcome(document, [f"{output}: {line}"])
+
+
+def handeye(
+    robot: opt.RobotFile,
+    pictures: Annotated[str, Argument(metavar="PICTURES", help="Folder, pattern, LeRobotDataset.")],
+    *,
+    board: Annotated[
+        str, option("--board COLSxROWS:SQUARE:MARKER:DICT", "Such as 7x5:24mm:18mm:5x5_100.")
+    ],
+    eye: Annotated[Eye, flag("--eye", "hand: the camera is on the arm; base: it stands still.")],
+    joints_file: opt.JointsFile = None,
+    camera: opt.DatasetCamera = None,
+    joints: opt.JointNames = None,
+    tip: opt.Tip = None,
+    lock: opt.Lock = None,
+    lens: Annotated[Text, option("--lens SHOTS|lens.json", "Default: fitted.")] = None,
+    output: Annotated[Text, option("--output -o MODEL", "Learn a model, too.")] = None,
+    transform: Annotated[Text, option("--transform FILE", "Both as static transforms.")] = None,
+    degrees: opt.Degrees = False,
+) -> Outcome:
+    """Find camera and board from pictures of a board that the arm took, or held.
+
+    The arm's own errors are found with them. Positions have 95 % intervals.
+    """
+    check_file(output, (".calib",), option="-o")
+    check_file(transform, (".json",), option="--transform")
+    import calib
+    from calib.recording.board import Board
+    from calib.recording.lens import load_lens
+
+    arm = Selection(joints=joints, tip=tip, lock=lock, degrees=degrees).load(robot)
+    need_joints(pictures, joints_file)
+    known = None
+    if lens is not None:
+        known, said = load_lens(lens, Board.parse(board))
+        say(said)
+    found = calib.handeye(
+        arm, pictures, joints_file, board, eye, lens=known, degrees=degrees, camera=camera
+    )
+    say(found.notes)
+    carried, standing = ("camera", "board") if eye == "hand" else ("board", "camera")
+    if output is not None:
+        calib.train(found.poses).save(output)
+    if transform is not None:
+        from calib.common.atomic import atomic_write
+        from calib.use.formats import hand_eye_transforms
+
+        text = hand_eye_transforms(arm.urdf, arm.tip, eye, found.hand, found.base)
+        atomic_write(transform, text.encode())
+        note(f"where {carried} and {standing} are is in {transform}")
+    reprojection = found.reprojection
+    lines = [
+        _place(f"{carried} in the frame of {arm.tip}", found.hand),
+        _place(f"{standing} in the base frame", found.base),
+        f"corners are predicted to {reprojection['mean']:.2g} px (largest "
+        f"{reprojection['max']:.2g}); {found.used} of {found.pictures} pictures",
+        f"lens: focal length {found.lens['focal']:.1f} ± {found.lens['focal_95']:.2g} px",
+        f"limited by {found.limited_by}",
+    ]
+    document: Any = found.to_json()
+    document["units"] = {"position": "m", "rotation": "rad", "reprojection": "px"}
+    return Outcome(document, lines)
+
+
+def _place(what: str, found: dict[str, Any]) -> str:
+    at = ", ".join(
+        f"{1e3 * value:.2f} ± {1e3 * half:.2g}"
+        for value, half in zip(found["position"], found["position_95_up_to_gauge"], strict=True)
+    )
+    quaternion = ", ".join(f"{value:.5f}" for value in found["quaternion"])
+    turn = math.degrees(max(found["rotation_95_up_to_gauge"]))
+    return f"{what}: ({at}) mm, quaternion ({quaternion}) ± {turn:.2g} deg"
+
+
+def tag(
+    number: Annotated[int | None, Argument(metavar="ID", min=0, help="Number of the tag.")] = None,
+    *,
+    output: Annotated[str, option("--output -o FILE.svg", "The page to print.")],
+    size: Annotated[str, option("--size 40mm", "Side of the black square.")] = "40mm",
+    dictionary: opt.Dictionary = DICTIONARY,
+    board: opt.BoardSpec = None,
+) -> Outcome:
+    """Write a tag for the arm's tip, or a board for the desk, to print at its true size (SVG)."""
+    from calib.common.atomic import atomic_write
+    from calib.recording.board import Board, parse_length, print_board, print_tag
+
+    if (number is None) == (board is None):
+        raise BadOption("expected the ID of a tag, or --board, and not both")
+    check_file(output, (".svg",), stream=True)
+    if board is not None:
+        made = Board.parse(board)
+        page = print_board(made)
+        width, height = (1e3 * side for side in made.size)
+        what = f"a board of {width:g} x {height:g} mm"
+    else:
+        side = parse_length(size, "`size`")
+        page = print_tag(int(number or 0), side, dictionary)
+        what = f"tag {number} of {dictionary}, {1e3 * side:g} mm"
+    line = f"{output}: {what}; print it at 100 % and check the line of 100 mm"
+    if output == "-":
+        print(page, end="")
+    else:
+        atomic_write(output, page.encode())
+    return Outcome({"output": output, "what": what}, [line])
