@@ -182,7 +182,8 @@ class Comparison:
         """Hypotheses with their evidence, best first; of a calm log that of no change."""
         # the first joint's origin is the sensor's frame
         links = [f"placement:{name}" for name in self.model.about.joint_names[1:]]
-        link = next((g.name for g in fired(self.tested.groups) if g.name in links), None)
+        first = [group.name for group in fired(self.tested.groups)[:1]]
+        link = first[0] if first and first[0] in links else None
         return explain(self.reference, self.log, self.cause, not self._suspect, link)
 
     @cached_property
