@@ -28,8 +28,8 @@ def moved_words(samples: Samples, predicted: Array) -> list[str]:
     factor, unit = for_people(samples.unit)
     return [
         f"rows from about {found[0] + 1} on are {factor * found[1]:.2g} {unit} off earlier rows of "
-        "the same poses: the arm, its tool or the sensor moved while the log was taken, and the "
-        "model is of neither state; train from one part of the log"
+        "the same poses: the arm, its tool or the sensor moved while the log was taken, or joints "
+        "with play were approached from the other side; train from one part of the log"
     ]
 
 
@@ -61,12 +61,12 @@ def moved_at(q: Array, residual: Array) -> tuple[int, float] | None:
             left = residual[own]
             within.append(((left - left[at[:, 1]])[chosen] ** 2).sum(axis=1))
             across.append(((left - residual[other][there])[chosen] ** 2).sum(axis=1))
-        inside, beyond = np.concatenate(within), np.concatenate(across)
-        if len(inside) < _LEAST or not inside.any():
+        beyond = np.concatenate(across)
+        if min(map(len, within)) < _LEAST // 2 or not np.concatenate(within).any():
             continue
-        # a few wild rows are no step: medians
-        usual, now = float(np.median(inside)), float(np.median(beyond))
-        error = 2.0 / np.sqrt(residual.shape[1] * len(inside))
+        # a few wild rows are no step: medians; the noise of each side is half of what lies across
+        usual, now = float(np.mean([np.median(w) for w in within])), float(np.median(beyond))
+        error = 2.0 / np.sqrt(residual.shape[1] * len(beyond))
         gain = np.log(max(now, 1e-300) / max(usual, 1e-300)) / error  # exact rows leave nothing
         if now > _TIMES * usual and gain > _SURE:
             found.append((gain, k, np.sqrt(now - usual)))

@@ -39,3 +39,11 @@ def test_a_sensor_that_moves_half_way_is_told_with_its_row_and_size(moved):
 @pytest.mark.parametrize("seed", [0, 1, 2])
 def test_noise_and_what_is_no_arm_are_not_told_as_moved(how, seed):
     assert not told(measured(seed=seed, **how))
+
+
+@pytest.mark.parametrize("times", [3.0, 6.0, 20.0])
+def test_noise_that_grows_is_not_told_as_moved(times):
+    log = measured()
+    noise = np.random.default_rng(1).normal(0.0, 5e-4, log.x.shape)
+    later = np.arange(N)[:, None] >= N // 2
+    assert not told(replace(log, x=log.x + later * times * noise))
