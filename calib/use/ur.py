@@ -1,9 +1,9 @@
 """Universal Robots: a corrected arm as the `kinematics:` entries of their ROS 2 description.
 
 `ur_description/urdf/ur_macro.xacro` places six joints, each turning about its own z axis, one
-behind the other from the link `base_link_inertia`.  A URDF of the same arm may have other axes and other
-origins along them, so that its `<origin>` elements cannot be copied: frames are laid on the joints'
-axes here as that description lays them, and compared with the arm by forward kinematics.
+behind the other from the link `base_link_inertia`.  A URDF of the same arm may have other axes and
+other origins along them, so that its `<origin>` elements cannot be copied: frames are laid on the
+joints' axes here as that description lays them, and compared with the arm by forward kinematics.
 """
 
 from __future__ import annotations
