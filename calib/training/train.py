@@ -164,7 +164,11 @@ def _learned(samples: Samples, options: TrainingOptions, progress: Progress) -> 
         left_out=tested.left_out + given - len(samples),
         notes=tuple(notes),
     )
-    rows = Rows.of(samples.q, samples.x) if simulation is None else None
+    rows = None
+    if simulation is None and part is not None:
+        rows = Rows.of(samples.q[part.rows], samples.x[part.rows], left)
+    elif simulation is None:
+        rows = Rows.of(samples.q, samples.x)
     seconds = {stage: end - start for (stage, start), (_, end) in pairwise(marks)}
     seconds["total"] = sum(seconds.values())
     return replace(model, about=about, baseline=baseline, rows=rows, seconds=seconds)
