@@ -15,7 +15,7 @@ import numpy as np
 from ..arm.arm import Arm, PlanarArm, SpatialArm
 from ..arm.rotations import logarithm, similarity
 from ..arm.urdf import parse_urdf
-from ..body.belief import Body
+from ..body.belief import Body, knows_orientation
 from ..body.fit import Fit
 from ..body.normal import Factor, with_prior
 from ..body.parameters import Indices, Prior
@@ -213,7 +213,13 @@ def fit_in_space(
     """
     own: Any = None if body is None else body.structure
     known = None  # the body's own parameters, where they are of this structure
-    if body is not None and isinstance(own, SpatialStructure) and own.informed:
+    posed = free and knows_orientation(body)
+    if body is not None and posed and own.informed:
+        # orientations tell turns of the tool and of the wrist that positions leave open
+        structure = replace(own, view="pose")
+        known = body.beta
+        x = np.hstack([x, structure.predict(q, body.beta)[:, x.shape[1] :]])
+    elif body is not None and isinstance(own, SpatialStructure) and own.informed:
         view = "rigid" if free and own.view == "pose" else own.view if free else "base"
         structure = replace(own, view=view)
         known = body.beta if own.view == view else None
@@ -234,7 +240,8 @@ def fit_in_space(
         prior.sd[tool] = SHIFT
     still = [*(() if probe or move_tip else tool), *(() if move_base else first)]
     fit = _fitted(structure, q, x, nominal, _held(prior, np.array(still, dtype=np.intp)))
-    reach, metre = _reach(x), 1.0 if structure.camera else structure.metre
+    reach = _reach(x[:, : structure.blocks[0]])
+    metre = 1.0 if structure.camera else structure.metre
     found = _geometry(arm, fit, nominal, free, move_tip, reach / metre, metre)
     last = groups["offset"][-1]
     if probe and arm.revolute[-1] and found.sd[last] >= UNTOLD * fit.scales["offset"]:
@@ -336,7 +343,11 @@ def _geometry(
     mean = spread @ (fit.told * (x.T @ (root * fit.residual.ravel()))[~own])
     bent = Factor(fit.precision).solve(gram[np.ix_(own, ~own)])
     sd[active] = np.sqrt(np.diag(fit.covariance + bent @ (spread + np.outer(mean, mean)) @ bent.T))
-    rms, before = (_rms(r) / metre for r in (fit.residual, fit.parts[0].residual_at(nominal)))
+    positions = slice(structure.blocks[0])
+    residual = fit.residual[:, positions]
+    nominal_residual = fit.parts[0].residual_at(nominal)[:, positions]
+    rms = _rms(residual) / metre
+    before = _rms(nominal_residual) / metre
     return Geometry(arm, structure, fit.beta, sd, free, move_tip, rms, before, reach)
 
 
