@@ -134,7 +134,7 @@ def _with_interval(value: Array, half: Array) -> dict[str, Any]:
 
 def fit_geometry(
     model: Model, *, view: str = "auto", cause: str = "sensor", move_base: bool = False,
-    move_tip: bool = False,
+    move_tip: bool = False, drawn: bool = False,
 ) -> Geometry:  # fmt: skip
     """Fit the nominal chain to what was learned, where rows were, by Gauss-Newton.
 
@@ -150,6 +150,8 @@ def fit_geometry(
     move_base : whether the first joint's place is fitted too; only in a known frame
     move_tip : whether the sensed point of a spatial arm is the tip itself and belongs to the
         geometry; else it is a probe or tag that was put on, and the tip stays where the URDF has it
+    drawn : whether the drawing's lengths and axes are true, so that joints' zeros alone are fitted,
+        beside the sensor's frame and the probe
     """
     arm, free, unit = nominal_arm(model), frame_is_free(model, view), model.about.unit
     if move_base and free:
@@ -172,7 +174,7 @@ def fit_geometry(
         probe = not is_simulated(model)
         return fit_in_space(
             arm, model.body, q, x, unit=unit, free=free, probe=probe, move_base=move_base,
-            move_tip=move_tip,
+            move_tip=move_tip, drawn=drawn,
         )  # fmt: skip
     if free and cause == "joints" and model.history and model.body is not None:
         # the sensor stayed where it was before the adaptations; fitted again, its frame would
@@ -183,7 +185,7 @@ def fit_geometry(
             seen = moved.inverse().apply(seen)
         x = Alignment.between(arm.forward(q), seen).inverse().apply(x)
         free = False
-    return fit_in_plane(arm, q, x, unit, free=free, move_base=move_base, error=error)
+    return fit_in_plane(arm, q, x, unit, free=free, move_base=move_base, drawn=drawn, error=error)
 
 
 def _points(model: Model) -> tuple[Array, Array, float]:
@@ -204,7 +206,7 @@ def _points(model: Model) -> tuple[Array, Array, float]:
 
 def fit_in_space(
     arm: SpatialArm, body: Body | None, q: Array, x: Array, *, unit: str, free: bool, probe: bool,
-    move_base: bool, move_tip: bool,
+    move_base: bool, move_tip: bool, drawn: bool = False,
 ) -> Geometry:  # fmt: skip
     """Fit offsets, joint origins and the tip to positions `x` (n, m) at joints `q` (n, dof).
 
@@ -235,7 +237,8 @@ def fit_in_space(
         start = frame(structure, q, x)
     prior = _held(structure.prior(free_groups), first[:0] if probe else tool)
     nominal = _fitted(structure, q, x, start, prior).beta if len(prior.active) else start
-    prior = structure.prior((*free_groups, "placement", "offset"))
+    placement = () if drawn else ("placement",)
+    prior = structure.prior((*free_groups, *placement, "offset"))
     if not probe:  # a simulation's point is the tip, as sure as any other place
         prior.sd[tool] = SHIFT
     still = [*(() if probe or move_tip else tool), *(() if move_base else first)]
@@ -251,7 +254,7 @@ def fit_in_space(
 
 def fit_in_plane(
     arm: PlanarArm, q: Array, x: Array, unit: str, *, free: bool, move_base: bool = False,
-    error: float = 0.0,
+    drawn: bool = False, error: float = 0.0,
 ) -> Geometry:  # fmt: skip
     """Fit offsets, places and, with a `free` frame, the sensor's place to positions `x` (n, 2).
 
@@ -270,7 +273,8 @@ def fit_in_plane(
     # the sensor turns about the plane's normal alone
     ends, sd = np.vstack([structure.shifts[1:], groups["tool"]]), np.zeros(structure.size)
     sd[groups["offset"]] = np.where(structure.revolute, _OFFSET, _ALONG)
-    sd[ends] = _ALONG
+    if not drawn:
+        sd[ends] = _ALONG
     if free:  # the first joint's offset and a turn of the frame are one
         sd[groups["offset"][0]] = 0.0
         sd[groups["view.rotation"][2]] = 100.0
@@ -278,7 +282,7 @@ def fit_in_plane(
         sd[groups["view.scale"]] = 100.0 * scaled
     if move_base:
         sd[structure.shifts[0]] = FREE * structure.chain.reach
-    prior = Prior(start, sd, known=_precision(arm, ends, sd))
+    prior = Prior(start, sd) if drawn else Prior(start, sd, known=_precision(arm, ends, sd))
     fit = _fitted(structure, q, x, start, prior, error)
     nominal = fit.beta.copy()
     for group in ("offset", "placement", "tool"):
