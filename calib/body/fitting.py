@@ -197,16 +197,10 @@ def _second(
     groups = first.structure.groups
     count = len(rows[0])
     bends = "curve" in passed.free or passed.against("curves") < settings.NO_CURVES
-<<<<<<< HEAD
     guarded: list[str] = []
     if count >= settings.GUARDED_ROWS:
         guarded = [name for name in ("elastic", "gravity", "lens") if len(groups.get(name, ()))]
     if not bends and {*chain, *guarded} <= set(passed.free):
-=======
-    guarded = [name for name in ("elastic", "gravity", "lens") if len(groups.get(name, ()))]
-    more = guarded if count >= settings.GUARDED_ROWS else []
-    if not bends and {*chain, *more} <= set(passed.free):
->>>>>>> main
         return None
     free = (*passed.free, *chain, *guarded)
     if bends:

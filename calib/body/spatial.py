@@ -19,10 +19,7 @@ from ..arm.spatial_chain import Deviations, Links, Motion, SpatialChain
 from ..common.arrays import Array
 from .curves import curve_shape
 from .parameters import Block, Hyper, Indices
-<<<<<<< HEAD
 from .sensors import NamedSensor, Several, ViewpointInSpace, viewpoints
-from .settings import CURVE_RMS, CURVE_ROWS, ELASTIC, GAIN, SERVOS, SHIFT, TURN, WIDER
-=======
 from .settings import (
     COUPLING,
     CURVE_RMS,
@@ -35,7 +32,6 @@ from .settings import (
     TURN,
     WIDER,
 )
->>>>>>> main
 from .structure import Ladder, Moving, Structure
 from .views import SPATIAL, InSpace, Measurement, compose, is_camera
 
