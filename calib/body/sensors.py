@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, Protocol, TypeVar
 
 from ..arm.spatial_chain import Motion
 from ..common.arrays import Array
@@ -17,11 +17,6 @@ from ..errors import OptionError
 from .parameters import Block, Hyper
 from .settings import MARKER, MARKERS
 from .views import Measurement, Placed, Sight
-
-if TYPE_CHECKING:
-    from .structure import Structure
-
-_Structure = TypeVar("_Structure", bound="Structure")
 
 
 @dataclass(frozen=True)
@@ -33,6 +28,25 @@ class Viewpoint:
     unit: str
     metre: float
     extent: float
+
+
+class Sighted(Protocol):
+    """A structure that sees as one of several sensors."""
+
+    @property
+    def place(self) -> int:
+        """Place of the sensor among all."""
+
+    @property
+    def beside(self) -> tuple[Viewpoint, ...]:
+        """The others in their order."""
+
+    @property
+    def viewpoint(self) -> Viewpoint:
+        """What it says of the sensor that it sees as."""
+
+
+_Structure = TypeVar("_Structure", bound=Sighted)
 
 
 @dataclass(frozen=True)
@@ -122,7 +136,7 @@ class Several(Measurement):
         return self.sensors[self.place].measurement.look(own, motion, also)
 
 
-def viewpoints(structure: Structure) -> tuple[Viewpoint, ...]:
+def viewpoints(structure: Sighted) -> tuple[Viewpoint, ...]:
     """All sensors of a structure in their order."""
     place = structure.place
     return (*structure.beside[:place], structure.viewpoint, *structure.beside[place:])
