@@ -167,29 +167,32 @@ def report(
     *,
     output: Annotated[Text, option("--output -o FILE.html", "One file.")] = None,
     png: Annotated[Text, option("--png DIR", "Its figures as PNG.")] = None,
+    figures: Annotated[Text, option("--figures FOLDER", "Its figures as SVG.")] = None,
     drawn: Drawn,
 ) -> Outcome:
-    """Write figures and tables that explain a calibration."""
-    if output is None and png is None:
-        raise BadOption("nothing to write: expected -o FILE.html, or --png DIR, or both")
+    """Write how accurate a calibration is, what is off, where and why, as one page."""
+    if output is None and png is None and figures is None:
+        raise BadOption("nothing to write: expected -o FILE.html, --figures FOLDER or --png DIR")
     check_file(output, (".html", ".htm"))
     loaded, log = drawn.load(model)
     import calib
     from calib.common.atomic import atomic_write
-    from calib.show.report.figures import to_png
+    from calib.show.report.drawing import to_file
 
     lines = []
     if output is not None:
-        calib.report(loaded, output, log)
+        lines.append(calib.report(loaded, output, log))
         lines.append(_page(output))
-    if png is not None:
-        folder = Path(png)
-        folder.mkdir(parents=True, exist_ok=True)
+    folders = {"png": png, "svg": figures}
+    for kind, folder in folders.items():
+        if folder is None:
+            continue
+        Path(folder).mkdir(parents=True, exist_ok=True)
         for name, figure in calib.figures(loaded, log).items():
-            path = folder / f"{name}.png"
-            atomic_write(path, to_png(figure))
+            path = Path(folder) / f"{name}.{kind}"
+            atomic_write(path, to_file(figure, kind))
             lines.append(str(path))
-    return Outcome({"output": output, "png": png}, lines)
+    return Outcome({"output": output, "png": png, "figures": figures}, lines)
 
 
 def preview(
