@@ -16,7 +16,6 @@ import numpy as np
 from ..common.arrays import Array
 from .covariance import radius_95
 from .fit import BLOCKS, Fit
-from .normal import Factor
 from .parameters import Indices
 from .rows import Rows
 from .settings import LEAST_ROWS_OF_A_QUANTILE, NATS, OUTLIER, SETTLED, UNKNOWN_KAPPA
@@ -80,12 +79,9 @@ class HeldOut:
 
 def leave_blocks_out(fit: Fit, partitions: tuple[int, ...] = _PARTITIONS) -> HeldOut:
     """Held-out predictions of a fit, linearised, with its noise and scales kept."""
-    first, p, total = fit.parts[0], fit.structure.blocks[0], fit.grams.sum(axis=0)
+    first, p = fit.parts[0], fit.structure.blocks[0]
     n, edges = len(first.z), first.edges
     every = max(1, round(n * len(fit.active) / _WORK))
-
-    def step_without(gram: Array, moment: Array) -> Array:
-        return Factor(fit.precision - gram).solve(fit.gradient - moment)
 
     residuals, probes = tuple(np.full_like(part.residual, np.nan) for part in fit.parts), []
     for part, residual in zip(fit.parts, residuals, strict=True):
@@ -93,17 +89,17 @@ def leave_blocks_out(fit: Fit, partitions: tuple[int, ...] = _PARTITIONS) -> Hel
             if part is first:
                 probes.append(x[::every, :p])
             with suppress(np.linalg.LinAlgError):
-                step = step_without(fit.grams[k], fit.moments[k])
+                step = fit.without(slice(k, k + 1)).step
                 residual[rows] = part.residual[rows] - x @ step
     score, ratios = np.full(n, np.nan), dict[int, Array]()
     for parts in partitions:
         limits = np.linspace(0, len(probes), max(min(parts, len(probes)), 1) + 1).round()
         ratios[parts] = np.full(n, np.nan)
         for a, b in pairwise(limits.astype(int)):
-            gram = (parts > 0) * fit.grams[a:b].sum(axis=0)
+            others = fit.without(slice(a, b) if parts else slice(0))
             try:
-                step = step_without(gram, (parts > 0) * fit.moments[a:b].sum(axis=0))
-                softer = fit.softer(total - gram)
+                step = others.step
+                softer = fit.softer(others.gram)
             except np.linalg.LinAlgError:  # the other blocks leave the parameters open
                 continue
             for block in range(a, b):
