@@ -20,11 +20,12 @@ from ..common.arrays import Array
 from .equations import Equations, Log, Noisy, own_columns
 from .frame import Reference
 from .hypotheses import FRAME, TESTED, freedom, indices_of
-from .settings import CREPT, FALSE_ALARM, JOINT_NOISES, NOISIER
+from .settings import CREPT, FALSE_ALARM, JOINT_NOISES, LARGE, NOISIER
 
 _ROWS = 300  # their power grows with the rows, their work with the rows too
 _FINER = (0.5, 0.7, 1.0, 1.4, 2.0)  # times the noise of an encoder, once one is found
 _POWER = 0.9  # share of logs in which the smallest change that is told would be found
+_LARGEST = 1e8  # statistic beyond which no size of a change is computed
 _LASTING = 10  # rows over which noise may last
 
 DRIFT = "drift"
@@ -65,6 +66,12 @@ class Tested:
     def score(self) -> float:
         """Largest score of a group."""
         return max((g.score for g in self.groups), default=0.0)
+
+    @property
+    def too_few(self) -> bool:
+        """Whether the rows could not show even a large change of half of the groups."""
+        sizes = [g.smallest for g in self.groups if g.smallest > 0.0]
+        return not sizes or float(np.median(sizes)) > LARGE * max(self.noise, self.usual)
 
     @property
     def smallest(self) -> float:
@@ -175,7 +182,9 @@ def group_tests(reference: Reference, log: Log, probes: Array) -> Tested:
         p = min(1.0, count * float(fdtrc(k, noise.left, statistic / k)))
         deviation = np.sqrt((vectors**2 / values).sum(axis=1) * noise.temper)
         least = k * float(fdtri(k, noise.left, 1.0 - FALSE_ALARM / count))
-        needed = chndtrinc(least, k, 1.0 - _POWER) * noise.temper
+        # with hardly a row left for the noise no change is large enough
+        enough = least < _LARGEST
+        needed = chndtrinc(least, k, 1.0 - _POWER) * noise.temper if enough else np.inf
         change = every[place], vectors @ (turned / values), deviation
         smallest = float(np.sqrt(needed / told) * moves[place[0]])
         found.append(GroupTest(name, p, statistic, k, change, smallest))
