@@ -218,7 +218,7 @@ def test_the_model_that_is_written_is_the_one_that_is_praised(tmp_path):
     model = calib.train(bare(400, 20), size=6)
     change = f"{six.joint_names[2]}.offset=0.0174533"
     found = calib.adapt(model, bare(60, 60, change))
-    calib.save(found.model, tmp_path / "after.calib")
+    found.model.save(tmp_path / "after.calib")
     q = np.random.default_rng(5).uniform(six.lower, six.upper, (300, 6))
     truth = calib.Simulation(six, changes=(change,)).exact(q)
     error = np.linalg.norm(calib.load(tmp_path / "after.calib").forward(q) - truth, axis=1)
