@@ -162,7 +162,8 @@ def _posterior(
         if step == _STEPS:
             break
         delta = factor.solve(pull)[:r]
-        for share in 0.3 ** np.arange(6.0):
+        for halved in range(6):
+            share = 0.3**halved
             full = np.zeros(len(beta))
             full[active] = ways @ (share * delta)
             moved = structure.retract(beta, full)
