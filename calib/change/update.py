@@ -149,7 +149,8 @@ def _posterior(
         return residual, own, 0.5 * float(cost)
 
     beta = e.beta.copy()
-    normals = np.linalg.lstsq(ways, (e.beta - e.origin)[active], rcond=1e-12)[0]
+    start = np.linalg.lstsq(ways, (e.beta - e.origin)[active], rcond=1e-12)[0]
+    normals = np.asarray(start, dtype=np.float64)
     residual, own, cost = seen(beta, normals)
     for step in range(_STEPS + 1):
         x = structure.linearise(log.q, beta, active)[1]
