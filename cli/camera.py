@@ -128,7 +128,7 @@ class Shooting:
 
 def need_joints(source: str, joints_file: str | None) -> None:
     """Refuse pictures without their joints; a LeRobotDataset brings them."""
-    from calib.recording.joint_table import is_dataset
+    from calib.recording.lerobot import is_dataset
 
     if joints_file is None and not is_dataset(source):
         raise BadOption("--joints-file FILE is missing: pictures need the joints beside them")
