@@ -102,7 +102,7 @@ def groups_of(body: Body) -> dict[str, Indices]:
     for group in TESTED:
         for index in indices_of(structure, (group,)).tolist():
             # a payload bends all joints at once
-            joint = None if group == "elastic" else structure.labels[index].joint
+            joint = None if group in ("elastic", "payload") else structure.labels[index].joint
             joints.setdefault(f"{group}:{joint}" if joint else group, []).append(index)
     for name, some in joints.items():
         found[name] = np.array(some, dtype=np.intp)
