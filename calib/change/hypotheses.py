@@ -93,7 +93,6 @@ GROUPS = {
     "payload": Group(
         0.02, 2e-5, 1e-4, "the payload", "a payload bends {joint}, by up to {most:.3g} deg", True
     ),
-    "gravity": Group(0.01, changed="the base is tilted by {value:+.3g} ± {half:.2g} {unit}"),
     # over the prior of a robot
     "placement": Group(5.0, 0.1, 1.0, "the joints' placements"),
     "tool": Group(0.1, 1e-4, 1e-3, "the tool"),  # [m]
@@ -111,7 +110,7 @@ TESTED = ("offset", "length", "gain", "placement", "tool", "elastic", "payload")
 _CAMERA = ("view.scale", "view.shear", "view.tilt")
 _SENSOR = ((), ("view.scale",), _CAMERA, ("view.scale", "view.shear", "lens"))
 _GEOMETRY = ("offset", "length", "gain", "placement")
-_EVERY = (*_GEOMETRY, "elastic", "payload", "gravity", "tool")
+_EVERY = (*_GEOMETRY, "elastic", "tool")
 _ARM = (
     ("offset",),
     ("length",),

@@ -117,7 +117,8 @@ class _Noise:
     def __init__(
         self, reference: Reference, log: Log, residual: Array, noisy: Noisy | None = None
     ) -> None:
-        groups = [g for g in reference.structure.groups if not g.startswith("curve")]
+        # the unit weights of a payload would leave few rows no freedom
+        groups = [g for g in reference.structure.groups if not g.startswith(("curve", "payload"))]
         sd = freedom(reference.body, tuple(groups), found=reference.forgotten)
         self.equations = e = Equations(reference, log, crept=CREPT, noisy=noisy, freed=sd)
         y = e.whiten(residual)
