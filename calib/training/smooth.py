@@ -161,6 +161,11 @@ def _fit_in_space(samples: Samples, rows: Index, view: str, seed: int) -> BodyFi
                 found = replace(found, notes=(*found.notes, turned))
             return found.of_positions()
         unused = f"orientations are not used with the view {kind!r}"
+    elif isinstance(arm, SpatialArm):  # the drawing is a start, and no prior
+        template = structure_of(arm, "base", unit=samples.unit, metre=metre, extent=extent)
+        nothing = np.zeros(0)
+        weightless = replace(template.chain, masses=nothing, centres=nothing.reshape(0, 3))
+        template = replace(template, chain=weightless, informed=False, simulated=True)
     else:
         names, turns = samples.joint_names, samples.revolute
         template = unknown_structure(names, turns, extent, samples.unit, metre, simulated)
