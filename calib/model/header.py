@@ -100,10 +100,14 @@ class Header:
             else f"calib_posterior(inside, calib_{extra})"
             for nodes, extra in (("bound", "more"), ("true_bound", "less"))
         )  # fmt: skip
+        if model.approach is not None:
+            bound += " + calib_play_reach(inside)"
+            model_bound += " + calib_play_reach(inside)"
         stops = [arm.links.strides[1:-1, :, 0], arm.links.tip[0]]
         lengths = np.linalg.norm(np.vstack(stops), axis=1)
         return {
             **_SEARCH, **_PRECISION[single],
+            "plays": model.approach is not None,
             "posterior": posterior is not None, "bound": bound, "model_bound": model_bound,
             "nodes_asked": local or posterior is None or not trusted,
             "dof": dof, "out": arm.outputs, "chain": arm.chain.joints, "nodes": model.motor.size,
@@ -161,6 +165,8 @@ class Header:
             tables["node"] = motor.units
         if kept is None:
             tables |= {"bound": model.bounds, "true_bound": model.model_bounds}
+        if model.approach is not None:
+            tables["play"] = model.approach.play
         if not trusted:
             tables["position_bound"] = model.model_bounds
         if self.local:
