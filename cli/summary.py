@@ -54,6 +54,7 @@ def summary(
         "unit": about.unit,
         "units": units_of(about),
         "bound_of": about.bound_of,
+        "bound_holds": about.bound_holds,
         "errors": errors,
     }
 
