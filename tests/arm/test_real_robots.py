@@ -137,4 +137,3 @@ def test_every_whole_arm_agrees_with_pinocchio_and_with_the_page(path):
     except ValueError:  # Pinocchio's own parser refuses its mimic joints
         return
     assert np.abs(arm.forward(random_joints(arm, 10)) - expected).max() <= 1e-9
-

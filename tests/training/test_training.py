@@ -234,7 +234,7 @@ def test_a_changed_arm_is_not_told_as_one_that_turns_the_other_way(tmp_path, cha
 def test_a_simulated_hobby_arm_is_learned_wherever_random_chains_end():
     """From random chains alone the search ended at the mean of all positions, 32 mm off."""
     about = calib.train(calib.babble(calib.load_arm("so101"), 20_000, seed=0), size=4).about
-    assert about.errors["body"]["forward"]["distance"]["max"] < 1e-12
+    assert about.errors["local"]["forward"]["distance"]["max"] < 1e-12
     assert about.bound_holds
 
 
