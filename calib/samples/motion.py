@@ -42,11 +42,6 @@ class Motion:
         """Return the motion of a log, whose rows are in the order in which the arm went."""
         return Motion(samples.q, directions(samples.q), samples.time)
 
-    @property
-    def pose_index(self) -> Index:
-        """Number of the pose that each row stands at, (n,): rows at one pose share it."""
-        return pose_index(self.q)
-
     def take(self, index: ArrayLike | slice) -> Motion:
         """Return the rows that `index` picks, each with the side that it has here."""
         rows = index if isinstance(index, slice) else np.asarray(index)

@@ -49,6 +49,8 @@ def evaluate(
     document = summary(loaded, model, result.errors, seconds)
     document["evaluated"] = fields(result, "source rows left_out")
     document["left_out"] = result.left_out
+    document["learned"] = result.learned
+    document["bound_holds"] = result.bound_holds
     missed = [] if log is None else does_not_hold(result.within, result.rows)
     limit = missed or advice(loaded, result.errors)
     if result.touch:
