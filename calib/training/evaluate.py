@@ -289,7 +289,9 @@ def evaluate(model: Model, samples: Samples | None = None, *, frame: str = "kept
                 f"the model has learned {count} of these {len(samples)} rows, so that they do not "
                 "tell its errors: those of rows that were held out while it was trained follow"
             )
-            return replace(_of_training(model), notes=(note,), learned=count)
+            training = _of_training(model)
+            left_out = training.left_out + rows_given - count
+            return replace(training, notes=(note,), learned=count, left_out=left_out)
         notes.append(f"{count} of these rows were learned by the model and tell nothing of it")
         samples = samples.take(~learned)
         rows_given -= count
