@@ -100,17 +100,23 @@ class Header:
             else f"calib_posterior(inside, calib_{extra})"
             for nodes, extra in (("bound", "more"), ("true_bound", "less"))
         )  # fmt: skip
+        if model.approach is not None:
+            bound += " + calib_play_reach(inside)"
+            model_bound += " + calib_play_reach(inside)"
         stops = [arm.links.strides[1:-1, :, 0], arm.links.tip[0]]
         lengths = np.linalg.norm(np.vstack(stops), axis=1)
         return {
             **_SEARCH, **_PRECISION[single],
+            "plays": model.approach is not None,
             "posterior": posterior is not None, "bound": bound, "model_bound": model_bound,
             "nodes_asked": local or posterior is None or not trusted,
             "dof": dof, "out": arm.outputs, "chain": arm.chain.joints, "nodes": model.motor.size,
             "near": min(blend_size(dof), model.motor.size - 1), "starts": len(self._starts[0]),
             "harmonics": HARMONICS, "normal": NORMAL_95, "curved": len(arm.curves) > 0,
             "waved": posterior is not None and bool(posterior.waved.any()),
-            "gravity": len(arm.bending) > 0, "flexible": arm.flex is not None,
+            "gravity": arm.sag is not None, "coupled": len(arm.coupling) > 0,
+            "points": 1 if arm.sag is None else len(arm.sag.loads.links),
+            "flexible": arm.flex is not None,
             "projective": arm.lens is not None, "placed": arm.outputs == 3, "nearest": LEAST_DEPTH,
             "trusted": "" if trusted else blended, "local": local, "silent": SILENT,
             "full": float(FULL), "terms": models.coefficients.shape[1] if local else 1,
@@ -152,15 +158,30 @@ class Header:
             tables |= {"curve_cos": waves[:, 0].T, "curve_sin": waves[:, 1].T}
         if arm.flex is not None:
             tables |= {"way": arm.way, "flex_cos": arm.flex[0], "flex_sin": arm.flex[1]}
-        if len(arm.bending):
+        if len(arm.coupling):
+            tables["neighbour"] = np.concatenate([[0.0], arm.coupling])
+        if arm.sag is not None:
+            loads = arm.sag.loads
             tables |= {
-                "drawn": chain.still.strides[:-1, :, 0], "mass": chain.masses,
-                "centre": chain.centres - chain.points, "gravity": arm.gravity,
-            }  # fmt: skip
+                "drawn": chain.still.strides[:-1, :, 0],
+                "carrier": loads.links,
+                "point": loads.points - chain.points[loads.links],
+                "gravity": arm.sag.gravity,
+                "bending": arm.sag.bending,
+            }
+            if kept is not None:
+                tables |= {
+                    "loaded": loads.joints,
+                    "weight": loads.weights,
+                    "elastic": arm.sag.elastic,
+                    "tilt": arm.sag.tilts,
+                }
         if self.local or kept is None or not trusted:
             tables["node"] = motor.units
         if kept is None:
             tables |= {"bound": model.bounds, "true_bound": model.model_bounds}
+        if model.approach is not None:
+            tables["play"] = model.approach.play
         if not trusted:
             tables["position_bound"] = model.model_bounds
         if self.local:
@@ -171,8 +192,15 @@ class Header:
             arms += _arm("calib_nominal", self.nominal, single, own=False)
         if kept is not None:
             beliefs, size, rank = kept.root.shape
-            sizes = f"CALIB_GEOMETRY = {size}, CALIB_ROOT = {rank}, CALIB_BELIEFS = {beliefs}"
-            arms += f"enum {{ {sizes}, CALIB_WAYS = {kept.coupled.shape[2]} }};\n"
+            sizes = {
+                "LOADS": 0 if arm.sag is None else len(arm.sag.elastic),
+                "GEOMETRY": size,
+                "ROOT": rank,
+                "BELIEFS": beliefs,
+                "WAYS": kept.coupled.shape[2],
+            }
+            listed = ", ".join(f"CALIB_{name} = {number}" for name, number in sizes.items())
+            arms += f"enum {{ {listed} }};\n"
             tables |= self._beliefs(kept)
         return arms + "".join(
             table(f"calib_{name}", values, single, name in _FLOATS)
@@ -214,10 +242,9 @@ class Header:
 
 def _arm(name: str, arm: KernelArm, single: bool, *, own: bool) -> str:
     """The constant of one arm, the body's or the nominal one's."""
-    bending = arm.bending if own and len(arm.bending) else np.zeros(arm.chain.joints)
     links, (place, turn) = arm.links, arm.links.tip
     parts = (
-        arm.gain, arm.offset, bending, arm.chain.axes, links.strides[:-1, :, 0],
+        arm.gain, arm.offset, arm.chain.axes, links.strides[:-1, :, 0],
         links.turns.reshape(-1, 9), place, turn.ravel(),
     )  # fmt: skip
     words = [braces(np.asarray(part, dtype=float), single) for part in parts]

@@ -10,10 +10,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..common.arrays import Array
-from ..common.rows import checked_rows
+from ..common.rows import checked_rows, number_rows
+from ..samples.motion import Motion
 from . import answers
 from .answers import Answer, Path
 from .parts import MOST_SHARE, Parts
+from .prediction import predict
 
 if TYPE_CHECKING:
     import os
@@ -63,7 +65,17 @@ class Model(Parts):
         return told
 
     def _joints(self, q: ArrayLike) -> tuple[Array, bool]:
-        return checked_rows(q, self.about.joint_names, "joint values")
+        return number_rows(q, self.about.joint_names, "joint values")
+
+    def _motion(self, q: ArrayLike, approach: ArrayLike | None = None) -> tuple[Motion, bool]:
+        """The motion that is asked for, and whether it is a single row."""
+        rows, single = self._joints(q)
+        if approach is None:
+            return Motion(rows), single
+        names = self.about.joint_names
+        return Motion(
+            rows, np.sign(answers.rows_for(approach, names, "approach", len(rows)))
+        ), single
 
     def _quickly(self, name: str, q: ArrayLike) -> Array | None:
         """What the compiled kernel answers; None where the batch has to."""
@@ -77,14 +89,14 @@ class Model(Parts):
     ) -> Array:
         """Position (n, m) [unit] of the tip for joint values.
 
-        NaN outside of the joints' range, and where the bound on the position exceeds a tenth of
-        the reach.
+        NaN outside of the joints' range, where the bound on the position exceeds a tenth of the
+        reach, and for joint values that are not finite.
 
         q : (n, dof) or (dof,) array [rad or m]
         readout : {"local", "body", "linear", "activity", "winner"}, the model's default if None
         approach : (n, dof) or (dof,), sign of the last motion of each joint, 0 where it is not
             known.  It counts where training found backlash (``model.approach``).
-        Raises QueryError if the shape is wrong or a value is not finite.
+        Raises QueryError if the shape is wrong.
 
         Examples
         --------
@@ -99,9 +111,8 @@ class Model(Parts):
             if quick is not None:
                 return quick
         readout = self._readout(readout)
-        rows, single = self._joints(q)
-        moved = rows if approach is None else answers.approached(self, rows, approach)[0]
-        x = self.answered(rows, readout, moved)
+        motion, single = self._motion(q, approach)
+        x = predict(self, motion).read(readout)
         return x[0] if single else x
 
     def inverse(
@@ -171,38 +182,35 @@ class Model(Parts):
         another one is off by its distance from the default as well.  With `approach`, see
         :meth:`forward`, it is the smaller bound for a known direction.
         """
-        bound = self._bound(q, "bounds")
         if approach is None:
-            return bound
-        rows, single = self._joints(q)
-        _, smaller, known = answers.approached(self, rows, approach)
-        # NaN stays: what is out of range has no bound from any side
-        result = np.where(known & np.isfinite(bound), smaller, bound)
-        return result[0] if single else result
+            quick = self._quickly("bounds", q)
+            if quick is not None:
+                return quick
+        motion, single = self._motion(q, approach)
+        bound = predict(self, motion).bound
+        return bound[0] if single else bound
 
-    def model_error(self, q: ArrayLike) -> Array:
+    def model_error(self, q: ArrayLike, *, approach: ArrayLike | None = None) -> Array:
         """95 % bound on the true position in the sensor's frame at (n, dof), (n,) [unit].
 
         Without the noise of a single reading; the same as :meth:`expected_error` for a
         simulated arm.
         """
-        return self._bound(q, "model_bounds")
-
-    def _bound(self, q: ArrayLike, which: str) -> Array:
-        quick = self._quickly(which, q)
-        if quick is not None:
-            return quick
-        rows, single = self._joints(q)
-        bound = self.bounded(rows, which)
+        if approach is None:
+            quick = self._quickly("model_bounds", q)
+            if quick is not None:
+                return quick
+        motion, single = self._motion(q, approach)
+        bound = predict(self, motion).true_bound
         return bound[0] if single else bound
 
     def outside(self, q: ArrayLike) -> str | None:
         """Why the joint values (dof,) are outside of what was learned, None if they are not."""
         rows, _ = self._joints(q)
-        u, about = self.motor.scale.to_unit(rows), self.about
-        if bool(self.covers(u)[0]):
+        about = self.about
+        if bool(self.covers(rows)[0]):
             return None
-        for k, inside in enumerate(self.in_range(u)[0]):
+        for k, inside in enumerate(self.in_range(rows)[0]):
             if not inside:
                 return (
                     f"{about.joint_names[k]} = {rows[0, k]:.6g} is outside of the learned range "
@@ -260,12 +268,8 @@ class Model(Parts):
         quick = self._quickly("jacobian", q)
         if quick is not None:
             return quick
-        rows, single = self._joints(q)
-        u, scale = self.motor.scale.to_unit(rows), self.motor.scale
-        inside = self.covers(u)
-        slope = np.full((len(rows), len(self.axes), rows.shape[1]), np.nan)
-        if inside.any():
-            slope[inside] = self.predictor.value_and_slope(u[inside])[1] / scale.span
+        motion, single = self._motion(q)
+        slope = predict(self, motion).slope
         return slope[0] if single else slope
 
     def pose(self, q: ArrayLike) -> tuple[Array, Array]:
@@ -277,10 +281,13 @@ class Model(Parts):
         from ..arm.rotations import quaternion_of
         from .space import Space
 
-        rows, single = self._joints(q)
-        space, position = Space.of(self), self.answered(rows)
-        turns = quaternion_of(space.sensor[0] @ space.evaluate(rows)[1])
-        turns[np.isnan(position[:, 0])] = np.nan
+        motion, single = self._motion(q)
+        prediction = predict(self, motion)
+        position = prediction.value
+        space = Space.of(self)
+        turns = np.full((len(motion), 4), np.nan)
+        known = prediction.answered
+        turns[known] = quaternion_of(space.sensor[0] @ space.evaluate(motion.q[known])[1])
         return (position[0], turns[0]) if single else (position, turns)
 
     def servo(

@@ -19,12 +19,13 @@ typedef @real@ calib_real;
 enum {
   CALIB_DOF = @dof@, CALIB_OUT = @out@, CALIB_NODES = @nodes@, CALIB_NEAR = @near@,
   CALIB_HARMONICS = @harmonics@, CALIB_CHAIN = @chain@, CALIB_STARTS = @starts@,
+  CALIB_POINTS = @points@,
   CALIB_STEPS = 80, CALIB_TRIES = @tries@
 };
 
 /* An arm: joint values are gain q + offset + curve, and bend with their posture. */
 typedef struct {
-  calib_real gain[CALIB_DOF], offset[CALIB_DOF], bending[CALIB_CHAIN];
+  calib_real gain[CALIB_DOF], offset[CALIB_DOF];
   calib_real axis[CALIB_CHAIN][3], stride[CALIB_CHAIN][3], turned[CALIB_CHAIN][9];
   calib_real tip[3], tip_turn[9];
   int own; /* whether it has curves and bends */
