@@ -100,8 +100,12 @@ FrameOrJoints = Annotated[choices.CauseWord, flag("--cause", "Whose a turn is th
 
 # what is printed for a camera
 Dictionary = Annotated[str, option("--dictionary NAME", "Dictionary of the tags.")]
-BOARD = "Such as 7x5:24mm:18mm:5x5_100."
-BoardSpec = Annotated[Text, option("--board COLSxROWS:SQUARE:MARKER:DICT", BOARD)]
+BOARD = (
+    "A chessboard's squares: 10x7:22mm; ChArUco: 7x5:24mm:18mm:5x5_100; AprilTags: "
+    "grid:6x6:88mm:26.4mm:t36h11."
+)
+LENS = "Default: fitted. Pictures of the board, calib's, ROS's or OpenCV's file, or a model."
+BoardSpec = Annotated[Text, option("--board BOARD", BOARD)]
 
 
 @dataclass(frozen=True, kw_only=True)

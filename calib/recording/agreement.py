@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
 
 import numpy as np
 
@@ -75,7 +73,8 @@ class Problem:
         still = replace(fit, unknowns=replace(fit.unknowns, errors=np.zeros((len(rows), 6))))
         errors, covariance = bundle.motion_errors(still)
         covariance = covariance + np.diag(np.repeat(fit.noise.pose**2, 3))
-        return np.einsum("ni,nij,nj->n", errors, np.linalg.inv(covariance), errors)
+        pull = np.linalg.solve(covariance, errors[:, :, None])[:, :, 0]
+        return np.asarray((errors * pull).sum(axis=1))
 
 
 def agreed(problem: Problem) -> tuple[Fit, Mask]:
@@ -85,27 +84,35 @@ def agreed(problem: Problem) -> tuple[Fit, Mask]:
     """
     number = np.arange(problem.motions.count)
     half = len(number) // 2
-    whole = _grown(problem, number >= 0)
-    found = [whole] if whole is not None else []
-    sharp = whole is not None and float(np.median(problem.misses(whole[0], np.flatnonzero(whole[1])))) < _SHARP
-    if half >= _HALF and not (sharp and whole[1].mean() > 0.5):
-        # a board that was moved once leaves one half whole
-        found += [
-            grown
-            for start in (number < half, number >= half)
-            if (grown := _grown(problem, start)) is not None
-        ]
-    scores = [float(np.median(problem.misses(fit, np.flatnonzero(kept)))) for fit, kept in found]
-    some = [k for k, (_, kept) in enumerate(found) if kept.mean() >= _LEAST_SHARE]
-    best = min(some, key=lambda k: scores[k] / found[k][1].mean(), default=None)
-    if best is not None and whole is not None and 0 in some and scores[best] > _BETTER * scores[0]:
-        best = 0
-    if best is None or not _possible(found[best][0]):
+    found: list[tuple[Fit, Mask]] = []
+    # a board that was moved once leaves one half whole
+    for start in (number >= 0, number < half, number >= half):
+        if len(found) and (half < _HALF or _sharp(problem, *found[0])):
+            break
+        grown = _grown(problem, start)
+        if grown is not None and grown[1].mean() >= _LEAST_SHARE and _possible(grown[0]):
+            found.append(grown)
+    if not found:
         raise LogError(
             "no place of camera and board explains the pictures: check that each row is of its "
             "picture, whether it is this robot, and that camera and board were not moved"
         )
+    # one half by itself has to fit far better, since few pictures always fit well
+    scores = [_miss(problem, fit, kept) / kept.mean() for fit, kept in found]
+    best = int(np.argmin(scores))
+    if scores[best] > _BETTER * scores[0]:
+        best = 0
     return found[best]
+
+
+def _sharp(problem: Problem, fit: Fit, kept: Mask) -> bool:
+    """Whether most pictures agree, and well."""
+    return bool(kept.mean() > 0.5) and _miss(problem, fit, kept) < _SHARP
+
+
+def _miss(problem: Problem, fit: Fit, kept: Mask) -> float:
+    """The median picture's miss [px]."""
+    return float(np.median(problem.misses(fit, np.flatnonzero(kept))))
 
 
 def _possible(fit: Fit) -> bool:
@@ -144,12 +151,6 @@ def held_out(problem: Problem, fit: Fit, kept: Mask) -> Array:
         out = np.flatnonzero(folds == fold)
         misses[out] = problem.misses(problem.solve(others, fit, learn=False), rows[out])
     return misses
-
-
-def blocks(count: int, parts: int) -> Sequence[slice]:
-    """Contiguous parts of so many rows."""
-    edges = np.linspace(0, count, parts + 1).round().astype(int)
-    return [slice(low, high) for low, high in pairwise(edges)]
 
 
 def lens_scales(camera: int, focal: float, reach: float, least: Array) -> list[Scale]:

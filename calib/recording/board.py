@@ -61,11 +61,6 @@ class Pattern:
         corners[:, 1] = self.size[1] - corners[:, 1]
         return corners
 
-    @classmethod
-    def parse(cls, board: Pattern | str) -> Pattern:
-        """Read a board of any kind; see `parse_board`."""
-        return parse_board(board)
-
 
 @dataclass(frozen=True)
 class Chessboard(Pattern):
@@ -142,7 +137,7 @@ class TagGrid(Pattern):
 
     def __post_init__(self) -> None:
         known = len(find_dictionary(self.dictionary).bytesList)
-        if not (self.columns * self.rows <= known and 2 <= self.columns * self.rows):
+        if not (2 <= self.columns * self.rows <= known):
             raise OptionError(f"board {self.text}: expected 2 to {known} tags of {self.family}")
 
     @property
@@ -202,7 +197,7 @@ class TagGrid(Pattern):
 
 @dataclass(frozen=True)
 class Board(Pattern):
-    """A chessboard with tags in its white squares (ChArUco); the origin is a corner of the print."""
+    """A chessboard with tags in its white squares; the origin is a corner of the print."""
 
     columns: int  # squares
     rows: int
@@ -219,6 +214,17 @@ class Board(Pattern):
                 f"than squares, and at most the {known} tags of {self.dictionary} (here "
                 f"{self.tags}); such as 7x5:24mm:18mm:5x5_100"
             )
+
+    @classmethod
+    def parse(cls, board: Board | str) -> Board:
+        """Read `COLSxROWS:SQUARE:MARKER:DICT`, such as `7x5:24mm:18mm:5x5_100`."""
+        made = parse_board(board)
+        if not isinstance(made, Board):
+            raise OptionError(
+                f"board {board!r}: expected a board with tags in its squares, "
+                "COLSxROWS:SQUARE:MARKER:DICT, such as 7x5:24mm:18mm:5x5_100"
+            )
+        return made
 
     @property
     def tags(self) -> int:
@@ -280,18 +286,19 @@ def parse_board(board: Pattern | str) -> Pattern:
     least = 2 if grid else 1
     if sides is None or not least <= len(parts) <= 3:
         raise OptionError(
-            f"board {board!r}: expected COLSxROWS:SQUARE such as 10x7:22mm (a chessboard's squares), "
-            "COLSxROWS:SQUARE:MARKER:DICT such as 7x5:24mm:18mm:5x5_100, or "
+            f"board {board!r}: expected a chessboard's squares COLSxROWS:SQUARE such as "
+            "10x7:22mm, COLSxROWS:SQUARE:MARKER:DICT such as 7x5:24mm:18mm:5x5_100, or "
             "grid:COLSxROWS:TAG:GAP:FAMILY such as grid:6x6:88mm:26.4mm:t36h11"
         )
     columns = int(sides[1])
     rows = int(sides[2])
-    lengths = [parse_length(part, "board's length") for part in parts[:2]]
-    if grid:
-        return TagGrid(columns, rows, *lengths, *parts[2:])
+    first = parse_length(parts[0], "board's length")
     if len(parts) == 1:
-        return Chessboard(columns, rows, lengths[0])
-    return Board(columns, rows, *lengths, *parts[2:])
+        return Chessboard(columns, rows, first)
+    second = parse_length(parts[1], "board's length")
+    if grid:
+        return TagGrid(columns, rows, first, second, *parts[2:])
+    return Board(columns, rows, first, second, *parts[2:])
 
 
 class BoardFinder:

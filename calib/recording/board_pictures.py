@@ -161,7 +161,7 @@ def find_board(
         most = max((len(corners) for *_, corners in seen), default=0)
         raise LogError(
             f"the board is in {len(enough)} of {len(seen)} pictures, expected {LEAST} with "
-            f"{LEAST_CORNERS} corners or more (at most {most} found; {len(few)} pictures show fewer, "
+            f"{LEAST_CORNERS} corners or more (at most {most} found; {len(few)} show fewer, "
             f"{len(none)} none): {_instead(looked, board)}"
         )
     if few:

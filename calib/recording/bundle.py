@@ -1,15 +1,15 @@
 """The fit of hand-eye calibration: corners and motions are measurements with noise.
 
-A point p of a board is seen at ``lens(X^-1 M Y p)``.  A camera in the hand has M = G^-1, X the camera
-in the flange and Y the board in the base; a camera that stands still has M = G, X the camera in the
-base and Y the board in the flange, where G is the flange in the base.  The six errors of each
-motion are eliminated row by row; all sizes of noise follow from the evidence (MacKay 1992).
+A point p of a board is seen at ``lens(X^-1 M Y p)``.  A camera in the hand has M = G^-1, X the
+camera in the flange and Y the board in the base; a camera that stands still has M = G, X the
+camera in the base and Y the board in the flange, where G is the flange in the base.  The six errors
+of each motion are eliminated row by row; all sizes of noise follow from the evidence (MacKay 1992).
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -274,8 +274,9 @@ class _Camera:
         self.bending = bending(self.points, shots.outline)
         camera = 6 * number + np.arange(6)
         board = 6 * (layout.cameras + self.board) + np.arange(6)
-        values = [layout.lens(number), layout.shape(self.board), [layout.square(self.board)]]
-        places = 6 * layout.frames + np.concatenate(values)
+        square = np.array([layout.square(self.board)])
+        values = np.concatenate([layout.lens(number), layout.shape(self.board), square])
+        places = 6 * layout.frames + values
         self.unknowns = np.concatenate([camera, board, places])
 
     def look(self, layout: Layout, unknowns: Unknowns, motions: Array) -> tuple[Array, Array]:
@@ -377,7 +378,7 @@ class Bundle:
             pull = normal.own_pull - unknowns.errors @ loose
             step = np.einsum("nij,nj->ni", spread, pull)
             unknowns = replace(unknowns, errors=unknowns.errors + step)
-        return unknowns.errors, spread
+        return unknowns.errors, np.asarray(spread, float)
 
     def _free(self, noise: Noise) -> Index:
         return 6 * self.layout.frames + np.flatnonzero(noise.prior > 0.0)
@@ -441,7 +442,10 @@ class Bundle:
         gain = across @ back
         whole = normal.shared[np.ix_(free, free)] + np.diag(precision[free])
         rows = len(free)
-        whole -= np.swapaxes(gain, 0, 1).reshape(rows, -1) @ np.swapaxes(across, 0, 1).reshape(rows, -1).T
+        whole -= (
+            np.swapaxes(gain, 0, 1).reshape(rows, -1)
+            @ np.swapaxes(across, 0, 1).reshape(rows, -1).T
+        )
         wanted = normal.pull[free] - slope[free] - np.einsum("nij,nj->i", gain, pull)
         ruler = np.sqrt(np.maximum(np.diag(whole), 1e-300))
         normed = whole / np.outer(ruler, ruler)

@@ -13,7 +13,7 @@ from typing import TypedDict
 import numpy as np
 
 from ..arm.rotations import matrix_of, nearest_rotation
-from ..common.arrays import Array, Mask
+from ..common.arrays import Array, Index, Mask
 from ..common.choices import ROTATIONS
 from ..common.scale import METRES
 from ..errors import OptionError
@@ -104,7 +104,7 @@ class Seen:
     half_turn: Array | None  # (4, 4), of a board that looks the same from its other end [m]
     in_hand: bool  # whether the camera is in the hand
 
-    def take(self, rows: Mask) -> Seen:
+    def take(self, rows: Index) -> Seen:
         """Some of the pictures."""
         return Seen(self.boards[rows], self.ends, self.half_turn, self.in_hand)
 
@@ -233,7 +233,7 @@ def _misses(x: Array, y: Array, scale: float, motions: Array, boards: Array, end
     there = ends @ np.swapaxes(boards[:, :3, :3], 1, 2) + boards[:, None, :3, 3]
     depth = np.maximum(away[:, :, 2:], 0.05 * there[:, :, 2:])
     gap = away[:, :, :2] / depth - there[:, :, :2] / there[:, :, 2:]
-    return np.minimum(np.sqrt((gap**2).sum(axis=2).mean(axis=1)), 3.0)
+    return np.asarray(np.minimum(np.sqrt((gap**2).sum(axis=2).mean(axis=1)), 3.0))
 
 
 def choose(

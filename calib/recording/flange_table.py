@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..common.arrays import Array
+from ..common.arrays import Array, Mask
 from ..common.wording import listed
 from ..errors import LogError
 from ..samples.tables import Source, open_source
@@ -62,7 +62,8 @@ def read_flange_poses(path: str | os.PathLike[str]) -> FlangeTable:
     """Read a table of flange poses.
 
     Its columns are x, y, z and one of qx, qy, qz, qw; rx, ry, rz; roll, pitch, yaw; A, B, C;
-    w, p, r; r11 .. r33; or m00 .. m33 alone; without a header six, seven, twelve or sixteen numbers.
+    w, p, r; r11 .. r33; or m00 .. m33 alone; without a header six, seven, twelve or sixteen
+    numbers.
     Raises LogError, which lists these, where it is none.
     """
     source = open_source(path)
@@ -91,7 +92,7 @@ def read_flange_poses(path: str | os.PathLike[str]) -> FlangeTable:
     values = source.numbers([header[name.lower()] for name in columns])[0]
     if "m00" in header:
         values = _of_matrices(values.reshape(-1, 3, 4))
-    good = np.isfinite(values).all(axis=1)
+    good: Mask = np.asarray(np.isfinite(values).all(axis=1))
     pictures = None
     if "picture" in header:
         cells = source.read([header["picture"]])[header["picture"]].to_list()
@@ -120,7 +121,7 @@ def _without_header(path: str | os.PathLike[str] | Source, label: str) -> Flange
 
 
 def _checked(
-    source: Source, values: Array, good: Array, pictures: tuple[str, ...] | None, named: str
+    source: Source, values: Array, good: Mask, pictures: tuple[str, ...] | None, named: str
 ) -> FlangeTable:
     values = values[good]
     if len(values) and values.shape[1] > 6:
@@ -152,6 +153,6 @@ def _is_number(text: str) -> bool:
 def _expected() -> str:
     kinds = [f"{names[0]}..{names[-1]}" for names in TURNS.values()]
     return (
-        f"x, y, z and one of {', '.join(kinds)}, or m00..m33, and perhaps picture; without a header "
-        "six, seven, twelve or sixteen numbers"
+        f"x, y, z and one of {', '.join(kinds)}, or m00..m33, and perhaps picture; without a "
+        "header six, seven, twelve or sixteen numbers"
     )

@@ -1,6 +1,7 @@
 """Hand-eye calibration: where cameras and a board are, from pictures, with the motions of the arm.
 
-Motions are joints of a drawn arm or flange poses of a controller; one fit (:mod:`.bundle`) has both.
+Motions are joints of a drawn arm or flange poses of a controller; one fit (:mod:`.bundle`) has
+both.
 """
 
 from __future__ import annotations
@@ -64,12 +65,12 @@ def handeye(
     Examples
     --------
     >>> import calib
-    >>> rig = calib.handeye(pictures="shots", poses="flange.csv", board="10x7:22mm")  # doctest: +SKIP
+    >>> calib.handeye(pictures="shots", poses="flange.csv", board="10x7:22mm")  # doctest: +SKIP
     """
     if pictures is None or (arm is None) == (poses is None):
         raise OptionError("expected pictures, and either an arm with joints or flange poses")
     if isinstance(arm, (str, os.PathLike)):
-        arm = load_arm(arm)
+        arm = load_arm(os.fspath(arm))
     if arm is not None and not isinstance(arm, SpatialArm):
         raise OptionError(f"{arm.name} moves in a plane: expected an arm that moves in space")
     flange = _flange_table(poses) if poses is not None else None
@@ -77,9 +78,10 @@ def handeye(
     cameras = _cameras(arm, pictures, table, board, eye, camera, degrees=bool(degrees))
     with one_blas_thread():
         views = [View.of(name, *each, _lens_of(lens, name)) for name, each in cameras.items()]
-        if flange is not None:
-            return answer(of_poses(flange, views, unit, rotation, degrees))
-        return answer(of_joints(arm, views))
+        if arm is not None:
+            return answer(of_joints(arm, views))
+        assert flange is not None  # noqa: S101 - one of both is given
+        return answer(of_poses(flange, views, unit, rotation, degrees))
 
 
 def _flange_table(poses: str | os.PathLike[str] | FlangeTable | Array) -> FlangeTable:
@@ -107,7 +109,7 @@ def _cameras(
     """The pictures of each camera by its name, and whether it is in the hand."""
     folders = _folders(pictures)
     names = list(folders) or ["camera"]
-    eyes = {name: eye for name in names} if isinstance(eye, str) else dict(eye)
+    eyes = dict.fromkeys(names, eye) if isinstance(eye, str) else dict(eye)
     for name in names:
         if eyes.get(name) not in EYES:
             raise OptionError(

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import TypedDict
 
 import numpy as np
 
-from ..arm.rotations import cross_matrix, quaternion_of
+from ..arm.rotations import cross_matrix, logarithm, nearest_rotation, quaternion_of
 from ..body.belief import Body
 from ..body.corners import held_of
 from ..body.sensor import SensorPose
@@ -29,6 +30,28 @@ Place = dict[str, list[float]]
 """A place as JSON: position [m], quaternion, and half-widths of 95 % intervals [m, rad]."""
 
 
+class LensFacts(TypedDict):
+    """A lens as JSON, with half-widths of 95 % intervals."""
+
+    focal: float  # [px]
+    centre: list[float]
+    k1: float
+    focal_95: float
+    known: bool
+    matrix: list[list[float]]
+    distortion: list[float]  # k1, k2, p1, p2, k3
+    parameters_95: list[float]  # of focal lengths, centre and distortion
+    size: list[int]
+
+
+class Square(TypedDict):
+    """The side of a square, or a tag, as said and as measured [m]."""
+
+    said: float
+    measured: float
+    interval: list[float]
+
+
 @dataclass(frozen=True, eq=False)
 class CameraPlace:
     """One of several cameras."""
@@ -36,16 +59,17 @@ class CameraPlace:
     name: str
     eye: str
     place: Place  # in the hand, or in the base
-    lens: dict[str, object]
+    lens: LensFacts
     from_first: Place | None  # in the frame of the first camera of its eye
 
     def to_json(self) -> dict[str, object]:
         """What `calib handeye --json` prints of it."""
         where = "hand" if self.eye == "hand" else "base"
-        told = {"name": self.name, "eye": self.eye, where: self.place, "lens": self.lens}
+        document: dict[str, object] = {"name": self.name, "eye": self.eye}
+        document |= {where: self.place, "lens": self.lens}
         if self.from_first is not None:
-            told["from_first"] = self.from_first
-        return told
+            document["from_first"] = self.from_first
+        return document
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,12 +87,12 @@ class HandEye:
     hand: Place  # what is in the hand, in the tip's or the flange's frame
     base: Place  # what stands still, in the base's
     reprojection: dict[str, float]  # mean and largest distance of corners, motions taken as said
-    lens: dict[str, object]  # focal length with its interval's half-width, centre [px], distortion
+    lens: LensFacts  # focal length with its interval's half-width, centre [px], distortion
     limited_by: str  # what limits the accuracy, and what would help most
     notes: tuple[str, ...]
     repeatability: dict[str, float]  # sd of the arm's poses: position [m], rotation [rad]
-    square: dict[str, object]  # sides said and measured, and its interval [m]
-    board: dict[str, object]  # its corners as fitted, in its frame [m]
+    square: Square
+    board: dict[str, list[list[float]]]  # its corners as fitted, in its frame [m]
     held_out: dict[str, float]  # rms and median of pictures that are predicted by the others [px]
     left_out: tuple[str, ...] = ()  # names of pictures
     cameras: tuple[CameraPlace, ...] = ()
@@ -89,6 +113,40 @@ class HandEye:
         if self.convention is not None:
             document["convention"] = dict(self.convention)
         return document
+
+    def lines(self, tip: str) -> list[str]:
+        """The answer for people; `tip` is what the frame of the hand is called."""
+        carried, standing = ("camera", "board") if self.eye == "hand" else ("board", "camera")
+        lines = [
+            _line(f"{carried} in the frame of {tip}", self.hand),
+            _line(f"{standing} in the base frame", self.base),
+        ]
+        for camera in self.cameras[1:]:
+            parent = tip if camera.eye == "hand" else "the base"
+            lines.append(_line(f"{camera.name} in the frame of {parent}", camera.place))
+            if camera.from_first is not None:
+                lines.append(_line(f"{camera.name} in the first camera's frame", camera.from_first))
+        repeats = self.repeatability
+        lines += [
+            f"pictures that the fit did not see are predicted to {self.held_out['rms']:.2g} px; "
+            f"corners to {self.reprojection['mean']:.2g} px (largest "
+            f"{self.reprojection['max']:.2g}); {self.used} of {self.pictures} pictures",
+            f"this arm repeats to {1e3 * repeats['position']:.2g} mm and "
+            f"{np.degrees(repeats['rotation']):.2g} deg",
+            f"lens: focal length {self.lens['focal']:.1f} ± {self.lens['focal_95']:.2g} px",
+            f"limited by {self.limited_by}",
+        ]
+        return lines
+
+
+def _line(what: str, place: Place) -> str:
+    """A place for people."""
+    halves = place["position_95_up_to_gauge"]
+    pairs = zip(place["position"], halves, strict=True)
+    at = ", ".join(f"{1e3 * value:.2f} ± {1e3 * half:.2g}" for value, half in pairs)
+    quaternion = ", ".join(f"{value:.5f}" for value in place["quaternion"])
+    turn = np.degrees(max(place["rotation_95_up_to_gauge"]))
+    return f"{what}: ({at}) mm, quaternion ({quaternion}) ± {turn:.2g} deg"
 
 
 def answer(setting: Setting) -> HandEye:
@@ -235,9 +293,7 @@ def _between(fit: Fit, first: int, second: int, half: float) -> Place:
     return _place(pose, slope @ fit.covariance[np.ix_(some, some)] @ slope.T, half)
 
 
-def _lens_words(
-    view: View, fit: Fit, layout: Layout, number: int, half: float
-) -> dict[str, object]:
+def _lens_words(view: View, fit: Fit, layout: Layout, number: int, half: float) -> LensFacts:
     """The lens as JSON, with half-widths of 95 % intervals."""
     places = layout.lens(number)
     lens = fit.unknowns.values[places]
@@ -269,7 +325,7 @@ def _glass(view: View, fit: Fit, layout: Layout, number: int) -> Lens:
     )  # fmt: skip
 
 
-def _square(setting: Setting, fit: Fit, layout: Layout, half: float) -> dict[str, object]:
+def _square(setting: Setting, fit: Fit, layout: Layout, half: float) -> Square:
     """The side of a square, or a tag, as said and as measured."""
     board = setting.views[0].shots.board
     said = board.tag if isinstance(board, TagGrid) else 0.0
@@ -310,7 +366,7 @@ def _misses(setting: Setting, fit: Fit, kept: Mask) -> Array:
     still = replace(fit.unknowns, errors=np.zeros((len(rows), 6)))
     pixels = bundle.predict(still)
     away = [c.corners - seen for c, seen in zip(bundle.cameras, pixels, strict=True)]
-    return np.linalg.norm(np.concatenate(away), axis=1)
+    return np.asarray(np.linalg.norm(np.concatenate(away), axis=1))
 
 
 def _log(setting: Setting, fit: Fit, layout: Layout, kept: Mask) -> Samples:
@@ -335,7 +391,7 @@ def _limit(setting: Setting, result: HandEye, kept: Mask) -> str:
     if turns[1] < _TURNED:
         return f"few turns of the wrist (by {np.degrees(turns[1]):.1f} deg about one axis); {add}"
     lens = result.lens
-    focal = float(lens["focal_95"]) / float(lens["focal"])  # type: ignore[arg-type]
+    focal = lens["focal_95"] / lens["focal"]
     if focal > 0.01:
         add = "add pictures with the board tilted, nearer and further away, or give a lens"
         return f"the lens (its focal length is known to {100 * focal:.1f} %); {add}"
@@ -357,8 +413,6 @@ def _turns(setting: Setting, kept: Mask) -> Array:
     """Rms turns (3,) [rad] of the motions about three axes, largest first."""
     problem = setting.problem
     flange = problem.motions.poses(problem.start.values[problem.layout.arm_values])[kept]
-    from ..arm.rotations import logarithm, nearest_rotation
-
     mean = nearest_rotation(flange[:, :3, :3].sum(axis=0))
     vectors = logarithm(mean.T @ flange[:, :3, :3])
     sizes = np.linalg.svd(vectors - vectors.mean(axis=0), compute_uv=False)
@@ -382,35 +436,35 @@ def _notes(setting: Setting, fit: Fit, result: HandEye, kept: Mask) -> tuple[str
         last = len(gone) > 1 and not kept[-len(gone) :].any()
         where = f"from {gone[0]} on" if last else "in them"
         notes.append(
-            f"{len(gone)} pictures contradict the others and are left out ({listed(gone)}): {where} "
-            "camera or board was moved, the camera refocused or zoomed, or the "
+            f"{len(gone)} pictures contradict the others and are left out ({listed(gone)}): "
+            f"{where} camera or board was moved, the camera refocused or zoomed, or the "
             f"{'joints' if setting.arm else 'poses'} are not theirs"
         )
-    notes += _size_notes(setting, fit, result)
-    notes += _lens_notes(setting, fit, result)
+    notes += _size_notes(setting, result)
+    notes += _lens_notes(setting, fit)
     if setting.arm is None:
-        notes += _nearness(setting, result)
+        notes += _nearness(result)
     else:
-        notes += _arm_notes(setting, fit, result)
+        notes += _arm_notes(setting, result)
     return tuple(notes)
 
 
-def _size_notes(setting: Setting, fit: Fit, result: HandEye) -> list[str]:
-    said = float(result.square["said"])  # type: ignore[arg-type]
-    measured = float(result.square["measured"])  # type: ignore[arg-type]
-    low, high = result.square["interval"]  # type: ignore[misc]
+def _size_notes(setting: Setting, result: HandEye) -> list[str]:
+    said = result.square["said"]
+    measured = result.square["measured"]
+    low, high = result.square["interval"]
     off = abs(measured / said - 1.0)
     if off < _TELLING or low < said < high:
         return []
     by = "the drawn arm's size" if setting.arm else "the flange's motions"
     return [
         f"the board's squares measure {1e3 * measured:.4g} mm (95 %: {1e3 * low:.4g} to "
-        f"{1e3 * high:.4g}) by {by}, {1e3 * said:.4g} mm as said: the measured size is used; measure "
-        "the print, and give its size in `board`"
+        f"{1e3 * high:.4g}) by {by}, {1e3 * said:.4g} mm as said: the measured size is used; "
+        "measure the print, and give its size in `board`"
     ]
 
 
-def _lens_notes(setting: Setting, fit: Fit, result: HandEye) -> list[str]:
+def _lens_notes(setting: Setting, fit: Fit) -> list[str]:
     notes = []
     layout = setting.problem.layout
     for number, view in enumerate(setting.views):
@@ -422,13 +476,13 @@ def _lens_notes(setting: Setting, fit: Fit, result: HandEye) -> list[str]:
         if abs(off) > _LENS_OFF:
             notes.append(
                 f"the lens that was given has a focal length of {given:.1f} px, the pictures say "
-                f"{focal:.1f} ({100 * off:+.2g} %): it is of another camera, or the camera refocused "
-                "or zoomed; what the pictures say is used"
+                f"{focal:.1f} ({100 * off:+.2g} %): it is of another camera, or the camera "
+                "refocused or zoomed; what the pictures say is used"
             )
     return notes
 
 
-def _nearness(setting: Setting, result: HandEye) -> list[str]:
+def _nearness(result: HandEye) -> list[str]:
     """Doubt an eye of which what is in the hand is further off than what stands still."""
     hand = np.linalg.norm(result.hand["position"])
     base = np.linalg.norm(result.base["position"])
@@ -441,7 +495,7 @@ def _nearness(setting: Setting, result: HandEye) -> list[str]:
     ]
 
 
-def _arm_notes(setting: Setting, fit: Fit, result: HandEye) -> list[str]:
+def _arm_notes(setting: Setting, result: HandEye) -> list[str]:
     """What no picture tells of joints, and how good the arm is."""
     arm = setting.arm
     assert arm is not None  # noqa: S101 - called with joints alone

@@ -1,4 +1,4 @@
-"""Whether joints are what they are said to be: other readings of them explain pictures or do not."""
+"""Whether joints are what they are said to be: how well other readings explain the pictures."""
 
 from __future__ import annotations
 
@@ -57,10 +57,11 @@ def refuse_readings(structure: SpatialStructure, q: Array, seen: Seen, board: Pa
     if abs(np.expm1(size)) > _MISSAID and len(structure.joint_names) > 2:
         side = f"{1e3 * board.points().max():.4g} mm"
         raise LogError(
-            f"by the arm's motions the board's squares measure otherwise than said, by more than any "
-            f"print is off (corners span {side}): tried were degrees, order, signs, rows late and the "
-            "eye; check the board's squares, the focal length, that it is this robot, and that the "
-            "joints are angles and no shares of the motors' range"
+            "by the arm's motions the board's squares measure otherwise than said, by more than "
+            f"any print is off (corners span {side} as said)",
+            hint="degrees, order, signs, rows late and the eye were tried: check the board's "
+            "squares, the focal length, that it is this robot, and that the joints are angles and "
+            "no shares of the motors' range",
         )
 
 

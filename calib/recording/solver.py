@@ -16,10 +16,8 @@ from .agreement import Problem, lens_scales
 from .board_pictures import BoardPictures
 from .bundle import (
     LENS,
-    SHAPE,
     Bundle,
     GivenPoses,
-    Layout,
     Motions,
     Noise,
     Scale,
@@ -43,7 +41,6 @@ _PRINTED = 3e-3  # of its size that a print is off by; beyond, as the evidence s
 _PRINTED_WITHIN = (3e-3, 0.5)
 _GIVEN = np.array([3e-4, 1e-3])  # [rad, m], where the noise of a controller's poses begins,
 _JOINTED = np.array([3e-5, 3e-5])  # and that of joints
-_LENS_MOVED = np.array([1e-3, 1e-3])  # of its focal length and width, that a known lens begins with
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,9 +82,9 @@ class View:
 
     def turned(self, others: Mask) -> View:
         """The view with the board of some pictures numbered from its other end."""
-        if not others.any():
-            return self
         half = self.shots.board.half_turn
+        if half is None or not others.any():
+            return self
         boards = np.where(others[:, None, None], self.boards @ half, self.boards)
         return replace(self, shots=self.shots.turned(others), boards=boards)
 
@@ -170,11 +167,12 @@ def _refuse_late(setting: Setting, every: Sequence[Reading], chosen: Reading, vi
     shuffled = [
         solve(chosen.flange[rng.permutation(len(view.rows))], view.seen).misfit for _ in range(8)
     ]
-    if start.misfit > 0.2 * float(np.median(shuffled)):
+    usual = float(np.median(shuffled))
+    if start.misfit > 0.2 * usual:
         raise LogError(
-            "no convention explains the pictures: the rows of poses are not those of the pictures, "
-            f"or camera or board moved (misfit {np.degrees(start.misfit):.2g} deg; of shuffled rows "
-            f"{np.degrees(np.median(shuffled)):.2g})"
+            "no convention explains the pictures: the rows of poses are not those of the "
+            f"pictures, or camera or board moved (misfit {np.degrees(start.misfit):.2g} deg; of "
+            f"shuffled rows {np.degrees(usual):.2g})"
         )
 
 
@@ -206,13 +204,13 @@ def _setting(views: Sequence[View], rows: Index, motions: Motions, noise: Array)
     for k, view in enumerate(numbered):
         lens = layout.lens(k)
         mean[lens] = view.lens.parameters
-        scales += _lens_prior(k, view, prior[lens[0] : lens[0] + LENS], mean[lens])
+        scales += _lens_prior(k, view, prior[lens[0] : lens[0] + LENS])
         begin[lens] = view.lens.parameters
         if view.known is None:
             mean[lens[4:]] = 0.0
-    for board, in_hand in enumerate(layout.boards):
-        shape = layout.shape(board)
-        square = np.array([layout.square(board)])
+    for number, in_hand in enumerate(layout.boards):
+        shape = layout.shape(number)
+        square = np.array([layout.square(number)])
         prior[shape[:-2]] = _BENT
         prior[shape[-2:]] = _STRETCHED
         size = float(np.clip(first[in_hand].size, -0.3, 0.3))
@@ -233,7 +231,7 @@ def _setting(views: Sequence[View], rows: Index, motions: Motions, noise: Array)
     return Setting(tuple(numbered), rows, problem, start=starts[0])
 
 
-def _lens_prior(number: int, view: View, prior: Array, mean: Array) -> list[Scale]:
+def _lens_prior(number: int, view: View, prior: Array) -> list[Scale]:
     """Fill the prior sd (9,) of a lens; the sizes that the evidence finds."""
     focal = float(view.lens.focal.mean())
     width, height = view.shots.size
@@ -254,8 +252,3 @@ def _lens_prior(number: int, view: View, prior: Array, mean: Array) -> list[Scal
         places = scale.indices - LENS * number
         prior[places] = max(scale.lowest, 1e-3 * scale.highest)
     return scales
-
-
-def layout_of(problem: Problem) -> Layout:
-    """Where the unknowns stand."""
-    return problem.layout
