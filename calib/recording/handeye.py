@@ -21,8 +21,9 @@ from ..errors import OptionError
 from .board import Pattern
 from .board_pictures import BoardPictures, Source, find_board
 from .flange_table import FlangeTable, read_flange_poses
-from .joint_table import JointTable, is_dataset
+from .joint_table import JointTable
 from .lens import Lens
+from .lerobot import is_dataset
 from .places import HandEye as HandEye
 from .places import answer
 from .solver import View, of_joints, of_poses
