@@ -368,7 +368,7 @@ class Bundle:
     def motion_errors(self, fit: Fit) -> tuple[Array, Array]:
         """Errors (n, 6) of all motions as the corners tell them, and their covariance (n, 6, 6).
 
-        The unknowns of all pictures stay as they are.
+        The unknowns of all pictures stay as they are; their doubt is part of the covariance.
         """
         loose = np.diag(np.repeat([1.0, 1.0], 3))  # 1 rad and 1 m: none, beside what corners tell
         unknowns = fit.unknowns
@@ -378,6 +378,8 @@ class Bundle:
             pull = normal.own_pull - unknowns.errors @ loose
             step = np.einsum("nij,nj->ni", spread, pull)
             unknowns = replace(unknowns, errors=unknowns.errors + step)
+        follow = spread @ np.swapaxes(normal.across, 1, 2)  # (n, 6, s), how they follow unknowns
+        spread = spread + follow @ fit.covariance @ np.swapaxes(follow, 1, 2)
         return unknowns.errors, np.asarray(spread, float)
 
     def _free(self, noise: Noise) -> Index:
@@ -441,13 +443,12 @@ class Bundle:
         across = normal.across[:, free]
         gain = across @ back
         whole = normal.shared[np.ix_(free, free)] + np.diag(precision[free])
-        rows = len(free)
-        whole -= (
-            np.swapaxes(gain, 0, 1).reshape(rows, -1)
-            @ np.swapaxes(across, 0, 1).reshape(rows, -1).T
-        )
+        before = np.diag(whole).copy()
+        flat_gain = np.swapaxes(gain, 0, 1).reshape(len(free), -1)
+        flat_across = np.swapaxes(across, 0, 1).reshape(len(free), -1)
+        whole -= flat_gain @ flat_across.T
         wanted = normal.pull[free] - slope[free] - np.einsum("nij,nj->i", gain, pull)
-        ruler = np.sqrt(np.maximum(np.diag(whole), 1e-300))
+        ruler = np.sqrt(np.maximum(np.diag(whole), 1e-12 * before))
         normed = whole / np.outer(ruler, ruler)
         spread = np.linalg.pinv(normed, rcond=1e-13, hermitian=True) / np.outer(ruler, ruler)
         some = np.linalg.solve(normed + damping * np.eye(len(free)), wanted / ruler) / ruler

@@ -142,10 +142,13 @@ def readings(table: Array, named: str = "") -> list[Reading]:
     return found
 
 
-def closed_form(motions: Array, boards: Array, weights: Array) -> tuple[Array, Array, float]:
+def closed_form(
+    motions: Array, boards: Array, weights: Array, sized: float | None = None
+) -> tuple[Array, Array, float]:
     """X, Y (4, 4) [motions' lengths] and the motions' lengths in one of the boards', of X B = M Y.
 
     motions M, boards B : (n, 4, 4);  weights : (n,)
+    sized : the motions' lengths in one of the boards', where that is known
     """
     turns = motions[:, :3, :3]
     share = weights / weights.sum()
@@ -162,18 +165,32 @@ def closed_form(motions: Array, boards: Array, weights: Array) -> tuple[Array, A
     root = np.sqrt(weights)
     rows = np.concatenate([same, -turns, places[:, :, None]], axis=2) * root[:, None, None]
     wanted = (motions[:, :3, 3] * root[:, None]).ravel()
-    shift = np.linalg.lstsq(rows.reshape(-1, 7), wanted, rcond=1e-10)[0]
+    flat = rows.reshape(-1, 7)
+    if sized is None:
+        shift = np.linalg.lstsq(flat, wanted, rcond=1e-10)[0]
+    else:
+        shift = np.linalg.lstsq(flat[:, :6], wanted - sized * flat[:, 6], rcond=1e-6)[0]
+        shift = np.append(shift, sized)
     x[:3, 3] = shift[:3]
     y[:3, 3] = shift[3:6]
     return x, y, float(shift[6])
 
 
-def solve(flange: Array, seen: Seen, rounds: int = _WEIGHED, unit: str | None = None) -> Start:
+def solve(
+    flange: Array,
+    seen: Seen,
+    rounds: int = _WEIGHED,
+    unit: str | None = None,
+    *,
+    sized: bool = False,
+) -> Start:
     """Closed form of a reading; pictures that contradict are weighed down.
 
     flange : (n, 4, 4), in the base
     unit : of its lengths; by default the one in which the board is most nearly as large as said
+    sized : whether the board is as large as said, in that unit
     """
+    length = METRES[unit] if unit is not None and sized else None
     motions = inverse(flange) if seen.in_hand else flange
     weights = np.ones(len(motions))
     turned = np.zeros(len(motions), bool)
@@ -184,7 +201,7 @@ def solve(flange: Array, seen: Seen, rounds: int = _WEIGHED, unit: str | None = 
         boards = seen.boards
         if turn is not None:
             boards = np.where(turned[:, None, None], boards @ turn, boards)
-        x, y, scale = closed_form(motions, boards, weights)
+        x, y, scale = closed_form(motions, boards, weights, length)
         misses = _misses(x, y, scale, motions, boards, seen.ends)
         if turn is not None:
             others = _misses(x, y, scale, motions, boards @ turn, seen.ends)
@@ -206,7 +223,6 @@ def solve(flange: Array, seen: Seen, rounds: int = _WEIGHED, unit: str | None = 
     size = float(np.log(lengths / METRES[unit]))
     if scale <= 0.0:  # a board behind the camera
         size = -np.inf
-    # the board's length stands for one metre as said
     return Start(camera, board, unit, size, misfit, misses, turned)
 
 

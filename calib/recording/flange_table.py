@@ -67,7 +67,7 @@ def read_flange_poses(path: str | os.PathLike[str]) -> FlangeTable:
     Raises LogError, which lists these, where it is none.
     """
     source = open_source(path)
-    if all(_is_number(name) for name in source.header):
+    if all(_is_number(name.partition("_duplicated_")[0]) for name in source.header):
         return _without_header(path, source.label)
     header = {name.lower(): name for name in source.header}
     if "m00" in header:

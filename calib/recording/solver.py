@@ -39,6 +39,7 @@ _STRETCHED = 5e-4
 _STRETCHED_WITHIN = (1e-6, 5e-3)
 _PRINTED = 3e-3  # of its size that a print is off by; beyond, as the evidence says
 _PRINTED_WITHIN = (3e-3, 0.5)
+_MISSAID = 0.3  # log of a board's size over the said one, that is none
 _GIVEN = np.array([3e-4, 1e-3])  # [rad, m], where the noise of a controller's poses begins,
 _JOINTED = np.array([3e-5, 3e-5])  # and that of joints
 
@@ -185,6 +186,8 @@ def _setting(views: Sequence[View], rows: Index, motions: Motions, noise: Array)
     for view in views:
         own = flange[np.searchsorted(rows, view.rows)]
         start = solve(own, view.seen, unit="m")
+        if abs(start.size) > _MISSAID:  # the motions do not tell lengths
+            start = solve(own, view.seen, unit="m", sized=True)
         half = view.seen.half_turn
         other = first.setdefault(view.in_hand, start)
         turned = start.turned
@@ -213,7 +216,7 @@ def _setting(views: Sequence[View], rows: Index, motions: Motions, noise: Array)
         square = np.array([layout.square(number)])
         prior[shape[:-2]] = _BENT
         prior[shape[-2:]] = _STRETCHED
-        size = float(np.clip(first[in_hand].size, -0.3, 0.3))
+        size = float(np.clip(first[in_hand].size, -_MISSAID, _MISSAID))
         prior[square] = max(abs(size), _PRINTED)
         begin[square] = size if layout.arm == 0 else 0.0
         scales.append(Scale("heights", shape[:-2], *_BENT_WITHIN))
