@@ -28,6 +28,8 @@ LENS = 9
 """Numbers of a lens: focal lengths, centre, k1, k2, p1, p2, k3."""
 
 _STEPS = 40
+_OWN_STEPS = 5  # of motions whose errors are found alone
+_STIFF = 1e6  # damping from which no step is tried any more
 _HUBER = 4.0  # noise sd, beyond which a corner counts less
 _LEAST_CORNER = 0.01  # [px], noise that corners are credited with at least
 _LEAST_POSE = np.array([1e-6, 1e-6])  # [rad, m], the same of motions
@@ -193,16 +195,32 @@ class Fit:
 
 
 @dataclass(frozen=True, eq=False)
-class _Normal:
-    """Sums over the corners, each over its noise."""
+class _Sums:
+    """Sums over the corners of each picture of a camera, [px^2] and [px]."""
 
-    residuals: tuple[Array, ...]  # (N, 2) of each camera [px], corners weighed by Huber
+    residuals: Array  # (N, 2) [px], corners weighed by Huber
+    lengths: Array  # (N,), of the residuals without weights [px]
+    products: Array  # (p, u + 6, u + 6), of slopes by the camera's unknowns and the motion's errors
+    pulls: Array  # (p, u + 6), of slopes and residuals
+
+    @property
+    def together(self) -> float:
+        """Sum of squares along each picture's pose [px^2]."""
+        own = self.products[:, -6:, -6:]
+        ridge = 1e-9 * np.einsum("pii->pi", own)[:, :, None] * np.eye(6)
+        along = np.linalg.solve(own + ridge, self.pulls[:, -6:, None])[:, :, 0]
+        return float((along * self.pulls[:, -6:]).sum())
+
+
+@dataclass(frozen=True, eq=False)
+class _Normal:
+    """Normal equations: sums over all cameras, each over its noise."""
+
     shared: Array  # (s, s)
     across: Array  # (n, s, 6), of the unknowns and each motion's errors
     own: Array  # (n, 6, 6)
     pull: Array  # (s,)
     own_pull: Array  # (n, 6)
-    together: tuple[float, ...]  # sum of squares along each picture's pose [px^2], by camera
 
 
 def inverse(pose: Array) -> Array:
@@ -268,7 +286,7 @@ class _Camera:
         self.counts = [len(points) for points in shots.points]
         ends = np.cumsum(self.counts)
         self.parts = [slice(end - count, end) for end, count in zip(ends, self.counts, strict=True)]
-        self.motion = np.repeat(shots.rows, self.counts)
+        self.motion = np.repeat(shots.rows, self.counts)  # (N,), that each corner was seen at
         self.points = np.concatenate(shots.points)
         self.corners = np.concatenate(shots.corners)
         self.bending = bending(self.points, shots.outline)
@@ -279,37 +297,86 @@ class _Camera:
         places = 6 * layout.frames + values
         self.unknowns = np.concatenate([camera, board, places])
 
-    def look(self, layout: Layout, unknowns: Unknowns, motions: Array) -> tuple[Array, Array]:
-        """Pixels (N, 2) and their slopes (N, 2, 36 + 6), by `unknowns` and the motions' errors."""
+    def look(self, layout: Layout, unknowns: Unknowns, motions: Array) -> _Sight:
+        """See the board at each motion (n, 4, 4), its errors included."""
         x = unknowns.frames[self.number]
         y = unknowns.frames[layout.cameras + self.board]
         shape = unknowns.values[layout.shape(self.board)]
         scale = np.exp(unknowns.values[layout.square(self.board)])
-        true = motions.copy()
-        true[:, :3, :3] = true[:, :3, :3] @ exponential(unknowns.errors[:, :3])
-        true[:, :3, 3] += unknowns.errors[:, 3:]
+        true = motions[self.rows]
+        errors = unknowns.errors[self.rows]
+        true[:, :3, :3] = true[:, :3, :3] @ exponential(errors[:, :3])
+        true[:, :3, 3] += errors[:, 3:]
         if self.in_hand:
             true = inverse(true)
-        motion = true[self.motion]
+        before = inverse(x) @ true  # what stands beyond the motion, in the camera
+        seen = before @ y
         points = (self.points + self.bending @ shape) * scale
-        first = points @ y[:3, :3].T + y[:3, 3]
-        second = np.einsum("nij,nj->ni", motion[:, :3, :3], first) + motion[:, :3, 3]
-        third = (second - x[:3, 3]) @ x[:3, :3]
+        places = np.empty_like(points)
+        turned = np.empty((len(points), 3, 3))
+        for pose, part in zip(seen, self.parts, strict=True):
+            places[part] = points[part] @ pose[:3, :3].T + pose[:3, 3]
+            turned[part] = pose[:3, :3]
+        pixels, by_point, by_lens = project(unknowns.values[layout.lens(self.number)], places)
+        by_turn = np.cross(places[:, None], by_point)  # of the whole scene about the camera
+        inward = by_point @ turned
+        by_shape = scale * inward @ self.bending
+        by_size = inward @ points[:, :, None]
+        slopes = np.concatenate([by_turn, by_point, by_lens, by_shape, by_size], axis=2)
+        return _Sight(pixels, slopes, self._scene(x, before, seen))
+
+    def _scene(self, x: Array, before: Array, seen: Array) -> Array:
+        """How the scene turns and shifts (p, 6, 18) by camera, board and the motion's errors."""
+        scene = np.zeros((len(seen), 6, 18))
         back = x[:3, :3].T
-        onward = back @ motion[:, :3, :3]
-        turned = onward @ y[:3, :3]
-        still = np.broadcast_to(back, onward.shape)
-        by_camera = [cross_matrix(third), -still]
-        by_board = [-turned @ cross_matrix(points), onward]
-        by_shape = [scale * turned @ self.bending, turned @ points[:, :, None]]
+        turned = seen[:, :3, :3]
+        onward = before[:, :3, :3]
+        scene[:, :3, :3] = -np.eye(3)
+        scene[:, 3:, 3:6] = -back
+        scene[:, :3, 6:9] = turned
+        scene[:, 3:, 6:9] = cross_matrix(seen[:, :3, 3]) @ turned
+        scene[:, 3:, 9:12] = onward
         if self.in_hand:
-            by_errors = [back @ cross_matrix(second), -onward]
+            scene[:, :3, 12:15] = -back
+            scene[:, 3:, 12:15] = cross_matrix(back @ x[:3, 3]) @ back
+            scene[:, 3:, 15:] = -onward
         else:
-            by_errors = [-onward @ cross_matrix(first), still]
-        pixels, by_point, by_lens = project(unknowns.values[layout.lens(self.number)], third)
-        frames = by_point @ np.concatenate([*by_camera, *by_board], axis=2)
-        others = by_point @ np.concatenate([*by_shape, *by_errors], axis=2)
-        return pixels, np.concatenate([frames, by_lens, others], axis=2)
+            scene[:, :3, 12:15] = onward
+            scene[:, 3:, 12:15] = cross_matrix(before[:, :3, 3]) @ onward
+            scene[:, 3:, 15:] = back
+        return scene
+
+    def sums(self, sight: _Sight, sd: float) -> _Sums:
+        """The sums over each picture; `sd` is that of a corner [px]."""
+        residuals = self.corners - sight.pixels
+        length = np.linalg.norm(residuals, axis=1)
+        root = np.sqrt(_huber(length, sd))
+        weighed = sight.slopes * root[:, None, None]
+        residuals = residuals * root[:, None]
+        few = weighed.shape[2]
+        products = np.empty((len(self.parts), few, few))
+        pulls = np.empty((len(self.parts), few))
+        for k, part in enumerate(self.parts):
+            flat = weighed[part].reshape(-1, few)
+            products[k] = flat.T @ flat
+            pulls[k] = flat.T @ residuals[part].ravel()
+        chain = np.zeros((len(self.parts), few, few + 12))
+        chain[:, :6, :12] = sight.scene[:, :, :12]
+        chain[:, :6, -6:] = sight.scene[:, :, 12:]
+        chain[:, 6:, 12:-6] = np.eye(few - 6)
+        across = np.swapaxes(chain, 1, 2)
+        return _Sums(
+            residuals, length, across @ products @ chain, (across @ pulls[:, :, None])[:, :, 0]
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class _Sight:
+    """What a camera sees of its board."""
+
+    pixels: Array  # (N, 2)
+    slopes: Array  # (N, 2, 6 + 24), by the scene's turn and shift, lens, shape and size
+    scene: Array  # (p, 6, 18), how the scene moves by camera, board and the motion's errors
 
 
 class Bundle:
@@ -325,7 +392,7 @@ class Bundle:
     def predict(self, unknowns: Unknowns) -> list[Array]:
         """Pixels (N, 2) of each camera's corners."""
         motions = self.motions.poses(unknowns.values[self.layout.arm_values])
-        return [camera.look(self.layout, unknowns, motions)[0] for camera in self.cameras]
+        return [camera.look(self.layout, unknowns, motions).pixels for camera in self.cameras]
 
     def solve(
         self, start: Unknowns, noise: Noise, mean: Array, steps: int = _STEPS, learn: bool = True
@@ -339,28 +406,30 @@ class Bundle:
         layout = self.layout
         free = np.concatenate([np.arange(6 * layout.frames), self._free(noise)])
         fit = Fit(start, noise, np.zeros((layout.size, layout.size)), np.inf, ())
-        normal = self._normal(start, noise)
+        sums = self._sums(start, noise)
         damping = 1e-4
         for count in range(steps):
+            normal = self._normal(fit.unknowns, fit.noise, sums)
             step, errors, spread, certain = self._step(fit, normal, mean, free, damping)
             if not np.isfinite(step).all():
                 raise np.linalg.LinAlgError("the fit of corners and motions diverged")
             there = fit.unknowns.moved(step, errors)
-            ahead = self._normal(there, fit.noise)
-            better = self._cost(there, fit.noise, mean, ahead) <= (1 + 1e-9) * self._cost(
-                fit.unknowns, fit.noise, mean, normal
-            )
-            if not better and damping < 1e6:
+            ahead = self._sums(there, fit.noise)
+            cost = self._cost(there, fit.noise, mean, ahead)
+            if cost > (1 + 1e-9) * self._cost(fit.unknowns, fit.noise, mean, sums):
+                if damping > _STIFF:
+                    break
                 damping = max(damping, 1e-6) * 10.0
                 continue
             damping *= 0.1
             covariance = np.zeros_like(fit.covariance)
             covariance[np.ix_(free, free)] = spread
             before = fit.noise
-            fit = Fit(there, before, covariance, fit.freedom, ahead.residuals)
+            residuals = tuple(each.residuals for each in ahead)
+            fit = Fit(there, before, covariance, fit.freedom, residuals)
             if learn:
                 fit = self._learned(fit, ahead, mean, certain)
-            normal = self._normal(there, fit.noise)
+            sums = ahead
             if count > 4 and _settled(before, fit.noise):
                 break
         return fit
@@ -372,8 +441,8 @@ class Bundle:
         """
         loose = np.diag(np.repeat([1.0, 1.0], 3))  # 1 rad and 1 m: none, beside what corners tell
         unknowns = fit.unknowns
-        for _ in range(8):
-            normal = self._normal(unknowns, fit.noise)
+        for _ in range(_OWN_STEPS):
+            normal = self._normal(unknowns, fit.noise, self._sums(unknowns, fit.noise))
             spread = np.linalg.inv(normal.own + loose)
             pull = normal.own_pull - unknowns.errors @ loose
             step = np.einsum("nij,nj->ni", spread, pull)
@@ -385,42 +454,34 @@ class Bundle:
     def _free(self, noise: Noise) -> Index:
         return 6 * self.layout.frames + np.flatnonzero(noise.prior > 0.0)
 
-    def _normal(self, unknowns: Unknowns, noise: Noise) -> _Normal:
+    def _sums(self, unknowns: Unknowns, noise: Noise) -> list[_Sums]:
+        motions = self.motions.poses(unknowns.values[self.layout.arm_values])
+        sums = []
+        for camera, sd in zip(self.cameras, noise.corner, strict=True):
+            sums.append(camera.sums(camera.look(self.layout, unknowns, motions), sd))
+        return sums
+
+    def _normal(self, unknowns: Unknowns, noise: Noise, sums: Sequence[_Sums]) -> _Normal:
         layout = self.layout
         count = self.motions.count
-        arm = unknowns.values[layout.arm_values]
-        motions = self.motions.poses(arm)
-        by_arm = self.motions.slopes(arm)
+        by_arm = self.motions.slopes(unknowns.values[layout.arm_values])
         places = 6 * layout.frames + layout.arm_values
         shared = np.zeros((layout.size, layout.size))
         across = np.zeros((count, layout.size, 6))
         own = np.zeros((count, 6, 6))
         pull = np.zeros(layout.size)
         own_pull = np.zeros((count, 6))
-        residuals = []
-        together = []
-        for camera in self.cameras:
-            pixels, slopes = camera.look(layout, unknowns, motions)
-            residual = camera.corners - pixels
-            sd = noise.corner[camera.number]
-            length = np.linalg.norm(residual, axis=1)
-            root = np.sqrt(np.minimum(1.0, _HUBER * sd / np.maximum(length, 1e-12)))
-            residuals.append(residual * root[:, None])
-            weighed = slopes * (root / sd)[:, None, None]
-            wanted = residual * (root / sd)[:, None]
-            square = 0.0
-            for row, part in zip(camera.rows, camera.parts, strict=True):
-                flat = weighed[part].reshape(-1, weighed.shape[2])
-                product = flat.T @ flat
-                sums = flat.T @ wanted[part].ravel()
-                shared[np.ix_(camera.unknowns, camera.unknowns)] += product[:-6, :-6]
-                across[row][camera.unknowns] += product[:-6, -6:]
-                own[row] += product[-6:, -6:]
-                pull[camera.unknowns] += sums[:-6]
-                own_pull[row] += sums[-6:]
-                certain = product[-6:, -6:] + 1e-9 * np.diag(np.diag(product)[-6:])
-                square += sd**2 * float(sums[-6:] @ np.linalg.solve(certain, sums[-6:]))
-            together.append(square)
+        for camera, each in zip(self.cameras, sums, strict=True):
+            weight = noise.corner[camera.number] ** -2
+            products = weight * each.products
+            pulls = weight * each.pulls
+            some = camera.unknowns
+            shared[np.ix_(some, some)] += products[:, :-6, :-6].sum(axis=0)
+            pull[some] += pulls[:, :-6].sum(axis=0)
+            # a camera has one picture of each motion
+            across[camera.rows[:, None], some] += products[:, :-6, -6:]
+            own[camera.rows] += products[:, -6:, -6:]
+            own_pull[camera.rows] += pulls[:, -6:]
         if layout.arm:  # the arm's parameters move the motions as their errors do
             flat = by_arm.reshape(-1, layout.arm)
             both = np.swapaxes(across, 0, 1).reshape(layout.size, -1) @ flat
@@ -430,7 +491,7 @@ class Bundle:
             shared[np.ix_(places, places)] += flat.T @ through.reshape(-1, layout.arm)
             across[:, places] += np.swapaxes(through, 1, 2)
             pull[places] += np.einsum("nik,ni->k", by_arm, own_pull)
-        return _Normal(tuple(residuals), shared, across, own, pull, own_pull, tuple(together))
+        return _Normal(shared, across, own, pull, own_pull)
 
     def _step(
         self, fit: Fit, normal: _Normal, mean: Array, free: Index, damping: float
@@ -468,15 +529,16 @@ class Bundle:
         slope[places] = precision[places] * (unknowns.values - mean)[some]
         return precision, slope
 
-    def _cost(self, unknowns: Unknowns, noise: Noise, mean: Array, normal: _Normal) -> float:
+    def _cost(self, unknowns: Unknowns, noise: Noise, mean: Array, sums: Sequence[_Sums]) -> float:
         slope = self._prior(unknowns, noise, mean)[1][6 * self.layout.frames :]
         total = float(slope @ (unknowns.values - mean))
         total += float(((unknowns.errors / np.repeat(noise.pose, 3)) ** 2).sum())
-        for residual, sd in zip(normal.residuals, noise.corner, strict=True):
-            total += float((residual**2).sum()) / sd**2
+        for each, sd in zip(sums, noise.corner, strict=True):
+            weights = _huber(each.lengths, sd)
+            total += float((weights * each.lengths**2).sum()) / sd**2
         return total
 
-    def _learned(self, fit: Fit, normal: _Normal, mean: Array, certain: Array) -> Fit:
+    def _learned(self, fit: Fit, sums: Sequence[_Sums], mean: Array, certain: Array) -> Fit:
         """The fit with the noise that its residuals tell."""
         noise = fit.noise
         errors = fit.unknowns.errors
@@ -488,14 +550,13 @@ class Bundle:
         pose = noise.pose * np.exp(_FASTER[1] * _bounded(squares, noise.pose))
         fitted = (freedom + int((noise.prior > 0.0).sum())) / len(self.cameras)
         corner = []
-        for camera, residual, together in zip(
-            self.cameras, normal.residuals, normal.together, strict=True
-        ):
-            left = max(residual.size - fitted, 0.2 * residual.size)
+        for camera, each in zip(self.cameras, sums, strict=True):
+            residuals = each.residuals
+            left = max(residuals.size - fitted, 0.2 * residuals.size)
             # errors of a picture's corners hang together: what is left of them in its pose counts
             directions = 6 * len(camera.parts)
             open_directions = max(directions - freedom - 12, 0.1 * directions)
-            corner.append(max((residual**2).sum() / left, together / open_directions))
+            corner.append(max((residuals**2).sum() / left, each.together / open_directions))
         sd = noise.corner * np.exp(_FASTER[0] * _bounded(np.array(corner), noise.corner))
         prior = noise.prior.copy()
         variance = np.diag(fit.covariance)[6 * self.layout.frames :]
@@ -518,6 +579,11 @@ def _settled(before: Noise, after: Noise) -> bool:
     prior = np.log(after.prior[free] / before.prior[free])
     changes = np.abs(np.concatenate([corner, pose, 0.1 * prior]))
     return bool(changes.max() < 0.01)
+
+
+def _huber(lengths: Array, sd: float) -> Array:
+    """Weights (N,) of residuals of some lengths (N,) [px]."""
+    return np.asarray(np.minimum(1.0, _HUBER * sd / np.maximum(lengths, 1e-12)))
 
 
 def _bounded(squares: Array, sd: Array) -> Array:
