@@ -67,7 +67,8 @@ def read_flange_poses(path: str | os.PathLike[str]) -> FlangeTable:
     Raises LogError, which lists these, where it is none.
     """
     source = open_source(path)
-    if all(_is_number(name.partition("_duplicated_")[0]) for name in source.header):
+    cells = " ".join(name.partition("_duplicated_")[0] for name in source.header).split()
+    if all(_is_number(cell) for cell in cells):
         return _without_header(path, source.label)
     header = {name.lower(): name for name in source.header}
     if "m00" in header:
