@@ -192,7 +192,7 @@ def test_tables_are_read_as_controllers_write_them(tmp_path):
     path.write_text(f"{rows}\n{rows}\n")
     assert read_flange_poses(path).numbers[0, :3].tolist() == [7, 8, 9]
     path.write_text("x,y,z,yaw1,b,c\n1,2,3,4,5,6\n")
-    with pytest.raises(LogError, match="roll..yaw"):
+    with pytest.raises(LogError, match=r"roll\.\.yaw"):
         read_flange_poses(path)
     path.write_text("x,y,z,qx,qy,qz,qw\n1,2,3,4,5,6,7\n")
     with pytest.raises(LogError, match="quaternion of length"):
