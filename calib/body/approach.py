@@ -25,8 +25,6 @@ class Approach:
 
     # [rad or m], half the play of each joint, 0 where the log shows none
     play: Annotated[Array, Shape("dof")]
-    # [unit], 95 % bound on the error where the direction is known
-    bounds: Annotated[Array, Shape("nodes")]
 
     def effective(self, q: Array, direction: ArrayLike) -> Array:
         """Where joints (n, dof) stand that came from a direction, 1, -1 or 0 (unknown)."""

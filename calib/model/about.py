@@ -113,12 +113,15 @@ class Rows(ReadOnly):
 
     q: Annotated[Array, Shape("rows", "dof")]  # [rad or m], joint values
     x: Annotated[Array, Shape("rows", "width")]  # [unit], positions
+    # [unit], measured less predicted position, of predictions that had not seen the row
+    held_out: Annotated[Array, Shape("rows", "width")] | None = None
 
     def __len__(self) -> int:
         return len(self.q)
 
     @staticmethod
-    def of(q: Array, x: Array) -> Rows:
+    def of(q: Array, x: Array, held_out: Array | None = None) -> Rows:
         """At most 5,000 of the rows of a log, evenly spread over it."""
         every = -(-len(q) // MOST_ROWS)
-        return Rows(q[::every].copy(), x[::every].copy())
+        errors = None if held_out is None else held_out[::every].copy()
+        return Rows(q[::every].copy(), x[::every].copy(), errors)

@@ -15,7 +15,9 @@ from ..common.rows import checked_rows
 from ..errors import QueryError
 from ..inverse.newton import shortened
 from ..inverse.tracking import follow_targets
+from .batches import inverse_rows
 from .parts import Parts
+from .turns import on_turn
 
 _REACHED = 1e-9  # share of the workspace's extent that always counts as reached
 SURE = 1e-2  # of the extent: a larger expected error does not make a target reachable
@@ -76,6 +78,25 @@ def unit_joints(model: Parts, x: Array, near: Array, readouts: Sequence[str]) ->
     return found
 
 
+def inverse(model: Parts, x: Array, near: ArrayLike | None, *, nearest: bool) -> Array:
+    """Joints (n, dof) for targets (n, m); NaN out of reach, or those that come `nearest`."""
+    wish = anchor(model, near, len(x))
+    there = model.motor.scale.from_unit(wish)
+    if near is not None:
+        there = on_turn(model, there, rows_for(near, model.about.joint_names, "near", len(x)))
+    answer = inverse_rows(model, x, there, nearest=nearest)
+    if answer is None:
+        q = np.empty_like(there)
+        rest = np.arange(len(x))
+    else:
+        q, rest = answer
+    if len(rest):
+        joints, within = joints_and_reach(model, x[rest], wish[rest], told=not nearest)
+        joints[~within] = np.nan
+        q[rest] = on_turn(model, joints, there[rest])
+    return q
+
+
 def joints_and_reach(
     model: Parts, x: Array, near: Array, *, told: bool = True
 ) -> tuple[Array, NDArray[np.bool_]]:
@@ -120,36 +141,12 @@ def _within_reach(model: Parts, bound: Array) -> Array:
     return np.maximum(np.minimum(bound, SURE * extent), _REACHED * extent)
 
 
-def forward_bounds(model: Parts, q: Array, position: Array, readout: str | None) -> list[Array]:
-    """95 % bounds (n,), expected and model error, on answers `position` (n, m) of a readout [unit].
-
-    The model's bounds hold for its default readout.  Another one is further off by at most its
-    distance from the default's (triangle inequality).
-    """
-    other = readout not in (None, model.default_readout)
-    apart = np.linalg.norm(position - model.answered(q), axis=1) if other else 0.0
-    return [model.bounded(q, which) + apart for which in ("bounds", "model_bounds")]
-
-
 def rows_for(values: ArrayLike, names: Sequence[str], what: str, n: int) -> Array:
     """Rows (n, d) beside `n` others, one of which may stand for all."""
     rows, _ = checked_rows(values, names, what)
     if len(rows) not in (1, n):
         raise QueryError(f"{what} has {len(rows)} rows for {n}: give one or {n}")
     return np.broadcast_to(rows, (n, len(names)))
-
-
-def approached(
-    model: Parts, q: Array, approach: ArrayLike
-) -> tuple[Array, Array, NDArray[np.bool_]]:
-    """Joints (n, dof) with play taken up, bounds (n,) there, and whether the side is known (n,)."""
-    own = model.approach
-    side = np.sign(rows_for(approach, model.about.joint_names, "approach", len(q)))
-    if own is None:
-        return q, np.zeros(len(q)), np.zeros(len(q), dtype=bool)
-    moved, noise = own.effective(q, side), model.about.bound_of == "sensor reading"
-    bound = model.blended(own.bounds, model.motor.scale.to_unit(moved), noise=noise)
-    return moved, bound, own.known(side)
 
 
 def anchor(model: Parts, near: ArrayLike | None, n: int) -> Array:

@@ -265,9 +265,14 @@ class Header:
         else:
             bound = "calib_posterior(inside, calib_more)"
             model_bound = "calib_posterior(inside, calib_less)"
+        plays = self.model.approach is not None and not self.small
+        if plays:
+            bound += " + calib_play_reach(inside)"
+            model_bound += " + calib_play_reach(inside)"
         most = c_number(self.model.most_bound, single)
         refused = f" || !(calib_blended(calib_position_bound, q) <= {most})"
         return {
+            "plays": plays,
             "posterior": posterior is not None,
             "waved": posterior is not None and bool(posterior.waved.any()),
             "normal": NORMAL_95,
@@ -304,6 +309,8 @@ class Header:
         if blended:
             tables["bound"] = model.bounds
             tables["true_bound"] = model.model_bounds
+        if model.approach is not None:
+            tables["play"] = model.approach.play
         if not self.trusted:
             tables["position_bound"] = model.model_bounds
         if self.local:

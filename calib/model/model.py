@@ -10,10 +10,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..common.arrays import Array
-from ..common.rows import checked_rows
-from . import answers
+from ..common.rows import checked_rows, number_rows
+from ..samples.motion import Motion
+from . import answers, batches
 from .answers import Answer, Path
 from .parts import MOST_SHARE, Parts
+from .prediction import predict
 
 if TYPE_CHECKING:
     import os
@@ -63,28 +65,41 @@ class Model(Parts):
         return told
 
     def _joints(self, q: ArrayLike) -> tuple[Array, bool]:
-        return checked_rows(q, self.about.joint_names, "joint values")
+        return number_rows(q, self.about.joint_names, "joint values")
+
+    def _motion(self, q: ArrayLike, approach: ArrayLike | None = None) -> tuple[Motion, bool]:
+        """The motion that is asked for, and whether it is a single row."""
+        rows, single = self._joints(q)
+        if approach is None:
+            return Motion(rows), single
+        names = self.about.joint_names
+        return Motion(
+            rows, np.sign(answers.rows_for(approach, names, "approach", len(rows)))
+        ), single
 
     def _quickly(self, name: str, q: ArrayLike) -> Array | None:
-        """What the compiled kernel answers; None where the batch has to."""
-        if self.kernel is None or (found := self.kernel.ask(name, q)) is None:
+        """What the compiled kernel answers to one row; None where the batch has to."""
+        if self.kernel is None:
             return None
-        answer: Array = found[0]
-        return answer if found[1] or self.everywhere else None
+        answer = self.kernel.ask(name, q)
+        if answer is None:
+            return None
+        value, sure = answer
+        return value if sure or self.everywhere else None
 
     def forward(
         self, q: ArrayLike, readout: str | None = None, *, approach: ArrayLike | None = None
     ) -> Array:
         """Position (n, m) [unit] of the tip for joint values.
 
-        NaN outside of the joints' range, and where the bound on the position exceeds a tenth of
-        the reach.
+        NaN outside of the joints' range, where the bound on the position exceeds a tenth of the
+        reach, and for joint values that are not finite.
 
         q : (n, dof) or (dof,) array [rad or m]
         readout : {"local", "body", "linear", "activity", "winner"}, the model's default if None
         approach : (n, dof) or (dof,), sign of the last motion of each joint, 0 where it is not
             known.  It counts where training found backlash (``model.approach``).
-        Raises QueryError if the shape is wrong or a value is not finite.
+        Raises QueryError if the shape is wrong.
 
         Examples
         --------
@@ -99,9 +114,12 @@ class Model(Parts):
             if quick is not None:
                 return quick
         readout = self._readout(readout)
-        rows, single = self._joints(q)
-        moved = rows if approach is None else answers.approached(self, rows, approach)[0]
-        x = self.answered(rows, readout, moved)
+        motion, single = self._motion(q, approach)
+        x = None
+        if readout == "local" and approach is None:
+            x = batches.forward_rows(self, motion.q)
+        if x is None:
+            x = predict(self, motion).read(readout)
         return x[0] if single else x
 
     def inverse(
@@ -121,18 +139,18 @@ class Model(Parts):
         nearest : whether the nearest reachable point answers a target out of reach instead of NaN
         """
         if self.kernel is not None and readout in (None, "local") and near is not None:
-            found = self.kernel.ask("inverse", near, x)
-            if found is not None and found[1] and not (nearest and found[1] == _NOTHING):
-                return np.asarray(found[0])
+            answer = self.kernel.ask("inverse", near, x)
+            if answer is not None:
+                q, sure = answer
+                if sure and not (nearest and sure == _NOTHING):
+                    return q
         readout = self._readout(readout)
         if readout == "local":
             rows, single = checked_rows(x, self.axes, "positions")
-            anchor = answers.anchor(self, near, len(rows))
-            q, within = answers.joints_and_reach(self, rows, anchor, told=not nearest)
-            q[~within] = np.nan
+            q = answers.inverse(self, rows, near, nearest=nearest)
             return q[0] if single else q
-        answer = self.solve(x, near, readout)
-        q = answer.q if nearest else np.where(answer.reachable[:, None], answer.q, np.nan)
+        answers_ = self.solve(x, near, readout)
+        q = answers_.q if nearest else np.where(answers_.reachable[:, None], answers_.q, np.nan)
         return q[0] if np.ndim(x) == 1 else q
 
     def solve(
@@ -171,38 +189,43 @@ class Model(Parts):
         another one is off by its distance from the default as well.  With `approach`, see
         :meth:`forward`, it is the smaller bound for a known direction.
         """
-        bound = self._bound(q, "bounds")
         if approach is None:
-            return bound
-        rows, single = self._joints(q)
-        _, smaller, known = answers.approached(self, rows, approach)
-        # NaN stays: what is out of range has no bound from any side
-        result = np.where(known & np.isfinite(bound), smaller, bound)
-        return result[0] if single else result
+            quick = self._quickly("bounds", q)
+            if quick is not None:
+                return quick
+        motion, single = self._motion(q, approach)
+        bound = None
+        if approach is None:
+            bound = batches.bound_rows(self, motion.q, "bounds")
+        if bound is None:
+            bound = predict(self, motion).bound
+        return bound[0] if single else bound
 
-    def model_error(self, q: ArrayLike) -> Array:
+    def model_error(self, q: ArrayLike, *, approach: ArrayLike | None = None) -> Array:
         """95 % bound on the true position in the sensor's frame at (n, dof), (n,) [unit].
 
         Without the noise of a single reading; the same as :meth:`expected_error` for a
         simulated arm.
         """
-        return self._bound(q, "model_bounds")
-
-    def _bound(self, q: ArrayLike, which: str) -> Array:
-        quick = self._quickly(which, q)
-        if quick is not None:
-            return quick
-        rows, single = self._joints(q)
-        bound = self.bounded(rows, which)
+        if approach is None:
+            quick = self._quickly("model_bounds", q)
+            if quick is not None:
+                return quick
+        motion, single = self._motion(q, approach)
+        bound = None
+        if approach is None:
+            bound = batches.bound_rows(self, motion.q, "model_bounds")
+        if bound is None:
+            bound = predict(self, motion).true_bound
         return bound[0] if single else bound
 
     def outside(self, q: ArrayLike) -> str | None:
         """Why the joint values (dof,) are outside of what was learned, None if they are not."""
         rows, _ = self._joints(q)
-        u, about = self.motor.scale.to_unit(rows), self.about
-        if bool(self.covers(u)[0]):
+        about = self.about
+        if bool(self.covers(rows)[0]):
             return None
-        for k, inside in enumerate(self.in_range(u)[0]):
+        for k, inside in enumerate(self.in_range(rows)[0]):
             if not inside:
                 return (
                     f"{about.joint_names[k]} = {rows[0, k]:.6g} is outside of the learned range "
@@ -260,12 +283,8 @@ class Model(Parts):
         quick = self._quickly("jacobian", q)
         if quick is not None:
             return quick
-        rows, single = self._joints(q)
-        u, scale = self.motor.scale.to_unit(rows), self.motor.scale
-        inside = self.covers(u)
-        slope = np.full((len(rows), len(self.axes), rows.shape[1]), np.nan)
-        if inside.any():
-            slope[inside] = self.predictor.value_and_slope(u[inside])[1] / scale.span
+        motion, single = self._motion(q)
+        slope = predict(self, motion).slope
         return slope[0] if single else slope
 
     def pose(self, q: ArrayLike) -> tuple[Array, Array]:
@@ -277,10 +296,13 @@ class Model(Parts):
         from ..arm.rotations import quaternion_of
         from .space import Space
 
-        rows, single = self._joints(q)
-        space, position = Space.of(self), self.answered(rows)
-        turns = quaternion_of(space.sensor[0] @ space.evaluate(rows)[1])
-        turns[np.isnan(position[:, 0])] = np.nan
+        motion, single = self._motion(q)
+        prediction = predict(self, motion)
+        position = prediction.value
+        space = Space.of(self)
+        turns = np.full((len(motion), 4), np.nan)
+        known = prediction.answered
+        turns[known] = quaternion_of(space.sensor[0] @ space.evaluate(motion.q[known])[1])
         return (position[0], turns[0]) if single else (position, turns)
 
     def servo(

@@ -8,7 +8,6 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..body.approach import Approach
 from ..body.belief import Body
@@ -150,17 +149,25 @@ class Parts:
         """Whether there is an answer wherever joints are within their range."""
         return self._seen is None and bool((self.model_bounds <= self.most_bound).all())
 
-    def in_range(self, u: Array) -> NDArray[np.bool_]:
-        """Which coordinates (n, dof) of the unit box are within the joints' range."""
-        inside = (u >= -ROUNDED) & (u <= 1.0 + ROUNDED)
-        return np.asarray(inside | self.motor.scale.periodic)
+    def in_range(self, q: Array) -> Mask:
+        """Which joint values (n, dof) [rad or m] are within the joints' range.
 
-    def covers(self, u: Array) -> NDArray[np.bool_]:
-        """Whether points of the unit box (n, dof) are answered, (n,)."""
-        known = np.asarray(self.in_range(u).all(axis=1))
-        if not self.everywhere and known.any():
-            known[known] = self.blended(self.model_bounds, u[known], noise=False) <= self.most_bound
-        return known
+        Joints that turn round and round may be a turn beyond it: further away is no arm.
+        """
+        scale = self.motor.scale
+        with np.errstate(over="ignore"):
+            share = (q - scale.lower) / scale.span
+        slack = np.where(scale.periodic, 1.0, ROUNDED)
+        return np.asarray((share >= -slack) & (share <= 1.0 + slack))
+
+    def covers(self, q: Array) -> Mask:
+        """Whether joint values (n, dof) [rad or m] are answered, (n,)."""
+        covered = np.asarray(self.in_range(q).all(axis=1))
+        if not self.everywhere and covered.any():
+            u = self.motor.scale.to_unit(q[covered])
+            bound = self.blended(self.model_bounds, u, noise=False)
+            covered[covered] = bound <= self.most_bound
+        return covered
 
     def blended(self, bounds: Array, u: Array, *, noise: bool) -> Array:
         """Bounds (n,) at points of the unit box (n, dof), from those of the nodes (nodes,).
@@ -221,24 +228,26 @@ class Parts:
             return self.body_solver.predictor.value(u)
         return self.sensory.scale.from_unit(self.association.forward(u, readout))
 
-    def answered(self, q: Array, readout: str | None = None, moved: Array | None = None) -> Array:
-        """Positions (n, m) of a readout at joint values (n, dof), `moved` by play; NaN for none."""
-        unit = self.motor.scale.to_unit
-        inside, x = self.covers(unit(q)), np.full((len(q), len(self.axes)), np.nan)
-        if inside.any():
-            where = unit((q if moved is None else moved)[inside])
-            x[inside] = self.predicted(where, readout or self.default_readout)
-        return x
+    def bound_at(self, u: Array, which: str = "bounds", *, side_known: Mask | None = None) -> Array:
+        """95 % bound (n,) [unit] at points of the unit box (n, dof): `bounds` or `model_bounds`.
 
-    def bounded(self, q: Array, which: str) -> Array:
-        """95 % bound (n,) [unit] at joint values (n, dof), NaN where there is no answer."""
-        u = self.motor.scale.to_unit(q)
-        known, bound = self.covers(u), np.full(len(q), np.nan)
-        bound[known] = self.bound_at(u[known], which)
-        return bound
+        side_known : (n,), whether `u` is where the joints stand; by default it is where they read,
+            and they may stand anywhere within their play
+        """
+        bound = self._bound_without_play(u, which)
+        if self.approach is None:
+            return bound
+        if side_known is None:
+            side_known = np.zeros(len(u), dtype=bool)
+        return bound + np.where(side_known, 0.0, self._play_reach(u))
 
-    def bound_at(self, u: Array, which: str = "bounds") -> Array:
-        """95 % bound (n,) [unit] at points of the unit box (n, dof): `bounds` or `model_bounds`."""
+    def _play_reach(self, u: Array) -> Array:
+        """How far the tip may be (n,) [unit] with all joints at the worst side of their play."""
+        slope = self.predictor.value_and_slope(u)[1] / self.motor.scale.span
+        play = np.zeros(u.shape[1]) if self.approach is None else self.approach.play
+        return np.asarray(np.linalg.norm(slope * play, axis=1).sum(axis=1))
+
+    def _bound_without_play(self, u: Array, which: str) -> Array:
         # of more than three joints a lattice covers too little of their box to blend between
         noise = which == "bounds" and self.about.bound_of == "sensor reading"
         if self.posterior is not None:
@@ -246,6 +255,10 @@ class Parts:
         if self.body is not None and u.shape[1] > MOST_BLENDED:
             return self.body.bound(self.motor.scale.from_unit(u), noise=noise)
         return self.blended(getattr(self, which), u, noise=noise)
+
+    def by(self, sensor: str) -> Parts:
+        """The model as one of its sensors sees the arm."""
+        raise OptionError(f"sensor {sensor!r}: the model has one sensor")
 
     def _readout(self, name: str | None) -> str:
         """The readout that answers; ``local`` where the predictor does."""

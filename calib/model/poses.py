@@ -14,9 +14,11 @@ from ..arm.rotations import logarithm, matrix_of, quaternion_of
 from ..common.arrays import Array
 from ..common.rows import checked_rows
 from ..errors import QueryError
+from ..samples.motion import Motion
 from ..samples.roles import QUATERNION, ROUNDING
 from .answers import anchor, rows_for
 from .parts import Parts
+from .prediction import predict
 from .space import REACHED, Space
 
 
@@ -86,7 +88,9 @@ def solve_poses(
     if bounded and frame == "base":
         bound = error = space.bound(q)
     elif bounded:
-        bound, error = model.bounded(q, "bounds"), model.bounded(q, "model_bounds")
+        prediction = predict(model, Motion(q))
+        bound = prediction.bound
+        error = prediction.true_bound
     turns = quaternion_of(rotation)
     return PoseAnswers(target, q, position, turns, away, turned, bound, error, reachable)
 

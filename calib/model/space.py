@@ -77,7 +77,7 @@ class Space:
         """Position (n, 3) [m] and quaternion (n, 4) of the tip; NaN where the model has none."""
         rows, _ = checked_rows(q, self.model.about.joint_names, "joint values")
         position, rotation, _ = self.evaluate(rows)
-        known = self.model.covers(self._scale.to_unit(rows))[:, None]
+        known = self.model.covers(rows)[:, None]
         return np.where(known, position, np.nan), np.where(known, quaternion_of(rotation), np.nan)
 
     def bound(self, q: ArrayLike, *, size: bool = True) -> Array:

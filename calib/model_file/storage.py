@@ -28,7 +28,7 @@ from ..model.facts import shown_errors
 from ..model.parts import Parts
 from .fields import read, write
 
-VERSION = 5  # of the format, as ``docs/format.md`` describes it
+VERSION = 7  # of the format, as ``docs/format.md`` describes it
 KINDS = {Structure: (PlanarStructure, SpatialStructure)}
 _KEY = "calib"
 _TINY = 1e-300  # the least number above zero

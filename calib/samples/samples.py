@@ -75,6 +75,7 @@ class Samples:
     pixels: Array | None = field(default=None, repr=False)  # (n, 2), of a tag in pictures [px]
     pictures: tuple[str, ...] = field(default=(), repr=False)  # names of those it was made of
     left_out: int = 0  # rows without what a sensor saw: zeros, or no orientation
+    sensor: str = ""  # name of the sensor that saw the positions, where a log has several
     in_time: bool = False  # whether the user said how late positions are: nothing is estimated
 
     def __post_init__(self) -> None:

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
-from ..body.approach import Approach, learn_play
+from ..body.approach import learn_play
 from ..body.covariance import RADIUS_95
 from ..common.arrays import Array
 from ..errors import OptionError
@@ -56,8 +54,9 @@ def simulated_bounds(
     scale, rng = model.motor.scale, np.random.default_rng(seed)
     q = simulation.draw(_DRAWN, rng)
     x, side = simulation.true(q, rng), directions(q)
-    u = scale.to_unit(q if play is None else q - play * side)
-    inside = model.covers(u)
+    stand = q if play is None else q - play * side
+    u = scale.to_unit(stand)
+    inside = model.covers(stand)
     if not inside.any():
         raise OptionError("no test sample is near the motor map's nodes", hint=UNFOLD)
     errors = np.linalg.norm(model.predictor.value(u) - x, axis=1)
@@ -81,19 +80,6 @@ def play_of(samples: Samples, part: SmoothPart) -> Array | None:
         powers = np.polynomial.chebyshev.chebvander(2.0 * np.clip(v, 0.0, 1.0) - 1.0, _TREND)
         surprise[:, k] = side[:, k] - powers @ np.linalg.lstsq(powers, side[:, k], rcond=None)[0]
     return learn_play(samples.x[rows] - value, slope / scale.span, surprise)
-
-
-def approached(model: Model, play: Array) -> Model:
-    """A model whose bounds are of a known direction of approach, with those of an unknown one."""
-    nodes = np.clip(model.motor.units, 0.0, 1.0)
-    slope = model.predictor.value_and_slope(nodes)[1] / model.motor.scale.span
-    most = np.linalg.norm(slope * play, axis=1).sum(axis=1)  # all joints to their worst side
-    return replace(
-        model,
-        bounds=model.bounds + most,
-        model_bounds=model.model_bounds + most,
-        approach=Approach(play, model.bounds),
-    )
 
 
 def play_words(samples: Samples, play: Array) -> str:

@@ -18,7 +18,9 @@ from ..common.wording import for_people
 from ..errors import LogError, OptionError
 from ..model.answers import unit_joints
 from ..model.model import Model
+from ..model.prediction import predict
 from ..model.space import Space
+from ..samples.motion import Motion
 from ..samples.samples import Samples
 from ..samples.simulation import Simulation
 from .learn import TrainingOptions, associate
@@ -84,13 +86,14 @@ def evaluate_residuals(
 ) -> Residuals:
     """Residuals of all readouts in both directions, of the answer nearest to the true joints."""
     scale, readouts = model.motor.scale, model.readouts
-    known = model.covers(scale.to_unit(q))
+    known = model.covers(q)
     if not known.any():
         raise LogError(NOT_LEARNED)
     left_out, q, x = int(np.count_nonzero(~known)), q[known], x[known]
+    prediction = predict(model, Motion(q))
     # the answers' bounds, of which `Model.solve` takes most of the time, are not asked for
     forward, answers = side_by_side(
-        lambda: {r: model.answered(q, r) - x for r in readouts},
+        lambda: {r: prediction.read(r) - x for r in readouts},
         lambda: unit_joints(model, x, model.solver.clip(scale.to_unit(q)), readouts),
     )
     return Residuals.of(model, q, x, forward, answers, truth, left_out=left_out)

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from ..body.approach import Approach
 from ..common.parallel import one_blas_thread, side_by_side
 from ..errors import LogError
 from ..maps.local_models import NO_MODELS
@@ -21,7 +22,7 @@ from ..samples.joint_values import directions
 from ..samples.moved import moved_words
 from ..samples.samples import Samples
 from ..samples.wrong_rows import screen
-from .bounds import approached, node_bounds, play_of, play_words, simulated_bounds
+from .bounds import node_bounds, play_of, play_words, simulated_bounds
 from .evaluate import answered_within, fresh_residuals, held_out_residuals, summarise
 from .learn import Progress, TrainingOptions, associate, resolved, unit_box
 from .smooth import find_smooth_part, to_learn
@@ -153,7 +154,7 @@ def _learned(samples: Samples, options: TrainingOptions, progress: Progress) -> 
     if part is None and simulation is None:
         baseline = replace(baseline, seen=Seen.of(scale, known_u))
     if play is not None:
-        model = approached(model, play)
+        model = replace(model, approach=Approach(play))
     begin(1.0, "done")
     about = replace(
         about,
@@ -163,7 +164,11 @@ def _learned(samples: Samples, options: TrainingOptions, progress: Progress) -> 
         left_out=tested.left_out + given - len(samples),
         notes=tuple(notes),
     )
-    rows = Rows.of(samples.q, samples.x) if simulation is None else None
+    rows = None
+    if simulation is None and part is not None:
+        rows = Rows.of(samples.q[part.rows], samples.x[part.rows], left)
+    elif simulation is None:
+        rows = Rows.of(samples.q, samples.x)
     seconds = {stage: end - start for (stage, start), (_, end) in pairwise(marks)}
     seconds["total"] = sum(seconds.values())
     return replace(model, about=about, baseline=baseline, rows=rows, seconds=seconds)

@@ -230,6 +230,16 @@ def _quick(model: Model, q: ArrayLike) -> Corrected | None:
     return answer
 
 
+def nominal_positions(model: Model, q: ArrayLike) -> Array:
+    """Return where the drawing says that joints (n, dof) lead, (n, m) [unit].
+
+    It is told in the sensor's frame.
+    Raises OptionError or RobotError if the model knows no URDF.
+    """
+    rows, _ = checked_rows(q, model.about.joint_names, "joint values")
+    return _wanted(model, "auto", "sensor").target(_in_range(model, rows))
+
+
 def _notes(model: Model, wanted: _Wanted, cause: str) -> tuple[str, ...]:
     turned = any(abs(frame.angle) > _TURNED for frame in frames(model, cause))
     notes = list(frame_notes(model, cause)) if wanted.free else []

@@ -4,12 +4,9 @@ from __future__ import annotations
 
 import hashlib
 import json
-import math
-import os
 import re
 from collections.abc import Mapping
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
@@ -21,17 +18,14 @@ from ..body.sensor import SensorPose
 from ..body.views import is_camera
 from ..common.arrays import Array
 from ..common.parallel import one_blas_thread
-from ..common.wording import listed, one_line
-from ..errors import LogError, OptionError
+from ..common.wording import one_line
+from ..errors import OptionError
 from ..model.header import Header
 from ..model.model import Model
 from ..model_file.storage import to_bytes
 from .correct import usual_limit
 from .geometry import fit_geometry
 from .urdf import corrected_urdf
-
-_UR = ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
-_TICKS, _REGISTER = 4096, 2047  # of a Feetech motor: a turn; Homing_Offset, a sign and eleven bits
 
 
 def c_header(model: Model, *, prefix: str = "calib_", single: bool = False) -> tuple[str, int]:
@@ -160,26 +154,6 @@ def corrected_arm(model: Model) -> tuple[str, dict[str, float]]:
     return corrected_urdf(geometry), offsets
 
 
-def ur_kinematics(urdf: str, tip: str) -> str:
-    """The `kinematics:` entries that Universal Robots' ROS 2 description reads.
-
-    They are the origins of the six joints, as in `ur_description/config/*/default_kinematics.yaml`.
-    Raises OptionError if the arm has other than six turning joints.
-    """
-    joints = [joint for joint in parse_urdf(urdf).path(tip) if joint.movable]
-    if len(joints) != len(_UR) or not all(joint.revolute for joint in joints):
-        raise OptionError(
-            f"{len(joints)} joints lead to {tip}: expected the six turning ones of a UR"
-        )
-    lines = ["kinematics:"]
-    for name, joint in zip(_UR, joints, strict=True):
-        lines.append(f"  {name}:")
-        values = zip(("x", "y", "z", "roll", "pitch", "yaw"), (*joint.xyz, *joint.rpy), strict=True)
-        lines += [f"    {key}: {float(value)!r}" for key, value in values]
-    digest = hashlib.sha256("\n".join(lines).encode()).hexdigest()[:20]
-    return "\n".join([*lines, f"  hash: calib_{digest}"]) + "\n"
-
-
 def mjcf_text(urdf: str, tip: str) -> str:
     """Bodies, joints and the tip's site, as a MuJoCo model without shapes."""
     from scipy.spatial.transform import Rotation
@@ -206,39 +180,3 @@ def mjcf_text(urdf: str, tip: str) -> str:
 
 def _text(values: Array | tuple[float, ...]) -> str:
     return " ".join(repr(float(v)) for v in values)
-
-
-def homed(path: str | os.PathLike[str], offsets: Mapping[str, float]) -> tuple[str, dict[str, int]]:
-    """LeRobot's calibration with corrected zeros, as text, and ticks that each offset changed by.
-
-    As huggingface/lerobot has it (src/lerobot/motors), a Feetech motor tells `Present_Position =
-    Actual_Position - Homing_Offset`, whatever `drive_mode` says: a joint that stands `offset`
-    further than it tells needs a homing offset that is so much smaller.  Its range stays, because
-    the middle of it is the zero.
-
-    offsets : by joint what is added to its logged value [rad]
-    Raises LogError if the file is none, OptionError if the motors are not those of the arm, or a
-    zero is out of reach.
-    """
-    try:
-        motors = json.loads(Path(path).read_text(encoding="utf-8"))
-        new = {name: {**m, "homing_offset": int(m["homing_offset"])} for name, m in motors.items()}
-    except OSError as error:
-        raise LogError(f"cannot read {os.fspath(path)!r}: {error.strerror}") from None
-    except (ValueError, KeyError, TypeError, AttributeError):
-        raise LogError(
-            f"{os.fspath(path)} is no calibration of LeRobot: expected motors with `homing_offset`"
-        ) from None
-    if missing := [name for name in offsets if name not in new]:
-        raise OptionError(
-            f"the calibration has the motors {listed(new)}, not {listed(missing)} of the model"
-        )
-    ticks = {name: -round(value * _TICKS / math.tau) for name, value in offsets.items()}
-    for name, change in ticks.items():
-        new[name]["homing_offset"] += change
-        if abs(new[name]["homing_offset"]) > _REGISTER:
-            raise OptionError(
-                f"{name}: its homing offset would be {new[name]['homing_offset']} ticks, at most "
-                f"{_REGISTER} are possible: put its horn on a tooth further"
-            )
-    return json.dumps(new, indent=4) + "\n", ticks

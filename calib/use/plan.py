@@ -24,7 +24,7 @@ from ..errors import OptionError
 from ..maps.map import search_tree
 from ..samples.tables import write_table
 from .aimed import at_point, in_sight
-from .pose_space import safe, space_of
+from .pose_space import above_plane, safe, space_of
 
 if TYPE_CHECKING:
     import os
@@ -114,6 +114,7 @@ def plan(
     touch: Sequence[float] | None = None,
     handeye: Board | str | bool | None = None,
     eye: str = "hand",
+    above: float | None = None,
 ) -> Plan:
     """Plan poses to measure with a real arm.
 
@@ -142,6 +143,8 @@ def plan(
         At `start` it is in the middle of the picture; the camera in the hand looks along the z
         axis of the tip's frame, or the print faces along it, to some 10 deg.  True for a model of
         pictures of a board, which knows both.
+    above : float, optional [m]
+        Height in the base frame that the tip and all joints stay above, such as a table's.
 
     Returns
     -------
@@ -184,6 +187,8 @@ def plan(
     else:
         q = space.candidates(rng)
     q, notes = safe(source, q)
+    q, heights = above_plane(source, q, above)
+    notes += heights
     if len(q) < n:
         raise OptionError(f"n {n}: {len(q)} poses were found, expected fewer to choose")
     body = None if isinstance(source, Arm) else source.body

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..arm.arm import Arm, checked_range
+from ..arm.arm import Arm, SpatialArm, checked_range
 from ..arm.urdf import Range, parse_urdf
 from ..body.views import is_camera
 from ..common.arrays import Array
@@ -21,13 +21,14 @@ from ..common.scale import Scale
 from ..common.wording import quoted, suggestion
 from ..errors import OptionError
 from ..model.model import Model
-from ..model.nominal import moves_in_space
+from ..model.nominal import moves_in_space, nominal_arm
 from ..model.space import Space
 
 _MARGIN, _SHARE = math.radians(1.0), 0.02  # [rad or m] from limits; at most this share of a range
 _INSIDE, _FACES = 1200, 1000  # candidates: within, with a joint at an end
 _CORNERS = 8  # joints of which all corners are candidates
 _TRIED, _ALWAYS = 100, 0.9  # postures in which links meet that are built so, and their share
+_STANDS = 1e-6  # [m]; a joint's origin that moves less stands still
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,6 +142,54 @@ def safe(source: Arm | Model, q: Array) -> tuple[Array, list[str]]:
             "the camera's picture there; that a link hides it is not checked"
         )
     return q, notes
+
+
+def above_plane(source: Arm | Model, q: Array, height: float | None) -> tuple[Array, list[str]]:
+    """Return the postures (n, dof) with the arm above z = `height` [m] of its base frame.
+
+    The tip and the joints' origins count, links and tools beyond them do not.  The notes tell what
+    was left out, or without a height how far down the tip goes.
+    Raises OptionError if a height is given for an arm whose base frame is not known.
+    """
+    lowest = _lowest_points(source, q)
+    if lowest is None:
+        if height is None:
+            return q, []
+        raise OptionError(
+            "above: expected a robot that moves in space, or a model that knows its URDF",
+            parameter="above",
+            value=height,
+        )
+    if height is None:
+        depth = float(lowest.min())
+        if depth >= 0.0:
+            return q, []
+        note = (
+            f"the arm goes down to z = {depth:.3f} m of its base frame: if a table is there, give "
+            "its height with `above`"
+        )
+        return q, [note]
+    allowed = lowest > height
+    note = (
+        f"{1 - allowed.mean():.0%} of the candidates were left out because the tip or a joint is "
+        f"below z = {height:g} m there; what is mounted beyond the tip needs room of its own"
+    )
+    return q[allowed], [note]
+
+
+def _lowest_points(source: Arm | Model, q: Array) -> Array | None:
+    """Height (n,) [m] of the lowest of the tip and the joints that move; None where not known."""
+    arm: Arm | None = None
+    if isinstance(source, Arm):
+        arm = source
+    elif source.about.urdf:
+        arm = nominal_arm(source)
+    if not isinstance(arm, SpatialArm):
+        return None
+    motion = arm.chain.motion(q)
+    points = np.concatenate([motion.places, motion.position[None]])
+    moving = np.ptp(points, axis=2).max(axis=1) > _STANDS
+    return np.asarray(points[moving, 2].min(axis=0))
 
 
 def hits_itself(

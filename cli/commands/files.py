@@ -130,6 +130,8 @@ def export(
     for name, path in paths.items():
         check_file(path, endings[name], option=f"--{name}")
     from calib.use import formats
+    from calib.use.lerobot import homed
+    from calib.use.ur import ur_kinematics
 
     loaded, document = calib.load(model), dict[str, Any](model=model)
     made: dict[str, tuple[str, str]] = {}  # text, and what it is; all before anything is written
@@ -138,11 +140,11 @@ def export(
     if {lerobot, ur, mjcf} != {None}:
         corrected, document["offsets"] = formats.corrected_arm(loaded)
         if ur is not None:
-            made["ur"] = formats.ur_kinematics(corrected, loaded.about.tip), "kinematics of a UR"
+            made["ur"] = ur_kinematics(corrected, loaded.about.tip), "kinematics of a UR"
         if mjcf is not None:
             made["mjcf"] = formats.mjcf_text(corrected, loaded.about.tip), "bodies for MuJoCo"
         if lerobot is not None:
-            text, document["ticks"] = formats.homed(lerobot, document["offsets"])
+            text, document["ticks"] = homed(lerobot, document["offsets"])
             made["output"] = text, f"homing offsets moved by {document['ticks']} ticks"
             say(["the ends of the motors' ranges move with their zeros: drive to them with care"])
     if output is not None and lerobot is None:

@@ -73,7 +73,8 @@ def _told(query: Query, q: Array, readout: str | None) -> dict[str, Array]:
     """Return what is told of joints (n, dof), by column of a table."""
     import numpy as np
 
-    from calib.model.answers import forward_bounds
+    from calib.model.prediction import predict
+    from calib.samples.motion import Motion
 
     from ..answers import BOUNDS, TURN, up_to_scale
 
@@ -95,7 +96,10 @@ def _told(query: Query, q: Array, readout: str | None) -> dict[str, Array]:
 
         if knows_orientation(model.body):
             told |= dict(zip(TURN, model.pose(q)[1].T, strict=True))
-    return told | dict(zip(BOUNDS, forward_bounds(model, q, x, readout), strict=True))
+    prediction = predict(model, Motion(q))
+    apart = prediction.apart(readout or model.default_readout)
+    with_distance = (prediction.bound + apart, prediction.true_bound + apart)
+    return told | dict(zip(BOUNDS, with_distance, strict=True))
 
 
 def path(

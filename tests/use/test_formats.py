@@ -11,7 +11,9 @@ import calib
 from calib.arm.urdf import parse_urdf
 from calib.errors import LogError, OptionError
 from calib.samples.tables import write_table
-from calib.use.formats import homed, mjcf_text, ur_kinematics
+from calib.use.formats import mjcf_text
+from calib.use.lerobot import homed
+from calib.use.ur import ur_kinematics
 
 MOTORS = {
     name: {"id": k, "drive_mode": 0, "homing_offset": 100 * k, "range_min": 800, "range_max": 3200}

@@ -1,0 +1,119 @@
+"""Prediction: the one way from joints to readings.
+
+In this order, each once: where the joints stand that came from a side, the body, the local models
+on the motor map's nodes, and the sensor's view with its lens.  Rows are of one moment: whoever
+reads a log has brought its clocks together.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from ..common.arrays import Array, Mask
+from ..samples.motion import Motion
+from .parts import Parts
+
+
+@dataclass(frozen=True, eq=False)
+class Prediction:
+    """What a model says of a motion; each array is worked out when it is first asked for.
+
+    Rows without an answer are NaN: joint values that are not finite or out of the learned range,
+    and places where the bound exceeds a tenth of the reach.
+    """
+
+    model: Parts
+    motion: Motion
+
+    @cached_property
+    def answered(self) -> Mask:
+        """Whether there is an answer, (n,)."""
+        return self.model.covers(self.motion.q)
+
+    @cached_property
+    def joints(self) -> Array:
+        """Where the joints stand, (n, dof) [rad or m]: the encoders' values with play taken up."""
+        approach, side = self.model.approach, self.motion.side
+        if approach is None or side is None:
+            return self.motion.q
+        return approach.effective(self.motion.q, side)
+
+    @cached_property
+    def side_known(self) -> Mask:
+        """Whether the side is known from which each joint with play came, (n,)."""
+        approach, side = self.model.approach, self.motion.side
+        if approach is None:
+            return np.ones(len(self.motion), dtype=bool)
+        if side is None:
+            return np.zeros(len(self.motion), dtype=bool)
+        return approach.known(side)
+
+    @property
+    def value(self) -> Array:
+        """Readings (n, m) [unit] of the model's default readout."""
+        return self.read(self.model.default_readout)
+
+    @property
+    def bound(self) -> Array:
+        """95 % bound (n,) [unit] on the distance to what `about.bound_of` says.
+
+        That is the sensor's reading, or the true position of a simulated arm.
+        """
+        return self._bound_of("bounds")
+
+    @property
+    def true_bound(self) -> Array:
+        """95 % bound (n,) [unit] on the distance to the true position in the sensor's frame."""
+        return self._bound_of("model_bounds")
+
+    @property
+    def slope(self) -> Array:
+        """Derivative (n, m, dof) [unit / rad or m] of the readings by the joint values."""
+        slope = np.full(
+            (len(self.motion), len(self.model.axes), len(self.model.about.lower)), np.nan
+        )
+        if self.answered.any():
+            by_unit = self.model.predictor.value_and_slope(self._unit)[1]
+            slope[self.answered] = by_unit / self.model.motor.scale.span
+        return slope
+
+    def read(self, readout: str) -> Array:
+        """Readings (n, m) [unit] of any readout."""
+        readings = np.full((len(self.motion), len(self.model.axes)), np.nan)
+        if self.answered.any():
+            readings[self.answered] = self.model.predicted(self._unit, readout)
+        return readings
+
+    def apart(self, readout: str) -> Array:
+        """How far a readout is from the default one, (n,) [unit].
+
+        The bounds hold for the default readout; another one is further off by at most this
+        (triangle inequality).
+        """
+        if readout == self.model.default_readout:
+            return np.zeros(len(self.motion))
+        return np.asarray(np.linalg.norm(self.read(readout) - self.value, axis=1))
+
+    @cached_property
+    def _unit(self) -> Array:
+        """Where the joints of the answered rows stand in the unit box, (k, dof)."""
+        return self.model.motor.scale.to_unit(self.joints[self.answered])
+
+    def _bound_of(self, which: str) -> Array:
+        bound = np.full(len(self.motion), np.nan)
+        if self.answered.any():
+            sides = self.side_known[self.answered]
+            bound[self.answered] = self.model.bound_at(self._unit, which, side_known=sides)
+        return bound
+
+
+def predict(model: Parts, motion: Motion, sensor: str | None = None) -> Prediction:
+    """Predict what a sensor reads of a motion.
+
+    motion : joint values, and the side from which each joint came where that is known
+    sensor : one of the model's sensors, the first one by default
+    """
+    return Prediction(model if sensor is None else model.by(sensor), motion)

@@ -1,0 +1,47 @@
+"""LeRobot: a motors' calibration file with the arm's corrected zeros."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from collections.abc import Mapping
+
+from ..common.wording import listed
+from ..errors import OptionError
+from ..recording.motors import TICKS, Motors
+
+_LARGEST_OFFSET = 2047  # the register `Homing_Offset` holds a sign and eleven bits
+
+
+def homed(path: str | os.PathLike[str], offsets: Mapping[str, float]) -> tuple[str, dict[str, int]]:
+    """Return LeRobot's calibration with corrected zeros, and by how many ticks each moved.
+
+    A Feetech motor tells `Present_Position = Actual_Position - Homing_Offset`, whatever its
+    `drive_mode` (huggingface/lerobot, src/lerobot/motors/feetech): a joint that stands `offset`
+    further than it tells needs a homing offset that is so much smaller.  The range stays, since its
+    middle is the zero.
+
+    path : of `calibration.json`
+    offsets : by joint what has to be added to its value [rad]
+    Raises LogError if the file is none, OptionError if the motors are not those of the arm, or a
+    zero is out of reach.
+    """
+    calibration = Motors.read(path)
+    missing = [name for name in offsets if name not in calibration.motors]
+    if missing:
+        raise OptionError(
+            f"the calibration has the motors {listed(calibration.motors)}, not {listed(missing)} "
+            "of the model"
+        )
+    ticks = {name: -round(value * TICKS / math.tau) for name, value in offsets.items()}
+    document = {name: dict(entry) for name, entry in calibration.document.items()}
+    for name, change in ticks.items():
+        homing_offset = calibration.motors[name].homing_offset + change
+        if abs(homing_offset) > _LARGEST_OFFSET:
+            raise OptionError(
+                f"{name}: its homing offset would be {homing_offset} ticks, at most "
+                f"{_LARGEST_OFFSET} are possible: put its horn on a tooth further"
+            )
+        document[name]["homing_offset"] = homing_offset
+    return json.dumps(document, indent=4) + "\n", ticks

@@ -1,0 +1,172 @@
+"""The ROS 2 package that a model writes, run against stand-ins for ROS's modules."""
+
+import ast
+import json
+import sys
+from types import ModuleType, SimpleNamespace
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+
+import calib
+from calib.errors import OptionError
+from calib.use.ros2 import offsets_xacro, write_ros2_package
+
+OFFSET = 0.01  # of the elbow [rad]
+
+
+class Message(SimpleNamespace):
+    """A ROS message of any type: fields appear when they are first used."""
+
+    def __getattr__(self, name):
+        if name.startswith("__"):
+            raise AttributeError(name)
+        field = Message()
+        setattr(self, name, field)
+        return field
+
+
+class Node:
+    """What a node uses of rclpy."""
+
+    def __init__(self, name):
+        self.name, self.sent, self.logged = name, {}, []
+
+    def declare_parameter(self, name, value):
+        return SimpleNamespace(value=value)
+
+    def get_logger(self):
+        def log(text):
+            self.logged.append(text)
+
+        return SimpleNamespace(info=log, warning=log, error=log)
+
+    def create_publisher(self, kind, topic, depth):
+        self.sent[topic] = []
+        return SimpleNamespace(publish=self.sent[topic].append)
+
+    def create_subscription(self, kind, topic, callback, depth):
+        pass
+
+    def create_timer(self, period, callback):
+        pass
+
+    def get_clock(self):
+        return SimpleNamespace(now=lambda: SimpleNamespace(to_msg=lambda: 0))
+
+
+class Status(Message):
+    OK, WARN, ERROR, STALE = range(4)
+
+
+@pytest.fixture(scope="module")
+def package(tmp_path_factory):
+    """The package of a model whose elbow stands 10 mrad off."""
+    arm = calib.load_arm("two_link")
+    log = calib.babble(arm, 150, noise=2e-5, changes=[f"elbow.offset={OFFSET}"], seed=1)
+    log = calib.Samples(log.q, log.x, log.joint_names, log.lower, log.upper, arm=arm)
+    model = calib.train(log, size=4, view="base")
+    folder = tmp_path_factory.mktemp("ros") / "arm_calib"
+    write_ros2_package(model, folder)
+    return folder
+
+
+@pytest.fixture
+def corrector(package, monkeypatch):
+    """The package's node, with ROS's modules replaced."""
+    broadcast = []
+    sender = SimpleNamespace(sendTransform=broadcast.extend)
+    modules = {
+        "rclpy": {},
+        "rclpy.node": {"Node": Node},
+        "ament_index_python.packages": {"get_package_share_directory": lambda name: package},
+        "diagnostic_msgs.msg": {"DiagnosticArray": Message, "DiagnosticStatus": Status},
+        "geometry_msgs.msg": {"PointStamped": Message, "TransformStamped": Message},
+        "sensor_msgs.msg": {"JointState": Message},
+        "tf2_ros": {"StaticTransformBroadcaster": lambda node: sender},
+        "trajectory_msgs.msg": {"JointTrajectory": Message},
+    }
+    for name, content in modules.items():
+        module = ModuleType(name)
+        module.__dict__.update(content)
+        monkeypatch.setitem(sys.modules, name, module)
+    scope = {"__name__": "node"}
+    text = (package / "arm_calib" / "node.py").read_text()
+    exec(compile(text, "node.py", "exec"), scope)  # the project's own template
+    return scope["Corrector"]()
+
+
+def trajectory(q):
+    points = [SimpleNamespace(positions=[0.5, *row[::-1]]) for row in q]
+    return Message(joint_names=["gripper", "elbow", "shoulder"], points=points)
+
+
+def test_every_point_of_a_trajectory_is_corrected(corrector):
+    """A snippet of the docs sent each point to the first one's place."""
+    q = np.linspace([0.4, 0.8], [1.0, 1.6], 6)
+    corrector.correct(trajectory(q))
+    (message,) = corrector.sent["~/corrected"]
+    sent = np.array([point.positions for point in message.points])
+    assert (sent[:, 0] == 0.5).all()  # joints that the model does not know pass through
+    assert np.allclose(sent[:, 1], q[:, 1] - OFFSET, atol=2e-4)
+    assert np.allclose(sent[:, 2], q[:, 0], atol=2e-4)
+
+
+def test_a_trajectory_that_cannot_be_corrected_is_not_sent_in_part(corrector):
+    """Its last point lies beyond the joints' ranges, or its values are of other joints."""
+    q = np.array([[0.4, 0.8], [1.5, 0.2618]])  # the elbow would go beyond its limit
+    corrector.correct(trajectory(q))
+    corrector.correct(Message(joint_names=["elbow"], points=[]))
+    assert corrector.sent["~/corrected"] == []
+    assert "points [1] of 2" in corrector.logged[-2]
+    assert "lacks the joints ['shoulder']" in corrector.logged[-1]
+
+
+@pytest.mark.parametrize(("moved", "level"), [(0.0, Status.OK), (0.05, Status.ERROR)])
+def test_rows_of_the_last_minutes_tell_of_drift(corrector, moved, level):
+    arm = calib.load_arm("two_link")
+    rng = np.random.default_rng(2)
+    for second, q in enumerate(rng.uniform([0.1, 0.4], [1.4, 2.4], (40, 2))):
+        corrector.remember_joints(
+            Message(name=["elbow", "shoulder"], position=[q[1], q[0]], velocity=[0.0, 0.0])
+        )
+        x = arm.forward(q + np.array([0.0, OFFSET + moved])) + rng.normal(0.0, 2e-5, 2)
+        stamp = SimpleNamespace(sec=second, nanosec=0)
+        point = SimpleNamespace(x=x[0], y=x[1], z=0.0)
+        corrector.remember_row(Message(header=SimpleNamespace(stamp=stamp), point=point))
+    corrector.check()
+    (message,) = corrector.sent["/diagnostics"]
+    assert message.status[0].level == level
+
+
+def test_the_package_is_whole(package):
+    root = ElementTree.parse(package / "package.xml").getroot()
+    assert root.findtext("name") == "arm_calib"
+    launch = ast.parse((package / "launch" / "arm_calib.launch.py").read_text())
+    assert [f.name for f in launch.body if isinstance(f, ast.FunctionDef)] == [
+        "generate_launch_description"
+    ]
+    assert "arm_calib.node:main" in (package / "setup.py").read_text()
+    assert "$base/lib/arm_calib" in (package / "setup.cfg").read_text()
+    assert isinstance(json.loads((package / "transforms.json").read_text()), list)
+    offsets = ElementTree.parse(package / "offsets.xacro").getroot()
+    values = {entry.get("name"): float(entry.get("value")) for entry in offsets}
+    assert values["elbow_offset"] == pytest.approx(OFFSET, abs=3e-4)
+    assert calib.load(package / "arm.calib").about.robot == "two_link"
+
+
+def test_other_folders_are_left_alone(package, tmp_path):
+    model = calib.load(package / "arm.calib")
+    with pytest.raises(OptionError, match="name of a ROS package"):
+        write_ros2_package(model, tmp_path / "My-Package")
+    (tmp_path / "notes").mkdir()
+    (tmp_path / "notes" / "text.txt").write_text("mine")
+    with pytest.raises(OptionError, match="holds other files"):
+        write_ros2_package(model, tmp_path / "notes")
+    assert [path.name for path in (tmp_path / "notes").iterdir()] == ["text.txt"]
+
+
+def test_names_cannot_leave_their_attributes():
+    entry = ElementTree.fromstring(offsets_xacro({'a"b<': 0.5}))[0]
+    assert entry.get("name") == 'a"b<_offset'
