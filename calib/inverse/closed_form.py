@@ -14,7 +14,7 @@ import numpy as np
 
 from ..arm.rotations import exponential
 from ..arm.spatial_chain import SpatialChain
-from ..common.arrays import Array
+from ..common.arrays import Array, Index
 
 #: Axes of a drawing meet, or are parallel, within this share of its length, or angle [rad].
 _EXACT = 1e-4
@@ -101,13 +101,15 @@ class ClosedForm:
         return one, middle, three
 
     def _parallel_arm(
-        self, base: Array, turn: Array, place: Array, owner: Array
-    ) -> tuple[Array, Array]:
+        self, base: Array, turn: Array, place: Array, owner: Index
+    ) -> tuple[Array, Index]:
         """Joints (4n, 6) of an arm with parallel axes 2, 3 and 4, given its first joint (n,)."""
         axis, fifth, sixth = self.axes[1], self.axes[4], self.axes[5]
         tilt = _at_height(fifth, np.tile(sixth, (len(turn), 1)), axis, (turn @ sixth) @ axis)
-        base, owner = np.tile(base, 2), np.tile(owner, 2)
-        turn, place = np.tile(turn, (2, 1, 1)), np.tile(place, (2, 1))
+        base = np.tile(base, 2)
+        owner = np.tile(owner, 2)
+        turn = np.tile(turn, (2, 1, 1))
+        place = np.tile(place, (2, 1))
         bent = _turns(fifth, tilt)
         spin = -_angle(sixth, np.swapaxes(bent, 1, 2) @ axis, np.swapaxes(turn, 1, 2) @ axis)
         # what is left of the turn is about the parallel axes
@@ -116,12 +118,10 @@ class ClosedForm:
         total = _angle(axis, side, _applied(rest, side))
         elbow = place - _applied(rest, np.tile(self.meeting - self.points[3], (len(rest), 1)))
         upper, lower = self._arm(elbow, self.points[3])
-        parts = [np.tile(part, 2) for part in (base, total, tilt, spin)]
-        base, total, tilt, spin = parts
+        base, total, tilt, spin = (np.tile(part, 2) for part in (base, total, tilt, spin))
         signs = self.axes[2:4] @ axis  # an axis may point the other way
-        third = lower * signs[0]
-        fourth = (total - upper - third) * signs[1]
-        q = np.column_stack([base, upper, lower, fourth, tilt, spin])
+        last = (total - upper - lower * signs[0]) * signs[1]
+        q = np.column_stack([base, upper, lower, last, tilt, spin])
         return q, np.tile(owner, 2)
 
     @property

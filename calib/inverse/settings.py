@@ -26,6 +26,10 @@ class SearchSettings:
     surely: float = 0.3  # the same, of redundant joints and of poses
     margin: float = 0.1  # a start may be so much further away than the answer it leads to
     tries: int = 48  # starts of a position, those beside known solutions not counted
+    spare_tries: int = 30  # the same, of redundant joints: a third of them once there is an answer
+    # redundant joints start where this times the squared gap of the position, and the squared
+    # distance from the joints asked for, are least: of 1 to 16 the quickest, answers are as near
+    pull: int = 16
     # Poses: the branches of a UR5 at 140 poses are all found with half as many runs.
     postures: int = 4096  # of the table of starts: nearest postures are some .4 rad away
     scanned: int = 600  # postures nearest to a pose that are looked at

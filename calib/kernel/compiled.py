@@ -42,6 +42,7 @@ _MOST_JOINTS = 16
 # where in a thread's buffer stand what is asked beside joints, `_PART` numbers each, and what
 # answers, as in ``c/calls.h``
 _ASKED, _PART, _FOUND, _SIZE = 16, 4, 32, 128
+NOTHING = 3  # flag of a position that nothing reaches
 _SHARED_ROWS = 1000  # rows from which two threads answer: one takes a millisecond or more for them
 _MOST_WAYS = 32  # ways of a position or a pose: six joints have 16 at most
 
@@ -150,9 +151,7 @@ class Compiled:
         """Whether it knows poses in space."""
         return hasattr(self._library, "rows_poses")
 
-    def ask(
-        self, name: str, joints: ArrayLike, *arguments: ArrayLike
-    ) -> tuple[Array, int] | None:
+    def ask(self, name: str, joints: ArrayLike, *arguments: ArrayLike) -> tuple[Array, int] | None:
         """The answer for joints (dof,) and what else is asked, and how sure, see ``c/calls.h``.
 
         None where a question is none: the batch refuses it in words.
@@ -179,10 +178,23 @@ class Compiled:
             if not all(math.isfinite(sum(part)) for part in parts):
                 return None
         answer = buffers.answer
-        return (answer.copy() if answer.ndim else answer[()]), sure
+        value: Array = answer.copy() if answer.ndim else answer[()]
+        return value, sure
+
+    @property
+    def reason(self) -> str | None:
+        """Why this thread's last query was refused, None if it was not."""
+        reason: str | None = getattr(self._local, "reason", None)
+        self._local.reason = None
+        return reason
+
+    def refused(self, value: Array, reason: str) -> Array:
+        """NaN in place of a value, and the reason for :attr:`reason`."""
+        self._local.reason = reason
+        return np.full_like(value, np.nan)
 
     def _prepared(self, name: str) -> Buffers:
-        """This thread's buffers of one kind of query."""
+        """Buffers of one kind of query, for the thread that asks."""
         call = getattr(self._library, f"called_{name}")
         call.argtypes = (ctypes.c_void_p,)
         call.restype = ctypes.c_int

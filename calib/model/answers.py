@@ -84,12 +84,7 @@ def inverse(model: Parts, x: Array, near: ArrayLike | None, *, nearest: bool) ->
     there = model.motor.scale.from_unit(wish)
     if near is not None:
         there = on_turn(model, there, rows_for(near, model.about.joint_names, "near", len(x)))
-    answer = inverse_rows(model, x, there, nearest=nearest)
-    if answer is None:
-        q = np.empty_like(there)
-        rest = np.arange(len(x))
-    else:
-        q, rest = answer
+    q, rest = inverse_rows(model, x, there, nearest=nearest)
     if len(rest):
         joints, within = joints_and_reach(model, x[rest], wish[rest], told=not nearest)
         joints[~within] = np.nan

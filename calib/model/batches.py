@@ -8,8 +8,8 @@ from typing import Literal
 
 import numpy as np
 
-from ..common.arrays import Array
-from ..kernel.compiled import Compiled
+from ..common.arrays import Array, Index
+from ..kernel.compiled import NOTHING, Compiled
 from .parts import Parts
 
 Kind = Literal["forward", "bounds", "inverse", "poses", "branches"]
@@ -74,14 +74,29 @@ def _settled(model: Parts, valid: Array) -> bool:
     return model.everywhere or bool(valid.all())
 
 
-def inverse_rows(
-    model: Parts, x: Array, near: Array, *, nearest: bool
-) -> tuple[Array, Array] | None:
+def all_rows(model: Parts, x: Array) -> list[Array] | None:
+    """Joints (k, dof) of every branch of positions (n, m), the middle one first; None for NumPy.
+
+    Families of redundant joints are NumPy's.
+    """
+    kernel = None if model.solver.redundant else kernel_for(model, "inverse", len(x))
+    if kernel is None:
+        return None
+    q, count = kernel.inverse_all(x)
+    scale = model.motor.scale
+    away = np.linalg.norm(scale.difference(scale.to_unit(q), np.full(q.shape, 0.5)), axis=2)
+    away[np.arange(q.shape[1]) >= count[:, None]] = np.inf
+    order = np.argsort(away, axis=1, kind="stable")
+    q = np.take_along_axis(q, order[:, :, None], axis=1)
+    return [rows[:k] for rows, k in zip(q, count.tolist(), strict=True)]
+
+
+def inverse_rows(model: Parts, x: Array, near: Array, *, nearest: bool) -> tuple[Array, Index]:
     """Joints (n, dof) for positions (n, m) near others (n, dof), and rows (k,) left to NumPy."""
     kernel = kernel_for(model, "inverse", len(x))
     if kernel is None:
-        return None
+        return np.full_like(near, np.nan), np.arange(len(x))
     q, sure = kernel.inverse(x, near)
     if nearest:
-        return q, np.flatnonzero((sure == 0) | (sure == 3))
+        return q, np.flatnonzero((sure == 0) | (sure == NOTHING))
     return q, np.flatnonzero(sure == 0)

@@ -90,9 +90,10 @@ class StartTable:
         """Starts of the middle of each cell of a grid over the workspace, one for each branch."""
         scale = model.sensory.scale
         dimensions = len(scale.span)
-        cells = np.full(dimensions, max(2, int(SIZES.cells ** (1 / dimensions))))
-        step = scale.span / cells
-        corners = np.indices(cells).reshape(dimensions, -1).T
+        side = max(2, int(SIZES.cells ** (1 / dimensions)))
+        cells = np.full(dimensions, side)
+        step = scale.span / side
+        corners = np.indices((side,) * dimensions).reshape(dimensions, -1).T
         starts, _ = model.solver.starts.of(scale.lower + (corners + 0.5) * step)
         exists = np.isfinite(starts[..., 0])
         u = starts[exists]
@@ -223,6 +224,8 @@ class Header:
         blended = self.posterior is None and not self.small
         words: dict[str, object] = asdict(SEARCH) | asdict(SINGLE if single else DOUBLE)
         words |= self._bound_words(single)
+        if self.starts.grid is None:
+            words["tries"] = SEARCH.spare_tries
         words |= {
             "dof": dof,
             "out": arm.outputs,
@@ -437,6 +440,6 @@ def compiled_of(model: Parts) -> tuple[Compiled | None, str]:
         }
         compiled = compile_source(header.text()[0], words, len(header.limit), header.arm.outputs)
     except CalibError as error:
-        return None, f"queries are answered by NumPy: {error}"
+        return None, f"queries are answered by the batch in NumPy: {error}"
     seconds = time.perf_counter() - started
     return compiled, f"queries are answered by compiled C, made in {seconds:.2g} s"

@@ -20,7 +20,7 @@ enum {
   CALIB_DOF = @dof@, CALIB_OUT = @out@, CALIB_NODES = @nodes@, CALIB_NEAR = @near@,
   CALIB_HARMONICS = @harmonics@, CALIB_CHAIN = @chain@, CALIB_STARTS = @starts@,
   CALIB_STEPS = 40, CALIB_TRIES = @tries@, CALIB_POSTURES = @postures@,
-  CALIB_SCANNED = @scanned@, CALIB_RUNS = @runs@
+  CALIB_SCANNED = @scanned@, CALIB_RUNS = @runs@, CALIB_PULL = @pull@
 };
 
 /* An arm: joint values are gain q + offset + curve, and bend with their posture. */

@@ -182,10 +182,12 @@ static inline int calib_twin(const calib_task *task, const calib_real q[CALIB_DO
 }
 
 /* Rows of the table of starts that may lead to a position: those of its cell and, after them, of
- * the cells beside; without cells those whose positions are nearest.  Returns how many. */
-static inline int calib_starting(const calib_real x[CALIB_OUT], int row[CALIB_TRIES]) {
+ * the cells beside; without cells those that are near to it and to joints.  Returns how many. */
+static inline int calib_starting(const calib_real x[CALIB_OUT], const calib_real near[CALIB_DOF],
+                                 int row[CALIB_TRIES]) {
 #if @gridded@
   int cell[CALIB_OUT], found = 0, around = 1, i, n, ring;
+  (void)near;
   for (i = 0; i < CALIB_OUT; ++i) {
     const calib_real u = floor((x[i] - calib_grid_lower[i]) / calib_grid_step[i]);
     cell[i] = u > 0 ? (u < calib_grid[i] ? (int)u : calib_grid[i] - 1) : 0;
@@ -209,11 +211,13 @@ static inline int calib_starting(const calib_real x[CALIB_OUT], int row[CALIB_TR
   calib_real far[CALIB_TRIES];
   int found = 0, i, k, n;
   for (n = 0; n < CALIB_STARTS; ++n) {
-    calib_real d = 0;
+    calib_real d = calib_apart(calib_start_q[n], near, 0);
+    calib_real squared = 0;
     for (i = 0; i < CALIB_OUT; ++i) {
-      const calib_real gap = x[i] - calib_start_x[n][i];
-      d += gap * gap;
+      const calib_real gap = (x[i] - calib_start_x[n][i]) / @extent@;
+      squared += gap * gap;
     }
+    d = d * d + squared * CALIB_PULL;
     if (found == CALIB_TRIES && !(d < far[CALIB_TRIES - 1])) continue;
     k = found < CALIB_TRIES ? found++ : CALIB_TRIES - 1;
     for (; k > 0 && far[k - 1] > d; --k) {
@@ -257,8 +261,8 @@ static inline int calib_search(const calib_task *task, const calib_real x[CALIB_
   }
   calib_clipped(from);
   for (i = -1; i < count; ++i) { /* from `near`, then from the table */
-    if (i == 0 && !(count = calib_starting(x, row))) break;
-    if (found && !sure && i > CALIB_TRIES / 3) break; /* as near as any, most likely */
+    if (i == 0 && !(count = calib_starting(x, from, row))) break;
+    if (!sure && i > CALIB_TRIES / 3) break; /* no other is nearer, most likely */
     if (i >= 0) {
       const calib_real *start = calib_start_q[row[i]];
       away = calib_apart(start, from, 0);
@@ -315,7 +319,7 @@ static inline int calib_inverse_all(const calib_real x[CALIB_OUT], int most,
   int row[CALIB_TRIES], i, count, found = 0;
   task.kind = CALIB_POSITION;
   for (i = 0; i < CALIB_OUT; ++i) task.x[i] = x[i];
-  count = calib_starting(x, row);
+  count = calib_starting(x, calib_start_q[0], row);
   for (i = 0; i < count && found < most; ++i)
     if (!calib_beside(calib_start_q[row[i]], q[0], found, @margin@ / 2))
       found = calib_add_way(&task, calib_start_q[row[i]], CALIB_STEPS, most, q, found);
