@@ -2,28 +2,36 @@
 
 from __future__ import annotations
 
+import io
+import os
+import signal
+import sys
+
 
 def main() -> None:
     """Run the command line and end the process with its exit code."""
-    import io
-    import os
-    import signal
-    import sys
-
-    for number, name in enumerate(("stdin", "stdout", "stderr")):
-        stream = getattr(sys, name)
-        if stream is None:
-            # the lowest free number is that of the closed stream: no file shall take its place
-            stream = open(os.devnull, "w" if number else "r", encoding="utf-8")  # noqa: PTH123, SIM115
-            setattr(sys, name, stream)
-        elif number and isinstance(stream, io.TextIOWrapper):
-            stream.reconfigure(errors="backslashreplace")
+    _open_closed_streams()
     # a polite kill ends as Ctrl-C does: what is half written is removed
     signal.signal(signal.SIGTERM, lambda number, _: sys.exit(128 + number))
     try:
-        from .app import app
+        from .app import run
 
-        app(prog_name="calib")
+        code = run(sys.argv[1:])
     except KeyboardInterrupt:  # while modules were imported
         print("error: interrupted", file=sys.stderr)
-        sys.exit(128 + signal.SIGINT)
+        code = 128 + signal.SIGINT
+    sys.exit(code)
+
+
+def _open_closed_streams() -> None:
+    """Give a process that was started without standard streams streams that lead nowhere."""
+    # the lowest free number is that of the closed stream: no file shall take its place
+    if sys.stdin is None:
+        sys.stdin = open(os.devnull, encoding="utf-8")  # noqa: PTH123, SIM115
+    if sys.stdout is None:
+        sys.stdout = open(os.devnull, "w", encoding="utf-8")  # noqa: PTH123, SIM115
+    if sys.stderr is None:
+        sys.stderr = open(os.devnull, "w", encoding="utf-8")  # noqa: PTH123, SIM115
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")

@@ -13,7 +13,7 @@ import calib
 from calib.common.wording import for_people
 from calib.samples.tables import Batch, read_batch, write_table
 
-from .options import Asking
+from .asking import Asking
 from .output import NO, Outcome, TextTable, fixed, note, say
 from .parsing import TABLES, BadOption, check_file
 from .samples import refuse

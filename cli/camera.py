@@ -7,14 +7,10 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Annotated, Any
-
-from typer import Option
+from typing import TYPE_CHECKING, Any
 
 from calib.common.choices import DICTIONARY, PICTURES, VIDEOS, Eye
 
-from . import options as opt
-from .options import Text, flag, option
 from .output import say
 from .parsing import BadOption
 from .samples import Compared, log_of
@@ -30,20 +26,18 @@ if TYPE_CHECKING:
 class Shooting:
     """Pictures or a video, and what is in them, as typed."""
 
-    joints_file: Annotated[Text, option("--joints-file FILE", "Joints by picture or time.")] = None
-    tag: Annotated[int | None, Option("--tag", metavar="ID", min=0, help="The tip's tag.")] = None
-    dictionary: opt.Dictionary = DICTIONARY
-    board: opt.BoardSpec = None
-    tags_at: Annotated[Text, option("--tags-at FILE", "Table of desk tags: tag, x, y [m].")] = None
-    lens: Annotated[Text, option("--lens SHOTS|lens.json", "Pictures of a board, or a model.")] = (
-        None
-    )
-    tag_size: Annotated[Text, option("--tag-size 40mm", "Of the tip's tag, for --pose.")] = None
-    tag_height: Annotated[Text, option("--tag-height 25mm", "Of the tip's, above the desk.")] = None
-    pose: Annotated[bool, Option("--pose", help="z and the quaternion too, in space.")] = False
-    picture: Annotated[Text, option("--picture seen.png", "Draw what was seen on a photo.")] = None
-    camera: opt.DatasetCamera = None
-    eye: Annotated[Eye | None, flag("--eye", "Of a board: in the hand, or standing.")] = None
+    joints_file: str | None = None
+    tag: int | None = None
+    dictionary: str = DICTIONARY
+    board: str | None = None
+    tags_at: str | None = None
+    lens: str | None = None
+    tag_size: str | None = None
+    tag_height: str | None = None
+    pose: bool = False
+    picture: str | None = None
+    camera: str | None = None
+    eye: Eye | None = None
 
     def taken(self, names: Sequence[str]) -> bool:
         """Whether names are of pictures or a video, or what only these have was typed."""
@@ -128,7 +122,7 @@ class Shooting:
 
 def need_joints(source: str, joints_file: str | None) -> None:
     """Refuse pictures without their joints; a LeRobotDataset brings them."""
-    from calib.recording.joint_table import is_dataset
+    from calib.recording.lerobot import is_dataset
 
     if joints_file is None and not is_dataset(source):
         raise BadOption("--joints-file FILE is missing: pictures need the joints beside them")
@@ -228,9 +222,9 @@ def photo_of_log(model: Model, log: Samples, data: str) -> Model:
 class Drawn(Compared):
     """What a model is drawn with, as typed."""
 
-    data: opt.Data = None
-    photo: opt.PhotoFile = None
-    no_photo: opt.NoPhoto = False
+    data: str | None = None
+    photo: str | None = None
+    no_photo: bool = False
 
     def load(self, path: str) -> tuple[Model, Samples | None]:
         """Load a model as it is to be drawn, and a log of its own arm where one is given."""

@@ -1,59 +1,115 @@
 """Options: what several commands take, with the same name and meaning in each.
 
-An annotation of Typer each; what is typed in a form of its own has a reader, and is Any to Typer.
+Each is an annotation of Typer; a parser of `parsing` reads what is typed in a form of its own.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Annotated, Any
+from collections.abc import Mapping, Sequence
+from typing import Annotated
 
 from typer import Argument, Option
 
 from calib.common import choices
 
-from . import parsing as read
-
-Text = str | None
-Many = list[Any] | None
+from . import parsing
 
 
-def option(usage: str, told: str, reader: read.Reader[Any] | None = None, **limits: Any) -> Any:
-    """Declare an option of a value as a usage line has it, such as "--output -o FILE"."""
-    *flags, metavar = usage.split()
-    return Option(*flags, metavar=metavar, parser=reader, help=told, **limits)
+def word(flag: str, words: Sequence[str], help_text: str) -> object:
+    """Return an option whose value is one word out of several."""
+    return Option(flag, metavar="|".join(words), parser=parsing.one_of(words), help=help_text)
 
 
-def flag(name: str, told: str) -> Any:
-    """Declare an option without a value, or one that is a choice or a number of Typer's own."""
-    return Option(name, help=told)
-
+# what a command prints: `cli/app.py` reads these of each command
+Json = Annotated[bool, Option("--json", help="One JSON document on standard output, in SI units.")]
+Verbose = Annotated[bool, Option("--verbose", "-v", help="Print what the answer rests on too.")]
+Quiet = Annotated[bool, Option("--quiet", "-q", help="Print the result alone, without notes.")]
 
 # files that commands work on
-_LOG = "CSV or Parquet with the joints' columns and x, y"
 ModelFile = Annotated[str, Argument(metavar="MODEL", help="The file of a learned model.")]
 RobotFile = Annotated[str, Argument(metavar="ROBOT", help="A URDF file or a bundled robot.")]
-Data = Annotated[Text, option("--data LOG", f"A measured log: {_LOG}.")]
-JointsFile = Annotated[Text, option("--joints-file FILE", "A row of joints for each picture.")]
-DatasetCamera = Annotated[Text, option("--camera NAME", "Of a dataset with several.")]
-NewLog = Annotated[str, option("--data LOG", f"New samples: {_LOG}.")]
+Data = Annotated[
+    str | None,
+    Option(
+        "--data",
+        metavar="LOG",
+        help="A measured log: CSV or Parquet with the joints' columns and x, y.",
+    ),
+]
+NewLog = Annotated[
+    str,
+    Option(
+        "--data",
+        metavar="LOG",
+        help="New samples: CSV or Parquet with the joints' columns and x, y.",
+    ),
+]
+JointsFile = Annotated[
+    str | None,
+    Option("--joints-file", metavar="FILE", help="A row of joints for each picture."),
+]
+DatasetCamera = Annotated[
+    str | None, Option("--camera", metavar="NAME", help="Of a dataset with several.")
+]
+NewTable = Annotated[
+    str,
+    Option("--output", "-o", metavar="LOG", help="CSV, or Parquet by its name (- stdout)."),
+]
 
 # what is babbled or sensed
-JointNames = Annotated[Any, option("--joints A,B", "Active joints (default found).", read.names)]
-Tip = Annotated[Text, option("--tip FRAME", "The frame whose position is sensed.")]
-Planar = Annotated[bool, flag("--planar", "Take the planar part of a robot in space: x, y.")]
-Lock = Annotated[Many, option("--lock JOINT=VALUE", "Hold it there [rad, m].", read.joint_value)]
-Ranges = Annotated[Many, option("--range JOINT=LO:HI", "Part of its range.", read.joint_range)]
-Degrees = Annotated[bool, flag("--degrees", "Joint values typed, read and printed are in deg.")]
+JointNames = Annotated[
+    Sequence[str] | None,
+    Option(
+        "--joints", metavar="A,B", parser=parsing.names, help="Active joints (default: the arm's)."
+    ),
+]
+Tip = Annotated[
+    str | None, Option("--tip", metavar="FRAME", help="The frame whose position is sensed.")
+]
+Planar = Annotated[bool, Option("--planar", help="Take the planar part of a robot in space: x, y.")]
+Lock = Annotated[
+    list[parsing.JointValue] | None,
+    Option(
+        "--lock",
+        metavar="JOINT=VALUE",
+        parser=parsing.joint_value,
+        help="Hold it there [rad, m].",
+    ),
+]
+Ranges = Annotated[
+    list[parsing.JointRange] | None,
+    Option(
+        "--range",
+        metavar="JOINT=LO:HI",
+        parser=parsing.joint_range,
+        help="Part of its range.",
+    ),
+]
+Degrees = Annotated[
+    bool, Option("--degrees", help="Joint values typed, read and printed are in deg.")
+]
 
 # simulated babbling
-BABBLED = "How many samples to babble (default 20000)."
+SAMPLES = "How many samples to babble (default 20000)."
 NOISE = "Noise of the simulated sensor along each axis, standard deviation [m] (default 0)."
-Number = Annotated[int | None, Option("--samples", "-n", metavar="N", min=1, help=BABBLED)]
-Noise = Annotated[float | None, Option("--noise", metavar="S", min=0, help=NOISE)]
-CHANGES = "Such as elbow.length=+20%, sensor.rotate=0.14."
-Changes = Annotated[list[str] | None, option("--change JOINT.WHAT=VALUE", CHANGES)]
-Seed = Annotated[int, Option("--seed", metavar="K", min=0, help="Seed of the random numbers.")]
+Number = Annotated[
+    int | None, Option("--samples", "-n", metavar="N", parser=parsing.count, help=SAMPLES)
+]
+Noise = Annotated[
+    float | None, Option("--noise", metavar="S", parser=parsing.not_negative, help=NOISE)
+]
+Changes = Annotated[
+    list[str] | None,
+    Option(
+        "--change",
+        metavar="JOINT.WHAT=VALUE",
+        help="Such as elbow.length=+20%, sensor.rotate=0.14.",
+    ),
+]
+Seed = Annotated[
+    int,
+    Option("--seed", metavar="K", parser=parsing.whole(0), help="Seed of the random numbers."),
+]
 
 # training
 SIZE = "Nodes of both maps (default 70; for three joints 17x17x17; a log chooses its own)."
@@ -63,53 +119,176 @@ MAP = (
 )
 EPOCHS = "Passes over the samples; the full lattice alone is trained then."
 SIGMA = "Neighbourhood radius, start and end [nodes]; the full lattice alone is trained then."
-MapSize = Annotated[Any, option("--size N|NxN|NxNxN", SIZE, read.size)]
-MotorSize = Annotated[Any, option("--motor-size N|NxN", "Of the motor map.", read.size)]
-SensorySize = Annotated[Any, option("--sensory-size N|NxN", "Of the sensory map.", read.size)]
-MapName = Annotated[Text, option("--map NAME", MAP, read.one_of(choices.MAPS))]
-TrainingRule = Annotated[choices.RuleWord, flag("--rule", "Training rule.")]
-Epochs = Annotated[int | None, Option("--epochs", metavar="N", min=1, help=EPOCHS)]
-Sigma = Annotated[Any, option("--sigma START:END", SIGMA, read.sigma)]
-BodyKind = Annotated[choices.BodyWord, flag("--body", "none: maps and links alone.")]
-VIEW = (
-    "What the sensor measures: base is the robot's root frame; auto is rigid for lengths, "
-    "homography for pixels, pinhole for pixels of an arm in space."
-)
-SensorView = Annotated[choices.ViewWord, flag("--view", VIEW)]
+MapSize = Annotated[
+    str | None,
+    Option("--size", metavar="N|NxN|NxNxN", parser=parsing.lattice_size, help=SIZE),
+]
+MotorSize = Annotated[
+    str | None,
+    Option("--motor-size", metavar="N|NxN", parser=parsing.lattice_size, help="Of the motor map."),
+]
+SensorySize = Annotated[
+    str | None,
+    Option(
+        "--sensory-size", metavar="N|NxN", parser=parsing.lattice_size, help="Of the sensory map."
+    ),
+]
+MapName = Annotated[
+    str | None, Option("--map", metavar="NAME", parser=parsing.one_of(choices.MAPS), help=MAP)
+]
+TrainingRule = Annotated[
+    choices.RuleWord,
+    word(
+        "--rule",
+        choices.RULES,
+        "Training rule.",
+    ),
+]
+Epochs = Annotated[int | None, Option("--epochs", metavar="N", parser=parsing.count, help=EPOCHS)]
+Sigma = Annotated[
+    parsing.RadiusSchedule | None,
+    Option("--sigma", metavar="START:END", parser=parsing.sigma, help=SIGMA),
+]
+BodyKind = Annotated[
+    choices.BodyWord,
+    word(
+        "--body",
+        choices.BODIES,
+        "none: maps and links alone.",
+    ),
+]
+SensorView = Annotated[
+    choices.ViewWord,
+    word(
+        "--view",
+        choices.VIEWS,
+        "What the sensor measures: base is the robot's root frame; auto is rigid for "
+        "lengths, homography for pixels, pinhole for pixels of an arm in space.",
+    ),
+]
 
 # logs
-TimeOffset = Annotated[Any, option("--time-offset auto|S", "Of positions [s].", read.seconds)]
-Columns = Annotated[Any, option("--columns x=U,y=V", "Columns of other names.", read.typed_columns)]
-Unit = Annotated[Text, option("--unit m|mm|px|..", "Of the log (default m, or the model's).")]
-Prismatic = Annotated[Any, option("--prismatic A,B", "Joints that slide.", read.names)]
-LogDegrees = Annotated[bool | None, flag("--degrees/--radians", "Of the log (default: as before).")]
-PhotoFile = Annotated[Text, option("--photo FILE", "Of the log's camera, to draw the map over.")]
-NoPhoto = Annotated[bool, flag("--no-photo", "Keep no photo in the model and draw none.")]
-Distances = Annotated[list[str] | None, option("--distance A,B=50mm", "Of touched points.")]
-Planes = Annotated[list[str] | None, option("--plane A,B,C,D", "Touched points in a plane.")]
+TimeOffset = Annotated[
+    float | None,
+    Option("--time-offset", metavar="auto|S", parser=parsing.seconds, help="Of positions [s]."),
+]
+Columns = Annotated[
+    Mapping[str, str] | None,
+    Option(
+        "--columns", metavar="x=U,y=V", parser=parsing.column_names, help="Columns of other names."
+    ),
+]
+Unit = Annotated[
+    str | None,
+    Option("--unit", metavar="m|mm|px|..", help="Of the log (default m, or the model's)."),
+]
+Prismatic = Annotated[
+    Sequence[str] | None,
+    Option("--prismatic", metavar="A,B", parser=parsing.names, help="Joints that slide."),
+]
+LogDegrees = Annotated[
+    bool | None, Option("--degrees/--radians", help="Of the log (default: as before).")
+]
+PhotoFile = Annotated[
+    str | None,
+    Option("--photo", metavar="FILE", help="Of the log's camera, to draw the map over."),
+]
+NoPhoto = Annotated[bool, Option("--no-photo", help="Keep no photo in the model and draw none.")]
+Distances = Annotated[
+    list[str] | None, Option("--distance", metavar="A,B=50mm", help="Of touched points.")
+]
+Planes = Annotated[
+    list[str] | None, Option("--plane", metavar="A,B,C,D", help="Touched points in a plane.")
+]
 
 # queries and what else asks a model
-ReadoutKind = Annotated[choices.ReadoutWord | None, flag("--readout", "Default local, or linear.")]
-InFrame = Annotated[choices.FrameWord, flag("--in", "Of positions: sensor, or base [m].")]
-PositionUnit = Annotated[Text, option("--unit m|mm|..", "Of positions (default the model's).")]
-Input = Annotated[Text, option("--input FILE", "Answer every row of a CSV (- standard input).")]
-Output = Annotated[Text, option("--output FILE", "CSV or Parquet (default standard output).")]
-LogView = Annotated[choices.LogFrameWord, flag("--view", "base: the log is in the root frame.")]
-WhatChanged = Annotated[choices.CauseWord | None, flag("--cause", "What changed, if known.")]
-FrameOrJoints = Annotated[choices.CauseWord, flag("--cause", "Whose a turn is that both explain.")]
+ReadoutKind = Annotated[
+    choices.ReadoutWord | None,
+    word(
+        "--readout",
+        choices.READOUTS,
+        "Default local, or linear.",
+    ),
+]
+InFrame = Annotated[
+    choices.FrameWord,
+    word(
+        "--in",
+        choices.FRAMES,
+        "Of positions: sensor, or base [m].",
+    ),
+]
+PositionUnit = Annotated[
+    str | None, Option("--unit", metavar="m|mm|..", help="Of positions (default the model's).")
+]
+Input = Annotated[
+    str | None,
+    Option("--input", metavar="FILE", help="Answer every row of a CSV (- standard input)."),
+]
+Output = Annotated[
+    str | None,
+    Option("--output", metavar="FILE", help="CSV or Parquet (default standard output)."),
+]
+LogView = Annotated[
+    choices.LogFrameWord,
+    word(
+        "--view",
+        choices.LOG_FRAMES,
+        "base: the log is in the root frame.",
+    ),
+]
+WhatChanged = Annotated[
+    choices.CauseWord | None,
+    word(
+        "--cause",
+        choices.CAUSES,
+        "What changed, if known.",
+    ),
+]
+FrameOrJoints = Annotated[
+    choices.CauseWord,
+    word(
+        "--cause",
+        choices.CAUSES,
+        "Whose a turn is that both explain.",
+    ),
+]
 
-# what is printed for a camera
-Dictionary = Annotated[str, option("--dictionary NAME", "Dictionary of the tags.")]
-BOARD = "Such as 7x5:24mm:18mm:5x5_100."
-BoardSpec = Annotated[Text, option("--board COLSxROWS:SQUARE:MARKER:DICT", BOARD)]
-
-
-@dataclass(frozen=True, kw_only=True)
-class Asking:
-    """How a model is asked, one question or a table of them, as typed."""
-
-    input_: Input = None
-    columns: Columns = None
-    output: Output = None
-    unit: PositionUnit = None
-    degrees: Degrees = False
+# cameras
+Eye = Annotated[
+    choices.Eye | None,
+    word(
+        "--eye",
+        choices.EYES,
+        "hand: the camera is on the arm; base: it stands still.",
+    ),
+]
+Dictionary = Annotated[str, Option("--dictionary", metavar="NAME", help="Dictionary of the tags.")]
+BoardSpec = Annotated[
+    str | None,
+    Option(
+        "--board",
+        metavar="COLSxROWS:SQUARE:MARKER:DICT",
+        help="Such as 7x5:24mm:18mm:5x5_100.",
+    ),
+]
+LensFile = Annotated[
+    str | None,
+    Option("--lens", metavar="SHOTS|lens.json", help="Pictures of a board, or a model."),
+]
+TagNumber = Annotated[
+    int | None, Option("--tag", metavar="ID", parser=parsing.whole(0), help="The tip's tag.")
+]
+TagTable = Annotated[
+    str | None, Option("--tags-at", metavar="FILE", help="Table of desk tags: tag, x, y [m].")
+]
+TagSize = Annotated[
+    str | None, Option("--tag-size", metavar="40mm", help="Of the tip's tag, for --pose.")
+]
+TagHeight = Annotated[
+    str | None, Option("--tag-height", metavar="25mm", help="Of the tip's, above the desk.")
+]
+WholePose = Annotated[bool, Option("--pose", help="z and the quaternion too, in space.")]
+SeenPicture = Annotated[
+    str | None, Option("--picture", metavar="seen.png", help="Draw what was seen on a photo.")
+]

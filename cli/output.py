@@ -14,16 +14,12 @@ import sys
 import textwrap
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, is_dataclass
-from functools import wraps
-from inspect import Parameter, Signature, signature
-from typing import Annotated, Any, ClassVar, TextIO
+from dataclasses import dataclass, field
+from typing import Any, TextIO
 
 import typer
 
 from calib.common.wording import for_people, one_line, printable
-
-from .parsing import BadOption
 
 NO = 3  # exit code of a result that a script should act on; each command says which
 _WIDTH = 100  # of lines of words and of tables
@@ -125,7 +121,7 @@ class Outcome:
             print_json(self.document)
             return
         shown = [*self.lines, *(self.more if verbose else ())]
-        if _Spoken.quiet:
+        if SPEECH.quiet:
             shown = list(self.lines[:1] if self.result is None else self.result)
         if self.columns is not None:
             from calib.samples.tables import write_table
@@ -133,64 +129,35 @@ class Outcome:
             write_table("-", self.columns)
         if self.columns is not None or streamed:
             for line in shown:
-                if isinstance(line, str) and not _Spoken.quiet:
+                if isinstance(line, str) and not SPEECH.quiet:
                     note(line)
             return
         for line in shown:
             print(one_line(as_typed(line)) if isinstance(line, str) else "\n".join(line.lines()))
 
 
-_SHOWN = {
-    "as_json": ("--json", "One JSON document on standard output, in SI units."),
-    "verbose": ("--verbose", "-v", "Print what the answer rests on too."),
-    "quiet": ("--quiet", "-q", "Print the result alone, without notes."),
-}
+@dataclass
+class Speech:
+    """What the command at hand says on standard error."""
+
+    quiet: bool = False  # nothing but errors and what a batch leaves unanswered
+    notes: set[str] = field(default_factory=set)  # that were said already
 
 
-def rendered(command: Callable[..., Outcome]) -> Callable[..., None]:
-    """Give a command its common options; a parameter of a dataclass stands for one a field."""
-    # annotations are texts in these modules, and Typer looks at types
-    options: dict[str, Parameter] = {}
-    groups: dict[str, Any] = {}
-    for name, taken in signature(command, eval_str=True).parameters.items():
-        if is_dataclass(taken.annotation):
-            groups[name] = taken.annotation
-            options |= signature(groups[name], eval_str=True).parameters
-        else:
-            options[name] = taken
-    for name, (*flags, told) in _SHOWN.items():
-        kind = Annotated[bool, typer.Option(*flags, help=told)]
-        options[name] = Parameter(name, Parameter.KEYWORD_ONLY, default=False, annotation=kind)
-
-    @wraps(command)
-    def run(*, as_json: bool, verbose: bool, quiet: bool, **typed: Any) -> None:
-        streamed = typed.get("output") == "-"
-        if as_json and streamed:
-            raise BadOption("--json and '-' both want standard output: expected one of them")
-        _Spoken.quiet = quiet
-        _Spoken.notes.clear()
-        for name, kind in groups.items():
-            typed[name] = kind(**{part: typed.pop(part) for part in signature(kind).parameters})
-        outcome = command(**typed)
-        outcome.show(as_json=as_json, verbose=verbose, streamed=streamed)
-        raise typer.Exit(outcome.code)
-
-    run.__signature__ = Signature(list(options.values()))  # type: ignore[attr-defined]
-    return run
+SPEECH = Speech()
 
 
-class _Spoken:
-    """What the command line at hand has said on standard error."""
-
-    quiet = False
-    notes: ClassVar[set[str]] = set()
+def start_speaking(quiet: bool) -> None:
+    """Begin a command, whose notes are said unless it is quiet."""
+    SPEECH.quiet = quiet
+    SPEECH.notes.clear()
 
 
 def say(notes: Iterable[str]) -> None:
     """Say notes on standard error, each once, unless the result alone is wanted."""
     for text in notes:
-        if text not in _Spoken.notes and not _Spoken.quiet:
-            _Spoken.notes.add(text)
+        if text not in SPEECH.notes and not SPEECH.quiet:
+            SPEECH.notes.add(text)
             note(f"note: {text}")
 
 
@@ -256,6 +223,6 @@ def fixed(value: float, decimals: int) -> str:
 @contextmanager
 def progress_bar() -> Iterator[Callable[..., None]]:
     """Show how far a training is, on standard error: called with the share that is done."""
-    hidden = _Spoken.quiet or not sys.stderr.isatty()
+    hidden = SPEECH.quiet or not sys.stderr.isatty()
     with typer.progressbar(length=100, file=sys.stderr, hidden=hidden) as bar:
         yield lambda share, *_: bar.update(round(100 * share) - bar.pos)

@@ -1,185 +1,241 @@
-"""Parsing: how typed texts that Typer has no type for become values, and wrong usage is told."""
+"""Parsing: texts that Typer has no type for become values, and wrong usage becomes one line."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Literal, TypeVar, get_args, get_origin
+from typing import NamedTuple, TypeVar
 
 import typer
-import typer.core
 
 from calib.common.wording import quoted, suggestion
 from calib.errors import OptionError
 
 _T = TypeVar("_T")
-Reader = Callable[[str], _T]
+Parser = Callable[[str], _T]
 
 TABLES = (".csv", ".txt", ".parquet", ".pq")
 """Endings of tables; all but Parquet's are written as CSV."""
 
 
+class JointValue(NamedTuple):
+    """A value for a joint, as in `wrist=0.5`."""
+
+    joint: str
+    value: float  # [rad or m], or [deg] with --degrees
+
+
+class JointRange(NamedTuple):
+    """A part of a joint's range, as in `elbow=0.5:1.5`."""
+
+    joint: str
+    low: float  # [rad or m], or [deg] with --degrees
+    high: float  # [rad or m], or [deg] with --degrees
+
+
+class RadiusSchedule(NamedTuple):
+    """Neighbourhood radius of a training, as in `5:0.5`."""
+
+    start: float  # [nodes]
+    end: float  # [nodes]
+
+
 class BadOption(typer.BadParameter):
-    """Wrong usage, told by its message alone."""
+    """A command line that no command understands; its message is one line."""
 
     def __init__(self, message: str, option: str | None = None, value: str | None = None) -> None:
         super().__init__(message)
-        self.option, self.value = option, value
+        self.option = option
+        self.value = value
 
     def format_message(self) -> str:
-        """Return the message without a preface, which would name the option a second time."""
+        """Return the message without Typer's preface."""
         return self.message
 
 
-def bad_option(option: str, text: str, expected: str) -> BadOption:
-    """Return the error for a value that an option cannot have."""
-    return BadOption(f"{option} {quoted(text)}: expected {expected}", option, text)
+class BadValue(typer.BadParameter):
+    """A value that an option cannot have."""
+
+    def __init__(self, value: str, expected: str) -> None:
+        super().__init__(expected)
+        self.value = value
+        self.expected = expected
+
+    @property
+    def option(self) -> str:
+        """The option of the value, as Typer knows it."""
+        if self.param is None:
+            return "value"
+        longest = max(self.param.opts, key=len)
+        if longest.startswith("-"):
+            return longest
+        return str(self.param.metavar or longest)
+
+    def format_message(self) -> str:
+        """Return the option, the value and what was expected."""
+        return f"{self.option} {quoted(self.value)}: expected {self.expected}"
 
 
-def reader(
-    expected: str, read: Reader[_T], good: Callable[[_T], bool] = lambda _: True
-) -> Reader[_T]:
-    """Return a reader that says what it expects where `read` fails, or its value is not `good`."""
+def bad_option(option: str, value: str, expected: str) -> BadOption:
+    """Return the error for a value that an option cannot have beside the others."""
+    return BadOption(f"{option} {quoted(value)}: expected {expected}", option, value)
 
-    def told(text: str) -> _T:
+
+def parser(
+    expected: str, read: Parser[_T], accepts: Callable[[_T], bool] = lambda _: True
+) -> Parser[_T]:
+    """Return a parser that says what is expected where `read` fails or `accepts` is false."""
+
+    def parse(text: str) -> _T:
+        if not isinstance(text, str):
+            return text  # Typer also parses defaults, which are values already
         try:
-            if good(value := read(text)):
-                return value
-        except (ValueError, OverflowError):  # of a whole number that no float holds
-            pass
-        raise ValueError(expected)
+            value = read(text)
+        except OverflowError:  # of a whole number that no float holds
+            raise BadValue(text, expected) from None
+        except ValueError:
+            raise BadValue(text, expected) from None
+        if not accepts(value):
+            raise BadValue(text, expected)
+        return value
 
-    return told
-
-
-class _Value:
-    """Values from what was typed; Typer's own adapter imports Pydantic, a tenth of a second."""
-
-    def __init__(self, descriptor: Any) -> None:
-        self._info, self._kind = descriptor.parameter_info, descriptor.annotation
-        if get_origin(self._kind) is list:
-            (self._kind,) = get_args(self._kind)
-
-    def coerce(self, value: Any, param: Any, ctx: Any) -> Any:  # noqa: ARG002
-        """Read texts; a flag, and a default that is no text, are values already."""
-        option = max(param.opts, key=len) if param.opts[0].startswith("-") else param.metavar
-        if param.multiple or param.nargs == -1:
-            return [self._read(text, option) for text in value or ()]
-        return self._read(value, option) if isinstance(value, str) else value
-
-    def _read(self, text: str, option: str) -> Any:
-        try:
-            return (self._info.parser or self._plain)(text)
-        except ValueError as error:
-            raise bad_option(option, text, str(error)) from None
-        except OptionError as error:  # of the library, which reads columns itself
-            raise BadOption(f"--{error}", option, text) from None
-
-    def _plain(self, text: str) -> Any:
-        if get_origin(self._kind) is Literal:
-            return one_of(get_args(self._kind))(text)
-        if self._kind not in (int, float):
-            return text
-        least, most, whole = self._info.min, self._info.max, self._kind is int
-        told = "a whole number" if whole else "a number"
-        told += "" if least is None else f", {least or 'zero'} or more"
-        told += "" if most is None else f", at most {most}"
-        low, high = -math.inf if least is None else least, math.inf if most is None else most
-        read = whole_number if whole else finite_number
-        return reader(told, read, lambda value: low <= value <= high)(text)
+    return parse
 
 
-# Typer has no public way; of 0.26, which reads plainly itself, it is no name
-typer.core.build_runtime_param = _Value  # type: ignore[attr-defined, assignment]
-
-
-def finite_number(text: str, kind: type[float] = float) -> float:
-    """Return a finite number as a plain user would write it, else raise ValueError."""
-    # Python also takes 1_0 and other digits
-    if not text.isascii() or "_" in text or not math.isfinite(number := kind(text)):
+def finite_number(text: str) -> float:
+    """Return a finite number as a plain user writes it, else raise ValueError."""
+    # Python also takes 1_0 and digits of other scripts
+    if not text.isascii() or "_" in text:
+        raise ValueError(text)
+    number = float(text)
+    if not math.isfinite(number):
         raise ValueError(text)
     return number
 
 
 def whole_number(text: str) -> int:
-    """Return a whole number as a plain user would write it, else raise ValueError."""
-    return int(finite_number(text, int))
+    """Return a whole number as a plain user writes it, else raise ValueError."""
+    if not text.isascii() or "_" in text:
+        raise ValueError(text)
+    number = int(text)
+    finite_number(text)  # no float holds a number that is too large
+    return number
 
 
-def one_of(choices: Sequence[str]) -> Reader[str]:
-    """Return a reader of a word out of several."""
+def numbers(text: str) -> tuple[float, ...]:
+    """Return numbers with commas between them."""
+    return tuple(finite_number(part) for part in text.split(","))
 
-    def read(text: str) -> str:
+
+def whole(least: int, most: int | None = None) -> Parser[int]:
+    """Return a parser of whole numbers from `least` to `most`."""
+    expected = f"a whole number, {least or 'zero'} or more"
+    if most is not None:
+        expected += f", at most {most}"
+
+    def accepts(number: int) -> bool:
+        return least <= number and (most is None or number <= most)
+
+    return parser(expected, whole_number, accepts)
+
+
+def one_of(choices: Sequence[str]) -> Parser[str]:
+    """Return a parser of one word out of several."""
+
+    def parse(text: str) -> str:
         if text not in choices:
-            raise ValueError(f"a name that there is: {suggestion(text, choices)}")
+            raise BadValue(text, f"a name that there is: {suggestion(text, choices)}")
         return text
 
-    return read
+    return parse
 
 
-def several(read: Reader[_T]) -> Reader[tuple[_T, ...]]:
-    """Return a reader of values with commas between them, each once."""
+def several(parse_one: Parser[_T]) -> Parser[tuple[_T, ...]]:
+    """Return a parser of values with commas between them, each once."""
 
-    def read_all(text: str) -> tuple[_T, ...]:
-        values = tuple(read(part.strip()) for part in text.split(","))
+    def parse(text: str) -> tuple[_T, ...]:
+        values = tuple(parse_one(part.strip()) for part in text.split(","))
         if len(set(values)) < len(values):
-            raise ValueError("each value once")
+            raise BadValue(text, "each value once")
         return values
 
-    return read_all
+    return parse
 
 
-def _sides(text: str) -> int | tuple[int, ...]:
-    sides = tuple(map(whole_number, text.strip().lower().split("x")))
+def column_names(text: str) -> Mapping[str, str]:
+    """Return the columns of a log by role, from `x=cam_u,y=cam_v`."""
+    from calib.samples.roles import parse_columns
+
+    try:
+        return parse_columns(text)
+    except OptionError as error:
+        raise BadOption(f"--{error}", "--columns", text) from None
+
+
+def _split_name(text: str) -> tuple[str, str]:
+    # from the right: names in URDFs hold what they like, a number no equals sign
+    name, _, value = text.rpartition("=")
+    if not name.strip():
+        raise ValueError(text)
+    return name.strip(), value
+
+
+def _joint_value(text: str) -> JointValue:
+    name, value = _split_name(text)
+    return JointValue(name, finite_number(value))
+
+
+def _joint_range(text: str) -> JointRange:
+    name, ends = _split_name(text)
+    low, high = ends.split(":")
+    return JointRange(name, finite_number(low), finite_number(high))
+
+
+def _lattice_sides(text: str) -> int | tuple[int, ...]:
+    sides = tuple(whole_number(side) for side in text.strip().lower().split("x"))
     if min(sides) < 2:
         raise ValueError(text)
     return sides[0] if len(sides) == 1 else sides
 
 
-def typed_columns(text: str) -> dict[str, str]:
-    """Read `x=cam_u,y=cam_v`."""
-    from calib.samples.roles import parse_columns
-
-    return parse_columns(text)
+def _radius_schedule(text: str) -> RadiusSchedule:
+    start, end = text.split(":")
+    return RadiusSchedule(finite_number(start), finite_number(end))
 
 
-def _named(text: str, *, between: str = "\0") -> tuple[Any, ...]:
-    # from the right: names in URDFs hold what they like, a number no equals sign
-    name, _, numbers = text.rpartition("=")
-    if not name.strip():
-        raise ValueError(text)
-    return name.strip(), *map(finite_number, numbers.split(between))
+def lattice_size(text: str) -> str:
+    """Return the size of a lattice as typed, such as 70 or 70x70, where it is one."""
+    lattice_sides(text)
+    return text
 
 
-above_zero = reader("a number above zero", finite_number, lambda value: value > 0.0)
-not_negative = reader("a number, zero or more", finite_number, lambda value: value >= 0.0)
-count = reader("a whole number, 1 or more", whole_number, lambda value: value >= 1)
-reals = reader(
-    "numbers with commas between them such as 0.5,-1",
-    lambda text: tuple(map(finite_number, text.split(","))),
-)
-sigma = reader(
-    "START:END above zero such as 5:0.5 [nodes]",
-    lambda text: tuple(map(above_zero, text.split(":", 1))),
-    lambda ends: len(ends) == 2,
-)
-names = several(reader("names with commas between them such as a,b", str, bool))
-size = reader("whole numbers of 2 or more such as 70 or 70x70", _sides)
-# numbers of joints in rad, m, or deg as typed
-joint_value = reader("JOINT=VALUE such as wrist=0.5", _named)
-joint_range = reader(
+def _seconds_or_auto(text: str) -> float | None:
+    return None if text.strip() == "auto" else finite_number(text)
+
+
+def _all_positive(values: Sequence[float]) -> bool:
+    return min(values) > 0.0
+
+
+number = parser("a number", finite_number)
+above_zero = parser("a number above zero", finite_number, lambda value: value > 0.0)
+not_negative = parser("a number, zero or more", finite_number, lambda value: value >= 0.0)
+count = whole(1)
+reals = parser("numbers with commas between them such as 0.5,-1", numbers)
+sigma = parser("START:END above zero such as 5:0.5 [nodes]", _radius_schedule, _all_positive)
+names = several(parser("names with commas between them such as a,b", str, bool))
+lattice_sides = parser("whole numbers of 2 or more such as 70 or 70x70", _lattice_sides)
+joint_value = parser("JOINT=VALUE such as wrist=0.5", _joint_value)
+joint_range = parser(
     "JOINT=LOW:HIGH with LOW below HIGH such as elbow=0.5:1.5",
-    lambda text: _named(text, between=":"),
-    lambda found: len(found) == 3 and found[1] < found[2],
+    _joint_range,
+    lambda part: part.low < part.high,
 )
-height = reader(
-    "a height of the base frame in m such as z=0.02", _named, lambda found: found[0] == "z"
+height = parser(
+    "a height of the base frame in m such as z=0.02", _joint_value, lambda axis: axis.joint == "z"
 )
-seconds = reader(
-    "a number of seconds, or auto",
-    lambda text: None if text.strip() == "auto" else finite_number(text),
-)
+seconds = parser("a number of seconds, or auto", _seconds_or_auto)
 
 
 def check_file(
@@ -188,7 +244,9 @@ def check_file(
     """Refuse an output that cannot be written, or whose ending is not what will be written."""
     from calib.common.atomic import check_writable
 
-    if path is None or (stream and path == "-"):
+    if path is None:
+        return
+    if path == "-" and stream:
         return
     if path == "-":
         raise bad_option(option, path, "a file name")

@@ -6,9 +6,8 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING
 
-from . import options as opt
 from .output import say
-from .parsing import BadOption
+from .parsing import BadOption, JointRange, JointValue
 from .units import in_si, kinds_of_joints
 
 if TYPE_CHECKING:
@@ -24,12 +23,12 @@ _SAMPLES = 20_000  # that are babbled where nobody says how many
 class Selection:
     """Which part of a robot, as typed."""
 
-    joints: opt.JointNames = None
-    tip: opt.Tip = None
-    planar: opt.Planar = False
-    lock: opt.Lock = None
-    ranges: opt.Ranges = None
-    degrees: opt.Degrees = False
+    joints: Sequence[str] | None = None
+    tip: str | None = None
+    planar: bool = False
+    lock: Sequence[JointValue] | None = None
+    ranges: Sequence[JointRange] | None = None
+    degrees: bool = False
 
     def load(
         self,
@@ -59,40 +58,40 @@ class Selection:
 class Babbling:
     """How an arm babbles in simulation, as typed."""
 
-    samples: opt.Number = None
-    noise: opt.Noise = None
-    change: opt.Changes = None
+    samples: int | None = None
+    noise: float | None = None
+    change: Sequence[str] | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
 class Reading:
     """How a log is read, as typed; with a model what is None is as in the log it was made from."""
 
-    columns: opt.Columns = None
-    unit: opt.Unit = None
-    time_offset: opt.TimeOffset = None
+    columns: Mapping[str, str] | None = None
+    unit: str | None = None
+    time_offset: float | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
 class Logged(Reading):
     """How a log is read that a model is made from."""
 
-    prismatic: opt.Prismatic = None
+    prismatic: Sequence[str] | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
 class Compared(Reading):
     """How a log is read that stands beside a model."""
 
-    degrees: opt.LogDegrees = None
+    degrees: bool | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
 class Sockets:
     """What is known of the points that a log's rows touched, as typed."""
 
-    distance: opt.Distances = None
-    plane: opt.Planes = None
+    distance: Sequence[str] | None = None
+    plane: Sequence[str] | None = None
 
     def of(self, log: Samples) -> Samples:
         """The log with what was typed."""

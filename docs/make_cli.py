@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import typer
-from calib_cli.app import app
+from calib_cli.app import application
 
 PAGE = Path(__file__).parent / "cli.md"
 SHOWN = ("as_json", "verbose", "quiet", "help")
@@ -91,19 +91,12 @@ def usage(name: str, command: Any) -> str:
             shown = parameter.metavar
             words.append(shown if parameter.required else f"[{shown}]")
     words += [
-        f"{parameter.opts[0]} {value_of(parameter)}"
+        f"{parameter.opts[0]} {parameter.metavar}"
         for parameter in command.params
         if parameter.param_type_name == "option" and parameter.required
     ]
     optional = any(p.param_type_name == "option" and not p.required for p in command.params)
     return " ".join([*words, "[OPTIONS]"] if optional else words)
-
-
-def value_of(parameter: Any) -> str:
-    """Return what stands for an option's value: its form, or the words to choose from."""
-    if parameter.metavar is not None:
-        return str(parameter.metavar)
-    return "|".join(parameter.type_descriptor.choices)
 
 
 def row(parameter: Any) -> str:
@@ -112,7 +105,7 @@ def row(parameter: Any) -> str:
         typed = f"`{parameter.metavar}`"
     else:
         names = sorted(parameter.opts, key=len, reverse=True)
-        value = "" if parameter.is_flag else f" {value_of(parameter)}"
+        value = "" if parameter.is_flag else f" {parameter.metavar}"
         typed = ", ".join([f"`{names[0]}{value}`", *(f"`{name}`" for name in names[1:])])
     told = parameter.help
     if parameter.required:
@@ -144,7 +137,7 @@ def section(name: str, command: Any, shared: set[str]) -> str:
 
 def page() -> str:
     """Return the whole page."""
-    program = typer.main.get_command(app)
+    program = typer.main.get_command(application())
     every = list(commands(program))
     overview = [
         f"- [`{name}`](#{anchor(name)}): {_first_sentence(command.help)}" for name, command in every

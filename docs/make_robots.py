@@ -18,7 +18,7 @@ from pathlib import Path
 
 import numpy as np
 import pinocchio
-from calib_cli.app import app
+from calib_cli.app import run
 
 import calib
 
@@ -91,7 +91,7 @@ def calib_train(path: Path, *options: str) -> tuple[dict[str, object] | None, st
         sizes = ["--size", str(SIZE), "--samples", str(SAMPLES)]
         words = ["train", str(path), *sizes, *options]
         with redirect_stdout(out), redirect_stderr(err):
-            code = app([*words, "-o", f"{folder}/m.calib", "--json"], standalone_mode=False)
+            code = run([*words, "-o", f"{folder}/m.calib", "--json"])
     document = json.loads(out.getvalue()) if code == 0 else None
     lines = [line for line in err.getvalue().splitlines() if line.startswith("error: ")]
     if (document is None) != (len(lines) == 1):

@@ -37,16 +37,16 @@ class Outcome:
 
 def run_in_process(*args: object, stdin: str = "") -> Outcome:
     """Run a command line within this process."""
-    from calib_cli.app import app
+    from calib_cli.app import run
 
     out, err, before = io.StringIO(), io.StringIO(), sys.stdin
     sys.stdin = io.StringIO(stdin)
     try:
-        with redirect_stdout(out), redirect_stderr(err), pytest.raises(SystemExit) as end:
-            app([str(arg) for arg in args], prog_name="calib")
+        with redirect_stdout(out), redirect_stderr(err):
+            code = run([str(arg) for arg in args])
     finally:
         sys.stdin = before
-    return Outcome(end.value.code or 0, out.getvalue(), err.getvalue())
+    return Outcome(code, out.getvalue(), err.getvalue())
 
 
 def run_process(*args: object, stdin: str = "", env: dict[str, str] | None = None) -> Outcome:

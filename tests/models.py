@@ -154,9 +154,13 @@ def six():
     drawn = calib.train(samples, size=3)
     structure = drawn.body.structure
     rng, beta = np.random.default_rng(1), drawn.body.beta.copy()
-    for group in ("tool.rotation", "placement", "offset", "elastic", "curve.1", "curve.4"):
+    groups = ("tool.rotation", "placement", "offset", "elastic", "payload", "gravity", "coupling")
+    for group in (*groups, "curve.1", "curve.4"):
         beta[structure.groups[group]] += rng.normal(0, 1e-3, len(structure.groups[group]))
-    body = replace(drawn.body, beta=beta)
+    # uncertain too, in another posture of gravity
+    active = np.concatenate([structure.groups[group] for group in groups])
+    root = rng.normal(0, 1e-5, (len(active), 9))
+    body = replace(drawn.body, beta=beta, active=active, root=root)
     return replace(drawn, body=body)
 
 

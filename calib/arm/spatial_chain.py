@@ -17,13 +17,9 @@ from functools import cached_property
 from typing import Annotated
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from ..common.arrays import Array, Shape, own_floats
 from .rotations import cross_matrix, exponential
-
-#: Standard gravity in the root frame of an arm that stands upright [m/s2].
-GRAVITY = (0.0, 0.0, -9.80665)
 
 
 @dataclass(frozen=True)
@@ -129,36 +125,6 @@ class SpatialChain:
         """
         twists = np.concatenate(self.motion(q).joints(), axis=1)
         return np.asarray(twists.transpose(2, 1, 0) @ self.coupling)
-
-    def torques(self, q: Array, gravity: ArrayLike = GRAVITY) -> Array:
-        """Torque of gravity (3,) [m/s2] about each axis: (n, dof) -> (n, m) [N m; N of a slide]."""
-        return np.ascontiguousarray(self._pulled(q, gravity)[1].T)
-
-    def torque_slopes(self, q: Array, gravity: ArrayLike = GRAVITY) -> Array:
-        """Derivatives (m, dof, n) of the torques by the joint values."""
-        swung, _, axes, g = self._pulled(q, gravity)
-        # torques are the gradient of a potential: what joint i does to all joints beyond, turned
-        # about its axis, both ways round
-        slopes = np.einsum("ixn,jxn->ijn", cross(g, axes) * self.still.turning, swung)
-        beyond = np.triu(np.ones((self.joints, self.joints)))[..., None]
-        slopes = slopes * beyond
-        slopes += np.swapaxes(slopes * (1.0 - np.eye(self.joints))[..., None], 0, 1)
-        return np.asarray(np.einsum("ijn,jk->ikn", slopes, self.coupling))
-
-    def _pulled(self, q: Array, gravity: ArrayLike) -> tuple[Array, Array, Array, Array]:
-        """How each joint moves the masses beyond (m, 3, n) [kg m], its torque (m, n), its axis."""
-        motion, g = self.motion(q), np.reshape(np.asarray(gravity, dtype=float), (3, 1))
-        centres = motion.places + turned(motion.frames[1:], self._arms)
-        moments = np.cumsum((self.masses[:, None, None] * centres)[::-1], axis=0)[::-1]
-        weights = np.cumsum(self.masses[::-1])[::-1][:, None, None]
-        swung = cross(motion.axes, moments - weights * motion.places)
-        if not all(self.revolute):
-            swung = np.where(self.still.turning, swung, weights * motion.axes)
-        return swung, (swung * g).sum(axis=1), motion.axes, g
-
-    @cached_property
-    def _arms(self) -> Array:
-        return np.asarray((self.centres - self.points)[..., None])
 
     @cached_property
     def still(self) -> Links:

@@ -132,7 +132,7 @@ def _second(passed: Passed, chain: tuple[str, ...], rows: Sequence[Rows]) -> Sec
     """
     fit, groups, count = passed.fit, passed.fit.structure.groups, len(rows[0])
     bends = "curve" in passed.free or passed.against("curves") < settings.NO_CURVES
-    guarded = [name for name in ("elastic", "lens") if len(groups.get(name, ()))]
+    guarded = [name for name in ("elastic", "gravity", "lens") if len(groups.get(name, ()))]
     more = guarded if count >= settings.GUARDED_ROWS else []
     if not bends and {*chain, *more} <= set(passed.free):
         return None

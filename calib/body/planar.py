@@ -173,13 +173,13 @@ class PlanarStructure(Structure):
         slides = np.flatnonzero(np.logical_not(self.revolute))
         yield self.groups["offset"][slides], lambda: (_pairs(1j * motion.terms[slides]), 0.0)
 
-    def loads(self, q: Array) -> tuple[Array, Indices]:
-        """Cosines and sines (e, n) of the links' directions, and the joints (e,) they bend."""
-        return _pairs(self._swung(q)).reshape(-1 + 2 * len(self.pairs) + 1, len(q)), np.repeat(
-            self.pairs[:, 0], 2
-        )
+    def levers(self, block: str, q: Array) -> tuple[Array, Indices]:  # noqa: ARG002
+        """Cosines and sines (e, 1, n) of the links' directions, and the joints (e,) they bend."""
+        directions = _pairs(self._swung(q))
+        joints = np.repeat(self.pairs[:, 0], 2)
+        return directions.reshape(2 * len(self.pairs), 1, len(q)), joints
 
-    def load_slopes(self, q: Array) -> Array:
+    def load_slopes(self, block: str, q: Array, gravity: Array) -> Array:  # noqa: ARG002
         """Derivatives (e, dof, n) of those waves by the joint values."""
         before = np.arange(self.dof) <= self.pairs[:, 1:]
         turns = before * np.multiply(self.signs, self.revolute)

@@ -27,8 +27,15 @@ GAIN = 1e-3
 """Prior sd of a joint's gain, of a drawing; twice that without one."""
 
 ELASTIC, ELASTIC_FLAT = 1e-3, 1e-4
-"""Joints bend by this much [rad] under the largest torque of gravity; in the plane, where cosines
-and sines of the cumulative angles stand for torques, by a tenth (twice that without a drawing)."""
+"""Joints bend by this much [rad] under the largest torque of gravity, or of a unit weight; in the
+plane, where cosines and sines of the cumulative angles stand for torques, by a tenth (twice that
+without a drawing)."""
+
+TILT = float(np.radians(3.0))
+"""Prior sd of each of two angles of gravity's direction: an arm's base may not stand level."""
+
+COUPLING = 1e-3
+"""A joint's share in the motion of its neighbour's motor, where gears of a wrist hang together."""
 
 CURVE_RMS = 4e-4
 """Rms of a joint's error curve [rad]: harmonic drives and industrial arms have 0.15 to 0.4 mrad;

@@ -6,7 +6,7 @@ under gravity, and an error curve per joint.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import product
@@ -14,11 +14,23 @@ from typing import Any
 
 import numpy as np
 
-from ..arm.spatial_chain import GRAVITY, Deviations, Links, Motion, SpatialChain
+from ..arm.gravity import GRAVITY, Loads
+from ..arm.spatial_chain import Deviations, Links, Motion, SpatialChain
 from ..common.arrays import Array
 from .curves import curve_shape
 from .parameters import Block, Hyper, Indices
-from .settings import CURVE_RMS, CURVE_ROWS, ELASTIC, GAIN, SERVOS, SHIFT, TURN, WIDER
+from .settings import (
+    COUPLING,
+    CURVE_RMS,
+    CURVE_ROWS,
+    ELASTIC,
+    GAIN,
+    SERVOS,
+    SHIFT,
+    TILT,
+    TURN,
+    WIDER,
+)
 from .structure import Ladder, Moving, Structure
 from .views import InSpace, Measurement, compose, is_camera
 
@@ -104,7 +116,6 @@ class SpatialStructure(Structure):
         # where no drawing says, origins are anywhere; what one orientation does not tell is held
         flat = np.tile(np.repeat((reach, 3.0), 3), len(joints))
         held = (tool,) if tool is not None and informed else ()
-        bent = tuple((n, f"{n}.elastic", "rad") for n in joints) if len(self.chain.masses) else ()
         turns = [f"tool.rotation.{axis}" for axis in "xyz"]
         return (
             Block.of("tool", "m", [f"tool.{axis}" for axis in "xyz"], reach, scales=held),
@@ -112,27 +123,91 @@ class SpatialStructure(Structure):
             Block("placement", tuple(origins), 0.0, *((0.0, drawn) if informed else (flat,))),
             Block("offset", self.of_joints("offset", *units), scales=offsets),
             Block("gain", self.of_joints("gain", "1"), 1.0, scales=(Hyper("gain", GAIN, WIDER),)),
-            Block("elastic", bent, scales=(Hyper("elastic", ELASTIC, pseudo=1.0),)),
+            *self._elasticity(),
+            self._coupling(),
             *self.curves(CURVE_RMS, CURVE_ROWS, curve_shape()),
         )
 
+    def _elasticity(self) -> Iterator[Block]:
+        """Blocks of how much loads bend the joints, and of where gravity points."""
+        names = self.chain_names
+        ends = (*names[1:], "tip")
+        for block, loads in self.loads.items():
+            labels = []
+            for joint, weights in zip(loads.joints.tolist(), loads.weights, strict=True):
+                weighing = np.flatnonzero(weights)
+                load = "" if block == "elastic" and self.weighed else f" {ends[weighing[0]]}"
+                labels.append((names[joint], f"{names[joint]}.{block}{load}", "rad"))
+            yield Block(block, tuple(labels), scales=(Hyper(block, ELASTIC, pseudo=1.0),))
+        tilts = tuple((None, f"gravity.{'xyz'[axis]}", "rad") for axis in self._across)
+        yield Block("gravity", tilts if self.loads else (), sd=TILT)
+
+    def _coupling(self) -> Block:
+        """How much each joint moves with the motor of the one before it."""
+        labels = tuple((name, f"{name}.coupling", "1") for name in self.joint_names[1:])
+        turning = np.asarray(self.revolute)
+        both = np.flatnonzero(turning[1:] & turning[:-1])
+        return Block(
+            "coupling", labels, scales=(Hyper("coupling", COUPLING, pseudo=1.0, indices=both),)
+        )
+
+    @property
+    def weighed(self) -> bool:
+        """Whether the drawing says masses."""
+        return len(self.chain.masses) > 0
+
     @cached_property
-    def torque(self) -> float:
-        """Largest torque [N m] of gravity on the first joint: that of the arm stretched."""
-        away = np.linalg.norm(self.chain.centres - self.chain.points[0], axis=1)
-        return max(float(self.chain.masses @ away * np.linalg.norm(self.gravity)), 1e-12)
+    def loads(self) -> Mapping[str, Loads]:
+        """Loads of each block of elasticity, as shares of the largest under a unit gravity.
 
-    def loads(self, q: Array) -> tuple[Array, Indices]:
-        """Torques (c, n) of gravity on the chain's joints, as shares of the largest.
-
-        Where nothing is known of its masses, there are none.
+        Those of the drawing's masses, if it says some, and of unit weights at the links' ends: of
+        a payload, or instead of masses.  A chain that no drawing says has none.
         """
-        loads = self.chain.torques(q, self.gravity).T / self.torque
-        return np.ascontiguousarray(loads), np.arange(self.chain.joints)
+        if not self.informed:
+            return {"elastic": Loads.none(self.chain)}
+        units = Loads.of_unit_weights(self.chain).scaled(1.0 / self._reach)
+        if not self.weighed:
+            return {"elastic": units}
+        stretched = np.linalg.norm(self.chain.centres - self.chain.points[0], axis=1)
+        largest = max(float(self.chain.masses @ stretched), 1e-12)  # [kg m], on the first joint
+        return {"elastic": Loads.of_masses(self.chain).scaled(1.0 / largest), "payload": units}
 
-    def load_slopes(self, q: Array) -> Array:
-        """Derivatives (c, dof, n) of those shares by the joint values."""
-        return np.asarray(self.chain.torque_slopes(q, self.gravity) / self.torque)
+    @property
+    def bending(self) -> tuple[str, ...]:
+        """Blocks of elasticity: a parameter for each load."""
+        return tuple(self.loads)
+
+    def levers(self, block: str, q: Array) -> tuple[Array, Indices]:
+        """Levers (e, 3, n) of the loads of a block of elasticity, and the joints (e,) they bend."""
+        loads = self.loads[block]
+        return loads.levers(q), loads.joints
+
+    def load_slopes(self, block: str, q: Array, gravity: Array) -> Array:
+        """Derivatives (e, dof, n) of the loads by the joint values."""
+        return self.loads[block].slopes(q, gravity)
+
+    @property
+    def _across(self) -> tuple[int, int]:
+        """The root frame's axes that are the least along the drawing's gravity."""
+        first, second = np.sort(np.argsort(np.abs(self.gravity), kind="stable")[:2]).tolist()
+        return first, second
+
+    @cached_property
+    def tilts(self) -> Mapping[str, Array]:
+        """The ways (2, 3) in which the block of gravity's two angles moves its direction."""
+        down = self._down
+        across = np.eye(3)[list(self._across)]
+        return {"gravity": across - np.outer(across @ down, down)}
+
+    @property
+    def _down(self) -> Array:
+        """The drawing's direction (3,) of gravity."""
+        gravity = np.asarray(self.gravity, dtype=float)
+        return gravity / max(float(np.linalg.norm(gravity)), 1e-300)
+
+    def gravity_at(self, beta: Array) -> Array:
+        """Direction (3,) of gravity in the root frame."""
+        return np.asarray(self._down + beta[self.groups["gravity"]] @ self.tilts["gravity"])
 
     def coupled(self, own: Array) -> Array:
         """Values (c, n) of the chain's joints that follow the logged ones (dof, n)."""
@@ -175,13 +250,16 @@ class SpatialStructure(Structure):
         """The gate's members from simple to rich."""
         frame, drawn = self.frame_groups, self.informed
         chain = (*frame, "placement", *(("offset",) if drawn else ()))
-        bends = drawn and len(self.groups["elastic"]) > 0
-        bent = (*chain, "elastic") if bends else chain
+        bent = (*chain, "elastic", "gravity") if drawn else chain
+        turning = np.asarray(self.revolute)
+        neighbours = bool((turning[1:] & turning[:-1]).any())
         ladder = (
             ("frame", frame, drawn),
             ("offsets", (*frame, "offset"), drawn and self.camera),
             ("chain", chain, True),
-            ("elastic", bent, bends),
+            ("elastic", bent, drawn),
+            ("payload", (*bent, "payload"), drawn and self.weighed),
+            ("coupled", (*chain, "coupling"), drawn and neighbours),
             ("curves", (*bent, "curve"), any(self.revolute) and self.measurement.curves),
         )
         return tuple((name, groups) for name, groups, wanted in ladder if wanted)

@@ -2,7 +2,9 @@
 
 The fit, the gate, the bound, ``check`` and ``adapt`` know a body only through `Structure`::
 
-    v_i = gain s q_i + offset + curve_i(q_i) + sum_e elastic_e load_e(q)
+    v_i = gain s q_i + offset + coupling q_(i-1) + curve_i(q_i) + sum_e elastic_e load_e(q)
+
+with loads ``load_e = gravity . lever_e(q)``.
 
 A vector of parameters ``beta`` (d,) always has the full layout: a block that a model does not use
 (a lens, the joint curves) is there with its neutral value.
@@ -38,7 +40,9 @@ class Fixed(NamedTuple):
     offset: Array  # (dof, 1) [rad or m]
     bent: list[int]  # joints that have an error curve
     curves: Array  # (k, 96) [rad]
-    elastic: Array | None  # (e,), None where nothing bends
+    coupling: Array | None  # (dof - 1, 1), None where no joint moves with its neighbour's motor
+    elastic: Mapping[str, Array]  # (e,) of each block by which joints bend, if they do
+    gravity: Array  # (g,), what a load is of its levers
     links: Any  # of the chain
     own: Mapping[str, Any]  # all parameters, by block, and what follows from the sensor's
 
@@ -120,11 +124,25 @@ class Structure:
         """How the tip moves with each part of the geometry."""
         raise NotImplementedError
 
-    def loads(self, q: Array) -> tuple[Array, Indices]:
-        """Loads (e, n) that bend joints, one for each elastic parameter, and which joints (e,)."""
+    @property
+    def bending(self) -> tuple[str, ...]:
+        """Blocks of elasticity: a parameter for each load."""
+        return ("elastic",)
+
+    @property
+    def tilts(self) -> Mapping[str, Array]:
+        """Blocks that tilt gravity, and the ways (t, g) in which their parameters move it."""
+        return {}
+
+    def gravity_at(self, beta: Array) -> Array:  # noqa: ARG002
+        """What (g,) loads are of their levers, at parameters (d,)."""
+        return np.ones(1)
+
+    def levers(self, block: str, q: Array) -> tuple[Array, Indices]:
+        """Levers (e, g, n) of the loads of a block of elasticity, and the joints (e,) they bend."""
         raise NotImplementedError
 
-    def load_slopes(self, q: Array) -> Array:
+    def load_slopes(self, block: str, q: Array, gravity: Array) -> Array:
         """Derivatives (e, dof, n) of the loads by the joint values."""
         raise NotImplementedError
 
@@ -194,13 +212,16 @@ class Structure:
         """True values (c, n) of the chain's joints at logged values (n, dof) [rad or m]."""
         fixed, logged = self.fixed(beta), np.ascontiguousarray(q.T[: self.dof])
         own = logged * fixed.gain + fixed.offset
+        if fixed.coupling is not None:
+            own[1:] += fixed.coupling * logged[:-1]
         if fixed.bent:  # all at once: of one row each operation costs as much as of a hundred
             own[fixed.bent] += curve_value(logged[fixed.bent], fixed.curves)
         values = self.coupled(own)
-        if fixed.elastic is not None:
-            loads, joints = self._loads(q)
-            for joint, load in zip(joints.tolist(), fixed.elastic[:, None] * loads, strict=True):
-                values[joint] += load
+        for block, elastic in fixed.elastic.items():
+            levers, joints = self._levers(block, q)
+            bends = elastic[:, None] * loads_of(levers, fixed.gravity)
+            for joint, bend in zip(joints.tolist(), bends, strict=True):
+                values[joint] += bend
         return values
 
     def fixed(self, beta: Array) -> Fixed:
@@ -228,12 +249,19 @@ class Structure:
         own = {name: beta[indices] for name, indices in self.groups.items()}
         bent = [k for k in range(self.dof) if own[f"curve.{k}"].any()]
         curves = np.reshape([own[f"curve.{k}"] for k in bent], (-1, 2 * HARMONICS))
-        gain, elastic = own["gain"] * self.directions, own["elastic"]
+        gain = own["gain"] * self.directions
+        coupling = own.get("coupling", np.zeros(0))
         return Fixed(
-            gain[:, None], self.offsets(beta)[:, None], bent, curves,
-            elastic if elastic.any() else None, self.links(beta),
-            {**own, "placed": self.measurement.placed(own)},
-        )  # fmt: skip
+            gain=gain[:, None],
+            offset=self.offsets(beta)[:, None],
+            bent=bent,
+            curves=curves,
+            coupling=coupling[:, None] if coupling.any() else None,
+            elastic={block: own[block] for block in self.bending if own[block].any()},
+            gravity=self.gravity_at(beta),
+            links=self.links(beta),
+            own={**own, "placed": self.measurement.placed(own)},
+        )
 
     def offsets(self, beta: Array) -> Array:
         """What is added to the joints' values (dof,)."""
@@ -247,13 +275,13 @@ class Structure:
         """How outputs move with each logged joint (dof, m, n), from the chain's (c, m, n)."""
         return chained
 
-    def _loads(self, q: Array) -> tuple[Array, Indices]:
-        """Loads of rows, kept: a fit asks for the same again."""
-        last = self._kept.get("loads")
+    def _levers(self, block: str, q: Array) -> tuple[Array, Indices]:
+        """Levers of rows, kept: a fit asks for the same again."""
+        last = self._kept.get(block)
         if last is None or last[0] is not q:
-            last = self._kept["loads"] = (q, self.loads(q[:, : self.dof]))
-        found: tuple[Array, Indices] = last[1]
-        return found
+            last = self._kept[block] = (q, self.levers(block, q[:, : self.dof]))
+        levers: tuple[Array, Indices] = last[1]
+        return levers
 
     def move(self, values: Array, beta: Array) -> Motion:
         """Where the chain is at the true values (c, n) of its joints."""
@@ -318,11 +346,18 @@ class Structure:
         chained = sight.push(*motion.joints())
         led = self.led(chained)
 
-        def by_loads() -> Array:
-            loads, bent = self._loads(q)
-            return np.asarray(chained[bent] * loads[:, None])
+        fixed = self.fixed(beta)
 
-        put(groups["elastic"], by_loads)
+        def by_loads(block: str) -> Array:
+            levers, bent = self._levers(block, q)
+            return np.asarray(chained[bent] * loads_of(levers, fixed.gravity)[:, None])
+
+        for block in self.bending:
+            put(groups[block], lambda block=block: by_loads(block))  # type: ignore[misc]
+        for group, ways in self.tilts.items():
+            put(groups[group], lambda ways=ways: self._by_gravity(q, fixed, chained, ways))  # type: ignore[misc]
+        if "coupling" in groups:
+            put(groups["coupling"], lambda: led[1:] * joints.T[:-1, None])
         put(groups["offset"], lambda: led)
         put(groups["gain"], lambda: led * (joints * self.directions).T[:, None])
         for indices, moved in self.moving(motion):
@@ -343,15 +378,37 @@ class Structure:
         if fixed.bent:
             rates = np.repeat(rates, len(q), axis=1)
             rates[fixed.bent] += curve_slope(joints.T[fixed.bent], fixed.curves)
-        moved = self.led(chained) * rates[:, None]
-        if fixed.elastic is not None:
-            slopes = fixed.elastic[:, None, None] * self.load_slopes(joints)
-            moved += np.einsum("emn,ekn->kmn", chained[self._loads(q)[1]], slopes)
+        led = self.led(chained)
+        moved = led * rates[:, None]
+        if fixed.coupling is not None:
+            moved[:-1] += led[1:] * fixed.coupling[:, None]
+        for block, elastic in fixed.elastic.items():
+            slopes = elastic[:, None, None] * self.load_slopes(block, joints, fixed.gravity)
+            bent = self._levers(block, q)[1]
+            moved += np.einsum("emn,ekn->kmn", chained[bent], slopes)
         return np.ascontiguousarray(moved.transpose(2, 1, 0))
+
+    def _by_gravity(self, q: Array, fixed: Fixed, chained: Array, ways: Array) -> Array:
+        """How outputs move (t, m, n) as gravity moves along `ways` (t, g)."""
+        moved = np.zeros((len(ways), *chained.shape[1:]))
+        for block, elastic in fixed.elastic.items():
+            levers, bent = self._levers(block, q)
+            for way, out in zip(ways, moved, strict=True):
+                bends = elastic[:, None] * loads_of(levers, way)
+                out += (chained[bent] * bends[:, None]).sum(axis=0)
+        return moved
 
     def slope(self, q: Array, beta: Array) -> Array:
         """Derivative (n, m, dof) of the outputs by the joint values."""
         return self.predict_and_slope(q, beta)[1]
+
+
+def loads_of(levers: Array, gravity: Array) -> Array:
+    """Loads (e, n) of levers (e, g, n) under gravity (g,)."""
+    loads: Array = levers[:, 0] * gravity[0]
+    for k in range(1, len(gravity)):
+        loads += levers[:, k] * gravity[k]
+    return loads
 
 
 class OfStructure(Gaussian):

@@ -12,11 +12,58 @@ from typing import Any
 
 import numpy as np
 
+from ..arm.gravity import Loads
 from ..arm.rotations import exponential
 from ..arm.spatial_chain import Deviations, Links, SpatialChain, move
 from ..body.curves import HARMONICS
+from ..body.structure import loads_of
 from ..body.views import pixels
 from ..common.arrays import Array
+
+
+@dataclass(frozen=True, eq=False)
+class Sag:
+    """How the joints of a chain bend under what they carry: ``e`` loads of ``p`` points."""
+
+    loads: Loads
+    elastic: Array  # (e,) [rad], of each load
+    gravity: Array  # (3,), direction
+    tilts: Array  # (2, 3), the ways in which its two angles move it
+
+    @staticmethod
+    def of(structure: Any, beta: Array) -> Sag | None:
+        """That of an arm in space at parameters (d,); None where the drawing has no loads."""
+        blocks = [
+            name
+            for name in structure.bending
+            if name == "elastic" or beta[structure.groups[name]].any()
+        ]
+        if not len(structure.groups["elastic"]):
+            return None
+        loads = Loads.together([structure.loads[name] for name in blocks])
+        elastic = np.concatenate([beta[structure.groups[name]] for name in blocks])
+        return Sag(loads, elastic, structure.gravity_at(beta), structure.tilts["gravity"])
+
+    @property
+    def bending(self) -> Array:
+        """How much the weight of each point bends each joint, (m, p)."""
+        bending = np.zeros((self.loads.chain.joints, len(self.loads.links)))
+        np.add.at(bending, self.loads.joints, self.elastic[:, None] * self.loads.weights)
+        return bending
+
+    def derivatives(self, q: Array, chained: Array) -> list[Array]:
+        """How positions move with each load's elasticity (e, 3, n), and with gravity's (2, 3, n).
+
+        chained : (m, 3, n), how they move with each joint of the chain
+        """
+        levers = self.loads.levers(q)
+        bent = chained[self.loads.joints]
+        by_elasticity = bent * loads_of(levers, self.gravity)[:, None]
+        by_gravity = [
+            (bent * (self.elastic[:, None] * loads_of(levers, way))[:, None]).sum(axis=0)
+            for way in self.tilts
+        ]
+        return [by_elasticity, np.stack(by_gravity)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,8 +85,8 @@ class KernelArm:
     # (dof, dof) each, cosines and sines of the summed angles up to joint k that bend joint i
     flex: Array | None = None
     way: Array = field(default_factory=lambda: np.zeros(0))  # (dof,), sense of joints that turn
-    bending: Array = field(default_factory=lambda: np.zeros(0))  # (m,), by gravity's torques
-    gravity: Array = field(default_factory=lambda: np.zeros(3))  # per largest torque
+    coupling: Array = field(default_factory=lambda: np.zeros(0))  # (dof - 1,), to the joint before
+    sag: Sag | None = None
 
     @staticmethod
     def of(structure: Any, beta: Array) -> KernelArm:
@@ -65,8 +112,10 @@ class KernelArm:
         chained = self.view @ motion.joints()[0]
         own = np.tensordot(self.chain.coupling.T, chained, axes=1)
         parts = [linear, shifts, moved, turned, own, own * q.T[:, None]]
-        if len(self.bending):
-            parts.append(chained * self.structure.loads(q)[0][:, None])
+        if len(self.coupling):
+            parts.append(own[1:] * q.T[:-1, None])
+        if self.sag is not None:
+            parts += self.sag.derivatives(q, chained)
         if self.flex is not None:
             psi = np.cumsum(self.way * q, axis=1).T
             each = [(k, i) for k in range(len(psi)) for i in range(k + 1)]
@@ -93,13 +142,13 @@ def _curves(structure: Any, beta: Array) -> Array:
 def _spatial(structure: Any, beta: Array) -> KernelArm:
     """An arm in space."""
     groups, sensor = structure.groups, structure.sensor(beta)
-    elastic = beta[groups["elastic"]]
-    pull = np.asarray(structure.gravity) / structure.torque if len(elastic) else np.zeros(3)
+    coupling = beta[groups["coupling"]]
     return KernelArm(
         structure, beta, structure.chain, structure.deviations(beta),
         beta[groups["gain"]], beta[groups["offset"]],
         sensor.matrix[:, :3], sensor.shift, sensor.rotation, min(structure.outputs, 3),
-        sensor.lens, _curves(structure, beta), bending=elastic, gravity=pull,
+        sensor.lens, _curves(structure, beta), sag=Sag.of(structure, beta),
+        coupling=coupling if coupling.any() else coupling[:0],
     )  # fmt: skip
 
 

@@ -56,7 +56,14 @@ class CompactPosterior:
         told = np.ones(structure.size, dtype=bool)  # of the geometry, not of a curve
         told[np.concatenate(curves)] = False
         seen = structure.blocks[0]
+        beliefs: list[Any] = [body] if body.second is None else [body, body.second]
+        active = beliefs[-1].active
         slope = structure.linearise(q, body.beta)[1][:, :seen]
+        # what no belief is over moves nothing
+        fixed = np.ones(structure.size, dtype=bool)
+        for belief in beliefs:
+            fixed[belief.active] = False
+        slope[:, :, fixed] = 0.0
         basis = np.moveaxis(arm.derivatives(q)[0], 2, 0).swapaxes(1, 2).reshape(_ASKED * seen, -1)
         rows = slope[:, :, told].reshape(_ASKED * seen, -1)
         size = np.linalg.norm(basis, axis=0)
@@ -70,8 +77,6 @@ class CompactPosterior:
         through /= size[:, None]
         values, vectors = np.linalg.eigh(np.einsum("nma,nmb->ab", slope, slope))
         scales = vectors, np.sqrt(np.maximum(values, 1e-14 * values[-1]))
-        beliefs: list[Any] = [body] if body.second is None else [body, body.second]
-        active = beliefs[-1].active
         ways = _WAYS if not told[active].all() else 0
         parts = []
         for belief in beliefs:

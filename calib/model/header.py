@@ -237,7 +237,9 @@ class Header:
             "gridded": self.starts.grid is not None,
             "harmonics": HARMONICS,
             "curved": len(arm.curves) > 0,
-            "gravity": len(arm.bending) > 0,
+            "gravity": arm.sag is not None,
+            "coupled": len(arm.coupling) > 0,
+            "points": 1 if arm.sag is None else len(arm.sag.loads.links),
             "flexible": arm.flex is not None,
             "projective": arm.lens is not None,
             "nearest": LEAST_DEPTH,
@@ -304,7 +306,7 @@ class Header:
             "aim": self.placement.aim.ravel(),
             "origin": self.placement.origin,
             **self.starts.tables(),
-            **_arm_tables(arm),
+            **_arm_tables(arm, bounded=posterior is not None),
         }
         blended = posterior is None and not self.small
         if self.local or blended or not self.trusted:
@@ -325,9 +327,7 @@ class Header:
         if self.placement.arm is not None:
             arms += _arm("calib_drawn_arm", self.placement.arm, single, own=False)
         if posterior is not None:
-            beliefs, size, rank = posterior.root.shape
-            sizes = f"CALIB_GEOMETRY = {size}, CALIB_ROOT = {rank}, CALIB_BELIEFS = {beliefs}"
-            arms += f"enum {{ {sizes}, CALIB_WAYS = {posterior.coupled.shape[2]} }};\n"
+            arms += _sizes(posterior, arm)
             tables |= self._belief_tables(posterior)
         return arms + "".join(
             table(f"calib_{name}", values, single, name in _FLOATS)
@@ -379,14 +379,28 @@ class Header:
         return tables
 
 
+def _sizes(posterior: CompactPosterior, arm: KernelArm) -> str:
+    """Sizes of the posterior's arrays, as constants of C."""
+    beliefs, geometry, rank = posterior.root.shape
+    sizes = {
+        "LOADS": 0 if arm.sag is None else len(arm.sag.elastic),
+        "GEOMETRY": geometry,
+        "ROOT": rank,
+        "BELIEFS": beliefs,
+        "WAYS": posterior.coupled.shape[2],
+    }
+    listed = ", ".join(f"CALIB_{name} = {number}" for name, number in sizes.items())
+    return f"enum {{ {listed} }};\n"
+
+
 def _length(arm: KernelArm) -> float:
     """Length of an arm [m]: of its links, one after another."""
     links = np.vstack([arm.links.strides[1:-1, :, 0], arm.links.tip[0]])
     return max(float(np.linalg.norm(links, axis=1).sum()), 1e-9)
 
 
-def _arm_tables(arm: KernelArm) -> dict[str, NDArray[np.generic]]:
-    """Lens, curves and bending of an arm, those that it has."""
+def _arm_tables(arm: KernelArm, *, bounded: bool) -> dict[str, NDArray[np.generic]]:
+    """Lens, curves, coupling and bending of an arm, those that it has; `bounded` by a posterior."""
     chain = arm.chain
     tables: dict[str, NDArray[np.generic]] = {}
     if arm.lens is not None:
@@ -399,25 +413,30 @@ def _arm_tables(arm: KernelArm) -> dict[str, NDArray[np.generic]]:
         tables["way"] = arm.way
         tables["flex_cos"] = arm.flex[0]
         tables["flex_sin"] = arm.flex[1]
-    if len(arm.bending):
+    if len(arm.coupling):
+        tables["neighbour"] = np.concatenate([[0.0], arm.coupling])
+    if arm.sag is not None:
+        loads = arm.sag.loads
         tables["drawn"] = chain.still.strides[:-1, :, 0]
-        tables["mass"] = chain.masses
-        tables["centre"] = chain.centres - chain.points
-        tables["gravity"] = arm.gravity
+        tables["carrier"] = loads.links
+        tables["point"] = loads.points - chain.points[loads.links]
+        tables["gravity"] = arm.sag.gravity
+        tables["bending"] = arm.sag.bending
+        if bounded:
+            tables["loaded"] = loads.joints
+            tables["weight"] = loads.weights
+            tables["elastic"] = arm.sag.elastic
+            tables["tilt"] = arm.sag.tilts
     return tables
 
 
 def _arm(name: str, arm: KernelArm, single: bool, *, own: bool) -> str:
     """The constant of one arm; with its `own` curves and bending, or without."""
-    bending = np.zeros(arm.chain.joints)
-    if own and len(arm.bending):
-        bending = arm.bending
     links = arm.links
     place, turn = links.tip
     parts = (
         arm.gain,
         arm.offset,
-        bending,
         arm.chain.axes,
         links.strides[:-1, :, 0],
         links.turns.reshape(-1, 9),

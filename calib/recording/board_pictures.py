@@ -14,8 +14,9 @@ from ..common.wording import listed
 from ..errors import LogError, OptionError
 from ..samples.samples import Samples
 from .board import LEAST_CORNERS, Board, BoardFinder
-from .joint_table import JointTable, is_dataset, read_dataset, read_joints, read_shots
+from .joint_table import JointTable, read_joints, read_shots
 from .lens import Lens, calibrate_lens
+from .lerobot import is_dataset, read_dataset
 from .pictures import Picture
 from .reference import Pose, find_pose, turns_and_shifts
 

@@ -144,12 +144,14 @@ def _stamped(parent: str, child: str, at: Mapping[str, Any]) -> dict[str, Any]:
     return {"header": {"frame_id": parent}, "child_frame_id": child, "transform": place}
 
 
-def corrected_arm(model: Model) -> tuple[str, dict[str, float]]:
-    """The text that `calib urdf` writes, and what is added to each joint's value [rad or m].
+def corrected_arm(model: Model, *, drawn: bool = False) -> tuple[str, dict[str, float]]:
+    """Return the text that `calib urdf` writes, and what is added to each joint's value [rad or m].
+
+    drawn : whether the drawing's lengths and axes are true and joints' zeros alone are fitted
 
     Raises RobotError or OptionError where geometry does not describe the model.
     """
-    geometry = fit_geometry(model)
+    geometry = fit_geometry(model, drawn=drawn)
     offsets = {name: float(np.ravel(e["value"])[0]) for name, e in geometry.offsets().items()}
     return corrected_urdf(geometry), offsets
 

@@ -15,7 +15,7 @@ import numpy as np
 from ..arm.arm import Arm, PlanarArm, SpatialArm
 from ..arm.rotations import logarithm, similarity
 from ..arm.urdf import parse_urdf
-from ..body.belief import Body
+from ..body.belief import Body, knows_orientation
 from ..body.fit import Fit
 from ..body.normal import Factor, with_prior
 from ..body.parameters import Indices, Prior
@@ -134,7 +134,7 @@ def _with_interval(value: Array, half: Array) -> dict[str, Any]:
 
 def fit_geometry(
     model: Model, *, view: str = "auto", cause: str = "sensor", move_base: bool = False,
-    move_tip: bool = False,
+    move_tip: bool = False, drawn: bool = False,
 ) -> Geometry:  # fmt: skip
     """Fit the nominal chain to what was learned, where rows were, by Gauss-Newton.
 
@@ -150,6 +150,8 @@ def fit_geometry(
     move_base : whether the first joint's place is fitted too; only in a known frame
     move_tip : whether the sensed point of a spatial arm is the tip itself and belongs to the
         geometry; else it is a probe or tag that was put on, and the tip stays where the URDF has it
+    drawn : whether the drawing's lengths and axes are true, so that joints' zeros alone are fitted,
+        beside the sensor's frame and the probe
     """
     arm, free, unit = nominal_arm(model), frame_is_free(model, view), model.about.unit
     if move_base and free:
@@ -172,7 +174,7 @@ def fit_geometry(
         probe = not is_simulated(model)
         return fit_in_space(
             arm, model.body, q, x, unit=unit, free=free, probe=probe, move_base=move_base,
-            move_tip=move_tip,
+            move_tip=move_tip, drawn=drawn,
         )  # fmt: skip
     if free and cause == "joints" and model.history and model.body is not None:
         # the sensor stayed where it was before the adaptations; fitted again, its frame would
@@ -183,7 +185,7 @@ def fit_geometry(
             seen = moved.inverse().apply(seen)
         x = Alignment.between(arm.forward(q), seen).inverse().apply(x)
         free = False
-    return fit_in_plane(arm, q, x, unit, free=free, move_base=move_base, error=error)
+    return fit_in_plane(arm, q, x, unit, free=free, move_base=move_base, drawn=drawn, error=error)
 
 
 def _points(model: Model) -> tuple[Array, Array, float]:
@@ -204,7 +206,7 @@ def _points(model: Model) -> tuple[Array, Array, float]:
 
 def fit_in_space(
     arm: SpatialArm, body: Body | None, q: Array, x: Array, *, unit: str, free: bool, probe: bool,
-    move_base: bool, move_tip: bool,
+    move_base: bool, move_tip: bool, drawn: bool = False,
 ) -> Geometry:  # fmt: skip
     """Fit offsets, joint origins and the tip to positions `x` (n, m) at joints `q` (n, dof).
 
@@ -213,7 +215,13 @@ def fit_in_space(
     """
     own: Any = None if body is None else body.structure
     known = None  # the body's own parameters, where they are of this structure
-    if body is not None and isinstance(own, SpatialStructure) and own.informed:
+    posed = free and knows_orientation(body)
+    if body is not None and posed and own.informed:
+        # orientations tell turns of the tool and of the wrist that positions leave open
+        structure = replace(own, view="pose")
+        known = body.beta
+        x = np.hstack([x, structure.predict(q, body.beta)[:, x.shape[1] :]])
+    elif body is not None and isinstance(own, SpatialStructure) and own.informed:
         view = "rigid" if free and own.view == "pose" else own.view if free else "base"
         structure = replace(own, view=view)
         known = body.beta if own.view == view else None
@@ -229,12 +237,14 @@ def fit_in_space(
         start = frame(structure, q, x)
     prior = _held(structure.prior(free_groups), first[:0] if probe else tool)
     nominal = _fitted(structure, q, x, start, prior).beta if len(prior.active) else start
-    prior = structure.prior((*free_groups, "placement", "offset"))
+    placement = () if drawn else ("placement",)
+    prior = structure.prior((*free_groups, *placement, "offset"))
     if not probe:  # a simulation's point is the tip, as sure as any other place
         prior.sd[tool] = SHIFT
     still = [*(() if probe or move_tip else tool), *(() if move_base else first)]
     fit = _fitted(structure, q, x, nominal, _held(prior, np.array(still, dtype=np.intp)))
-    reach, metre = _reach(x), 1.0 if structure.camera else structure.metre
+    reach = _reach(x[:, : structure.blocks[0]])
+    metre = 1.0 if structure.camera else structure.metre
     found = _geometry(arm, fit, nominal, free, move_tip, reach / metre, metre)
     last = groups["offset"][-1]
     if probe and arm.revolute[-1] and found.sd[last] >= UNTOLD * fit.scales["offset"]:
@@ -244,7 +254,7 @@ def fit_in_space(
 
 def fit_in_plane(
     arm: PlanarArm, q: Array, x: Array, unit: str, *, free: bool, move_base: bool = False,
-    error: float = 0.0,
+    drawn: bool = False, error: float = 0.0,
 ) -> Geometry:  # fmt: skip
     """Fit offsets, places and, with a `free` frame, the sensor's place to positions `x` (n, 2).
 
@@ -263,7 +273,8 @@ def fit_in_plane(
     # the sensor turns about the plane's normal alone
     ends, sd = np.vstack([structure.shifts[1:], groups["tool"]]), np.zeros(structure.size)
     sd[groups["offset"]] = np.where(structure.revolute, _OFFSET, _ALONG)
-    sd[ends] = _ALONG
+    if not drawn:
+        sd[ends] = _ALONG
     if free:  # the first joint's offset and a turn of the frame are one
         sd[groups["offset"][0]] = 0.0
         sd[groups["view.rotation"][2]] = 100.0
@@ -271,7 +282,7 @@ def fit_in_plane(
         sd[groups["view.scale"]] = 100.0 * scaled
     if move_base:
         sd[structure.shifts[0]] = FREE * structure.chain.reach
-    prior = Prior(start, sd, known=_precision(arm, ends, sd))
+    prior = Prior(start, sd) if drawn else Prior(start, sd, known=_precision(arm, ends, sd))
     fit = _fitted(structure, q, x, start, prior, error)
     nominal = fit.beta.copy()
     for group in ("offset", "placement", "tool"):
@@ -336,7 +347,11 @@ def _geometry(
     mean = spread @ (fit.told * (x.T @ (root * fit.residual.ravel()))[~own])
     bent = Factor(fit.precision).solve(gram[np.ix_(own, ~own)])
     sd[active] = np.sqrt(np.diag(fit.covariance + bent @ (spread + np.outer(mean, mean)) @ bent.T))
-    rms, before = (_rms(r) / metre for r in (fit.residual, fit.parts[0].residual_at(nominal)))
+    positions = slice(structure.blocks[0])
+    residual = fit.residual[:, positions]
+    nominal_residual = fit.parts[0].residual_at(nominal)[:, positions]
+    rms = _rms(residual) / metre
+    before = _rms(nominal_residual) / metre
     return Geometry(arm, structure, fit.beta, sd, free, move_tip, rms, before, reach)
 
 

@@ -188,7 +188,7 @@ def plan(
         q = space.candidates(rng)
     q, notes = safe(source, q)
     q, heights = above_plane(source, q, above)
-    notes += heights
+    notes = [*heights, *notes]
     if len(q) < n:
         raise OptionError(f"n {n}: {len(q)} poses were found, expected fewer to choose")
     body = None if isinstance(source, Arm) else source.body

@@ -1,38 +1,29 @@
-"""The commands that tell: `calib robots`, `calib info` and `calib evaluate`."""
+"""The command `calib info`."""
 
 from __future__ import annotations
 
-import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING
 
 from calib.common.wording import printable
 from calib.model.facts import facts
 
 from .. import options as opt
-from ..output import Outcome, TextTable, as_typed, fields, say, sized
-from ..samples import Compared, Sockets, log_of
-from ..summary import accuracy, advice, answers_back, does_not_hold, error_table, summary
+from ..output import Outcome, as_typed, fields, sized
+from ..summary import accuracy, advice, error_table, summary
 
 if TYPE_CHECKING:
-    from calib import Evaluation
+    pass
 
 
-Kept = Literal["kept", "free"]
-
-
-def robots() -> Outcome:
-    """List the bundled robots."""
-    import calib
-
-    entries = calib.list_robots()
-    rows = [[entry.name, str(entry.dof), entry.description] for entry in entries]
-    table = TextTable(["robot", "joints", "description"], rows, left=3)
-    document = [fields(entry, "name joints dof description") for entry in entries]
-    return Outcome(document, [table])
-
-
-def info(model: opt.ModelFile, *, degrees: opt.Degrees = False) -> Outcome:
+def info(
+    model: opt.ModelFile,
+    *,
+    degrees: opt.Degrees = False,
+    as_json: opt.Json = False,
+    verbose: opt.Verbose = False,
+    quiet: opt.Quiet = False,
+) -> Outcome:
     """Show what a model is and how it was made."""
     import calib
 
@@ -72,46 +63,3 @@ def info(model: opt.ModelFile, *, degrees: opt.Degrees = False) -> Outcome:
     lines += ["", f"accuracy: {held}", *advice(loaded, about.errors)]
     table = error_table(loaded, about.errors, "errors when it was made")
     return Outcome(document, lines, [table])
-
-
-def evaluate(
-    model: opt.ModelFile,
-    *,
-    data: opt.Data = None,
-    reading: Compared,
-    sockets: Sockets,
-    frame: Annotated[Kept, opt.flag("--frame", "free: the sensor's frame is found anew.")] = "kept",
-) -> Outcome:
-    """Print the errors of a model, on fresh samples or on a log."""
-    import calib
-
-    loaded = calib.load(model)
-    log = log_of(loaded, data, reading)
-    log = None if log is None else sockets.of(log)
-    started = time.perf_counter()
-    result = calib.evaluate(loaded, log, frame=frame)
-    say(result.notes)
-    seconds = {"total": time.perf_counter() - started}
-    document = summary(loaded, model, result.errors, seconds)
-    document["evaluated"] = fields(result, "source rows left_out")
-    document["left_out"] = result.left_out
-    missed = [] if log is None else does_not_hold(result.within, result.rows)
-    limit = missed or advice(loaded, result.errors)
-    if result.touch:
-        document["touch"] = result.touch
-        return Outcome(document, [f"{model}: {_scatter(result)}", *limit])
-    tested = f"{result.rows} {result.source}"
-    lines = [
-        f"{model}: {accuracy(loaded, result.errors, result.within, tested, result.left_out)}",
-        answers_back(loaded, result.errors),
-        *limit,
-    ]
-    return Outcome(document, lines, [error_table(loaded, result.errors, f"errors on {tested}")])
-
-
-def _scatter(result: Evaluation) -> str:
-    size = {name: sized(value, "m") for name, value in result.touch["scatter"].items()}
-    line = f"tips scatter about their sockets by {size['mean']}, 95 % within {size['p95']}"
-    line += f", in {result.rows} touches, {result.left_out} left out"
-    off = [abs(each["predicted"] - each["stated"]) for each in result.touch["distances"]]
-    return line + (f"; distances are off by {sized(sum(off) / len(off), 'm')}" if off else "")

@@ -1,4 +1,4 @@
-"""The commands from poses to a model: `calib plan`, `calib babble` and `calib train`."""
+"""The command `calib train`."""
 
 from __future__ import annotations
 
@@ -6,153 +6,39 @@ import re
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
-from typer import Argument
-
-from calib.common.choices import Eye
+from typer import Argument, Option
 
 from .. import options as opt
 from ..camera import photo_of_log, with_photo
-from ..options import Text, flag, option
-from ..output import Outcome, fields, progress_bar, say
-from ..parsing import TABLES, BadOption, check_file, not_negative, reals
-from ..samples import Babbling, Compared, Logged, Selection, Sockets, check_sources, log_for, refuse
+from ..output import Outcome, progress_bar, say
+from ..parsing import BadOption, check_file
+from ..samples import Babbling, Logged, Selection, Sockets, check_sources
 from ..samples import babbled_samples as babbled
 from ..samples import measured_samples as measured
 from ..summary import accuracy, advice, error_table, found_by_body, summary
-from ..units import JointFormat, in_si
 
 if TYPE_CHECKING:
-    from calib import Model, Samples
-    from calib.arm.arm import Arm
-
-
-def plan(
-    robot: Annotated[str, Argument(metavar="ROBOT|MODEL", help="To measure, or to improve.")],
-    *,
-    output: Annotated[str, option("--output -o FILE", "CSV, or Parquet by its name (- stdout).")],
-    poses: Annotated[int, option("--poses -n N", "How many poses.", min=1, max=1000)] = 60,
-    selection: Selection,
-    margin: Annotated[Any, option("--margin M", "From limits (1 deg).", not_negative)] = None,
-    start: Annotated[Any, option("--from Q1,Q2", "Joints before the first pose.", reals)] = None,
-    data: opt.Data = None,
-    columns: opt.Columns = None,
-    touch: Annotated[Any, option("--touch X,Y,Z", "A point of the base frame [m].", reals)] = None,
-    handeye: Annotated[bool, flag("--handeye", "A camera sees --board in all poses.")] = False,
-    board: opt.BoardSpec = None,
-    eye: Annotated[Eye | None, flag("--eye", "Of --handeye (default hand).")] = None,
-    seed: opt.Seed = 0,
-) -> Outcome:
-    """Plan poses to measure: within the limits, well spread, with short moves between them.
-
-    With --data the plan covers what that log has not measured. With --handeye the board is in the
-    middle of the picture at --from, or where the model of `calib handeye -o` knows it. Obstacles
-    are not checked: move slowly the first time.
-    """
-    is_model, degrees = robot.endswith(".calib"), selection.degrees
-    of_robot = ("joints", "tip", "lock")
-    if not handeye or is_model:
-        refuse({"board": board, "eye": eye}, "is for --handeye of ROBOT: a model knows its board")
-    elif board is None:
-        raise BadOption("--handeye needs --board, such as 7x5:24mm:18mm:5x5_100")
-    check_file(output, TABLES, stream=True)
-    if data is None:
-        refuse({"columns": columns}, "applies to a log: expected --data LOG too")
-    import calib
-    from calib.samples.tables import write_table
-
-    known: Arm | Model
-    rows = ranges = None
-    if is_model:
-        why = "is for ROBOT: a model has its joints and its tip already"
-        refuse({name: getattr(selection, name) for name in of_robot}, why)
-        known = calib.load(robot)
-        facts: Any = known.about
-        if data is not None:
-            reading = Compared(columns=columns, degrees=degrees or None)
-            rows = log_for(known, data, reading)
-        # an arm was loaded with its ranges, which it may need where it states no limits
-        turning = dict(zip(facts.joint_names, facts.revolute, strict=True))
-        ranges = in_si("--range", selection.ranges, turning, degrees)
-    else:
-        known = facts = selection.load(robot)
-        say(known.notes)
-        if data is not None:
-            rows = measured(robot, selection, data, Logged(columns=columns))
-    joints = JointFormat(facts, degrees)
-    found = calib.plan(
-        known,
-        poses,
-        seed=seed,
-        margin=None if margin is None else [margin / factor for factor in joints.typed],
-        ranges=ranges,
-        start=joints.one_each("--from", start),
-        measured=rows,
-        touch=touch,
-        handeye=board or (True if handeye else None),
-        eye=eye or "hand",
-    )
-    say(found.notes)
-    names, kinds, table = joints.names, facts.units_of_joints, found.columns()
-    table |= dict(zip(names, (found.q * joints.typed).T, strict=True))
-    write_table(output, table)
-    document = {
-        "output": output,
-        "rows": len(found),
-        "joints": found.joint_names,
-        "seed": seed,
-        "travel": dict(zip(names, found.travel.tolist(), strict=True)),
-        "poses": found.columns(),
-        **fields(found, "start length random_length unit why"),
-        "units": {"joints": dict(zip(names, kinds, strict=True)), "positions": found.unit},
-    }
-    units = "deg" if degrees else "rad"
-    line = f"{output}: {len(found)} rows of {', '.join(table)} [{units}, {found.unit}]"
-    ways = ", ".join(joints.change(k, way) for k, way in enumerate(found.travel.tolist()))
-    return Outcome(document, [line, *found.why, f"joints travel {ways}"])
-
-
-def babble(
-    robot: opt.RobotFile,
-    *,
-    output: Annotated[str, option("--output -o LOG", "CSV, or Parquet by its name (- stdout).")],
-    babbling: Babbling,
-    selection: Selection,
-    seed: opt.Seed = 0,
-) -> Outcome:
-    """Write a log of simulated babbling [rad, m]."""
-    import calib
-
-    check_file(output, TABLES, stream=True)
-    log = babbled(robot, selection, babbling, seed)
-    calib.write_log(log, output)
-    turning = zip(log.joint_names, log.revolute, strict=True)
-    document = {
-        "log": output,
-        "robot": log.arm.name if log.arm else None,
-        "joints": log.joint_names,
-        "samples": len(log),
-        "seed": seed,
-        "noise": babbling.noise or 0.0,
-        "changes": babbling.change or [],
-        "unit": log.unit,
-        "units": {
-            "joints": {name: "rad" if turns else "m" for name, turns in turning},
-            "positions": log.unit,
-        },
-    }
-    line = f"{len(log)} rows of {', '.join([*log.joint_names, *log.axes])} [rad, m]"
-    return Outcome(document, [f"{output}: {line}"])
+    from calib import Samples
 
 
 def train(
-    robot: Annotated[Text, Argument(metavar="ROBOT", help="A URDF or a bundled robot.")] = None,
-    *,
+    robot: Annotated[
+        str | None, Argument(metavar="ROBOT", help="A URDF or a bundled robot.")
+    ] = None,
     data: opt.Data = None,
-    output: Annotated[Text, option("--output -o MODEL", "Default ROBOT.calib, LOG.calib.")] = None,
-    force: Annotated[bool, flag("--force", "Replace a model of another robot.")] = False,
-    selection: Selection,
+    output: Annotated[
+        str | None,
+        Option("--output", "-o", metavar="MODEL", help="Default ROBOT.calib, LOG.calib."),
+    ] = None,
+    force: Annotated[bool, Option("--force", help="Replace a model of another robot.")] = False,
+    joints: opt.JointNames = None,
+    tip: opt.Tip = None,
+    planar: opt.Planar = False,
+    lock: opt.Lock = None,
+    ranges: opt.Ranges = None,
+    degrees: opt.Degrees = False,
     map: opt.MapName = None,  # noqa: A002
     size: opt.MapSize = None,
     motor_size: opt.MotorSize = None,
@@ -162,16 +48,33 @@ def train(
     rule: opt.TrainingRule = "batch",
     epochs: opt.Epochs = None,
     sigma: opt.Sigma = None,
-    babbling: Babbling,
+    samples: opt.Number = None,
+    noise: opt.Noise = None,
+    change: opt.Changes = None,
     seed: opt.Seed = 0,
-    logged: Logged,
-    sockets: Sockets,
-    lens: Annotated[Text, option("--lens lens.json", "Of a camera in space (fitted).")] = None,
-    no_rows: Annotated[bool, flag("--no-rows", "Keep no rows of the log.")] = False,
+    columns: opt.Columns = None,
+    unit: opt.Unit = None,
+    time_offset: opt.TimeOffset = None,
+    prismatic: opt.Prismatic = None,
+    distance: opt.Distances = None,
+    plane: opt.Planes = None,
+    lens: Annotated[
+        str | None, Option("--lens", metavar="lens.json", help="Of a camera in space (fitted).")
+    ] = None,
+    no_rows: Annotated[bool, Option("--no-rows", help="Keep no rows of the log.")] = False,
     photo: opt.PhotoFile = None,
     no_photo: opt.NoPhoto = False,
+    as_json: opt.Json = False,
+    verbose: opt.Verbose = False,
+    quiet: opt.Quiet = False,
 ) -> Outcome:
     """Learn a model from simulated babbling or from a measured log."""
+    selection = Selection(
+        joints=joints, tip=tip, planar=planar, lock=lock, ranges=ranges, degrees=degrees
+    )
+    babbling = Babbling(samples=samples, noise=noise, change=change)
+    logged = Logged(columns=columns, unit=unit, time_offset=time_offset, prismatic=prismatic)
+    sockets = Sockets(distance=distance, plane=plane)
     import calib
 
     of_logs = {**vars(logged), **vars(sockets), "lens": lens, "photo": photo}
@@ -205,12 +108,12 @@ def train(
     stated = log.source.get("noise") if log.source.get("unit") == about.unit else None
     what = "fresh exact samples" if simulated else "rows held out in blocks of the log"
     learned = f"{about.samples} {'samples' if simulated else 'rows'}"
-    size = f"{model.seconds['total']:.2f} s, {Path(path).stat().st_size / 1e6:.2f} MB"
+    cost = f"{model.seconds['total']:.2f} s, {Path(path).stat().st_size / 1e6:.2f} MB"
     lines = [
         accuracy(model, about.errors, about.within, f"{about.tested} {what}", about.left_out),
         *found_by_body(model),
         *advice(model, about.errors, stated),
-        f"{path}: {about.options['map']}, {model.size_in_words}, {learned}, {size}",
+        f"{path}: {about.options['map']}, {model.size_in_words}, {learned}, {cost}",
     ]
     table = error_table(model, about.errors, f"errors on {what}")
     return Outcome(summary(model, path, about.errors, model.seconds), lines, [table])

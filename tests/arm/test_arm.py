@@ -11,7 +11,11 @@ from reference import pinocchio_forward, random_joints
 from calib.arm.loading import arm_from_urdf, load_arm
 from calib.arm.robots import list_robots
 
-BUNDLED = [entry.name for entry in list_robots() if entry.name not in ("six_axis", "spatial_three")]
+BUNDLED = [
+    entry.name
+    for entry in list_robots()
+    if entry.name not in ("six_axis", "spatial_three", "so101")
+]
 
 
 ANGLE = st.floats(-np.pi, np.pi)

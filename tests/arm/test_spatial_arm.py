@@ -1,5 +1,7 @@
 """Spatial arms: what is chosen, and kinematics that agree with Pinocchio."""
 
+from dataclasses import replace
+
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -8,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from reference import random_joints
 
+from calib.arm.gravity import GRAVITY, Loads
 from calib.arm.loading import PlanarArm, SpatialArm, arm_from_urdf, load_arm
 from calib.arm.rotations import exponential, logarithm, matrix_of, quaternion_of
 from calib.arm.spatial_chain import SpatialChain
@@ -147,7 +150,9 @@ def test_torques_are_pinocchios():
     data, q = model.createData(), random_joints(arm, 10)
     model.gravity.linear = np.array([0.0, 0.0, -9.80665])
     expected = [-pin.computeGeneralizedGravity(model, data, row) for row in q]
-    np.testing.assert_allclose(arm.chain.torques(q), expected, atol=1e-11)
+    levers = Loads.of_masses(arm.chain).levers(q)
+    torques = np.einsum("exn,x->ne", levers, GRAVITY)
+    np.testing.assert_allclose(torques, expected, atol=1e-11)
 
 
 def test_a_changed_link_and_tip_are_those_lengths():
@@ -176,7 +181,24 @@ def test_rotations_go_round(vector):
     np.testing.assert_allclose(matrix_of(quaternion_of(matrix)), matrix, atol=1e-12)
 
 
-def test_torques_change_as_their_differences_do():
+def test_any_masses_are_a_sum_of_unit_weights():
+    """A mass on a link at the joints' own origins and ends."""
+    arm = load_arm("six_axis")
+    q = random_joints(arm, 20)
+    ends = np.vstack([arm.chain.points[1:], arm.chain.tip])
+    chain = replace(arm.chain, centres=ends)
+    units = Loads.of_unit_weights(chain)
+    torques = np.zeros((6, 3, 20))
+    np.add.at(
+        torques,
+        units.joints,
+        units.levers(q) * chain.masses[units.links[units.weights.argmax(1)], None, None],
+    )
+    np.testing.assert_allclose(torques, Loads.of_masses(chain).levers(q), atol=1e-12)
+
+
+@pytest.mark.parametrize("loads_of", [Loads.of_masses, Loads.of_unit_weights])
+def test_loads_change_as_their_differences_do(loads_of):
     """Of turning, sliding and following joints."""
     rng, step = np.random.default_rng(0), 1e-6
     axes = rng.normal(size=(4, 3))
@@ -187,8 +209,10 @@ def test_torques_change_as_their_differences_do():
         masses=rng.uniform(1, 3, 4), centres=rng.normal(size=(4, 3)),
     )  # fmt: skip
     q = rng.normal(size=(3, 3))
+    loads = loads_of(chain)
+    gravity = np.array([1.0, -2.0, -9.0])
     ahead, behind = (
-        np.stack([chain.torques(q + way * one).T for one in np.eye(3)], axis=1)
+        np.stack([gravity @ loads.levers(q + way * one) for one in np.eye(3)], axis=1)
         for way in (step, -step)
     )
-    np.testing.assert_allclose(chain.torque_slopes(q), (ahead - behind) / 2 / step, atol=1e-6)
+    np.testing.assert_allclose(loads.slopes(q, gravity), (ahead - behind) / 2 / step, atol=1e-6)

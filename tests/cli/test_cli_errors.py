@@ -4,7 +4,7 @@ import re
 from pathlib import Path
 
 import pytest
-from calib_cli.app import describe_error
+from calib_cli.errors import describe_error
 
 URDF = Path(__file__).parents[2] / "robots" / "two_link.urdf"
 ROWS = "0.1,1.0,0.1,0.2\n0.2,1.1,0.2,0.3\n0.3,1.2,0.3,0.4\n"
@@ -104,8 +104,8 @@ def test_wrong_usage_points_to_the_help(run):
 )
 def test_unexpected_errors_are_one_line_too(error, line):
     code, told = describe_error(error)
-    assert told["message"].startswith(line)
-    assert "\n" not in told["message"]
+    assert told.message.startswith(line)
+    assert "\n" not in told.message
     assert code == 1
 
 

@@ -2,28 +2,38 @@
 
 import math
 
+import typer
 from calib_cli import parsing
 from calib_cli.output import plain
 from hypothesis import given
 from hypothesis import strategies as st
 
 from calib.common.wording import one_line, printable
-from calib.errors import CalibError, OptionError, RobotError
+from calib.errors import CalibError, RobotError
 
 
 @given(st.text())
 def test_readers_answer_or_say_what_they_expected(text):
     readers = [
-        parsing.count, parsing.not_negative, parsing.above_zero, parsing.size, parsing.sigma,
-        parsing.names, parsing.reals, parsing.typed_columns, parsing.joint_value,
-        parsing.joint_range, parsing.one_of(("batch", "online")), parsing.height,
-    ]  # fmt: skip
+        parsing.count,
+        parsing.not_negative,
+        parsing.above_zero,
+        parsing.lattice_sides,
+        parsing.sigma,
+        parsing.names,
+        parsing.reals,
+        parsing.column_names,
+        parsing.joint_value,
+        parsing.joint_range,
+        parsing.one_of(("batch", "online")),
+        parsing.height,
+    ]
     told = []
     for read in readers:
         try:
             read(text)
-        except (ValueError, OptionError) as error:
-            told.append(str(error))
+        except typer.BadParameter as error:
+            told.append(error.format_message())
     assert all(told)
 
 

@@ -42,7 +42,7 @@ def test_light_commands_stay_light(model):
     assert imported(["robots"], HEAVY) == []
     kinematics = ("pinocchio", "yourdfpy", "meshcat", "polars", "rich")
     assert imported(["info", str(model)], kinematics) == []
-    lean = (*kinematics, "scipy", "pydantic")  # either takes longer to import than the answer
+    lean = (*kinematics, "scipy")
     for way in ("inverse", "forward"):
         assert imported(["query", way, str(model), "0.1", "0.4"], lean) == []
 

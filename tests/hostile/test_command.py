@@ -7,7 +7,7 @@ from random import Random
 
 import pytest
 import typer
-from calib_cli.app import app
+from calib_cli.app import application
 
 from hostile.arms import random_arm
 from hostile.damage import NAMES, NUMBERS, damaged
@@ -77,7 +77,7 @@ def commands(command, words=()):
             yield from commands(command.get_command(context, name), (*words, name))
 
 
-COMMANDS = list(commands(typer.main.get_command(app)))
+COMMANDS = list(commands(typer.main.get_command(application())))
 
 
 def good_and_bad(part):

@@ -41,6 +41,7 @@ def test_every_package_is_named():
         "calib._robots",
         "calib_cli",
         "calib_cli.commands",
+        "calib_cli.commands.query",
     }
 
 

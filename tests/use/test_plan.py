@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 import calib
 from calib.body.telling import greedy
 from calib.common.scale import TURN, Scale
+from calib.errors import OptionError
 from calib.use.plan import farthest, length, shortest_tour, tells
 
 DEGREE = math.radians(1.0)
@@ -177,3 +178,17 @@ def test_command_errors_are_one_line_and_write_nothing(run, model, tmp_path, arg
     assert len(done.err.strip().splitlines()) == 1
     assert done.out == ""
     assert not path.exists()
+
+
+def test_tips_stay_above_a_table():
+    """Seven of thirty poses of a plan were below it."""
+    arm = calib.load_arm("six_axis")
+    plan = calib.plan(arm, 12, above=0.05)
+    motion = arm.chain.motion(plan.q)
+    assert plan.x[:, 2].min() > 0.05
+    assert motion.places[2:, 2].min() > 0.05
+    deep = calib.plan(arm, 12)
+    assert deep.x[:, 2].min() < 0.0
+    assert any("give its height with `above`" in note for note in deep.notes)
+    with pytest.raises(OptionError, match="moves in space"):
+        calib.plan(calib.load_arm("two_link"), 5, above=0.1)

@@ -16,7 +16,8 @@ static inline calib_real calib_radius_95(const calib_real S[6], calib_real share
 
 /* How what is seen moves with whatever of an arm and its sensor may be off: the view's matrix,
  * shift and lens; each joint's origin, shifted and turned in its own frame; the tip; each joint's
- * offset, gain and bending.  Parameters of a body are sums of these. */
+ * offset, gain and coupling; how loads bend them, and where gravity points.  Parameters of a body
+ * are sums of these. */
 static inline void calib_derivatives(const calib_real q[CALIB_DOF],
                                      calib_real geometry[CALIB_GEOMETRY][3],
                                      calib_real own[CALIB_DOF][3]) {
@@ -24,8 +25,8 @@ static inline void calib_derivatives(const calib_real q[CALIB_DOF],
   calib_real moved[3], (*out)[3] = geometry;
   int i, a, k;
 #if @gravity@
-  calib_real load[CALIB_CHAIN], bent[CALIB_CHAIN][CALIB_DOF];
-  calib_loads(q, load, bent, 0);
+  calib_real hinge[CALIB_CHAIN][3], swing[CALIB_CHAIN][CALIB_POINTS][3];
+  calib_swings(q, hinge, swing);
 #endif
   calib_chain(&calib_body, q, p, R, 0, at);
   for (i = 0; i < CALIB_GEOMETRY; ++i)
@@ -59,10 +60,28 @@ static inline void calib_derivatives(const calib_real q[CALIB_DOF],
       out[CALIB_DOF + k][a] = own[k][a] * q[k];
     }
   out += 2 * CALIB_DOF;
+#if @coupled@
+  for (k = 1; k < CALIB_DOF; ++k)
+    for (a = 0; a < 3; ++a) out[k - 1][a] = own[k][a] * q[k - 1];
+  out += CALIB_DOF - 1;
+#endif
 #if @gravity@
-  for (i = 0; i < CALIB_CHAIN; ++i)
-    for (a = 0; a < 3; ++a) out[i][a] = chained[i][a] * load[i];
-  out += CALIB_CHAIN;
+  for (i = 0; i < CALIB_LOADS; ++i) {
+    const int joint = calib_loaded[i];
+    calib_real lever[3];
+    int n;
+    for (k = 0; k < 3; ++k) {
+      lever[k] = 0;
+      for (n = 0; n < CALIB_POINTS; ++n) lever[k] += calib_weight[i][n] * swing[joint][n][k];
+    }
+    for (a = 0; a < 3; ++a) {
+      out[i][a] = chained[joint][a] * calib_dot(lever, calib_gravity);
+      for (k = 0; k < 2; ++k) /* gravity is tilted */
+        out[CALIB_LOADS + k][a] +=
+            chained[joint][a] * calib_elastic[i] * calib_dot(lever, calib_tilt[k]);
+    }
+  }
+  out += CALIB_LOADS + 2;
 #endif
 #if @flexible@
   {

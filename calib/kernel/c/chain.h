@@ -28,12 +28,10 @@ static inline void calib_curves(const calib_real q[CALIB_DOF], calib_real value[
 #endif
 #if @gravity@
 
-/* Torques of gravity in the nominal arm, as shares of the largest, and their derivatives. */
-static inline void calib_loads(const calib_real q[CALIB_DOF], calib_real load[CALIB_CHAIN],
-                               calib_real slope[CALIB_CHAIN][CALIB_DOF], int slopes) {
-  calib_real R[9], p[3] = {0, 0, 0}, origin[CALIB_CHAIN][3], axis[CALIB_CHAIN][3];
-  calib_real moment[CALIB_CHAIN][3], mass[CALIB_CHAIN], first[3] = {0, 0, 0}, weight = 0;
-  calib_real pull[3], turn[3], swept[3], both[CALIB_CHAIN][CALIB_CHAIN];
+/* How each joint of the nominal arm moves the points beyond it that weigh; the joints' axes. */
+static inline void calib_swings(const calib_real q[CALIB_DOF], calib_real axis[CALIB_CHAIN][3],
+                                calib_real swing[CALIB_CHAIN][CALIB_POINTS][3]) {
+  calib_real R[9], p[3] = {0, 0, 0}, origin[CALIB_CHAIN][3], at[CALIB_POINTS][3], arm[3];
   int i, j, k;
   calib_unit(R);
   for (i = 0; i < CALIB_CHAIN; ++i) {
@@ -44,44 +42,49 @@ static inline void calib_loads(const calib_real q[CALIB_DOF], calib_real load[CA
     if (calib_bends[i]) calib_turn(R, calib_body.axis[i], v);
     for (k = 0; k < 3; ++k) {
       if (!calib_bends[i]) p[k] += v * axis[i][k];
-      origin[i][k] = moment[i][k] = p[k];
+      origin[i][k] = p[k];
     }
-    calib_add(R, calib_centre[i], moment[i]); /* for now the centre of mass */
-  }
-  for (i = CALIB_CHAIN - 1; i >= 0; --i) {
-    weight += calib_mass[i];
-    mass[i] = weight;
-    for (k = 0; k < 3; ++k) {
-      first[k] += calib_mass[i] * moment[i][k];
-      moment[i][k] = first[k] - weight * origin[i][k];
-    }
-    calib_cross(moment[i], calib_gravity, pull);
-    load[i] = calib_bends[i] ? calib_dot(axis[i], pull)
-                             : weight * calib_dot(axis[i], calib_gravity);
-  }
-  if (!slopes) return;
-  for (i = 0; i < CALIB_CHAIN; ++i) {
-    calib_cross(moment[i], calib_gravity, pull);
-    for (j = 0; j <= i; ++j) {
-      both[i][j] = 0;
-      if (calib_bends[j]) {
-        calib_cross(axis[j], axis[i], turn);
-        if (calib_bends[i]) {
-          calib_cross(axis[j], moment[i], swept);
-          calib_cross(swept, calib_gravity, swept);
-          both[i][j] = calib_dot(turn, pull) + calib_dot(axis[i], swept);
-        } else {
-          both[i][j] = calib_dot(turn, calib_gravity) * mass[i];
-        }
+    for (j = 0; j < CALIB_POINTS; ++j)
+      if (calib_carrier[j] == i) {
+        for (k = 0; k < 3; ++k) at[j][k] = p[k];
+        calib_add(R, calib_point[j], at[j]);
       }
-      both[j][i] = both[i][j];
-    }
   }
   for (i = 0; i < CALIB_CHAIN; ++i)
-    for (k = 0; k < CALIB_DOF; ++k) {
-      slope[i][k] = 0;
-      for (j = 0; j < CALIB_CHAIN; ++j) slope[i][k] += both[i][j] * calib_coupling[j][k];
+    for (j = 0; j < CALIB_POINTS; ++j) {
+      for (k = 0; k < 3; ++k) arm[k] = at[j][k] - origin[i][k];
+      if (calib_bends[i]) calib_cross(axis[i], arm, swing[i][j]);
+      for (k = 0; k < 3; ++k) {
+        if (!calib_bends[i]) swing[i][j][k] = axis[i][k];
+        if (calib_carrier[j] < i) swing[i][j][k] = 0;
+      }
     }
+}
+
+/* How much each joint bends under the weights, and its derivatives. */
+static inline void calib_sag(const calib_real q[CALIB_DOF], calib_real bend[CALIB_CHAIN],
+                             calib_real slope[CALIB_CHAIN][CALIB_DOF], int slopes) {
+  calib_real axis[CALIB_CHAIN][3], swing[CALIB_CHAIN][CALIB_POINTS][3], across[CALIB_CHAIN][3];
+  calib_real moved[CALIB_CHAIN][3], by_joint;
+  int i, j, k, n;
+  calib_swings(q, axis, swing);
+  for (i = 0; i < CALIB_CHAIN; ++i) calib_cross(calib_gravity, axis[i], across[i]);
+  for (i = 0; i < CALIB_CHAIN; ++i) {
+    /* how each joint from this one on moves the points, each as much as it bends this one */
+    for (j = i; j < (slopes ? CALIB_CHAIN : i + 1); ++j)
+      for (k = 0; k < 3; ++k) {
+        moved[j][k] = 0;
+        for (n = 0; n < CALIB_POINTS; ++n) moved[j][k] += calib_bending[i][n] * swing[j][n][k];
+      }
+    bend[i] = calib_dot(moved[i], calib_gravity);
+    for (n = 0; slopes && n < CALIB_DOF; ++n) slope[i][n] = 0;
+    for (j = 0; slopes && j < CALIB_CHAIN; ++j) {
+      /* a joint before turns the whole lever, one beyond only the points that follow it */
+      const int first = j < i ? j : i, last = j < i ? i : j;
+      by_joint = calib_bends[first] ? calib_dot(across[first], moved[last]) : 0;
+      for (n = 0; n < CALIB_DOF; ++n) slope[i][n] += by_joint * calib_coupling[j][n];
+    }
+  }
 }
 #endif
 
@@ -94,8 +97,8 @@ static inline void calib_chain(const calib_arm *arm, const calib_real q[CALIB_DO
   calib_real origin[CALIB_CHAIN][3], axis[CALIB_CHAIN][3], arrow[3], swept[3];
   int i, k, o;
 #if @gravity@
-  calib_real load[CALIB_CHAIN], bent[CALIB_CHAIN][CALIB_DOF];
-  if (arm->own) calib_loads(q, load, bent, G != 0);
+  calib_real bend[CALIB_CHAIN], bent[CALIB_CHAIN][CALIB_DOF];
+  if (arm->own) calib_sag(q, bend, bent, G != 0);
 #endif
   for (k = 0; k < CALIB_DOF; ++k) value[k] = rate[k] = 0;
 #if @curved@
@@ -107,6 +110,13 @@ static inline void calib_chain(const calib_arm *arm, const calib_real q[CALIB_DO
   }
   for (i = 0; G && i < CALIB_CHAIN; ++i)
     for (k = 0; k < CALIB_DOF; ++k) slope[i][k] = calib_coupling[i][k] * rate[k];
+#if @coupled@
+  for (k = 1; arm->own && k < CALIB_DOF; ++k) { /* a joint moves with its neighbour's motor */
+    value[k] += calib_neighbour[k] * q[k - 1];
+    for (i = 0; G && i < CALIB_CHAIN; ++i)
+      slope[i][k - 1] += calib_coupling[i][k] * calib_neighbour[k];
+  }
+#endif
 #if @flexible@
   if (arm->own) { /* bent by the sums of all angles up to each joint: planar, gravity unknown */
     calib_real psi = 0;
@@ -130,8 +140,8 @@ static inline void calib_chain(const calib_arm *arm, const calib_real q[CALIB_DO
     for (k = 0; k < CALIB_DOF; ++k) v += calib_coupling[i][k] * value[k];
 #if @gravity@
     if (arm->own) {
-      v += arm->bending[i] * load[i];
-      for (k = 0; G && k < CALIB_DOF; ++k) slope[i][k] += arm->bending[i] * bent[i][k];
+      v += bend[i];
+      for (k = 0; G && k < CALIB_DOF; ++k) slope[i][k] += bent[i][k];
     }
 #endif
     calib_add(R, arm->stride[i], p);

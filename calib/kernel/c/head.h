@@ -20,12 +20,12 @@ enum {
   CALIB_DOF = @dof@, CALIB_OUT = @out@, CALIB_NODES = @nodes@, CALIB_NEAR = @near@,
   CALIB_HARMONICS = @harmonics@, CALIB_CHAIN = @chain@, CALIB_STARTS = @starts@,
   CALIB_STEPS = 40, CALIB_TRIES = @tries@, CALIB_POSTURES = @postures@,
-  CALIB_SCANNED = @scanned@, CALIB_RUNS = @runs@, CALIB_PULL = @pull@
+  CALIB_SCANNED = @scanned@, CALIB_RUNS = @runs@, CALIB_PULL = @pull@, CALIB_POINTS = @points@
 };
 
 /* An arm: joint values are gain q + offset + curve, and bend with their posture. */
 typedef struct {
-  calib_real gain[CALIB_DOF], offset[CALIB_DOF], bending[CALIB_CHAIN];
+  calib_real gain[CALIB_DOF], offset[CALIB_DOF];
   calib_real axis[CALIB_CHAIN][3], stride[CALIB_CHAIN][3], turned[CALIB_CHAIN][9];
   calib_real tip[3], tip_turn[9];
   int own; /* whether it has curves and bends */

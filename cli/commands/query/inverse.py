@@ -1,47 +1,75 @@
-"""The command `calib query inverse`: joint values for positions, or for poses."""
+"""The command `calib query inverse`."""
 
 from __future__ import annotations
 
 import math
 from typing import TYPE_CHECKING, Annotated, Any
 
-from typer import Argument
+from typer import Argument, Option
 
-from .. import options as opt
-from ..options import flag, option
-from ..output import NO, Outcome, note
-from ..parsing import BadOption, height, reader, reals
+from ... import options as opt
+from ...asking import Asking
+from ...output import NO, Outcome, note
+from ...parsing import BadOption, height, number, parser, reals
 
 if TYPE_CHECKING:
-    from ..answers import Query
+    from ...answers import Query
+
 
 _FAR = 10.0  # extents of the workspace: so far off, positions in mm were typed as m
-_turn = reader(
+
+
+_turn = parser(
     "4 numbers of length 1, qx,qy,qz,qw",
     reals,
     lambda q: len(q) == 4 and abs(math.hypot(*q) - 1.0) <= 0.01,
 )
-_angles = reader("3 numbers: roll, pitch and yaw", reals, lambda angles: len(angles) == 3)
+
+
+_angles = parser("3 numbers: roll, pitch and yaw", reals, lambda angles: len(angles) == 3)
+
+
+CONTEXT_SETTINGS = {"ignore_unknown_options": True}  # -0.1 is a number, not an option
 
 
 def inverse(
     model: opt.ModelFile,
-    target: Annotated[list[float] | None, Argument(metavar="X Y [Z]", help="A position.")] = None,
-    *,
-    near: Annotated[Any, option("--near Q1,Q2", "The branch nearest to these.", reals)] = None,
-    every: Annotated[bool, flag("--all", "Answer with every branch.")] = False,
+    target: Annotated[
+        list[float] | None, Argument(metavar="X Y [Z]", parser=number, help="A position.")
+    ] = None,
+    near: Annotated[
+        Any, Option("--near", metavar="Q1,Q2", parser=reals, help="The branch nearest to these.")
+    ] = None,
+    every: Annotated[bool, Option("--all", help="Answer with every branch.")] = False,
     readout: opt.ReadoutKind = None,
     frame: opt.InFrame = "sensor",
-    quaternion: Annotated[Any, option("--quaternion QX,QY,QZ,QW", "Orientation.", _turn)] = None,
-    rpy: Annotated[Any, option("--rpy R,P,Y", "Roll, pitch, yaw as in a URDF.", _angles)] = None,
-    keep: Annotated[bool, flag("--keep-orientation", "Turn the tool little from --near.")] = False,
-    on: Annotated[Any, option("--on z=H", "The pixel X Y lies on this plane [m].", height)] = None,
-    asking: opt.Asking,
+    quaternion: Annotated[
+        Any, Option("--quaternion", metavar="QX,QY,QZ,QW", parser=_turn, help="Orientation.")
+    ] = None,
+    rpy: Annotated[
+        Any, Option("--rpy", metavar="R,P,Y", parser=_angles, help="Roll, pitch, yaw as in a URDF.")
+    ] = None,
+    keep: Annotated[
+        bool, Option("--keep-orientation", help="Turn the tool little from --near.")
+    ] = False,
+    on: Annotated[
+        Any,
+        Option("--on", metavar="z=H", parser=height, help="The pixel X Y lies on this plane [m]."),
+    ] = None,
+    input_: opt.Input = None,
+    columns: opt.Columns = None,
+    output: opt.Output = None,
+    unit: opt.PositionUnit = None,
+    degrees: opt.Degrees = False,
+    as_json: opt.Json = False,
+    verbose: opt.Verbose = False,
+    quiet: opt.Quiet = False,
 ) -> Outcome:
     """Joint values that bring the tip to a position; exit code 3 if it is out of reach."""
+    asking = Asking(input_=input_, columns=columns, output=output, unit=unit, degrees=degrees)
     import numpy as np
 
-    from ..answers import Query
+    from ...answers import Query
 
     turned = quaternion is not None or rpy is not None
     other = turned or keep or on is not None
@@ -100,7 +128,7 @@ def _solve(query: Query, x: Any, turn: Any, in_space: bool, how: dict[str, Any])
         from calib.model.poses import solve_poses
         from calib.model.space import Space
 
-        from ..answers import up_to_scale
+        from ...answers import up_to_scale
 
         if readout is not None:
             raise BadOption("--readout is for positions in the sensor's frame alone")
@@ -143,7 +171,7 @@ def _single(
     if "frame" in document:
         from calib.model.space import Space
 
-        from ..answers import say_size
+        from ...answers import say_size
 
         space, say = Space.of(model), query.frame == "base"
         free: Any = space.free(q[0], 6 if posed else 3)[:9] if reachable else []
@@ -173,7 +201,7 @@ def _batch(query: Query, in_space: bool, how: dict[str, Any]) -> Outcome:
     """Answer a table; columns near_JOINT choose the branch, qx to qw ask for an orientation."""
     import numpy as np
 
-    from ..answers import TURN, beside
+    from ...answers import TURN, beside
 
     joints, axes = query.joints, query.axes
     nearby = [f"near_{name}" for name in joints.names]

@@ -1,0 +1,120 @@
+"""Gravity on a chain: how the weights that it carries pull at each of its joints.
+
+A weight ``m`` at a point ``x`` pulls at a joint that turns about ``a`` through ``o`` with the
+torque ``g . (a x m (x - o))``, and at a joint that slides along ``a`` with the force ``g . m a``.
+What a URDF says of masses is one set of weights; where it says none, unit weights at the joints'
+origins and the tip are a basis of what masses on the links can do.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..common.arrays import Array
+from .spatial_chain import Motion, SpatialChain, cross, turned
+
+#: Standard gravity in the root frame of an arm that stands upright [m/s2].
+GRAVITY = (0.0, 0.0, -9.80665)
+
+
+@dataclass(frozen=True, eq=False)
+class Loads:
+    """``e`` loads on the joints of a chain, made of the weights of ``p`` points on its links."""
+
+    chain: SpatialChain
+    joints: NDArray[np.intp]  # (e,), the joint at which each load pulls
+    weights: Array  # (e, p), how much each point weighs in a load; 0 for points before the joint
+    points: Array  # (p, 3) [m], at the zero posture
+    links: NDArray[np.intp]  # (p,), the joint that carries each point
+
+    @staticmethod
+    def of_masses(chain: SpatialChain) -> Loads:
+        """One load [kg] for each of m joints: the masses that the URDF says beyond it."""
+        joints = np.arange(chain.joints)
+        beyond = np.triu(np.ones((chain.joints, chain.joints)))
+        return Loads(chain, joints, beyond * chain.masses, chain.centres, joints)
+
+    @staticmethod
+    def of_unit_weights(chain: SpatialChain) -> Loads:
+        """A load for each joint and each link from it on, with a unit weight at the link's end."""
+        joints, ends = np.triu_indices(chain.joints)
+        weights = np.zeros((len(joints), chain.joints))
+        weights[np.arange(len(joints)), ends] = 1.0
+        points = np.vstack([chain.points[1:], chain.tip])
+        return Loads(chain, joints, weights, points, np.arange(chain.joints))
+
+    @staticmethod
+    def none(chain: SpatialChain) -> Loads:
+        """No load at all."""
+        nothing = np.zeros(0, dtype=np.intp)
+        return Loads(chain, nothing, np.zeros((0, 0)), np.zeros((0, 3)), nothing)
+
+    @staticmethod
+    def together(parts: Sequence[Loads]) -> Loads:
+        """The loads of several sets on one chain, one after another."""
+        return Loads(
+            parts[0].chain,
+            np.concatenate([part.joints for part in parts]),
+            _beside([part.weights for part in parts]),
+            np.vstack([part.points for part in parts]),
+            np.concatenate([part.links for part in parts]),
+        )
+
+    def scaled(self, factor: float) -> Loads:
+        """The loads of `factor` times the weights."""
+        return replace(self, weights=factor * self.weights)
+
+    def levers(self, q: Array) -> Array:
+        """Loads as gravity points along each axis of the root frame: (n, dof) -> (e, 3, n) [m].
+
+        For a weight in kg and gravity in m/s2 a load is ``gravity . lever`` [N m, N of a slide].
+        """
+        motion = self.chain.motion(q)
+        return self._swept(motion, self._places(motion), self.joints)
+
+    def slopes(self, q: Array, gravity: Array) -> Array:
+        """Derivatives (e, dof, n) of the loads under gravity (3,) by the joint values (n, dof)."""
+        motion = self.chain.motion(q)
+        places = self._places(motion)
+        across = cross(gravity[:, None], motion.axes) * self.chain.still.turning
+        by_joint = np.empty((len(self.joints), self.chain.joints, len(q)))
+        for k in range(self.chain.joints):
+            # a joint before the load's turns the whole lever, one beyond it the points that follow
+            first = np.minimum(self.joints, k)
+            last = np.maximum(self.joints, k)
+            moved = self._swept(motion, places, last)
+            by_joint[:, k] = (across[first] * moved).sum(axis=1)
+        return np.asarray(np.einsum("ekn,kd->edn", by_joint, self.chain.coupling))
+
+    def _places(self, motion: Motion) -> Array:
+        """Places (p, 3, n) [m] of the points."""
+        arms = self.points - self.chain.points[self.links]
+        frames = motion.frames[1:][self.links]
+        return motion.places[self.links] + turned(frames, arms[..., None])
+
+    def _swept(self, motion: Motion, places: Array, joints: NDArray[np.intp]) -> Array:
+        """How joints (e,) move each load's weighted sum of points beyond them, (e, 3, n)."""
+        weights = self.weights * (self.links >= joints[:, None])
+        total = weights.sum(axis=1)[:, None, None]
+        axes = motion.axes[joints]
+        arms = np.tensordot(weights, places, axes=1) - total * motion.places[joints]
+        swept = cross(axes, arms)
+        turning = self.chain.still.turning[joints]
+        return swept if turning.all() else np.where(turning, swept, total * axes)
+
+
+def _beside(parts: Sequence[Array]) -> Array:
+    """Matrices as the blocks of one."""
+    whole = np.zeros(tuple(np.sum([part.shape for part in parts], axis=0)))
+    row = 0
+    column = 0
+    for part in parts:
+        rows, columns = part.shape
+        whole[row : row + rows, column : column + columns] = part
+        row += rows
+        column += columns
+    return whole

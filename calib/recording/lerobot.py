@@ -1,0 +1,278 @@
+"""LeRobot data sets: still frames of a camera, and the joints of those moments.
+
+Their layout is that of huggingface/lerobot, src/lerobot/datasets: `meta/info.json` names the
+features and where their files are.  Version 2.1 has a table and a video for each episode, version 3
+several episodes in one file.  Frames are taken where the arm rests: a blurred or late one tells
+less.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections import defaultdict
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..common.arrays import Array, Index
+from ..common.rows import thinned
+from ..common.wording import listed
+from ..errors import LogError
+from .joint_table import JointTable
+from .motors import Motors
+from .pictures import Picture, Video
+
+_STATE = "observation.state"
+_GRIPPER = "gripper"  # always a share of its range, and no joint of the arm
+_WHOLE_SHARE = 100.0  # at which LeRobot clips shares of a motor's range
+_MOST_RADIANS = 2 * np.pi + 0.1  # values beyond it are no radians
+
+
+@dataclass(frozen=True)
+class Rests:
+    """When an arm counts as resting.  Slower than 0.05 rad/s blur stays below a pixel."""
+
+    window: float = 0.2  # of which the slowest frame is taken [s]
+    speed: float = 0.05  # [rad/s]
+    apart: float = float(np.radians(1.0))  # two rests of one place tell no more than one [rad]
+    most: int = 80  # frames that are taken
+    least: int = 12  # frames that are needed, although the arm moves
+
+
+RESTS = Rests()
+
+
+@dataclass(frozen=True)
+class Dataset:
+    """What `meta/info.json` says of a data set."""
+
+    root: Path
+    version: str
+    columns: Mapping[str, int]  # place of each joint in `observation.state`
+    cameras: Mapping[str, str]  # codec of each camera's videos
+    rate: float  # [frames/s]
+    video_path: str  # of a video below the root, with names in braces
+    chunk: int  # episodes in a folder, of version 2
+    robot: str  # its kind, such as so101_follower
+
+    @classmethod
+    def read(cls, source: str | os.PathLike[str]) -> Dataset:
+        """Read it.  Raises LogError in one line if it is none that is known."""
+        root = Path(source)
+        try:
+            info = json.loads((root / "meta" / "info.json").read_text(encoding="utf-8"))
+            features = info["features"]
+            names = features[_STATE]["names"]
+            if isinstance(names, dict):  # older ones have a list of names by kind
+                names = next(iter(names.values()))
+            videos = {name: each for name, each in features.items() if each["dtype"] == "video"}
+            dataset = cls(
+                root=root,
+                version=str(info["codebase_version"]),
+                columns={str(name).removesuffix(".pos"): k for k, name in enumerate(names)},
+                cameras={name: _codec(each) for name, each in videos.items()},
+                rate=float(info["fps"]),
+                video_path=str(info["video_path"]),
+                chunk=int(info.get("chunks_size", 1000)),
+                robot=str(info.get("robot_type") or ""),
+            )
+        except (OSError, ValueError, KeyError, TypeError, AttributeError, StopIteration) as error:
+            raise LogError(f"{root}: meta/info.json is not a LeRobotDataset's: {error!r}") from None
+        if not dataset.version.startswith(("v2", "v3")):
+            raise LogError(
+                f"{root} is a LeRobotDataset {dataset.version}: expected v2.0, v2.1 or v3.0"
+            )
+        return dataset
+
+    def camera(self, name: str | None) -> str:
+        """Return the only camera, or the one whose name ends so.  Raises LogError otherwise."""
+        fitting = [camera for camera in self.cameras if camera.endswith(name or "")]
+        if len(fitting) == 1:
+            return fitting[0]
+        raise LogError(
+            f"{self.root} has the videos {listed(self.cameras)}: expected one, of several by its "
+            f"name as `camera`, not {name!r}"
+        )
+
+    def joints(self, names: Sequence[str] | None) -> tuple[str, ...]:
+        """Return these joints, or all but the gripper.  Raises LogError if one is not there."""
+        chosen = tuple(names or (name for name in self.columns if name != _GRIPPER))
+        missing = [name for name in chosen if name not in self.columns]
+        if missing:
+            raise LogError(
+                f"{self.root} has the joints {listed(self.columns)}: expected {listed(missing)} too"
+            )
+        return chosen
+
+    def videos(self, camera: str, episodes: Index) -> dict[int, tuple[Path, float]]:
+        """Return the video of each episode, and where in it the episode begins [s]."""
+        import polars as pl
+
+        if self.version.startswith("v2"):
+            return {
+                episode: (
+                    self.root
+                    / self.video_path.format(
+                        video_key=camera,
+                        episode_chunk=episode // self.chunk,
+                        episode_index=episode,
+                    ),
+                    0.0,
+                )
+                for episode in np.unique(episodes).tolist()
+            }
+        key = f"videos/{camera}"
+        table = pl.read_parquet(self.root / "meta" / "episodes" / "**" / "*.parquet")
+        places = {}
+        for row in table.iter_rows(named=True):
+            path = self.video_path.format(
+                video_key=camera,
+                chunk_index=row[f"{key}/chunk_index"],
+                file_index=row[f"{key}/file_index"],
+            )
+            begin = float(row[f"{key}/from_timestamp"])
+            places[int(row["episode_index"])] = (self.root / path, begin)
+        return places
+
+
+def _codec(feature: Mapping[str, Any]) -> str:
+    """Return the codec of a video feature, whichever version wrote it."""
+    facts = feature.get("info") or feature.get("video_info") or {}
+    return str(facts.get("video.codec", "unknown"))
+
+
+def is_dataset(path: object) -> bool:
+    """Whether this is the folder of a LeRobotDataset."""
+    return isinstance(path, (str, os.PathLike)) and (Path(path) / "meta" / "info.json").is_file()
+
+
+def read_dataset(
+    source: str | os.PathLike[str],
+    joints: Sequence[str] | None = None,
+    camera: str | None = None,
+    motors: Motors | None = None,
+) -> tuple[JointTable, list[Picture], list[str]]:
+    """Read still frames of a data set, and their joints; notes say what was taken.
+
+    joints : their names; all but the gripper where not given
+    camera : the feature or the end of its name, such as ``"wrist"``; by default the only one
+    motors : the arm's `calibration.json`, which turns shares of the motors' ranges into angles
+    Raises LogError in one line if the data set is none that is known, or its videos cannot be read.
+    """
+    import polars as pl
+
+    dataset = Dataset.read(source)
+    chosen = dataset.camera(camera)
+    names = dataset.joints(joints)
+    wanted = [_STATE, "timestamp", "episode_index"]
+    rows = pl.read_parquet(dataset.root / "data" / "**" / "*.parquet", columns=wanted)
+    state = np.array(rows[_STATE].to_list(), float)[:, [dataset.columns[name] for name in names]]
+    time = rows["timestamp"].to_numpy()
+    episode = rows["episode_index"].to_numpy()
+    q, unit = _radians(state, names, motors)
+    resting, moving = _resting(q, time, episode)
+    wanted_frames = defaultdict[Path, list[tuple[float, int]]](list)
+    places = dataset.videos(chosen, episode)
+    for row in resting.tolist():
+        path, begin = places[int(episode[row])]
+        wanted_frames[path].append((begin + float(time[row]), row))
+    frames: list[tuple[int, Picture]] = []
+    for path, instants in wanted_frames.items():
+        frames += _frames(path, instants, 0.5 / dataset.rate, dataset.cameras[chosen])
+    notes = [f"joints of {dataset.root} are read as {unit}"]
+    if moving:
+        notes.append("the arm hardly stands still: let it rest at each picture")
+    notes.append(f"{len(frames)} of {len(rows)} frames of {chosen}, where the arm is slowest")
+    seen = [row for row, _ in frames]
+    pictures = tuple(f"episode {episode[row]} at {time[row]:.3f} s" for row in seen)
+    episodes = episode[seen].astype(np.intp)
+    table = JointTable(str(dataset.root), names, q[seen], None, pictures, episodes=episodes)
+    return table, [picture for _, picture in frames], notes
+
+
+def _radians(state: Array, names: tuple[str, ...], motors: Motors | None) -> tuple[Array, str]:
+    """Return joint values [rad], and what they were: the data set does not say."""
+    most = float(np.abs(state).max())
+    if most <= _MOST_RADIANS:
+        return state, "radians"
+    if abs(most - _WHOLE_SHARE) > 1e-3:
+        return np.radians(state), "degrees"
+    if motors is None:
+        raise LogError(
+            "the joints are shares of each motor's range, -100 to 100, and no angles",
+            hint="give the arm's `calibration.json`, or record with `--robot.use_degrees=true`",
+        )
+    return motors.angles(names, state), "shares of the motors' ranges"
+
+
+def _resting(q: Array, time: Array, episode: Array) -> tuple[Index, bool]:
+    """Return frames (k,) in which the arm rests, and whether it moves in most of them."""
+    step = np.maximum(np.diff(time, prepend=-np.inf), 1e-3)
+    speed = np.abs(np.diff(q, axis=0, prepend=q[:1])).max(axis=1) / step
+    # a frame is as fast as the way to it and the way from it
+    speed = np.maximum(speed, np.append(speed[1:], speed[-1]))
+    window = np.floor(time / RESTS.window) + 1e6 * episode
+    order = np.lexsort((speed, window))
+    slowest = order[np.unique(window[order], return_index=True)[1]]
+    enough = min(RESTS.least, len(slowest))
+    moving = bool(np.count_nonzero(speed[slowest] < RESTS.speed) < enough)
+    limit = RESTS.speed
+    if moving:
+        limit = float(np.sort(speed[slowest])[: RESTS.most][-1])
+    resting: list[int] = []
+    for frame in slowest[speed[slowest] <= limit].tolist():
+        if not resting or np.abs(q[frame] - q[resting[-1]]).max() > RESTS.apart:
+            resting.append(frame)
+    return np.array(resting)[thinned(len(resting), RESTS.most)], moving
+
+
+def _frames(
+    path: Path, instants: list[tuple[float, int]], near: float, codec: str
+) -> list[tuple[int, Picture]]:
+    """Return rows and grey frames of a video that stand within `near` [s] of instants.
+
+    instants : times [s] in the video, and the row that each is of
+    """
+    if not path.is_file():
+        raise LogError(f"{path} is missing: the data set names it; download its videos too")
+    waiting = sorted(instants)
+    frames: list[tuple[int, Picture]] = []
+    for stamp, picture in _decoded(path, codec):
+        while waiting and stamp > waiting[0][0] + near:
+            waiting.pop(0)
+        if not waiting:
+            break
+        if abs(stamp - waiting[0][0]) <= near:
+            frames.append((waiting.pop(0)[1], picture))
+    return frames
+
+
+def _decoded(path: Path, codec: str) -> Iterator[tuple[float, Picture]]:
+    """Yield times [s] and grey frames: by PyAV where it is installed, else by OpenCV.
+
+    LeRobot records AV1, which OpenCV's wheels do not decode.
+    """
+    try:
+        import av
+    except ImportError:
+        empty = True
+        for frame in Video(path).frames():
+            empty = False
+            yield frame
+        if empty:
+            raise LogError(
+                f"OpenCV reads no frame of {path} (codec {codec})",
+                hint="install what does, `pip install av`, or convert it: `ffmpeg -i "
+                f"{path.name} -c:v mpeg4 -q:v 2 new.mp4`, and put it in its place",
+            ) from None
+        return
+    try:
+        with av.open(str(path)) as container:
+            for image in container.decode(video=0):
+                yield float(image.time), image.to_ndarray(format="gray")
+    except (av.error.FFmpegError, IndexError, TypeError) as error:
+        raise LogError(f"{path} (codec {codec}) cannot be read: {error}") from None

@@ -1,0 +1,71 @@
+"""The command `calib evaluate`."""
+
+from __future__ import annotations
+
+import time
+from typing import TYPE_CHECKING, Annotated, Literal, get_args
+
+from .. import options as opt
+from ..output import Outcome, fields, say, sized
+from ..samples import Compared, Sockets, log_of
+from ..summary import accuracy, advice, answers_back, does_not_hold, error_table, summary
+
+if TYPE_CHECKING:
+    from calib import Evaluation
+
+
+FrameWord = Literal["kept", "free"]
+FRAMES = get_args(FrameWord)
+
+
+def evaluate(
+    model: opt.ModelFile,
+    data: opt.Data = None,
+    columns: opt.Columns = None,
+    unit: opt.Unit = None,
+    time_offset: opt.TimeOffset = None,
+    degrees: opt.LogDegrees = None,
+    distance: opt.Distances = None,
+    plane: opt.Planes = None,
+    frame: Annotated[
+        FrameWord, opt.word("--frame", FRAMES, "free: the sensor's frame is found anew.")
+    ] = "kept",
+    as_json: opt.Json = False,
+    verbose: opt.Verbose = False,
+    quiet: opt.Quiet = False,
+) -> Outcome:
+    """Print the errors of a model, on fresh samples or on a log."""
+    reading = Compared(columns=columns, unit=unit, time_offset=time_offset, degrees=degrees)
+    sockets = Sockets(distance=distance, plane=plane)
+    import calib
+
+    loaded = calib.load(model)
+    log = log_of(loaded, data, reading)
+    log = None if log is None else sockets.of(log)
+    started = time.perf_counter()
+    result = calib.evaluate(loaded, log, frame=frame)
+    say(result.notes)
+    seconds = {"total": time.perf_counter() - started}
+    document = summary(loaded, model, result.errors, seconds)
+    document["evaluated"] = fields(result, "source rows left_out")
+    document["left_out"] = result.left_out
+    missed = [] if log is None else does_not_hold(result.within, result.rows)
+    limit = missed or advice(loaded, result.errors)
+    if result.touch:
+        document["touch"] = result.touch
+        return Outcome(document, [f"{model}: {_scatter(result)}", *limit])
+    tested = f"{result.rows} {result.source}"
+    lines = [
+        f"{model}: {accuracy(loaded, result.errors, result.within, tested, result.left_out)}",
+        answers_back(loaded, result.errors),
+        *limit,
+    ]
+    return Outcome(document, lines, [error_table(loaded, result.errors, f"errors on {tested}")])
+
+
+def _scatter(result: Evaluation) -> str:
+    size = {name: sized(value, "m") for name, value in result.touch["scatter"].items()}
+    line = f"tips scatter about their sockets by {size['mean']}, 95 % within {size['p95']}"
+    line += f", in {result.rows} touches, {result.left_out} left out"
+    off = [abs(each["predicted"] - each["stated"]) for each in result.touch["distances"]]
+    return line + (f"; distances are off by {sized(sum(off) / len(off), 'm')}" if off else "")

@@ -1,0 +1,69 @@
+"""The command `calib report`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from typer import Option
+
+from .. import options as opt
+from ..camera import Drawn
+from ..output import Outcome
+from ..parsing import BadOption, check_file
+
+if TYPE_CHECKING:
+    pass
+
+
+def report(
+    model: opt.ModelFile,
+    output: Annotated[
+        str | None, Option("--output", "-o", metavar="FILE.html", help="One file.")
+    ] = None,
+    png: Annotated[str | None, Option("--png", metavar="DIR", help="Its figures as PNG.")] = None,
+    columns: opt.Columns = None,
+    unit: opt.Unit = None,
+    time_offset: opt.TimeOffset = None,
+    degrees: opt.LogDegrees = None,
+    data: opt.Data = None,
+    photo: opt.PhotoFile = None,
+    no_photo: opt.NoPhoto = False,
+    as_json: opt.Json = False,
+    verbose: opt.Verbose = False,
+    quiet: opt.Quiet = False,
+) -> Outcome:
+    """Write figures and tables that explain a calibration."""
+    drawn = Drawn(
+        columns=columns,
+        unit=unit,
+        time_offset=time_offset,
+        degrees=degrees,
+        data=data,
+        photo=photo,
+        no_photo=no_photo,
+    )
+    if output is None and png is None:
+        raise BadOption("nothing to write: expected -o FILE.html, or --png DIR, or both")
+    check_file(output, (".html", ".htm"))
+    loaded, log = drawn.load(model)
+    import calib
+    from calib.common.atomic import atomic_write
+    from calib.show.report.figures import to_png
+
+    lines = []
+    if output is not None:
+        calib.report(loaded, output, log)
+        lines.append(_page(output))
+    if png is not None:
+        folder = Path(png)
+        folder.mkdir(parents=True, exist_ok=True)
+        for name, figure in calib.figures(loaded, log).items():
+            path = folder / f"{name}.png"
+            atomic_write(path, to_png(figure))
+            lines.append(str(path))
+    return Outcome({"output": output, "png": png}, lines)
+
+
+def _page(path: str) -> str:
+    return f"{path}: {Path(path).stat().st_size / 1e6:.2f} MB, open it in a browser"

@@ -1,0 +1,148 @@
+"""LeRobot data sets of versions 2.1 and 3, with the codec that LeRobot records by default."""
+
+import json
+
+import numpy as np
+import polars
+import pytest
+
+from calib.errors import LogError
+from calib.recording.lerobot import is_dataset, read_dataset
+from calib.recording.motors import Motors
+
+av = pytest.importorskip("av")
+
+RATE, REST, POSES = 30, 9, 14  # frames a second, frames at each pose, poses
+JOINTS = ("shoulder_pan", "elbow_flex")
+CAMERA = "observation.images.wrist"
+MOTORS = {
+    "shoulder_pan": {"homing_offset": 5, "range_min": 1000, "range_max": 3000, "drive_mode": 0},
+    "elbow_flex": {"homing_offset": 5, "range_min": 1500, "range_max": 2500, "drive_mode": 1},
+}
+
+
+def write_video(path, levels, codec="libsvtav1"):
+    """A video of grey frames, one for each level."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream(codec, rate=RATE)
+        stream.width, stream.height, stream.pix_fmt = 64, 64, "yuv420p"
+        for level in levels:
+            grey = np.full((64, 64), level, np.uint8)
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(grey, format="gray")))
+        container.mux(stream.encode())
+
+
+def write_dataset(root, version, state, codec="libsvtav1"):
+    """Two episodes; the grey level of a frame tells its pose, from 10 on in tens."""
+    half = len(state) // 2
+    levels = np.repeat(10 * np.arange(1, POSES + 1), REST)
+    info = {
+        "codebase_version": version,
+        "fps": RATE,
+        "chunks_size": 1000,
+        "robot_type": "so101_follower",
+        "features": {
+            "observation.state": {
+                "dtype": "float32",
+                "names": [f"{name}.pos" for name in (*JOINTS, "gripper")],
+            },
+            CAMERA: {"dtype": "video", "info": {"video.codec": "av1"}},
+        },
+    }
+    time = np.arange(half) / RATE
+    if version.startswith("v2"):
+        info["video_path"] = (
+            "videos/chunk-{episode_chunk:03d}/{video_key}/episode_{episode_index:06d}.mp4"
+        )
+        for episode in (0, 1):
+            rows = slice(episode * half, (episode + 1) * half)
+            table = root / f"data/chunk-000/episode_{episode:06d}.parquet"
+            write_table(table, state[rows], time, np.full(half, episode))
+            video = root / f"videos/chunk-000/{CAMERA}/episode_{episode:06d}.mp4"
+            write_video(video, levels[rows], codec)
+    else:
+        info["video_path"] = "videos/{video_key}/chunk-{chunk_index:03d}/file-{file_index:03d}.mp4"
+        table = root / "data/chunk-000/file-000.parquet"
+        write_table(table, state, np.tile(time, 2), np.repeat([0, 1], half))
+        write_video(root / f"videos/{CAMERA}/chunk-000/file-000.mp4", levels, codec)
+        key = f"videos/{CAMERA}"
+        episodes = root / "meta/episodes/chunk-000/file-000.parquet"
+        episodes.parent.mkdir(parents=True)
+        places = {
+            "episode_index": [0, 1],
+            f"{key}/chunk_index": [0, 0],
+            f"{key}/file_index": [0, 0],
+            f"{key}/from_timestamp": [0.0, half / RATE],
+        }
+        polars.DataFrame(places).write_parquet(episodes)
+    (root / "meta").mkdir(exist_ok=True)
+    (root / "meta/info.json").write_text(json.dumps(info))
+
+
+def write_table(path, state, time, episode):
+    path.parent.mkdir(parents=True, exist_ok=True)
+    columns = {
+        "observation.state": np.column_stack([state, np.zeros(len(state))]).tolist(),
+        "timestamp": time,
+        "episode_index": episode,
+    }
+    polars.DataFrame(columns).write_parquet(path)
+
+
+@pytest.fixture(scope="module")
+def joints():
+    """Joint values (poses, 2) [rad], two of them at the ends of the motors' ranges."""
+    q = np.random.default_rng(0).uniform(-0.7, 0.7, (POSES, 2))
+    q[0] = q[1] = np.array([2000, -1000]) * np.pi / 4095
+    q[1] *= -1
+    return q
+
+
+def recorded(joints):
+    return np.repeat(joints, REST, axis=0)
+
+
+@pytest.mark.parametrize("version", ["v2.1", "v3.0"])
+def test_each_frame_has_the_joints_of_its_moment(tmp_path, joints, version):
+    """AV1, which OpenCV's wheels do not decode."""
+    write_dataset(tmp_path, version, np.degrees(recorded(joints)))
+    assert is_dataset(tmp_path)
+    table, pictures, notes = read_dataset(tmp_path)
+    assert table.names == JOINTS
+    assert len(pictures) == POSES
+    levels = np.array([picture.mean() for picture in pictures])
+    pose = np.rint(levels / 10).astype(int) - 1
+    assert sorted(pose) == list(range(POSES))
+    assert np.allclose(table.q, joints[pose], atol=1e-6)
+    assert "degrees" in notes[0]
+
+
+def test_shares_of_ranges_need_the_motors_calibration(tmp_path, joints):
+    shares = recorded(joints) * 4095 / np.pi * 100 / [2000, -1000]
+    write_dataset(tmp_path, "v3.0", shares, codec="mpeg4")
+    with pytest.raises(LogError, match="shares of each motor's range"):
+        read_dataset(tmp_path)
+    (tmp_path / "calibration.json").write_text(json.dumps(MOTORS))
+    table, pictures, _ = read_dataset(tmp_path, motors=Motors.read(tmp_path / "calibration.json"))
+    pose = np.rint(np.array([picture.mean() for picture in pictures]) / 10).astype(int) - 1
+    assert np.allclose(table.q, joints[pose], atol=1e-6)
+
+
+def test_what_is_missing_is_named(tmp_path, joints):
+    write_dataset(tmp_path, "v2.1", recorded(joints), codec="mpeg4")
+    video = tmp_path / f"videos/chunk-000/{CAMERA}/episode_000001.mp4"
+    video.unlink()
+    with pytest.raises(LogError, match=r"episode_000001.mp4 is missing"):
+        read_dataset(tmp_path)
+    video.write_bytes(b"no video at all")
+    with pytest.raises(LogError, match="cannot be read"):
+        read_dataset(tmp_path)
+    with pytest.raises(LogError, match="expected gripper_roll too"):
+        read_dataset(tmp_path, ["gripper_roll"])
+    with pytest.raises(LogError, match="as `camera`, not 'top'"):
+        read_dataset(tmp_path, camera="top")
+    info = tmp_path / "meta/info.json"
+    info.write_text(info.read_text().replace("v2.1", "v9.0"))
+    with pytest.raises(LogError, match=r"expected v2.0, v2.1 or v3.0"):
+        read_dataset(tmp_path)
