@@ -54,6 +54,7 @@ class About(ReadOnly):
     degrees: bool = False  # whether its log, and so later ones, has turning joints in degrees
     picture: tuple[int, int] | None = None  # [px], width and height of a camera's pictures in space
     frame: str = ""  # the sensor's, as its log names it
+    sensor: str = ""  # its name, where the arm was seen by several
 
     @property
     def units_of_joints(self) -> tuple[str, ...]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, ClassVar, NoReturn
 
 import numpy as np
@@ -19,6 +19,7 @@ from . import answers, batches
 from .answers import Answer, Path
 from .parts import MOST_SHARE, Parts
 from .prediction import predict
+from .sensors import with_arm_of
 
 if TYPE_CHECKING:
     import os
@@ -54,6 +55,27 @@ class Model(Parts):
         from ..model_file.storage import save
 
         save(self, path)
+
+    def by(self, sensor: str) -> Model:
+        """Return the model as one of its sensors sees the arm, with that sensor's own bounds.
+
+        The first sensor is the model itself; so is every one where there is one without a name.
+        Raises OptionError if it is none of `sensors`.
+        """
+        parts = super().by(sensor)
+        if isinstance(parts, Model):
+            return parts
+        if sensor not in self.remembered:
+            values = {field.name: getattr(parts, field.name) for field in fields(Parts)}
+            self.remembered[sensor] = Model(**values)
+        model: Model = self.remembered[sensor]
+        return model
+
+    def with_sensor(self, adapted: Model) -> Model:
+        """Return the model with one of its sensors adapted, and that one's arm as all see it."""
+        several = [with_arm_of(parts, adapted) for parts in (self, *self.others)]
+        first = {field.name: getattr(several[0], field.name) for field in fields(Parts)}
+        return Model(**{**first, "others": tuple(several[1:])})
 
     def warm_up(self, *, strict: bool = False) -> str:
         """Make queries fast: compile the model's own C, where a C compiler is found.
@@ -120,7 +142,12 @@ class Model(Parts):
         return self.kernel.refused(value, _UNSURE) if self.strict else None
 
     def forward(
-        self, q: ArrayLike, readout: str | None = None, *, approach: ArrayLike | None = None
+        self,
+        q: ArrayLike,
+        readout: str | None = None,
+        *,
+        approach: ArrayLike | None = None,
+        sensor: str = "",
     ) -> Array:
         """Position (n, m) [unit] of the tip for joint values.
 
@@ -131,6 +158,7 @@ class Model(Parts):
         readout : {"local", "body", "linear", "activity", "winner"}, the model's default if None
         approach : (n, dof) or (dof,), sign of the last motion of each joint, 0 where it is not
             known.  It counts where training found backlash (``model.approach``).
+        sensor : one of :attr:`sensors`, whose readings are wanted; the first one by default
         Raises QueryError if the shape is wrong.
 
         Examples
@@ -141,6 +169,8 @@ class Model(Parts):
         >>> model.forward([0.5, 1.0]).round(3)
         array([0.281, 0.393])
         """
+        if sensor:
+            return self.by(sensor).forward(q, readout, approach=approach)
         if self.kernel is not None and readout in (None, "local") and approach is None:
             quick = self._single("forward", q)
             if quick is not None:
