@@ -8,41 +8,39 @@ from typing import Literal
 
 import numpy as np
 
-from ..common.arrays import Array, Index
-from ..kernel.compiled import NOTHING, Compiled
+from ..common.arrays import Array
+from ..kernel.compiled import Compiled
+from .header import compiled_of
 from .parts import Parts
 
 Kind = Literal["forward", "bounds", "inverse", "poses", "branches"]
 
 
 @dataclass(frozen=True)
-class Worth:
-    """Rows of a query from which its C is compiled, as NumPy takes longer for them (some .7 s).
+class NumpyCost:
+    """Processor time of a row by NumPy, for each squared joint [us]; ``benchmarks/inverse.py``."""
 
-    Measured by ``benchmarks/inverse.py`` with six joints.
+    forward: float = 0.03
+    bounds: float = 0.8
+    inverse: float = 1.7
+    poses: float = 40.0
+    branches: float = 100.0
+    compiler: float = 7e5  # [us], to compile a model
+
+
+COST = NumpyCost()
+
+
+def prepare(model: Parts, kind: Kind, rows: int) -> Compiled | None:
+    """The compiled C for rows of a query, made where that pays; None where NumPy answers.
+
+    Why it cannot be made is said once, as a warning.
     """
-
-    forward: int = 400_000
-    bounds: int = 20_000
-    inverse: int = 2_000
-    poses: int = 200
-    branches: int = 20
-
-
-WORTH = Worth()
-
-
-def kernel_for(model: Parts, kind: Kind, rows: int) -> Compiled | None:
-    """The compiled C that answers rows of a query; None where NumPy does.
-
-    It is compiled once where there are enough rows; why it cannot be is said once, as a warning.
-    """
-    if model.kernel is not None or rows < getattr(WORTH, kind):
+    cost = rows * len(model.about.lower) ** 2 * getattr(COST, kind)
+    if model.kernel is not None or cost < COST.compiler:
         return model.kernel
     if "uncompiled" in model.remembered or model.body is None:
         return None
-    from .header import compiled_of
-
     kernel, reason = compiled_of(model)
     if kernel is None:
         model.remembered["uncompiled"] = reason
@@ -53,7 +51,7 @@ def kernel_for(model: Parts, kind: Kind, rows: int) -> Compiled | None:
 
 def forward_rows(model: Parts, q: Array) -> Array | None:
     """Positions (n, m) at joints (n, dof); None where NumPy has to answer."""
-    kernel = kernel_for(model, "forward", len(q))
+    kernel = prepare(model, "forward", len(q))
     if kernel is None:
         return None
     x, valid = kernel.forward(q)
@@ -62,7 +60,7 @@ def forward_rows(model: Parts, q: Array) -> Array | None:
 
 def bound_rows(model: Parts, q: Array, which: str) -> Array | None:
     """95 % bounds (n,) at joints (n, dof), `bounds` or `model_bounds`; None for NumPy."""
-    kernel = kernel_for(model, "bounds", len(q))
+    kernel = prepare(model, "bounds", len(q))
     if kernel is None:
         return None
     bound, valid = kernel.bounds(q, which)
@@ -79,7 +77,7 @@ def all_rows(model: Parts, x: Array) -> list[Array] | None:
 
     Families of redundant joints are NumPy's.
     """
-    kernel = None if model.solver.redundant else kernel_for(model, "inverse", len(x))
+    kernel = None if model.solver.redundant else prepare(model, "inverse", len(x))
     if kernel is None:
         return None
     q, count = kernel.inverse_all(x)
@@ -89,14 +87,3 @@ def all_rows(model: Parts, x: Array) -> list[Array] | None:
     order = np.argsort(away, axis=1, kind="stable")
     q = np.take_along_axis(q, order[:, :, None], axis=1)
     return [rows[:k] for rows, k in zip(q, count.tolist(), strict=True)]
-
-
-def inverse_rows(model: Parts, x: Array, near: Array, *, nearest: bool) -> tuple[Array, Index]:
-    """Joints (n, dof) for positions (n, m) near others (n, dof), and rows (k,) left to NumPy."""
-    kernel = kernel_for(model, "inverse", len(x))
-    if kernel is None:
-        return np.full_like(near, np.nan), np.arange(len(x))
-    q, sure = kernel.inverse(x, near)
-    if nearest:
-        return q, np.flatnonzero((sure == 0) | (sure == NOTHING))
-    return q, np.flatnonzero(sure == 0)

@@ -17,6 +17,7 @@ from ..kernel.compiled import NOTHING, Compiled
 from ..samples.motion import Motion
 from . import answers, batches
 from .answers import Answer, Path
+from .header import compiled_of
 from .parts import MOST_SHARE, Parts
 from .prediction import predict
 from .sensors import with_arm_of
@@ -88,8 +89,6 @@ class Model(Parts):
             a millisecond, and `unanswered` says why, instead of a search by NumPy.  Raises
             OptionError where nothing can be compiled.
         """
-        from .header import compiled_of
-
         kernel, sentence = compiled_of(self)
         if strict and kernel is None:
             raise OptionError(f"strict=True: {sentence}", parameter="strict")
@@ -207,6 +206,7 @@ class Model(Parts):
         readout = self._readout(readout)
         if readout == "local":
             rows, single = checked_rows(x, self.axes, "positions")
+            batches.prepare(self, "inverse", len(rows))
             q = answers.inverse(self, rows, near, nearest=nearest)
             return q[0] if single else q
         answers_ = self.solve(x, near, readout)
@@ -232,6 +232,9 @@ class Model(Parts):
         """Answer inverse queries in full; see :meth:`inverse` for the parameters."""
         readout = self._readout(readout)
         rows, _ = checked_rows(x, self.axes, "positions")
+        if readout == "local":
+            batches.prepare(self, "inverse", len(rows))
+            return answers.solve(self, rows, near)
         u = answers.unit_joints(self, rows, answers.anchor(self, near, len(rows)), (readout,))
         return answers.answer(self, u[readout], rows, self.predicted(u[readout], readout))
 

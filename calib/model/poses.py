@@ -17,6 +17,7 @@ from ..errors import QueryError
 from ..samples.motion import Motion
 from ..samples.roles import QUATERNION, ROUNDING
 from .answers import anchor, rows_for
+from .batches import prepare
 from .parts import Parts
 from .prediction import predict
 from .space import REACHED, Space
@@ -79,10 +80,12 @@ def solve_poses(
     if r is None:
         q, target = space.at_positions(p, wish, keep=keep), np.arange(n)
     elif every:
+        prepare(model, "branches", n)
         ways = space.branches(p, r, wish, axis)
         target = np.repeat(np.arange(n), [len(rows) for rows in ways])
         q = np.concatenate([wish[:0], *ways])
     else:
+        prepare(model, "poses", n)
         target = np.arange(n)
         q = space.at_poses(p, r, wish, axis)
     q = on_turn(model, q, wanted_joints[target])

@@ -30,7 +30,6 @@ from ..inverse.pose import TOLERANCE, Joints, Poses, refined_ways, searched_ways
 from ..inverse.settings import SEARCH
 from ..inverse.solver import free_directions
 from ..inverse.starts import drawn
-from .batches import kernel_for
 from .parts import Parts
 
 _STEPS = 40  # of a search whose residual stays
@@ -93,11 +92,19 @@ class Space:
         body = self.body if size else _in_base(self.model.body, size=False) or self.body
         return body.bound(np.atleast_2d(np.asarray(q, dtype=float)), noise=False)
 
-    def free(self, q: Array, rows: int) -> Array:
-        """Directions (k, dof) that leave the answer at q (dof,); `rows` is 3, or 6 for a pose."""
-        jacobian = self.evaluate(q[None])[2][0, :rows].copy()
-        jacobian[:3] /= self.length
-        return free_directions(jacobian)
+    def free(self, q: Array, *, posed: bool, axis: int | None = None) -> Array:
+        """Directions (k, dof) that leave the position, or the pose, of joints (dof,) as it is.
+
+        Of a pose the turn about an axis of the tip may be left open.
+        """
+        _, rotation, jacobian = self.evaluate(q[None])
+        moves = jacobian[0, :3] / self.length
+        if not posed:
+            return free_directions(moves)
+        turns = jacobian[0, 3:]
+        if axis is not None:
+            turns = np.delete(rotation[0].T @ turns, axis, axis=0)
+        return free_directions(np.concatenate([moves, turns]))
 
     # What its sensor sees.
 
@@ -195,7 +202,7 @@ class Space:
         Where none reaches a pose, those that come nearest.  A turn about an axis of the tip, `free`
         0 to 2, may be left open.
         """
-        kernel = kernel_for(self.model, "poses", len(p))
+        kernel = self.model.kernel
         if kernel is not None and kernel.poses:
             closed = self._closed is not None and free is None
             rows = (*self.to_sensor(p, r), near)
@@ -263,7 +270,7 @@ class Space:
         if closed:
             starts = self._closed_starts(p, r)
         spare = near.shape[1] > _residuals(free)
-        kernel = kernel_for(self.model, "branches", len(p))
+        kernel = self.model.kernel
         if kernel is not None and kernel.poses and not spare:
             q, count = kernel.inverse_poses_all(*self.to_sensor(p, r), starts, _axis(free))
             return [rows[:k] for rows, k in zip(q, count.tolist(), strict=True)]

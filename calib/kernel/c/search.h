@@ -237,8 +237,10 @@ static inline void calib_on_turn(const calib_real near[CALIB_DOF], calib_real q[
   for (k = 0; k < CALIB_DOF; ++k) {
     if (!calib_periodic[k]) continue;
     q[k] += calib_span[k] * floor((near[k] - q[k]) / calib_span[k] + (calib_real)0.5);
-    while (q[k] > calib_most[k]) q[k] -= calib_span[k];
-    while (q[k] < calib_least[k]) q[k] += calib_span[k];
+    while (q[k] > calib_most[k] + @close@ * calib_span[k]) q[k] -= calib_span[k];
+    while (q[k] < calib_least[k] - @close@ * calib_span[k]) q[k] += calib_span[k];
+    if (q[k] > calib_most[k]) q[k] = calib_most[k];
+    if (q[k] < calib_least[k]) q[k] = calib_least[k];
   }
 }
 
