@@ -260,7 +260,6 @@ def cells():
             yield pytest.param(ability, command, marks=marks, id=f"{ability}-{command.__name__}")
 
 
-@pytest.mark.xdist_group("contract")
 @pytest.mark.parametrize(("ability", "command"), [*cells()])
 def test_a_fresh_log_of_the_unchanged_arm_is_unchanged(ability, command, tmp_path):
     model, fresh = learned(ability)
