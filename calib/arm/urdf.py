@@ -1,7 +1,7 @@
 """URDF: read, check and explain a robot description before any library sees it.
 
-Only the standard library's XML parser is used.  Pinocchio gets the joints that pass and never the
-text: harmless gaps do no harm, and real faults are told in one line.
+Only the standard library's XML parser is used: harmless gaps do no harm, and real faults are told
+in one line.
 """
 
 from __future__ import annotations
@@ -16,8 +16,10 @@ from functools import cached_property
 from pathlib import Path
 from typing import NamedTuple
 
+from ..common.arrays import Array
 from ..common.wording import listed, quoted, suggestion
 from ..errors import RobotError
+from .rotations import of_angles
 
 MAX_BYTES = 50_000_000
 MAX_JOINTS = 1_000  # links are followed by recursion
@@ -50,8 +52,8 @@ class Joint:
     kind: str
     parent: str
     child: str
-    xyz: Vector
-    rpy: Vector
+    xyz: Vector  # [m], its origin in the parent link's frame
+    rotation: tuple[Vector, Vector, Vector]  # rows of that origin's orientation
     axis: Vector
     limits: Range | None
     mimic: Mimic | None
@@ -287,7 +289,14 @@ def _read_joint(node: ET.Element, links: Collection[str], notes: list[str]) -> J
         (multiplier,) = _numbers(node, "mimic", "multiplier", (1.0,), where)
         (offset,) = _numbers(node, "mimic", "offset", (0.0,), where)
         mimic = Mimic(follows.get("joint", ""), multiplier, offset)
-    return Joint(name, kind, parent, child, xyz, rpy, axis, limits, mimic)
+    rotation = as_rows(of_angles(rpy))
+    return Joint(name, kind, parent, child, xyz, rotation, axis, limits, mimic)
+
+
+def as_rows(matrix: Array) -> tuple[Vector, Vector, Vector]:
+    """Rows of a matrix (3, 3)."""
+    first, second, third = map(tuple, matrix.tolist())
+    return first, second, third
 
 
 def _end(node: ET.Element, tag: str, where: str, links: Collection[str]) -> str:
