@@ -19,8 +19,9 @@ from ..common.rows import thinned
 from ..errors import LogError
 from .fit import Fit
 from .parameters import Prior
-from .planar import PlanarStructure, planar_starts
+from .planar import PlanarStructure, placed_in_plane, planar_starts
 from .rows import Rows
+from .sensors import as_seen_by
 from .settings import (
     APART,
     NO_CAMERA,
@@ -83,6 +84,34 @@ def best_starts(structure: Structure, rows: Rows, free: tuple[str, ...]) -> list
         if other and run.noise <= RIVAL_START * best.noise and np.isfinite(run.cost):
             return [best, run]
     return [best]
+
+
+def with_other_sensors(start: Start, rows: Sequence[Rows]) -> Start:
+    """A start with the further sensors placed where its arm, and their rows, say that they are."""
+    structure = start.structure
+    beta = start.beta.copy()
+    for each in rows[1:]:
+        if not isinstance(each.sensor, str):
+            continue
+        seen = as_seen_by(structure, each.sensor)
+        some = thinned(len(each), _ROWS)
+        if isinstance(seen, PlanarStructure):
+            seen, beta = placed_in_plane(seen, each.q[some], each.z[some], beta)
+        elif isinstance(seen, SpatialStructure):
+            beta = _placed_in_space(seen, each.q[some], each.z[some], beta)
+        structure = as_seen_by(seen, structure.sensor_name)
+    return replace(start, structure=structure, beta=beta)
+
+
+def _placed_in_space(structure: SpatialStructure, q: Array, z: Array, beta: Array) -> Array:
+    """Parameters (d,) with those of the sensor that fit its rows; the arm's and the tool's stay."""
+    groups = structure.groups
+    alone = frame(structure, q, z, arm=beta)
+    out = beta.copy()
+    for block in ("view.rotation", "view.shift", "view.scale", "lens"):
+        out[groups[block]] = alone[groups[block]]
+    out[groups["marker"]] += alone[groups["tool"]] - beta[groups["tool"]]
+    return out
 
 
 def candidates(structure: Structure, q: Array, z: Array) -> Sequence[tuple[Structure, Array]]:

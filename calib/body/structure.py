@@ -23,6 +23,7 @@ from ..arm.spatial_chain import Motion, move
 from ..common.arrays import Array
 from .curves import HARMONICS, curve_slope, curve_value, waves_of
 from .parameters import Block, Gaussian, Hyper, Indices, Label, Prior
+from .sensors import Viewpoint
 from .views import PLANAR, SPATIAL, Measurement, Moved, Placed, Sight, ViewKind, compose
 
 Ladder = tuple[tuple[str, tuple[str, ...]], ...]
@@ -65,6 +66,11 @@ class Structure:
     unit: str  # unit of positions
     extent: float  # size of the workspace along an output [unit]
     simulated: bool  # whether the rows are samples of a simulation
+    # of several sensors, see `calib.body.sensors`: the name and the place of the one that it sees
+    # as, and the others in their order
+    sensor_name: str
+    place: int
+    beside: tuple[Viewpoint, ...]
 
     @property
     def dof(self) -> int:
@@ -92,6 +98,11 @@ class Structure:
         return np.where(np.arange(self.outputs) < 3, self.extent, 1.0)
 
     # What the kinds of chains give.
+
+    @property
+    def viewpoint(self) -> Viewpoint:
+        """What it says of the sensor that it sees as."""
+        raise NotImplementedError
 
     @cached_property
     def measurement(self) -> Measurement:

@@ -56,6 +56,7 @@ class About(ReadOnly):
     frame: str = ""  # the sensor's, as its log names it
     # [rad or m], what each joint may be asked for where a drawing says it: turns of a periodic one
     limits: Annotated[Array, Shape("dof", "ends")] | None = None
+    sensor: str = ""  # its name, where the arm was seen by several
 
     @property
     def units_of_joints(self) -> tuple[str, ...]:

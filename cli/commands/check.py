@@ -89,11 +89,17 @@ def check(
     elif bumped:
         lines = [f"DRIFTED in {len(bumped)} of {len(episodes)} episodes", limit]
         document["drifted"] = True
+    elif drift.too_few:
+        lines = ["TOO FEW ROWS TO SAY: they could not show a change of ten times the noise"]
+        lines += ["what to do: measure more poses, spread over the joints' ranges"]
     elif drift.drifted is None:
         lines = ["TOO COARSE: these rows could not have shown a change of the tolerated size"]
         lines += ["what to do: give more rows, or rows of less noise", limit]
     else:
-        lines = ["still calibrated", *drift.explanations, limit]
+        lines = [drift.verdict.upper(), *drift.explanations, limit]
+        if drift.bound_holds:
+            lines[0] = drift.verdict
+
     for each in bumped:
         told = (*each["explanations"], "its cause is unknown")[0]
         lines.append(f"episode {each['episode']}: DRIFTED: {told}")

@@ -63,7 +63,7 @@ def test_leave_block_out_equals_the_refit():
         others = np.r_[0:a, b:40]
         again = fitted(s, prior, q[others], z[others])
         refit = z[a:b] - s.predict(q[a:b], again.beta)
-        assert np.allclose(held.residuals[0][a:b], refit, atol=5e-6)
+        assert np.allclose(held.residual[a:b], refit, atol=5e-6)
         assert not np.allclose(f.residual[a:b], refit, atol=3e-5)
 
 
