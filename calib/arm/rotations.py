@@ -45,12 +45,6 @@ def quaternion_of(matrices: ArrayLike) -> Array:
     return np.asarray(np.where(q[..., 3:] < 0, -q, q))
 
 
-def of_angles(angles: ArrayLike) -> Array:
-    """Rotation matrix (3, 3) of roll, pitch and yaw [rad]: turns about the fixed x, y and z axes."""
-    roll, pitch, yaw = np.diag(np.asarray(angles, dtype=float))
-    return np.asarray(exponential(yaw) @ exponential(pitch) @ exponential(roll))
-
-
 def exponential(vectors: ArrayLike) -> Array:
     """Rotation matrices (n, 3, 3) of rotation vectors (n, 3) [rad]."""
     v = np.asarray(vectors, dtype=float)

@@ -16,10 +16,8 @@ from functools import cached_property
 from pathlib import Path
 from typing import NamedTuple
 
-from ..common.arrays import Array
 from ..common.wording import listed, quoted, suggestion
 from ..errors import RobotError
-from .rotations import of_angles
 
 MAX_BYTES = 50_000_000
 MAX_JOINTS = 1_000  # links are followed by recursion
@@ -31,6 +29,7 @@ _HEAVIEST = 1e5  # [kg]; heavier is a mistake in the file, not an arm's link
 _NUMBER = re.compile(r"[+-]?((\d+\.?\d*|\.\d+)(e[+-]?\d+)?|inf(inity)?)", re.IGNORECASE)
 
 Vector = tuple[float, ...]
+Rows = tuple[Vector, Vector, Vector]
 Range = tuple[float, float]
 
 MOVABLE = ("revolute", "continuous", "prismatic")
@@ -53,7 +52,7 @@ class Joint:
     parent: str
     child: str
     xyz: Vector  # [m], its origin in the parent link's frame
-    rotation: tuple[Vector, Vector, Vector]  # rows of that origin's orientation
+    rotation: Rows  # rows of that origin's orientation
     axis: Vector
     limits: Range | None
     mimic: Mimic | None
@@ -289,14 +288,20 @@ def _read_joint(node: ET.Element, links: Collection[str], notes: list[str]) -> J
         (multiplier,) = _numbers(node, "mimic", "multiplier", (1.0,), where)
         (offset,) = _numbers(node, "mimic", "offset", (0.0,), where)
         mimic = Mimic(follows.get("joint", ""), multiplier, offset)
-    rotation = as_rows(of_angles(rpy))
-    return Joint(name, kind, parent, child, xyz, rotation, axis, limits, mimic)
+    return Joint(name, kind, parent, child, xyz, _rotation(*rpy), axis, limits, mimic)
 
 
-def as_rows(matrix: Array) -> tuple[Vector, Vector, Vector]:
-    """Rows of a matrix (3, 3)."""
-    first, second, third = map(tuple, matrix.tolist())
-    return first, second, third
+def _rotation(roll: float, pitch: float, yaw: float) -> Rows:
+    """Rows of the rotation by angles [rad] about the fixed x, y and z axes, in this order."""
+    # without NumPy, whose import takes longer than to list robots
+    cr, sr = math.cos(roll), math.sin(roll)
+    cp, sp = math.cos(pitch), math.sin(pitch)
+    cy, sy = math.cos(yaw), math.sin(yaw)
+    return (
+        (cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr),
+        (sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr),
+        (-sp, cp * sr, cp * cr),
+    )
 
 
 def _end(node: ET.Element, tag: str, where: str, links: Collection[str]) -> str:

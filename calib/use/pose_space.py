@@ -200,8 +200,8 @@ def hits_itself(
     Links that are joined, and those that meet in nearly all postures, are built so and not
     compared. Meshes are left out: their files are not part of a URDF.
 
-    Returns (n,), None where no two links have collision bodies that could be compared, or Pinocchio,
-    which compares them, is not installed.
+    Returns (n,), None where no two links have collision bodies that could be compared, or where
+    Pinocchio, which compares them, is not installed.
     """
     try:
         import pinocchio as pin
