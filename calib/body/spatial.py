@@ -339,21 +339,40 @@ def structure_of(
 
 
 def unknown_structure(
-    joint_names: Sequence[str], revolute: Sequence[bool], extent: float, unit: str = "m",
-    metre: float = 1.0, simulated: bool = False,
-) -> SpatialStructure:  # fmt: skip
+    joint_names: Sequence[str],
+    revolute: Sequence[bool],
+    extent: float,
+    unit: str = "m",
+    metre: float = 1.0,
+    simulated: bool = False,
+) -> SpatialStructure:
     """Return the structure of a serial arm of which only its joints' names are known.
 
     extent : size of the workspace along an output [unit]: the positions' rms spread
     metre : units of positions in one metre
     """
-    names, dof, up = tuple(joint_names), len(joint_names), np.array([0.0, 0.0, 1.0])
+    names = tuple(joint_names)
+    dof = len(names)
+    up = np.array([0.0, 0.0, 1.0])
     ends = np.outer(extent / metre / max(dof, 1) * np.arange(dof + 1), up)
     chain = SpatialChain(
-        np.tile(up, (dof, 1)), ends[:-1], ends[-1], np.eye(3), tuple(revolute), np.eye(dof),
-        np.zeros(dof),
-    )  # fmt: skip
+        axes=np.tile(up, (dof, 1)),
+        points=ends[:-1],
+        tip=ends[-1],
+        rotation=np.eye(3),
+        revolute=tuple(revolute),
+        coupling=np.eye(dof),
+        bias=np.zeros(dof),
+    )
     return SpatialStructure(
-        chain, names, names, tuple(revolute), "base", unit, metre, extent, informed=False,
+        chain,
+        names,
+        names,
+        tuple(revolute),
+        "base",
+        unit,
+        metre,
+        extent,
+        informed=False,
         simulated=simulated,
-    )  # fmt: skip
+    )

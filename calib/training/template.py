@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -100,6 +100,10 @@ def _in_space_template(samples: Samples, rows: Index, view: str) -> Template:
             poses = np.hstack([x, logarithm(matrix_of(samples.orientation[rows]))])
             return Template(structure.with_view(_POSED[view]), Rows(q, poses))
         unused = f"orientations are not used with the view {view!r}"
+    elif isinstance(arm, SpatialArm):  # the drawing is where the search begins, and no prior
+        structure = structure_of(arm, "base", unit=samples.unit, metre=metre, extent=extent)
+        structure = replace(structure, informed=False, simulated=True)
+        unused = "orientations are not used of a simulation"
     else:
         names, turns = samples.joint_names, samples.revolute
         structure = unknown_structure(names, turns, extent, samples.unit, metre, simulated)
