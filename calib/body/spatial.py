@@ -27,13 +27,14 @@ from .settings import (
     ELASTIC,
     GAIN,
     SERVOS,
+    SHARED_ROWS,
     SHIFT,
     TILT,
     TURN,
     WIDER,
 )
 from .structure import Ladder, Moving, Structure
-from .views import SPATIAL, InSpace, Measurement, compose, is_camera
+from .views import SPATIAL, InSpace, Measurement, ViewKind, compose, is_camera
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,6 +44,7 @@ class SpatialStructure(Structure):
     kind = "spatial"
     gate_rows = 1200  # each has three outputs and hundreds of parameters
     wide = (200.0, 1e-3)
+    few_rows = SHARED_ROWS  # they tell how large its curves are altogether, if not where
     # the nominal chain [m]: of a URDF, or what `spatial_starts` found without one
     chain: SpatialChain
     # active joints (dof), and all joints of the chain (m) with mimic joints
@@ -75,6 +77,11 @@ class SpatialStructure(Structure):
     def camera(self) -> bool:
         """Whether a camera sees the arm, in pixels."""
         return self.outputs == 2
+
+    @property
+    def seen_as(self) -> ViewKind:
+        """The kind of its sensor."""
+        return SPATIAL[self.view]
 
     @property
     def viewpoint(self) -> ViewpointInSpace:
