@@ -24,7 +24,7 @@ def other_direction(passed: Passed, rows: Sequence[Rows]) -> str | None:
     if not isinstance(structure, SpatialStructure) or structure.simulated:
         return None
     members = dict(structure.members())
-    if "elastic" not in members or "elastic" not in passed.tried:
+    if "elastic" not in members or "elastic" not in passed.evidences:
         return None
     drawn = int(np.argmax(np.abs(structure.gravity)))
     fits = []
