@@ -164,7 +164,7 @@ def _few_shot(
     if evidence.attributed:
         made = replace(made, kept=_kept(evidence, hypothesis))
     if not evidence.explained and not learned.improved:
-        return made
+        return replace(made, notes=(*made.notes, evidence.why_not()))
     report(0.8, "maps", float("nan"))
     fresh = rebuilt(model, rows.body, learned.body, rows.u)
     if not learned.improved:

@@ -174,7 +174,7 @@ def _of_body(rows: LogRows, cause: str | None, learn: bool) -> Verdict:
 
     # Is anything wrong, and could these rows say so?
     held = reference if reference.new else Reference(body, body.beta)
-    play = find_play(held, data, rows.side[sound])
+    play = find_play(reference, data, rows.side[sound])
     if play is not None:
         data = replace(data, q=data.q - play.half_by_joint * rows.side[sound])
     tests = group_tests(held, data, rows.probes)
@@ -212,7 +212,7 @@ def _of_body(rows: LogRows, cause: str | None, learn: bool) -> Verdict:
     # Words.
     causes, notes = causes_of(evidence)
     score = max(evidence.score, evidence.tool.score)
-    if play is not None:
+    if play is not None and evidence.explained:
         score = max(score, play.score)
         causes = (play_cause(play, rows.model), *causes)
     bound_holds = bound.beyond <= BEYOND and bound.test.score <= 1.0
