@@ -18,7 +18,6 @@ from .covariance import as_kept
 from .fit import Fit
 from .gate import Passed, leave_blocks_out, pass_gate
 from .parameters import Hyper, Indices, Prior
-from .planar import PlanarStructure
 from .rows import Rows, view_of
 from .sensors import joined
 from .starts import Start, best_starts, with_other_sensors
@@ -70,12 +69,11 @@ def fit(
     seed : chooses the rows of the gate where there are many
     """
     fitted = _fitted(structure, rows, begin, seed)
-    if not isinstance(structure, PlanarStructure) or structure.nominal is None:
-        return fitted
+    undrawn = structure.undrawn()
     typical = np.median(np.linalg.norm(fitted.held_out, axis=1))
-    if structure.view == "base" or typical < settings.DOUBTED * structure.extent:
+    if undrawn is None or typical < settings.DOUBTED * structure.extent:
         return fitted
-    free = _fitted(replace(structure, nominal=None), rows, begin, seed)
+    free = _fitted(undrawn, rows, begin, seed)
     if not np.median(np.linalg.norm(free.held_out, axis=1)) < typical / 2:
         return fitted
     note = "the nominal geometry does not fit the rows, even with its frame free: it is not used"
@@ -207,16 +205,17 @@ def _second(
         free = (*free, "curve")
     prior = first.structure.prior(tuple(dict.fromkeys(free)))
     sd = prior.sd.copy()
-    if "lens" in guarded and isinstance(first.structure, PlanarStructure):
-        sd[groups["lens"]] = settings.GUARD_LENS, 0.0, 0.0
+    for block in guarded:
+        guard = first.structure.guard(block)
+        if guard is not None:
+            sd[groups[block]] = guard
     sd[first.active] = first.sd
     hypers = _wider(prior.hypers, first.structure.wide, first.active)
     for hyper in hypers:
         sd[hyper.indices] = hyper.scale * np.sqrt(hyper.shape)
     wide = first.beginning(rows, Prior(prior.mean, sd, tuple(hypers))).maximise(steps=4)
     share = 1.0
-    if count < settings.SHARED_ROWS and not isinstance(first.structure, PlanarStructure):
-        # Few rows of an arm in space tell how large its curves are altogether, if not where.
+    if count < first.structure.few_rows:
         share = float(np.clip(leave_blocks_out(wide).ratio(), settings.LEAST_SHARE, 1.0))
     root = as_kept(share**2 * wide.covariance)
     return wide, Second(wide.beta, wide.active, root, wide.noise)

@@ -16,7 +16,6 @@ import numpy as np
 from ..common.arrays import Array
 from .covariance import radius_95
 from .fit import BLOCKS, Fit
-from .normal import Factor
 from .parameters import Indices
 from .rows import Part, Rows
 from .settings import LEAST_ROWS_OF_A_QUANTILE, NATS, OUTLIER, SETTLED, UNKNOWN_KAPPA
@@ -99,15 +98,12 @@ def leave_blocks_out(
     n = len(part.z)
     every = max(1, round(n * len(fit.active) / _WORK))
 
-    def step_without(gram: Array, moment: Array) -> Array:
-        return Factor(fit.precision - gram).solve(fit.gradient - moment)
-
     residual = np.full_like(part.residual, np.nan)
     derivatives: list[Array] = []
     for k, (rows, x) in enumerate(part.by_blocks(fit.beta, fit.active)):
         derivatives.append(x[::every])
         with suppress(np.linalg.LinAlgError):
-            step = step_without(fit.grams[k], fit.moments[k])
+            step = fit.without(slice(k, k + 1)).step
             residual[rows] = part.residual[rows] - x @ step
 
     p = part.structure.blocks[0]
@@ -117,14 +113,11 @@ def leave_blocks_out(
         limits = np.linspace(0, len(derivatives), max(min(count, len(derivatives)), 1) + 1)
         ratios[count] = np.full(n, np.nan)
         for first, last in pairwise(limits.round().astype(int).tolist()):
-            gram = np.zeros_like(fit.precision)
-            moment = np.zeros_like(fit.gradient)
-            if count > 0:  # else the fit itself
-                gram = fit.grams[first:last].sum(axis=0)
-                moment = fit.moments[first:last].sum(axis=0)
+            # of no partition the fit itself
+            others = fit.without(slice(first, last) if count else slice(0))
             try:
-                step = step_without(gram, moment)
-                softer = fit.softer(fit.grams.sum(axis=0) - gram)
+                step = others.step
+                softer = fit.softer(others.gram)
             except np.linalg.LinAlgError:  # the other blocks leave the parameters open
                 continue
             for block in range(first, last):

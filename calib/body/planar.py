@@ -14,7 +14,7 @@ from ..common.arrays import Array
 from ..common.scale import METRES
 from ..errors import OptionError
 from .curves import curve_shape
-from .nominal import Complex, Nominal, linear_chain, sides
+from .drawing import Complex, LinearChain, PlanarDrawing, sides
 from .parameters import Block, Hyper, Indices
 from .sensors import NamedSensor, Several, ViewpointInPlane, viewpoints
 from .settings import (
@@ -23,6 +23,7 @@ from .settings import (
     DOUBTED,
     ELASTIC_FLAT,
     GAIN,
+    GUARD_LENS,
     LONG,
     SERVOS,
     SHIFT,
@@ -30,7 +31,7 @@ from .settings import (
     WIDER,
 )  # fmt: skip
 from .structure import Ladder, Moving, Structure
-from .views import PLANAR, InPlane, Measurement, Moved
+from .views import PLANAR, InPlane, Measurement, Moved, ViewKind
 
 _MOST = 16  # combinations of signs and mirrors that are refined
 
@@ -74,6 +75,7 @@ class PlanarStructure(Structure):
     gate_rows = 3000
     # with 3 mrad real rows were bounded up to 9.2 times their error, paths covered to 96 % as now
     wide = (200.0, 1.5e-3)
+    few_rows = 0
     joint_names: tuple[str, ...]
     revolute: tuple[bool, ...]
     view: str  # one of :data:`calib.body.views.PLANAR`
@@ -83,7 +85,7 @@ class PlanarStructure(Structure):
     mirror: int  # -1 where the sensor sees the plane from behind
     extent: float  # root mean square distance of the rows from their mean [unit]
     centre: tuple[float, float]  # mean position [unit]; origin of the lens
-    nominal: Nominal | None  # prior geometry, in metres
+    nominal: PlanarDrawing | None  # prior geometry, in metres
     simulated: bool  # whether the rows are samples of a simulation
     sensor_name: str = ""
     place: int = 0
@@ -117,6 +119,21 @@ class PlanarStructure(Structure):
         return 1.0 if scaled else 0.5 * first.extent / first.metre, unit
 
     @property
+    def seen_as(self) -> ViewKind:
+        """The kind of its sensor."""
+        return PLANAR[self.view]
+
+    def guard(self, block: str) -> Array | None:
+        """Prior sds of the lens in the second fit: its bend alone is free."""
+        return np.array([GUARD_LENS, 0.0, 0.0]) if block == "lens" else None
+
+    def undrawn(self) -> PlanarStructure | None:
+        """The structure without its drawing, None where the sensor's frame is the drawing's."""
+        if self.nominal is None or self.view == "base":
+            return None
+        return replace(self, nominal=None)
+
+    @property
     def viewpoint(self) -> ViewpointInPlane:
         """What it says of the sensor that it sees as."""
         return ViewpointInPlane(
@@ -147,7 +164,7 @@ class PlanarStructure(Structure):
         link, unit = self._link
         drawn = self.nominal
         reach = 2.0 * link if drawn is None else max(sum(drawn.lengths), 1e-12)
-        frame = drawn if drawn is not None and point.view == "base" else Nominal((), ())
+        frame = drawn if drawn is not None and point.view == "base" else PlanarDrawing((), ())
         return InPlane(
             point.unit,
             point.metre,
@@ -311,24 +328,30 @@ def _framed(own: PlanarStructure, q: Array, tip: Complex, arm: Array) -> tuple[f
 
 def _linear(own: PlanarStructure, q: Array, tip: Complex) -> tuple[float, Array]:
     """Error and parameters of the chain that fits tips (n,) best."""
-    beta, groups, turning = own.neutral(), own.groups, np.asarray(own.revolute)
-    found, miss = linear_chain(q, tip, own.signs, own.mirror, own.revolute)
-    sizes = np.asarray(found.lengths) / own.metre
+    beta = own.neutral()
+    groups = own.groups
+    turning = np.asarray(own.revolute)
+    chain = LinearChain.of(q, tip, own.signs, own.mirror, own.revolute)
+    sizes = chain.sizes / own.metre
     if own.seen_as.scaled:  # in the first length, or where joints slide in metres
-        unit = float(sizes[0] if turning.all() else np.exp(np.log(sizes[~turning] + 1e-300).mean()))
+        unit = float(sizes[0])
+        if not turning.all():
+            unit = float(np.exp(np.log(sizes[~turning] + 1e-300).mean()))
         unit = max(unit, 1e-9 * own.extent)
-        beta[groups["view.scale"]], sizes = np.log(unit), sizes / unit
+        beta[groups["view.scale"]] = np.log(unit)
+        sizes = sizes / unit
     beta[groups["length"]] = np.where(turning, sizes, 0.0)
-    beta[groups["offset"]], beta[groups["view.rotation"]] = found.offsets, found.rotation
-    beta[groups["view.shift"]] = found.shift
-    return float(np.sqrt(np.mean(miss**2))), beta
+    beta[groups["offset"]] = chain.drawing.offsets
+    beta[groups["view.rotation"]] = chain.drawing.rotation
+    beta[groups["view.shift"]] = chain.drawing.shift
+    return float(np.sqrt(np.mean(chain.miss**2))), beta
 
 
 def planar_structure(
     z: Array,
     joint_names: Sequence[str],
     revolute: Sequence[bool],
-    nominal: Nominal | None = None,
+    nominal: PlanarDrawing | None = None,
     view: str = "auto",
     unit: str = "m",
     simulated: bool = False,

@@ -27,13 +27,14 @@ from .settings import (
     ELASTIC,
     GAIN,
     SERVOS,
+    SHARED_ROWS,
     SHIFT,
     TILT,
     TURN,
     WIDER,
 )
 from .structure import Ladder, Moving, Structure
-from .views import SPATIAL, InSpace, Measurement, compose, is_camera
+from .views import SPATIAL, InSpace, Measurement, ViewKind, compose, is_camera
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,6 +44,7 @@ class SpatialStructure(Structure):
     kind = "spatial"
     gate_rows = 1200  # each has three outputs and hundreds of parameters
     wide = (200.0, 1e-3)
+    few_rows = SHARED_ROWS  # they tell how large its curves are altogether, if not where
     # the nominal chain [m]: of a URDF, or what `spatial_starts` found without one
     chain: SpatialChain
     # active joints (dof), and all joints of the chain (m) with mimic joints
@@ -75,6 +77,11 @@ class SpatialStructure(Structure):
     def camera(self) -> bool:
         """Whether a camera sees the arm, in pixels."""
         return self.outputs == 2
+
+    @property
+    def seen_as(self) -> ViewKind:
+        """The kind of its sensor."""
+        return SPATIAL[self.view]
 
     @property
     def viewpoint(self) -> ViewpointInSpace:
@@ -338,21 +345,40 @@ def structure_of(
 
 
 def unknown_structure(
-    joint_names: Sequence[str], revolute: Sequence[bool], extent: float, unit: str = "m",
-    metre: float = 1.0, simulated: bool = False,
-) -> SpatialStructure:  # fmt: skip
+    joint_names: Sequence[str],
+    revolute: Sequence[bool],
+    extent: float,
+    unit: str = "m",
+    metre: float = 1.0,
+    simulated: bool = False,
+) -> SpatialStructure:
     """Return the structure of a serial arm of which only its joints' names are known.
 
     extent : size of the workspace along an output [unit]: the positions' rms spread
     metre : units of positions in one metre
     """
-    names, dof, up = tuple(joint_names), len(joint_names), np.array([0.0, 0.0, 1.0])
+    names = tuple(joint_names)
+    dof = len(names)
+    up = np.array([0.0, 0.0, 1.0])
     ends = np.outer(extent / metre / max(dof, 1) * np.arange(dof + 1), up)
     chain = SpatialChain(
-        np.tile(up, (dof, 1)), ends[:-1], ends[-1], np.eye(3), tuple(revolute), np.eye(dof),
-        np.zeros(dof),
-    )  # fmt: skip
+        axes=np.tile(up, (dof, 1)),
+        points=ends[:-1],
+        tip=ends[-1],
+        rotation=np.eye(3),
+        revolute=tuple(revolute),
+        coupling=np.eye(dof),
+        bias=np.zeros(dof),
+    )
     return SpatialStructure(
-        chain, names, names, tuple(revolute), "base", unit, metre, extent, informed=False,
+        chain,
+        names,
+        names,
+        tuple(revolute),
+        "base",
+        unit,
+        metre,
+        extent,
+        informed=False,
         simulated=simulated,
-    )  # fmt: skip
+    )

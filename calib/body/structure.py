@@ -24,7 +24,7 @@ from ..common.arrays import Array
 from .curves import HARMONICS, curve_slope, curve_value, waves_of
 from .parameters import Block, Gaussian, Hyper, Indices, Label, Prior
 from .sensors import Viewpoint
-from .views import PLANAR, SPATIAL, Measurement, Moved, Placed, Sight, ViewKind, compose
+from .views import Measurement, Moved, Placed, Sight, ViewKind, compose
 
 Ladder = tuple[tuple[str, tuple[str, ...]], ...]
 """The gate's members from simple to rich: a name and the blocks that it frees."""
@@ -60,6 +60,8 @@ class Structure:
     gate_rows: ClassVar[int]
     # wider hyperprior of the curves for a second fit: pseudo-observations, rms [rad]
     wide: ClassVar[tuple[float, float]]
+    # rows below which held-out errors scale the second fit's spread
+    few_rows: ClassVar[int]
     joint_names: tuple[str, ...]  # names of the joints, base to tip
     revolute: tuple[bool, ...]  # which joints turn; the others slide
     view: str  # one of :data:`calib.body.views.PLANAR` or `SPATIAL`
@@ -80,7 +82,7 @@ class Structure:
     @property
     def seen_as(self) -> ViewKind:
         """The kind of its sensor."""
-        return (PLANAR if self.kind == "planar" else SPATIAL)[self.view]
+        raise NotImplementedError
 
     @property
     def outputs(self) -> int:
@@ -118,6 +120,14 @@ class Structure:
     def directions(self) -> tuple[int, ...]:
         """How each joint (dof,) moves with its log, 1 or -1."""
         return (1,) * self.dof
+
+    def guard(self, block: str) -> Array | None:  # noqa: ARG002
+        """Prior sds of a block in the second fit, None where they are the first one's."""
+        return None
+
+    def undrawn(self) -> Structure | None:
+        """The structure without a drawing that rows may contradict, None where it needs one."""
+        return None
 
     def geometry(self) -> Sequence[Block]:
         """Blocks of the chain's geometry and of its joints."""

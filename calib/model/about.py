@@ -57,6 +57,11 @@ class About(ReadOnly):
     sensor: str = ""  # its name, where the arm was seen by several
 
     @property
+    def bound_holds(self) -> bool:
+        """Whether the rows that the model was tested on agree with its own bound."""
+        return holds(self.within, self.tested)
+
+    @property
     def units_of_joints(self) -> tuple[str, ...]:
         """Unit of each joint: "rad" or "m"."""
         return tuple("rad" if turns else "m" for turns in self.revolute)
@@ -77,6 +82,16 @@ class About(ReadOnly):
                 f"{', '.join(self.joint_names)}: give a log of the same arm"
             )
         return log.q[:, [log.joint_names.index(name) for name in self.joint_names]]
+
+
+def holds(within: Mapping[str, float], rows: int) -> bool:
+    """Whether rows agree with a 95 % bound that covers the share `within["covered"]` of them.
+
+    They do not where three times as many as 5 %, and two rows more, are beyond it: a few are by
+    chance.  Without a share nothing speaks against the bound.
+    """
+    beyond = rows * (1.0 - within.get("covered", 1.0))
+    return beyond <= 0.15 * rows + 2.0
 
 
 @dataclass(frozen=True)

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ..arm.arm import SpatialArm
 from ..arm.rotations import logarithm, matrix_of
-from ..body.nominal import Nominal, nominal_of
+from ..body.drawing import PlanarDrawing
 from ..body.planar import planar_structure
 from ..body.rows import Rows
 from ..body.spatial import SpatialStructure, structure_of, unknown_structure
@@ -60,20 +60,19 @@ def _in_space(samples: Samples, view: str) -> bool:
 def _in_plane_template(samples: Samples, rows: Index, view: str) -> Template:
     """The template of a planar arm, a log's with its URDF as prior."""
     simulated = samples.simulation is not None
-    nominal: Nominal | None = None
+    drawing: PlanarDrawing | None = None
     if samples.arm is not None and not simulated:
         # a joint out of the plane has no prior: the rows have to tell
         with suppress(OptionError):
-            forward = samples.arm.forward
-            nominal = nominal_of(forward, samples.lower, samples.upper, samples.revolute)
-    if view == "base" and nominal is None:
+            drawing = PlanarDrawing.of(samples.arm)
+    if view == "base" and drawing is None:
         raise OptionError(
             "view 'base' needs a measured log and the planar robot that it is of: give both, or "
             "another view"
         )
     x = samples.x[rows]
     structure = planar_structure(
-        x, samples.joint_names, samples.revolute, nominal, view, samples.unit, simulated
+        x, samples.joint_names, samples.revolute, drawing, view, samples.unit, simulated
     )
     return Template(structure, Rows(samples.q[rows], x))
 
@@ -100,6 +99,10 @@ def _in_space_template(samples: Samples, rows: Index, view: str) -> Template:
             poses = np.hstack([x, logarithm(matrix_of(samples.orientation[rows]))])
             return Template(structure.with_view(_POSED[view]), Rows(q, poses))
         unused = f"orientations are not used with the view {view!r}"
+    elif isinstance(arm, SpatialArm):  # the drawing is where the search begins, and no prior
+        structure = structure_of(arm, "base", unit=samples.unit, metre=metre, extent=extent)
+        structure = replace(structure, informed=False, simulated=True)
+        unused = "orientations are not used of a simulation"
     else:
         names, turns = samples.joint_names, samples.revolute
         structure = unknown_structure(names, turns, extent, samples.unit, metre, simulated)
