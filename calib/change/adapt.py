@@ -365,6 +365,8 @@ def _finished(
     # a camera that was moved sees another picture
     photo = old.photo if method == "few-shot" and frame is None else None
     kept_rows = Rows.of(rows.logged[sound], rows.x[sound])
+    if len(residual) == len(kept_rows):  # of all rows that are kept
+        kept_rows = replace(kept_rows, held_out=residual)
     if fresh.body is None:  # maps that followed these rows know no others
         scale = fresh.motor.scale
         baseline = replace(baseline, seen=Seen.of(scale, scale.to_unit(kept_rows.q)))
