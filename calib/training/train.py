@@ -10,9 +10,11 @@ from typing import Any
 
 import numpy as np
 
+from ..arm.arm import Arm
 from ..body.approach import Approach
 from ..common.arrays import Array
 from ..common.parallel import one_blas_thread, side_by_side
+from ..common.scale import Scale
 from ..errors import LogError
 from ..maps.association import Association
 from ..maps.local_models import NO_MODELS
@@ -27,6 +29,7 @@ from .learn import Progress, TrainingOptions, associate, resolved, unit_box
 from .preparation import Prepared, logs_by_sensor, prepare, prepare_several
 from .smooth import to_learn
 
+_UNLIMITED = 1e6  # [rad] of a joint that turns without end
 _LEAST_ROWS = 10  # fewest poses that anything can be learned and checked from
 _TESTED = 20_000  # rows of a log that errors are measured on; more would tell no more
 
@@ -230,6 +233,14 @@ def _remembered_rows(prepared: Prepared, held_out: Array | None) -> Rows | None:
     return Rows.of(samples.q[rows], samples.x[rows], held_out)
 
 
+def _limits(samples: Samples, arm: Arm) -> Array:
+    """What each joint (dof, 2) [rad or m] may be asked for: of whole turns what the arm says."""
+    scale = Scale.of_range(samples.lower, samples.upper, samples.revolute)
+    learned = np.column_stack([samples.lower, samples.upper])
+    turns = np.clip(arm.travel, -_UNLIMITED, _UNLIMITED)
+    return np.where(scale.periodic[:, None], turns, learned)
+
+
 def _about(samples: Samples, options: TrainingOptions) -> About:
     """What is known before anything is learned; errors and notes are added later."""
     arm = samples.arm
@@ -264,4 +275,5 @@ def _about(samples: Samples, options: TrainingOptions) -> About:
         picture=None if samples.camera is None else samples.camera.size,
         frame=str(source.get("frame", "")),
         sensor=samples.sensor,
+        limits=None if arm is None else _limits(samples, arm),
     )
