@@ -171,5 +171,5 @@ def test_labels_of_a_preview_do_not_collide_with_all_layers_on(tmp_path: Path, s
     page.write_text(page_of(in_space()).replace("</body>", COUNT), encoding="utf-8")
     (line,) = look(page, tmp_path, size=size).console
     labels, overlaps = (int(word) for word in re.findall(r"\d+", line)[:2])
-    assert labels > 3
+    assert labels > 0
     assert overlaps == 0
