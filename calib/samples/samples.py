@@ -16,7 +16,7 @@ from ..common.arrays import Array, Index
 from ..common.rows import LARGEST, column_names, number_rows, whole
 from ..errors import LogError, OptionError
 from .camera import Camera
-from .motion import pose_index
+from .joint_values import pose_index
 from .simulation import Change, Simulation, parse_changes
 from .sockets import Touches
 
