@@ -27,6 +27,8 @@ if TYPE_CHECKING:
     from .change.check import check as check
     from .change.check import recognise as recognise
     from .change.follow import follow as follow
+    from .change.judge import Verdict as Verdict
+    from .change.judge import judge as judge
     from .change.monitor import Monitor as Monitor
     from .change.monitor import monitor as monitor
     from .errors import CalibError as CalibError
@@ -43,6 +45,7 @@ if TYPE_CHECKING:
     from .model.answers import Path as Path
     from .model.model import Model as Model
     from .model_file.loading import load as load
+    from .model_file.loading import load_maps as load_maps
     from .recording.handeye import HandEye as HandEye
     from .recording.handeye import handeye as handeye
     from .samples.logs import read_log as read_log
@@ -76,6 +79,7 @@ _NAMES = {
     "change.adapt": "Adaptation adapt",
     "change.check": "Drift Recognition check recognise",
     "change.follow": "follow",
+    "change.judge": "Verdict judge",
     "change.monitor": "Monitor monitor",
     "errors": "CalibError LogError ModelError OptionError QueryError RobotError",
     "maps.association": "Association",
@@ -84,7 +88,7 @@ _NAMES = {
     "maps.som": "SOM",
     "model.answers": "Answer Path",
     "model.model": "Model",
-    "model_file.loading": "load",
+    "model_file.loading": "load load_maps",
     "recording.handeye": "HandEye handeye",
     "samples.logs": "read_log write_log",
     "samples.samples": "Samples babble",

@@ -6,7 +6,7 @@ Each is an annotation of Typer; a parser of `parsing` reads what is typed in a f
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Annotated
+from typing import Annotated, Literal
 
 from typer import Argument, Option
 
@@ -245,6 +245,11 @@ WhatChanged = Annotated[
         "What changed, if known.",
     ),
 ]
+FREE = ("all", "offsets")
+Free = Annotated[
+    Literal["all", "offsets"],
+    word("--free", FREE, "offsets: the drawing's geometry is true, the joints' zeros are not."),
+]
 FrameOrJoints = Annotated[
     choices.CauseWord,
     word(
@@ -264,12 +269,16 @@ Eye = Annotated[
     ),
 ]
 Dictionary = Annotated[str, Option("--dictionary", metavar="NAME", help="Dictionary of the tags.")]
+BOARD = (
+    "A chessboard's squares: 10x7:22mm; ChArUco: 7x5:24mm:18mm:5x5_100; AprilTags: "
+    "grid:6x6:88mm:26.4mm:t36h11."
+)
 BoardSpec = Annotated[
     str | None,
     Option(
         "--board",
-        metavar="COLSxROWS:SQUARE:MARKER:DICT",
-        help="Such as 7x5:24mm:18mm:5x5_100.",
+        metavar="BOARD",
+        help=BOARD,
     ),
 ]
 LensFile = Annotated[

@@ -17,6 +17,8 @@ from .links import WIRINGS, Compressed, Wiring
 from .map import Map, nearest_points
 
 if TYPE_CHECKING:
+    import os
+
     from scipy.sparse import csr_array
 
 _JOINED = 1.9  # nodes closer than so many spacings belong to one cluster
@@ -71,6 +73,12 @@ class Association:
 
     def __post_init__(self) -> None:
         freeze(self, "motor_shifts", "sensory_shifts")
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write both maps and their links into one file, which `calib.load_maps` reads."""
+        from ..model_file.maps_file import save_maps
+
+        save_maps(self, path)
 
     @cached_property
     def links(self) -> csr_array:

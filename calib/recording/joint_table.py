@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
@@ -16,6 +17,11 @@ from .pictures import Frame, list_pictures, read_series
 
 _OTHERS = {"time", "timestamp", "picture", "episode", "x", "y", "z", "qx", "qy", "qz", "qw"}
 _TURNS = 4.0 * np.pi  # [rad]; joints that go beyond two turns are taken for degrees
+
+
+def joint_columns(header: Sequence[str]) -> tuple[str, ...]:
+    """Return the columns of a table that are not a time, a picture or a position."""
+    return tuple(name for name in header if name.lower() not in _OTHERS)
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,8 +52,7 @@ def read_joints(
     """
     source = open_source(path)
     told = [name for name in ("time", "episode") if name in source.header]
-    others = [name for name in source.header if name.lower() not in _OTHERS]
-    names = list(others if joints is None else joints)
+    names = list(joint_columns(source.header) if joints is None else joints)
     values = source.numbers([*names, *told])[0]
     about, values = dict(zip(told, values[:, len(names) :].T, strict=True)), values[:, : len(names)]
     if joints is None:
@@ -79,8 +84,21 @@ def read_joints(
     return JointTable(source.label, tuple(names), q, time, pictures, dropped, episodes)
 
 
+class Table(Protocol):
+    """What was recorded beside pictures, one row for each."""
+
+    @property
+    def label(self) -> str: ...  # noqa: D102
+    @property
+    def q(self) -> Array: ...  # noqa: D102
+    @property
+    def pictures(self) -> tuple[str, ...] | None: ...  # noqa: D102
+    @property
+    def dropped(self) -> int: ...  # noqa: D102
+
+
 def read_shots(
-    table: JointTable, source: str | os.PathLike[str] | Sequence[str]
+    table: Table, source: str | os.PathLike[str] | Sequence[str]
 ) -> tuple[list[int], Iterator[Frame], list[str]]:
     """Rows of the joints (p), in their order, the picture of each, and what is left out.
 
