@@ -135,6 +135,12 @@ def adapt(
     """
     if method not in METHODS:
         raise OptionError(f"method {method!r} is unknown, choose one of {', '.join(METHODS)}")
+    if len(model.sensors) > 1:
+        seen = replace(model.by(log.sensor), others=())
+        adaptation = adapt(seen, log, method=method, cause=cause, progress=progress)
+        if adaptation.model is seen:
+            return replace(adaptation, model=model)
+        return replace(adaptation, model=model.with_sensor(adaptation.model))
     report = progress or (lambda *_: None)
     if method == "online":
         verdict = judge(model, log, cause=cause, learn=False)

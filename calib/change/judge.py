@@ -156,7 +156,7 @@ def judge(model: Model, log: Samples, *, cause: str | None = None, learn: bool =
     """
     check_cause(cause)
     with plain_numbers():
-        rows = rows_of(model, log)
+        rows = rows_of(model.by(log.sensor), log)
         if model.body is None:
             return _of_maps(rows)
         return _of_body(rows, cause or rows.cause, learn)
