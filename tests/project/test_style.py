@@ -14,7 +14,23 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[2]
-PARTICIPLES = set("found told own known each asked given kept taken said seen left held".split())
+PARTICIPLES = set(
+    [
+        "found",
+        "told",
+        "own",
+        "known",
+        "each",
+        "asked",
+        "given",
+        "kept",
+        "taken",
+        "said",
+        "seen",
+        "left",
+        "held",
+    ]
+)
 LAYOUT = {tokenize.COMMENT, tokenize.NL, tokenize.NEWLINE, tokenize.INDENT, tokenize.DEDENT}
 
 
