@@ -18,22 +18,6 @@ PARTICIPLES = {
     *("found", "told", "own", "known", "each", "asked", "given"),
     *("kept", "taken", "said", "seen", "left", "held"),
 }
-    [
-        "found",
-        "told",
-        "own",
-        "known",
-        "each",
-        "asked",
-        "given",
-        "kept",
-        "taken",
-        "said",
-        "seen",
-        "left",
-        "held",
-    ]
-)
 LAYOUT = {tokenize.COMMENT, tokenize.NL, tokenize.NEWLINE, tokenize.INDENT, tokenize.DEDENT}
 
 
