@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from calib.common.choices import READOUTS
 from calib.common.wording import printable
+from calib.model.about import holds
 from calib.model.facts import STATISTICS, Errors, shown_errors
 
 from .output import TextTable, number, sized
@@ -14,6 +15,7 @@ from .units import units_of
 
 if TYPE_CHECKING:
     from calib import Model
+    from calib.model.about import About
 
 _EXACT = 1e-9  # share of the extent below which an error is rounding
 _ASKED = 200  # points of the learned range at which the bound is asked
@@ -52,6 +54,7 @@ def summary(
         "unit": about.unit,
         "units": units_of(about),
         "bound_of": about.bound_of,
+        "bound_holds": about.bound_holds,
         "errors": errors,
     }
 
@@ -141,12 +144,22 @@ def found_by_body(model: Model) -> list[str]:
 
 def does_not_hold(within: Mapping[str, float], rows: int) -> list[str]:
     """Say in one line that rows miss a model's own 95 % bound far more often than 5 %."""
-    # three times as often, and by two rows more, which few rows do by chance
-    if not within or rows * (1.0 - within["covered"]) <= 0.15 * rows + 2.0:
+    if holds(within, rows):
         return []
     return [
         f"the model does not hold for this log: its 95 % bound covers "
         f"{100 * within['covered']:.0f} % of the rows; calib check says what changed"
+    ]
+
+
+def contradicted(about: About) -> list[str]:
+    """Say in one line that the rows that a model was tested on contradict its own bound."""
+    if about.bound_holds:
+        return []
+    rows = "fresh samples" if about.source == "simulation" else "rows held out"
+    return [
+        f"THE BOUND DOES NOT HOLD: the model's own 95 % bound covers "
+        f"{100 * about.within['covered']:.0f} % of {rows}: do not rely on it"
     ]
 
 

@@ -42,6 +42,7 @@ Every command takes `--json` (one JSON document on standard output, in SI units)
 
 | command | exit code 3 means |
 |---|---|
+| `calib train` | the model's own fresh or held-out rows contradict its bound; it is written |
 | `calib query forward` | the joint values are outside the range that was learned |
 | `calib query inverse` | the target, or one row of a batch, is out of reach |
 | `calib query path` | the path cannot be followed on one branch, or leaves the reach |

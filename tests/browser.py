@@ -1,6 +1,8 @@
 """A real browser without a window and without a network, for the tests of pages."""
 
+import html
 import io
+import json
 import os
 import re
 import shutil
@@ -90,3 +92,57 @@ def look(
 def _console(log: str) -> list[str]:
     lines = re.findall(r":CONSOLE(?::\d+|\(\d+\))?\]\s*(.*)", log)
     return [line for line in lines if not any(word in line for word in NOISE)]
+
+
+OVERLAPS = """
+const words = "svg text, h1, h2, p, dt, dd, td, th, figcaption, span";
+const texts = [...document.querySelectorAll(words)]
+  .filter((node) => node.getClientRects().length && node.textContent.trim());
+const boxes = texts.map((node) => node.getBoundingClientRect());
+const found = [];
+boxes.forEach((a, i) => boxes.slice(i + 1).forEach((b, k) => {
+  const other = texts[i + 1 + k];
+  if (texts[i].contains(other) || other.contains(texts[i])) return;
+  const wide = Math.min(a.right, b.right) - Math.max(a.left, b.left);
+  const high = Math.min(a.bottom, b.bottom) - Math.max(a.top, b.top);
+  if (wide > 1 && high > 3) found.push(`${texts[i].textContent} | ${other.textContent}`);
+}));
+const bottom = (css) => Math.max(...[...document.querySelectorAll(css)]
+  .map((node) => node.getBoundingClientRect().bottom));
+const report = {
+  overlaps: found,
+  sideways: document.documentElement.scrollWidth - window.innerWidth,
+  bottoms: [bottom(".lead"), bottom("dl.first"), bottom("#accuracy svg"), bottom("#causes svg")],
+  texts: texts.length,
+};
+parent.postMessage(JSON.stringify(report), "*");
+"""
+"""What of a page's words overlaps, how far it scrolls sideways, where parts end [px]."""
+
+FRAME = """<script>onmessage = (event) => { document.body.textContent = event.data; }</script>
+<body><iframe src="inner.html" style="width:%dpx;height:%dpx"></iframe></body>"""
+
+
+def measured_page(page: Path, folder: Path, size: tuple[int, int]) -> dict:
+    """Lay a page without scripts out at a width, and return what `OVERLAPS` measures.
+
+    It stands in a frame: a window of Chromium is never as narrow as a telephone.
+    """
+    text = page.read_text(encoding="utf-8")
+    text = re.sub(r'<meta http-equiv="Content-Security-Policy"[^>]*>', "", text)
+    script = f"<script>onload = () => {{ {OVERLAPS} }}</script></body>"
+    inner = folder / "inner.html"
+    inner.write_text(text.replace("</body>", script), encoding="utf-8")
+    outer = folder / "outer.html"
+    outer.write_text(FRAME % size)
+    browser = command(folder, size=(1400, 1000))
+    done = subprocess.run(
+        [*browser, "--virtual-time-budget=3000", "--dump-dom", outer.resolve().as_uri()],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=180,
+    )
+    found = re.search(r"<body>(\{.*\})</body>", done.stdout, re.DOTALL)
+    assert found, done.stdout[-500:] + done.stderr[-500:]
+    return json.loads(html.unescape(found[1]))

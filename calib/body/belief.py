@@ -180,6 +180,6 @@ class Body(OfStructure):
 
 def knows_orientation(body: Body | None) -> bool:
     """Whether a body was learned from orientations too."""
-    if body is None or body.structure.kind != "spatial":
+    if body is None or "tool.rotation" not in body.structure.groups:
         return False
     return bool(np.isin(body.structure.groups["tool.rotation"], body.active).all())

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -17,6 +17,20 @@ from .structure import Structure
 
 BLOCKS = 10
 """Contiguous blocks of rows whose information is kept apart."""
+
+
+@dataclass(frozen=True, eq=False)
+class Others:
+    """What some of a fit's rows tell of its parameters."""
+
+    gram: Array  # (k, k), their information
+    gradient: Array  # (k,), with the prior's
+    precision: Array  # (k, k), with the prior's
+
+    @property
+    def step(self) -> Array:
+        """From the fit's parameters to those that these rows would have, (k,)."""
+        return Factor(self.precision).solve(self.gradient)
 
 
 class Fit:
@@ -102,6 +116,16 @@ class Fit:
     def softer(self, gram: Array) -> Factor:
         """Factor of the precision that is left of rows of information `gram` (k, k), and prior."""
         return Factor(with_prior(self.told * gram, self.sd, self.known))
+
+    def without(self, blocks: slice) -> Others:
+        """The information of all rows but those of some blocks."""
+        others = np.ones(len(self.grams), dtype=bool)
+        others[blocks] = False
+        # summed, not subtracted: a parameter that these blocks alone tell, such as where a socket
+        # is, has a prior that is lost in the rounding of a difference
+        gram = self.grams[others].sum(axis=0)
+        gradient = self.moments[others].sum(axis=0) - self._pull(self.beta)
+        return Others(gram, gradient, with_prior(gram.copy(), self.sd, self.known))
 
     # The search.
 

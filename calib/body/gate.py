@@ -16,9 +16,8 @@ import numpy as np
 from ..common.arrays import Array
 from .covariance import radius_95
 from .fit import BLOCKS, Fit
-from .normal import Factor
 from .parameters import Indices
-from .rows import Rows
+from .rows import Part, Rows
 from .settings import LEAST_ROWS_OF_A_QUANTILE, NATS, OUTLIER, SETTLED, UNKNOWN_KAPPA
 from .starts import Start
 
@@ -28,12 +27,9 @@ _PARTITIONS = (0, 2, 5, 10)
 
 @dataclass(frozen=True)
 class HeldOut:
-    """What a fit predicts for each contiguous block of rows from the others.
+    """What a fit predicts for each contiguous block of a sensor's rows from the others."""
 
-    All but `residuals` are of the first sensor.
-    """
-
-    residuals: tuple[Array, ...]  # (n, m) of each sensor; NaN where the others leave the body open
+    residual: Array  # (n, m); NaN where the other blocks leave the body open
     score: Array  # (n,), negative log predictive density, up to a constant; NaN without a spread
     edges: Indices  # (b + 1,), limits of the blocks
     # dict of int to (n,) array, error over the 95 % radius, for partitions into 2, 5 and 10 blocks,
@@ -43,8 +39,13 @@ class HeldOut:
 
     def blockwise(self) -> Array:
         """Mean score of each block, NaN where there is none."""
-        parts = [self.score[a:b][np.isfinite(self.score[a:b])] for a, b in pairwise(self.edges)]
-        return np.array([part.mean() if len(part) else np.nan for part in parts])
+        means = np.full(len(self.edges) - 1, np.nan)
+        for k, (first, last) in enumerate(pairwise(self.edges)):
+            scores = self.score[first:last]
+            finite = np.isfinite(scores)
+            if finite.any():
+                means[k] = scores[finite].mean()
+        return means
 
     def ratio(self) -> float:
         """The largest 95 % quantile of error over radius among the partitions.
@@ -53,70 +54,91 @@ class HeldOut:
         beyond it, since the place that is asked next may be one of the worse. `UNKNOWN_KAPPA`
         where there are too few rows.
         """
-
-        def quantiles(parts: Sequence[Array]) -> list[float]:
-            known = (part[np.isfinite(part)] for part in parts)
-            enough = (part for part in known if len(part) > LEAST_ROWS_OF_A_QUANTILE)
-            return [float(np.quantile(part, 0.95)) for part in enough]
-
-        found = quantiles(list(self.ratios.values()))
-        single = quantiles(np.split(self.ratios[max(self.ratios)], self.edges[1:-1]))
+        most = _quantiles(list(self.ratios.values()))
+        single = _quantiles(np.split(self.ratios[max(self.ratios)], self.edges[1:-1]))
         if len(single) > 1:
-            found.append(float(np.mean(single) + np.std(single)))
-        return max(found) if found else UNKNOWN_KAPPA
+            most.append(float(np.mean(single) + np.std(single)))
+        return max(most) if most else UNKNOWN_KAPPA
 
-    def tau(self, fit: Fit) -> Array:
+    def tau(self, part: Part) -> Array:
         """Residual sd (m,) of the body itself: held-out errors beyond the noise."""
-        out = np.empty(len(fit.noise))
-        for part in fit.parts[0].outputs:
-            p, s = part.stop - part.start, fit.noise[part.start]
-            e = np.linalg.norm(self.residuals[0][:, part], axis=1)
-            e = e[np.isfinite(e)]
-            limited = np.minimum(e, 4 * np.median(e)) if len(e) else np.array([s])
-            beyond = float((limited**2).mean()) / p - 1.3 * s**2
-            out[part] = np.sqrt(max(beyond, (0.05 * s) ** 2))
-        return out
+        tau = np.empty(len(part.noise))
+        for columns in part.outputs:
+            p = columns.stop - columns.start
+            noise = part.noise[columns.start]
+            lengths = np.linalg.norm(self.residual[:, columns], axis=1)
+            lengths = lengths[np.isfinite(lengths)]
+            limited = np.array([noise])
+            if len(lengths):
+                limited = np.minimum(lengths, 4 * np.median(lengths))
+            beyond = float((limited**2).mean()) / p - 1.3 * noise**2
+            tau[columns] = np.sqrt(max(beyond, (0.05 * noise) ** 2))
+        return tau
 
 
-def leave_blocks_out(fit: Fit, partitions: tuple[int, ...] = _PARTITIONS) -> HeldOut:
-    """Held-out predictions of a fit, linearised, with its noise and scales kept."""
-    first, p, total = fit.parts[0], fit.structure.blocks[0], fit.grams.sum(axis=0)
-    n, edges = len(first.z), first.edges
+def _quantiles(parts: Sequence[Array]) -> list[float]:
+    """The 95 % quantile of each part (n,) that has enough finite values."""
+    quantiles: list[float] = []
+    for part in parts:
+        finite = part[np.isfinite(part)]
+        if len(finite) > LEAST_ROWS_OF_A_QUANTILE:
+            quantiles.append(float(np.quantile(finite, 0.95)))
+    return quantiles
+
+
+def leave_blocks_out(
+    fit: Fit, partitions: tuple[int, ...] = _PARTITIONS, *, sensor: int = 0
+) -> HeldOut:
+    """Held-out predictions of one sensor's rows of a fit, linearised, noise and scales kept.
+
+    A block of rows is left out together with that of the other sensors.
+    """
+    part = fit.parts[sensor]
+    edges = part.edges
+    n = len(part.z)
     every = max(1, round(n * len(fit.active) / _WORK))
 
-    def step_without(gram: Array, moment: Array) -> Array:
-        return Factor(fit.precision - gram).solve(fit.gradient - moment)
+    residual = np.full_like(part.residual, np.nan)
+    derivatives: list[Array] = []
+    for k, (rows, x) in enumerate(part.by_blocks(fit.beta, fit.active)):
+        derivatives.append(x[::every])
+        with suppress(np.linalg.LinAlgError):
+            step = fit.without(slice(k, k + 1)).step
+            residual[rows] = part.residual[rows] - x @ step
 
-    residuals, probes = tuple(np.full_like(part.residual, np.nan) for part in fit.parts), []
-    for part, residual in zip(fit.parts, residuals, strict=True):
-        for k, (rows, x) in enumerate(part.by_blocks(fit.beta, fit.active)):
-            if part is first:
-                probes.append(x[::every, :p])
-            with suppress(np.linalg.LinAlgError):
-                step = step_without(fit.grams[k], fit.moments[k])
-                residual[rows] = part.residual[rows] - x @ step
-    score, ratios = np.full(n, np.nan), dict[int, Array]()
-    for parts in partitions:
-        limits = np.linspace(0, len(probes), max(min(parts, len(probes)), 1) + 1).round()
-        ratios[parts] = np.full(n, np.nan)
-        for a, b in pairwise(limits.astype(int)):
-            gram = (parts > 0) * fit.grams[a:b].sum(axis=0)
+    p = part.structure.blocks[0]
+    score = np.full(n, np.nan)
+    ratios: dict[int, Array] = {}
+    for count in partitions:
+        limits = np.linspace(0, len(derivatives), max(min(count, len(derivatives)), 1) + 1)
+        ratios[count] = np.full(n, np.nan)
+        for first, last in pairwise(limits.round().astype(int).tolist()):
+            # of no partition the fit itself
+            others = fit.without(slice(first, last) if count else slice(0))
             try:
-                step = step_without(gram, (parts > 0) * fit.moments[a:b].sum(axis=0))
-                softer = fit.softer(total - gram)
+                step = others.step
+                softer = fit.softer(others.gram)
             except np.linalg.LinAlgError:  # the other blocks leave the parameters open
                 continue
-            for block in range(a, b):
-                rows, x = slice(edges[block], edges[block + 1], every), probes[block]
-                length = np.linalg.norm(first.residual[rows, :p] - x @ step, axis=1)
+            for block in range(first, last):
+                rows = slice(edges[block], edges[block + 1], every)
+                x = derivatives[block][:, :p]
+                length = np.linalg.norm(part.residual[rows, :p] - x @ step, axis=1)
                 y = softer.whiten(x.reshape(-1, x.shape[2]).T).reshape(-1, *x.shape[:2])
-                spread = np.einsum("kni,knj->nij", y, y) + np.diag(fit.noise[:p] ** 2)
-                ratios[parts][rows] = length / radius_95(spread)
-                if b - a == 1:
-                    v = np.einsum("nii->n", spread) / p  # of a Student with 4 degrees of freedom
-                    score[rows] = 0.5 * (p * np.log(v) + (4 + p) * np.log1p(length**2 / (4 * v)))
-        ratios[parts][fit.weight[:, 0] <= OUTLIER] = np.nan
-    return HeldOut(residuals, score, edges, ratios)
+                spread = np.einsum("kni,knj->nij", y, y) + np.diag(part.noise[:p] ** 2)
+                ratios[count][rows] = length / radius_95(spread)
+                if last - first == 1:
+                    score[rows] = _negative_log_density(length, spread)
+        ratios[count][part.weight[:, 0] <= OUTLIER] = np.nan
+    return HeldOut(residual, score, edges, ratios)
+
+
+def _negative_log_density(length: Array, spread: Array) -> Array:
+    """Of errors (n,) under covariances (n, p, p), of a Student with 4 degrees of freedom."""
+    p = spread.shape[1]
+    variance = np.einsum("nii->n", spread) / p
+    beyond = np.log1p(length**2 / (4 * variance))
+    return np.asarray(0.5 * (p * np.log(variance) + (4 + p) * beyond))
 
 
 @dataclass(frozen=True)

@@ -14,14 +14,16 @@ from ..common.arrays import Array
 from ..common.scale import METRES
 from ..errors import OptionError
 from .curves import curve_shape
-from .nominal import Complex, Nominal, linear_chain, sides
+from .drawing import Complex, LinearChain, PlanarDrawing, sides
 from .parameters import Block, Hyper, Indices
+from .sensors import NamedSensor, Several, ViewpointInPlane, viewpoints
 from .settings import (
     CURVE_RMS,
     CURVE_ROWS_FLAT,
     DOUBTED,
     ELASTIC_FLAT,
     GAIN,
+    GUARD_LENS,
     LONG,
     SERVOS,
     SHIFT,
@@ -29,7 +31,7 @@ from .settings import (
     WIDER,
 )  # fmt: skip
 from .structure import Ladder, Moving, Structure
-from .views import PLANAR, InPlane, Moved
+from .views import PLANAR, InPlane, Measurement, Moved, ViewKind
 
 _MOST = 16  # combinations of signs and mirrors that are refined
 
@@ -73,6 +75,7 @@ class PlanarStructure(Structure):
     gate_rows = 3000
     # with 3 mrad real rows were bounded up to 9.2 times their error, paths covered to 96 % as now
     wide = (200.0, 1.5e-3)
+    few_rows = 0
     joint_names: tuple[str, ...]
     revolute: tuple[bool, ...]
     view: str  # one of :data:`calib.body.views.PLANAR`
@@ -82,8 +85,11 @@ class PlanarStructure(Structure):
     mirror: int  # -1 where the sensor sees the plane from behind
     extent: float  # root mean square distance of the rows from their mean [unit]
     centre: tuple[float, float]  # mean position [unit]; origin of the lens
-    nominal: Nominal | None  # prior geometry, in metres
+    nominal: PlanarDrawing | None  # prior geometry, in metres
     simulated: bool  # whether the rows are samples of a simulation
+    sensor_name: str = ""
+    place: int = 0
+    beside: tuple[ViewpointInPlane, ...] = ()
 
     @property
     def directions(self) -> tuple[int, ...]:
@@ -105,29 +111,81 @@ class PlanarStructure(Structure):
     @property
     def _link(self) -> tuple[float, str]:
         """What a link's length may be where no drawing says, and the unit of lengths."""
-        scaled, drawn = self.seen_as.scaled, self.nominal is not None
-        unit = "m" if drawn or (self.unit in METRES and not scaled) else "1"
-        return 1.0 if scaled else 0.5 * self.extent / self.metre, unit
+        first = viewpoints(self)[0]
+        scaled = PLANAR[first.view].scaled
+        unit = "1"
+        if self.nominal is not None or (first.unit in METRES and not scaled):
+            unit = "m"
+        return 1.0 if scaled else 0.5 * first.extent / first.metre, unit
+
+    @property
+    def seen_as(self) -> ViewKind:
+        """The kind of its sensor."""
+        return PLANAR[self.view]
+
+    def guard(self, block: str) -> Array | None:
+        """Prior sds of the lens in the second fit: its bend alone is free."""
+        return np.array([GUARD_LENS, 0.0, 0.0]) if block == "lens" else None
+
+    def undrawn(self) -> PlanarStructure | None:
+        """The structure without its drawing, None where the sensor's frame is the drawing's."""
+        if self.nominal is None or self.view == "base":
+            return None
+        return replace(self, nominal=None)
+
+    @property
+    def viewpoint(self) -> ViewpointInPlane:
+        """What it says of the sensor that it sees as."""
+        return ViewpointInPlane(
+            self.sensor_name,
+            self.view,
+            self.unit,
+            self.metre,
+            self.extent,
+            self.mirror,
+            self.centre,
+        )
 
     @cached_property
-    def measurement(self) -> InPlane:
+    def measurement(self) -> Measurement:
         """What its sensor measures."""
-        (link, unit), drawn = self._link, self.nominal
+        if not self.beside:
+            return self._reading_of(self.viewpoint)
+        sensors: list[NamedSensor] = []
+        for point in viewpoints(self):
+            assert isinstance(point, ViewpointInPlane)  # noqa: S101 - of a planar arm
+            reading = self._reading_of(point)
+            sensors.append(
+                NamedSensor(point.sensor_name, reading, PLANAR[point.view].groups, False)
+            )
+        return Several.of(sensors, self.place)
+
+    def _reading_of(self, point: ViewpointInPlane) -> InPlane:
+        link, unit = self._link
+        drawn = self.nominal
         reach = 2.0 * link if drawn is None else max(sum(drawn.lengths), 1e-12)
-        known = drawn if drawn and self.view == "base" else Nominal((), ())
+        frame = drawn if drawn is not None and point.view == "base" else PlanarDrawing((), ())
         return InPlane(
-            self.unit, self.metre, self.mirror, self.extent, self.centre, unit, 1.0 / reach,
-            known.rotation, known.shift,
-        )  # fmt: skip
+            point.unit,
+            point.metre,
+            point.mirror,
+            point.extent,
+            point.centre,
+            unit,
+            1.0 / reach,
+            frame.rotation,
+            frame.shift,
+        )
 
     def geometry(self) -> Sequence[Block]:
         """Blocks of the chain's geometry and of its joints."""
         names, drawn, turning = self.joint_names, self.nominal, np.asarray(self.revolute)
         (link, unit), own, size = self._link, np.ones(self.dof), turning.astype(float)
         # in a free frame the first joint's offset and a turn of the frame are one
-        own[0] = self.view == "base"
+        views = [point.view for point in viewpoints(self)]
+        own[0] = "base" in views
         # the view's scale is the first length
-        size[0] *= not (self.seen_as.scaled and turning.all())
+        size[0] *= not (PLANAR[views[0]].scaled and turning.all())
         lengths, offsets = (drawn.lengths, drawn.offsets) if drawn else (link * turning, 0.0)
 
         def block(what: str, unit: str, mean: Any, flat: Any, *scale: Any) -> Block:
@@ -193,9 +251,11 @@ class PlanarStructure(Structure):
 
     def members(self) -> Ladder:
         """The gate's members from simple to rich."""
-        frame, turns, exact = self.seen_as.groups, any(self.revolute), self.simulated
+        turns, exact = any(self.revolute), self.simulated
+        frame = tuple(dict.fromkeys((*self.seen_as.groups, *self.measurement.free)))
         joints = ("length", "offset", "gain")
-        chain, few = (*frame, *joints), (*PLANAR["similarity"].groups, *joints)
+        chain = (*frame, *joints)
+        few = tuple(dict.fromkeys((*PLANAR["similarity"].groups, *self.measurement.free, *joints)))
         ladder = (
             ("frame", frame or ("offset",), self.nominal is not None),
             # few rows of a camera that looks straight down need no more
@@ -234,15 +294,33 @@ def planar_starts(
     return [(each, beta) for each, _, beta in found[:_MOST]]
 
 
+def placed_in_plane(
+    structure: PlanarStructure, q: Array, z: Array, beta: Array
+) -> tuple[PlanarStructure, Array]:
+    """The side from which a further sensor sees an arm, and parameters (d,) with its own."""
+    tip: Complex = z @ np.array([1, 1j])
+    sides = [replace(structure, mirror=mirror) for mirror in (1, -1)]
+    placed = [(side, *_framed(side, q, tip, beta)) for side in sides]
+    side, _, best = min(placed, key=lambda item: item[1])
+    return side, best
+
+
 def _placed(own: PlanarStructure, q: Array, tip: Complex) -> tuple[float, Array]:
     """Error and parameters of the drawing in the frame that fits tips (n,) best."""
-    beta, groups = own.neutral(), own.groups
+    return _framed(own, q, tip, own.neutral())
+
+
+def _framed(own: PlanarStructure, q: Array, tip: Complex, arm: Array) -> tuple[float, Array]:
+    """Error and parameters of an arm (d,) in the frame that fits tips (n,) best."""
+    beta = arm.copy()
+    groups = own.groups
     if own.view != "base":
         p = own.seen(q, beta)[0].position.T @ (1, 1j * own.mirror)
         t = np.vdot(p - p.mean(), tip) / (np.vdot(p - p.mean(), p).real + 1e-300)
         scale = np.log(max(abs(t), 1e-12) / own.metre) if own.seen_as.scaled else 0.0
         shift = np.mean(tip - own.metre * np.exp(scale + 1j * np.angle(t)) * p)
-        beta[groups["view.rotation"]], beta[groups["view.scale"]] = np.angle(t), scale
+        beta[groups["view.rotation"]] = np.angle(t)
+        beta[groups["view.scale"]] = scale
         beta[groups["view.shift"]] = shift.real, shift.imag
     miss = np.abs(tip - own.predict(q, beta) @ (1, 1j))
     return float(np.sqrt(np.mean(miss**2))), beta
@@ -250,24 +328,30 @@ def _placed(own: PlanarStructure, q: Array, tip: Complex) -> tuple[float, Array]
 
 def _linear(own: PlanarStructure, q: Array, tip: Complex) -> tuple[float, Array]:
     """Error and parameters of the chain that fits tips (n,) best."""
-    beta, groups, turning = own.neutral(), own.groups, np.asarray(own.revolute)
-    found, miss = linear_chain(q, tip, own.signs, own.mirror, own.revolute)
-    sizes = np.asarray(found.lengths) / own.metre
+    beta = own.neutral()
+    groups = own.groups
+    turning = np.asarray(own.revolute)
+    chain = LinearChain.of(q, tip, own.signs, own.mirror, own.revolute)
+    sizes = chain.sizes / own.metre
     if own.seen_as.scaled:  # in the first length, or where joints slide in metres
-        unit = float(sizes[0] if turning.all() else np.exp(np.log(sizes[~turning] + 1e-300).mean()))
+        unit = float(sizes[0])
+        if not turning.all():
+            unit = float(np.exp(np.log(sizes[~turning] + 1e-300).mean()))
         unit = max(unit, 1e-9 * own.extent)
-        beta[groups["view.scale"]], sizes = np.log(unit), sizes / unit
+        beta[groups["view.scale"]] = np.log(unit)
+        sizes = sizes / unit
     beta[groups["length"]] = np.where(turning, sizes, 0.0)
-    beta[groups["offset"]], beta[groups["view.rotation"]] = found.offsets, found.rotation
-    beta[groups["view.shift"]] = found.shift
-    return float(np.sqrt(np.mean(miss**2))), beta
+    beta[groups["offset"]] = chain.drawing.offsets
+    beta[groups["view.rotation"]] = chain.drawing.rotation
+    beta[groups["view.shift"]] = chain.drawing.shift
+    return float(np.sqrt(np.mean(chain.miss**2))), beta
 
 
 def planar_structure(
     z: Array,
     joint_names: Sequence[str],
     revolute: Sequence[bool],
-    nominal: Nominal | None = None,
+    nominal: PlanarDrawing | None = None,
     view: str = "auto",
     unit: str = "m",
     simulated: bool = False,

@@ -8,15 +8,16 @@ from itertools import pairwise
 from typing import Any, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..arm.spatial_chain import Motion
 from ..common.arrays import Array
 from .parameters import Block, Indices
+from .sensors import as_seen_by
 from .structure import Structure
 from .views import Measurement, Placed, Sight
 
 _AT_ONCE = 3000  # rows whose derivatives are held together
+_NOISE_STEPS = 12  # of the reweighting that finds a Student noise
 
 _Structure = TypeVar("_Structure", bound=Structure)
 
@@ -27,7 +28,8 @@ class Rows:
 
     q: Array  # (n, dof + g), joint values [rad or m], and what else a row tells the sensor
     z: Array  # (n, m), what it saw
-    sensor: Measurement | None = None  # how it measures; None: as the structure says
+    # how it measures, or its name where the structure has several; None: as the structure says
+    sensor: Measurement | str | None = None
     floor: Array | float = 0.0  # (m,), least noise [unit]
     noise: Array | float | None = None  # (m,), noise to start from
 
@@ -48,16 +50,16 @@ class Beside(Measurement):
     at: int = 0  # which these rows are of
 
     def __post_init__(self) -> None:
-        told = {
+        of_all = {
             "outputs": self.one.outputs,
             "noise": self.one.noise,
             "within": self.every[0].within,
             "floating": self.every[0].floating,
-            "curves": all(each.curves for each in self.every),
+            "curves": all(measurement.curves for measurement in self.every),
             "tool": next((each.tool for each in self.every if each.tool), None),
             "free": tuple(name for each in self.every[:-1] for name in each.free),
         }
-        for name, value in told.items():
+        for name, value in of_all.items():
             object.__setattr__(self, name, value)
 
     @property
@@ -79,22 +81,26 @@ class Beside(Measurement):
 
 
 def together(structure: _Structure, rows: Sequence[Rows]) -> _Structure:
-    """Return the structure with the parameters of all sensors; it sees as the first one does."""
-    others = tuple(each.sensor for each in rows if each.sensor is not None)
+    """Return the structure with the parameters of all measurements; it sees as the first does."""
+    others = tuple(each.sensor for each in rows if isinstance(each.sensor, Measurement))
     if not others or isinstance(structure.measurement, Beside):
         return structure
-    return _seen_by(
-        replace(structure, reading=Beside((*others, structure.measurement))),  # type: ignore[type-var]
-        rows[0].sensor,
-    )
+    reading = Beside((*others, structure.measurement))
+    return view_of(replace(structure, reading=reading), rows[0])  # type: ignore[type-var]
 
 
-def _seen_by(structure: _Structure, sensor: Measurement | None) -> _Structure:
-    """Return the structure as a sensor sees it, with the parameters of all."""
-    if not isinstance(both := structure.measurement, Beside):
+def view_of(structure: _Structure, rows: Rows) -> _Structure:
+    """Return the structure as the sensor of some rows sees it, with the parameters of all."""
+    sensor = rows.sensor
+    if isinstance(sensor, str):
+        return as_seen_by(structure, sensor)
+    both = structure.measurement
+    if not isinstance(both, Beside):
         return structure
-    at = both.every.index(sensor) if sensor else len(both.every) - 1
-    return replace(structure, reading=replace(both, at=at))  # type: ignore[type-var]
+    place = len(both.every) - 1
+    if sensor is not None:
+        place = both.every.index(sensor)
+    return replace(structure, reading=replace(both, at=place))  # type: ignore[type-var]
 
 
 class Part:
@@ -111,12 +117,17 @@ class Part:
     def __init__(
         self, structure: Structure, rows: Rows, beta: Array, nu: float, blocks: int
     ) -> None:
-        self.structure, self.q, self.z = _seen_by(structure, rows.sensor), rows.q, rows.z
+        self.structure = view_of(structure, rows)
+        self.q = rows.q
+        self.z = rows.z
         self.nu = nu
-        self.outputs = [slice(*pair) for pair in pairwise(np.cumsum((0, *self.structure.blocks)))]
+        ends = np.cumsum((0, *self.structure.blocks)).tolist()
+        self.outputs = [slice(first, last) for first, last in pairwise(ends)]
         self.edges = np.linspace(0, len(rows), blocks + 1).round().astype(int)
-        self.stated = (own := self.structure.measurement.noise) is not None
-        floor, noise = (own, own) if self.stated else (rows.floor, rows.noise)
+        stated = self.structure.measurement.noise
+        self.stated = stated is not None
+        floor = rows.floor if stated is None else stated
+        noise = rows.noise if stated is None else stated
         self.floor = np.broadcast_to(np.asarray(floor, dtype=float), self.z.shape[1:])
         self.residual = self.residual_at(beta)
         if noise is None:
@@ -131,13 +142,15 @@ class Part:
 
     def by_blocks(self, beta: Array, active: Indices) -> Iterator[tuple[slice, Array]]:
         """Each block's rows, and the derivatives (n, m, k) of their predictions."""
-
-        def of(q: Array) -> Array:
-            return self.structure.linearise(q, beta, active)[1]
-
-        whole = of(self.q) if len(self.q) <= _AT_ONCE else None
-        for rows in (slice(*pair) for pair in pairwise(self.edges)):
-            yield rows, of(self.q[rows]) if whole is None else whole[rows]
+        at_once = len(self.q) <= _AT_ONCE
+        if at_once:
+            whole = self.structure.linearise(self.q, beta, active)[1]
+        for first, last in pairwise(self.edges.tolist()):
+            rows = slice(first, last)
+            if at_once:
+                yield rows, whole[rows]
+            else:
+                yield rows, self.structure.linearise(self.q[rows], beta, active)[1]
 
     def learn_noise(self, share: float = 0.0) -> None:
         """Find the most probable noise (m,); a `share` of the numbers was fitted."""
@@ -145,37 +158,43 @@ class Part:
             return
         n, m = self.residual.shape
         noise = np.empty(m)
-        for part, p, e2 in self._squares(self.residual):
-            lowest = max(float(self.floor[part.start]) ** 2, 1e-300)
-            free = max((1 - share) * p * n, p * n / 4 + 1)
-            s2 = max(float(np.median(e2)) / p, lowest)
-            for _ in range(12 if np.isfinite(self.nu) else 1):
-                weight = (self.nu + p) / (self.nu + e2 / s2) if np.isfinite(self.nu) else 1.0
-                s2 = max(float((weight * e2).sum()) / free, lowest)
-            noise[part] = np.sqrt(s2)
+        for columns, p, squares in self._squares(self.residual):
+            lowest = max(float(self.floor[columns.start]) ** 2, 1e-300)
+            freedom = max((1 - share) * p * n, p * n / 4 + 1)
+            variance = max(float(np.median(squares)) / p, lowest)
+            if np.isfinite(self.nu):
+                for _ in range(_NOISE_STEPS):
+                    weight = (self.nu + p) / (self.nu + squares / variance)
+                    variance = max(float((weight * squares).sum()) / freedom, lowest)
+            else:
+                variance = max(float(squares.sum()) / freedom, lowest)
+            noise[columns] = np.sqrt(variance)
         self.noise = noise
 
     def weigh(self) -> Array:
         """Set the weights, one for each row and block of outputs; their roots over the noise."""
         self.weight = np.ones_like(self.residual)
         if np.isfinite(self.nu):
-            for part, p, e2 in self._squares(self.residual):
-                away = e2 / self.noise[part.start] ** 2
-                self.weight[:, part] = ((self.nu + p) / (self.nu + away))[:, None]
+            for columns, p, squares in self._squares(self.residual):
+                away = squares / self.noise[columns.start] ** 2
+                self.weight[:, columns] = ((self.nu + p) / (self.nu + away))[:, None]
         return np.asarray(np.sqrt(self.weight) / self.noise)
 
     def energy(self, residual: Array) -> float:
         """Negative log likelihood of residuals (n, m), up to a constant."""
         total = 0.0
-        for part, p, e2 in self._squares(residual):
-            s = float(self.noise[part.start])
-            total += len(e2) * p * np.log(s)
+        for columns, p, squares in self._squares(residual):
+            noise = float(self.noise[columns.start])
+            total += len(squares) * p * np.log(noise)
             if np.isfinite(self.nu):
-                total += 0.5 * (self.nu + p) * float(np.log1p(e2 / s**2 / self.nu).sum())
+                away = squares / noise**2 / self.nu
+                total += 0.5 * (self.nu + p) * float(np.log1p(away).sum())
             else:
-                total += 0.5 * float(e2.sum()) / s**2
+                total += 0.5 * float(squares.sum()) / noise**2
         return total
 
-    def _squares(self, r: Array) -> list[tuple[slice, int, NDArray[np.float64]]]:
+    def _squares(self, residual: Array) -> Iterator[tuple[slice, int, Array]]:
         """Columns, number and squared lengths (n,) of the residuals of each block of outputs."""
-        return [(s, s.stop - s.start, (r[:, s] ** 2).sum(axis=1)) for s in self.outputs]
+        for columns in self.outputs:
+            squares = (residual[:, columns] ** 2).sum(axis=1)
+            yield columns, columns.stop - columns.start, squares

@@ -50,6 +50,10 @@ LONG = 3.0
 TAG = 2e-3
 """A camera's tag is held where the drawing says to so many metres."""
 
+MARKER, MARKERS = 2e-3, (0.01, 100.0)
+"""Sensors of one arm see markers that are apart by some of these metres: the evidence finds whether
+it is one tag that two cameras see (.02 mm), or a tag and a reflector (.2 m)."""
+
 SOCKET = 2e-2
 """The same of a ball that touches sockets [m]: flat, an arm without any stated distance shrank to a
 point, which touches every socket at once."""

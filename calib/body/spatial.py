@@ -19,6 +19,7 @@ from ..arm.spatial_chain import Deviations, Links, Motion, SpatialChain
 from ..common.arrays import Array
 from .curves import curve_shape
 from .parameters import Block, Hyper, Indices
+from .sensors import NamedSensor, Several, ViewpointInSpace, viewpoints
 from .settings import (
     COUPLING,
     CURVE_RMS,
@@ -26,13 +27,14 @@ from .settings import (
     ELASTIC,
     GAIN,
     SERVOS,
+    SHARED_ROWS,
     SHIFT,
     TILT,
     TURN,
     WIDER,
 )
 from .structure import Ladder, Moving, Structure
-from .views import InSpace, Measurement, compose, is_camera
+from .views import SPATIAL, InSpace, Measurement, ViewKind, compose, is_camera
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,6 +44,7 @@ class SpatialStructure(Structure):
     kind = "spatial"
     gate_rows = 1200  # each has three outputs and hundreds of parameters
     wide = (200.0, 1e-3)
+    few_rows = SHARED_ROWS  # they tell how large its curves are altogether, if not where
     # the nominal chain [m]: of a URDF, or what `spatial_starts` found without one
     chain: SpatialChain
     # active joints (dof), and all joints of the chain (m) with mimic joints
@@ -61,6 +64,9 @@ class SpatialStructure(Structure):
     gravity: tuple[float, float, float] = GRAVITY  # (3,) [m/s2], in the root frame
     simulated: bool = False  # whether the rows are samples of a simulation
     reading: Measurement | None = None  # what is measured, where its view's name does not say all
+    sensor_name: str = ""
+    place: int = 0
+    beside: tuple[ViewpointInSpace, ...] = ()
 
     @property
     def based(self) -> bool:
@@ -72,12 +78,38 @@ class SpatialStructure(Structure):
         """Whether a camera sees the arm, in pixels."""
         return self.outputs == 2
 
+    @property
+    def seen_as(self) -> ViewKind:
+        """The kind of its sensor."""
+        return SPATIAL[self.view]
+
+    @property
+    def viewpoint(self) -> ViewpointInSpace:
+        """What it says of the sensor that it sees as."""
+        return ViewpointInSpace(
+            self.sensor_name, self.view, self.unit, self.metre, self.extent, self.lens, self.lens_sd
+        )
+
     @cached_property
     def measurement(self) -> Measurement:
         """What its sensor measures."""
-        size = self._reach if is_camera(self.view) else self.extent
-        view = InSpace(self.view, self.unit, self.metre, size, self.lens, self.lens_sd)
-        return self.reading or view
+        if self.reading is not None:
+            return self.reading
+        if not self.beside:
+            return self._reading_of(self.viewpoint)
+        sensors: list[NamedSensor] = []
+        for place, point in enumerate(viewpoints(self)):
+            assert isinstance(point, ViewpointInSpace)  # noqa: S101 - of an arm in space
+            frame = [block for block in SPATIAL[point.view].groups if block.startswith("view.")]
+            if is_camera(point.view) and any(point.lens_sd):
+                frame.append("lens")
+            reading = self._reading_of(point)
+            sensors.append(NamedSensor(point.sensor_name, reading, tuple(frame), place > 0))
+        return Several.of(sensors, self.place)
+
+    def _reading_of(self, point: ViewpointInSpace) -> InSpace:
+        size = self._reach if is_camera(point.view) else point.extent
+        return InSpace(point.view, point.unit, point.metre, size, point.lens, point.lens_sd)
 
     @property
     def _reach(self) -> float:
@@ -99,7 +131,9 @@ class SpatialStructure(Structure):
         units = tuple("rad" if turns else "m" for turns in self.revolute)
         # in a free frame the first turning joint's offset and a turn of the frame about its axis
         # are one, and the first origin's place is the frame's own
-        first = 0 if self.based and not self.measurement.floating else 1
+        views = [point.view for point in viewpoints(self)]
+        based = any(view.startswith("base") for view in views)
+        first = 0 if based and not self.measurement.floating else 1
         turned, slid = ([k for k in range(first, self.dof) if units[k] == u] for u in ("rad", "m"))
         places = [(w, a, u) for (w, u), a in product((("shift", "m"), ("turn", "rad")), "xyz")]
         origins = [(n, f"{n}.{what}.{axis}", unit) for n in joints for what, axis, unit in places]
@@ -119,7 +153,7 @@ class SpatialStructure(Structure):
         turns = [f"tool.rotation.{axis}" for axis in "xyz"]
         return (
             Block.of("tool", "m", [f"tool.{axis}" for axis in "xyz"], reach, scales=held),
-            Block.of("tool.rotation", "rad", turns, TURN if self.view == "base pose" else 3.0),
+            Block.of("tool.rotation", "rad", turns, TURN if views[0] == "base pose" else 3.0),
             Block("placement", tuple(origins), 0.0, *((0.0, drawn) if informed else (flat,))),
             Block("offset", self.of_joints("offset", *units), scales=offsets),
             Block("gain", self.of_joints("gain", "1"), 1.0, scales=(Hyper("gain", GAIN, WIDER),)),
@@ -219,8 +253,11 @@ class SpatialStructure(Structure):
 
     def deviations(self, beta: Array) -> Deviations:
         """How the chain differs from its nominal one."""
-        parts = (self.shifts, self.turns, self.groups["tool"], self.groups["tool.rotation"])
-        return Deviations(*(beta[index] for index in parts))
+        tool = beta[self.groups["tool"]]
+        if "marker" in self.groups:
+            tool = tool + beta[self.groups["marker"]]
+        turn = beta[self.groups["tool.rotation"]]
+        return Deviations(beta[self.shifts], beta[self.turns], tool, turn)
 
     def links(self, beta: Array) -> Links:
         """The chain's links."""
@@ -230,6 +267,8 @@ class SpatialStructure(Structure):
         """How the tip moves with each part of the geometry."""
         still = np.zeros((3, *motion.position.shape))
         yield self.groups["tool"], lambda: (_axes(motion.flange), 0.0)
+        if "marker" in self.groups:
+            yield self.groups["marker"], lambda: (_axes(motion.flange), 0.0)
         yield self.groups["tool.rotation"], lambda: (still, _axes(motion.rotation))
         yield self.shifts, lambda: (_axes(motion.frames[:-1]), 0.0)
         yield self.turns, motion.turns
@@ -238,9 +277,9 @@ class SpatialStructure(Structure):
         """`beta` (d,) moved by `delta` (d,): the sum, or a step on a rotation."""
         out = beta + delta
         # a sensor's step turns about the sensor's axes (on the left), the arm's about their own
-        view = self.groups["view.rotation"]
-        if delta[view].any():
-            out[view] = compose(delta[view], beta[view])
+        for block, view in self.groups.items():
+            if block.endswith("view.rotation") and delta[view].any():
+                out[view] = compose(delta[view], beta[view])
         own = np.vstack([self.groups["tool.rotation"], self.turns])
         if delta[own].any():
             out[own] = compose(beta[own], delta[own])
@@ -267,8 +306,10 @@ class SpatialStructure(Structure):
     @property
     def frame_groups(self) -> tuple[str, ...]:
         """Blocks that every member fits: the sensor's place and the tip that it sees."""
-        lens = ("lens",) if self.camera and any(self.lens_sd) else ()
-        return (*self.seen_as.groups, *self.measurement.free, *lens)
+        groups = (*self.seen_as.groups, *self.measurement.free)
+        if self.camera and any(self.lens_sd):
+            groups = (*groups, "lens")
+        return tuple(dict.fromkeys(groups))
 
     def with_view(self, view: str, **changes: Any) -> SpatialStructure:
         """Return the structure with another view."""
@@ -304,21 +345,40 @@ def structure_of(
 
 
 def unknown_structure(
-    joint_names: Sequence[str], revolute: Sequence[bool], extent: float, unit: str = "m",
-    metre: float = 1.0, simulated: bool = False,
-) -> SpatialStructure:  # fmt: skip
+    joint_names: Sequence[str],
+    revolute: Sequence[bool],
+    extent: float,
+    unit: str = "m",
+    metre: float = 1.0,
+    simulated: bool = False,
+) -> SpatialStructure:
     """Return the structure of a serial arm of which only its joints' names are known.
 
     extent : size of the workspace along an output [unit]: the positions' rms spread
     metre : units of positions in one metre
     """
-    names, dof, up = tuple(joint_names), len(joint_names), np.array([0.0, 0.0, 1.0])
+    names = tuple(joint_names)
+    dof = len(names)
+    up = np.array([0.0, 0.0, 1.0])
     ends = np.outer(extent / metre / max(dof, 1) * np.arange(dof + 1), up)
     chain = SpatialChain(
-        np.tile(up, (dof, 1)), ends[:-1], ends[-1], np.eye(3), tuple(revolute), np.eye(dof),
-        np.zeros(dof),
-    )  # fmt: skip
+        axes=np.tile(up, (dof, 1)),
+        points=ends[:-1],
+        tip=ends[-1],
+        rotation=np.eye(3),
+        revolute=tuple(revolute),
+        coupling=np.eye(dof),
+        bias=np.zeros(dof),
+    )
     return SpatialStructure(
-        chain, names, names, tuple(revolute), "base", unit, metre, extent, informed=False,
+        chain,
+        names,
+        names,
+        tuple(revolute),
+        "base",
+        unit,
+        metre,
+        extent,
+        informed=False,
         simulated=simulated,
-    )  # fmt: skip
+    )

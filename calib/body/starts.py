@@ -1,8 +1,9 @@
 """Starts of a fit: the best of a structure's guesses, by short robust runs of damped steps.
 
-Of an arm in space a guess is where the sensor stands, by linear fits.  Without a drawing the joint
-origins are found too, from random ones: damped Gauss-Newton over all of them brings most to a local
-optimum; the best of 24 was the best there is in every case tried.
+Of an arm in space a guess is where the sensor stands, by linear fits.  Where joint origins are free
+they are found too, from the drawing's, which is a start and no prior, and from random ones: damped
+Gauss-Newton over all of them brings most to a local optimum; the best of 24 was the best there is
+in every case tried.
 """
 
 from __future__ import annotations
@@ -19,8 +20,9 @@ from ..common.rows import thinned
 from ..errors import LogError
 from .fit import Fit
 from .parameters import Prior
-from .planar import PlanarStructure, planar_starts
+from .planar import PlanarStructure, placed_in_plane, planar_starts
 from .rows import Rows
+from .sensors import as_seen_by
 from .settings import (
     APART,
     NO_CAMERA,
@@ -39,7 +41,10 @@ _ROWS, _KEPT = 400, 8  # rows that the runs use at most, and runs carried on aft
 _GUESSED, _FIRST, _STEPS = 60, 10, 40  # rows and damped steps of guesses, and steps of the best
 _LEAST, _ROWS_ALONE = 10, 150  # rows that tell a chain of which only the joints are known
 _TOOL = 0.1  # of the reach: tools to each side that the frame is guessed with
-_CHAINS, _AGREE, _SAME = 24, 4, 0.5  # random chains; so many that end alike [nats] are enough
+_CHAINS, _AGREE, _SAME = 24, 4, 0.5  # chains to begin at; so many that end alike [nats] are enough
+# shares of the extents: residuals of a chain that is exact, and of one that explains the rows.  A
+# hobby arm's first four ends were points, alike at .29
+_EXACT, _EXPLAINED = 10 * SIMULATED_FLOOR, 0.05
 
 
 @dataclass(frozen=True)
@@ -85,6 +90,34 @@ def best_starts(structure: Structure, rows: Rows, free: tuple[str, ...]) -> list
     return [best]
 
 
+def with_other_sensors(start: Start, rows: Sequence[Rows]) -> Start:
+    """A start with the further sensors placed where its arm, and their rows, say that they are."""
+    structure = start.structure
+    beta = start.beta.copy()
+    for each in rows[1:]:
+        if not isinstance(each.sensor, str):
+            continue
+        seen = as_seen_by(structure, each.sensor)
+        some = thinned(len(each), _ROWS)
+        if isinstance(seen, PlanarStructure):
+            seen, beta = placed_in_plane(seen, each.q[some], each.z[some], beta)
+        elif isinstance(seen, SpatialStructure):
+            beta = _placed_in_space(seen, each.q[some], each.z[some], beta)
+        structure = as_seen_by(seen, structure.sensor_name)
+    return replace(start, structure=structure, beta=beta)
+
+
+def _placed_in_space(structure: SpatialStructure, q: Array, z: Array, beta: Array) -> Array:
+    """Parameters (d,) with those of the sensor that fit its rows; the arm's and the tool's stay."""
+    groups = structure.groups
+    alone = frame(structure, q, z, arm=beta)
+    out = beta.copy()
+    for block in ("view.rotation", "view.shift", "view.scale", "lens"):
+        out[groups[block]] = alone[groups[block]]
+    out[groups["marker"]] += alone[groups["tool"]] - beta[groups["tool"]]
+    return out
+
+
 def candidates(structure: Structure, q: Array, z: Array) -> Sequence[tuple[Structure, Array]]:
     """Structures (signs, mirror, chain) with parameters (d,) to begin with, the best ones first."""
     if isinstance(structure, PlanarStructure):
@@ -100,7 +133,7 @@ def candidates(structure: Structure, q: Array, z: Array) -> Sequence[tuple[Struc
         raise LogError("the positions are the same in every row: the sensor saw no motion")
     if not structure.informed:
         some = thinned(len(q), _ROWS_ALONE)
-        return _random_chains(structure, q[some], z[some])
+        return _free_chains(structure, q[some], z[some])
     beta, view = frame(structure, q, z), structure.view
     if view == "base pose" and np.linalg.norm(beta[structure.groups["tool.rotation"]]) > TARGET:
         view = "base target"
@@ -232,21 +265,31 @@ def _cameras(structure: SpatialStructure, points: Array, z: Array, arm: Array) -
     return guesses
 
 
-def _random_chains(
+def _free_chains(
     structure: SpatialStructure, q: Array, z: Array
 ) -> Sequence[tuple[Structure, Array]]:
-    """Chains that fit rows, the best first: structures at whose origins the parameters are zero."""
-    rng, tried = np.random.default_rng(0), list[tuple[float, SpatialStructure]]()
+    """Chains that fit rows, the best first: structures at whose origins the parameters are zero.
+
+    The search begins at the structure's own chain, of a drawing where there is one, and goes on at
+    random ones until one is exact or several that explain the rows agree.
+    """
+    rng = np.random.default_rng(0)
+    ends: list[tuple[float, SpatialStructure]] = []
+    costs: list[float] = []  # of those that explain the rows
+    begin = structure
     for _ in range(_CHAINS):
-        drawn = _drawn(structure, z, rng)
-        prior = drawn.prior(("placement", "tool"))
-        beta, cost, _ = settled(drawn, q, z, prior.mean, prior, _STEPS)
-        tried.append((cost, _absorbed(drawn, beta)))
-        best = min(cost for cost, _ in tried)
-        if sum(cost < best + _SAME for cost, _ in tried) >= _AGREE:
+        prior = begin.prior(("placement", "tool"))
+        beta, cost, noise = settled(begin, q, z, prior.mean, prior, _STEPS)
+        ends.append((cost, _absorbed(begin, beta)))
+        if noise <= _EXACT:
             break
-    tried.sort(key=lambda pair: pair[0])
-    return [(each, each.neutral()) for _, each in tried[:_AGREE]]
+        if noise <= _EXPLAINED:
+            costs.append(cost)
+        if sum(cost < min(costs) + _SAME for cost in costs) >= _AGREE:
+            break
+        begin = _drawn(structure, z, rng)
+    ends.sort(key=lambda end: end[0])
+    return [(end, end.neutral()) for _, end in ends[:_AGREE]]
 
 
 def _absorbed(structure: SpatialStructure, beta: Array) -> SpatialStructure:

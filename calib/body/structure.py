@@ -23,7 +23,8 @@ from ..arm.spatial_chain import Motion, move
 from ..common.arrays import Array
 from .curves import HARMONICS, curve_slope, curve_value, waves_of
 from .parameters import Block, Gaussian, Hyper, Indices, Label, Prior
-from .views import PLANAR, SPATIAL, Measurement, Moved, Placed, Sight, ViewKind, compose
+from .sensors import Viewpoint
+from .views import Measurement, Moved, Placed, Sight, ViewKind, compose
 
 Ladder = tuple[tuple[str, tuple[str, ...]], ...]
 """The gate's members from simple to rich: a name and the blocks that it frees."""
@@ -59,12 +60,19 @@ class Structure:
     gate_rows: ClassVar[int]
     # wider hyperprior of the curves for a second fit: pseudo-observations, rms [rad]
     wide: ClassVar[tuple[float, float]]
+    # rows below which held-out errors scale the second fit's spread
+    few_rows: ClassVar[int]
     joint_names: tuple[str, ...]  # names of the joints, base to tip
     revolute: tuple[bool, ...]  # which joints turn; the others slide
     view: str  # one of :data:`calib.body.views.PLANAR` or `SPATIAL`
     unit: str  # unit of positions
     extent: float  # size of the workspace along an output [unit]
     simulated: bool  # whether the rows are samples of a simulation
+    # of several sensors, see `calib.body.sensors`: the name and the place of the one that it sees
+    # as, and the others in their order
+    sensor_name: str
+    place: int
+    beside: tuple[Viewpoint, ...]
 
     @property
     def dof(self) -> int:
@@ -74,7 +82,7 @@ class Structure:
     @property
     def seen_as(self) -> ViewKind:
         """The kind of its sensor."""
-        return (PLANAR if self.kind == "planar" else SPATIAL)[self.view]
+        raise NotImplementedError
 
     @property
     def outputs(self) -> int:
@@ -93,6 +101,11 @@ class Structure:
 
     # What the kinds of chains give.
 
+    @property
+    def viewpoint(self) -> Viewpoint:
+        """What it says of the sensor that it sees as."""
+        raise NotImplementedError
+
     @cached_property
     def measurement(self) -> Measurement:
         """What its sensor measures."""
@@ -107,6 +120,14 @@ class Structure:
     def directions(self) -> tuple[int, ...]:
         """How each joint (dof,) moves with its log, 1 or -1."""
         return (1,) * self.dof
+
+    def guard(self, block: str) -> Array | None:  # noqa: ARG002
+        """Prior sds of a block in the second fit, None where they are the first one's."""
+        return None
+
+    def undrawn(self) -> Structure | None:
+        """The structure without a drawing that rows may contradict, None where it needs one."""
+        return None
 
     def geometry(self) -> Sequence[Block]:
         """Blocks of the chain's geometry and of its joints."""

@@ -158,7 +158,7 @@ def fit_touches(
     held = np.empty((len(q), 3))
     held[~measured] = _scattered(found.held_out, point[~measured])
     if measured.any():
-        held[measured] = found.beside[0]
+        held[measured] = found.beside[0].held_out
         sensor = structure.sensor(body.beta)
         points = points @ sensor.rotation.T + sensor.shift
     else:

@@ -28,9 +28,10 @@ from .comparison import Comparison, compare, comparing
 from .follow import BLOCK, HORIZON, OnlineAdapter
 from .hypotheses import GROUPS, Cause, is_framed
 from .rebuild import rebuilt
-from .settings import TAIL
+from .settings import LEAST_OWN, TAIL
 from .update import update
 
+_CONSISTENT = 1.2  # of the held-out error that the rows of an adaptation may be missed by
 _WIDE = 0.5  # least spread of rows in any direction, over that of the learned range
 _CELLS = 5  # along each joint, for the share of the range that a log measured
 _BASELINE = 6000  # imagined samples that tell what is usual after an adaptation
@@ -171,6 +172,12 @@ def _few_shot(found: Comparison, report: Progress) -> Adaptation:
     if not np.isfinite(fresh.expected_error(found.q)).any():
         wide = "the new bound is a tenth of the reach or more at every row: measure more"
         return replace(told, notes=(*told.notes, wide))
+    learned = np.linalg.norm(found.x - fresh.predictor.value(found.u), axis=1)[made.rows]
+    rounding = LEAST_OWN * float(found.reference.structure.extents[0])
+    if float(learned.mean()) > _CONSISTENT * float(after.mean()) + rounding:
+        # the equations are linear and the model is not: what is written has to keep the promise
+        inconsistent = "the model that would be written misses these rows by more than it promises"
+        return replace(told, notes=(*told.notes, inconsistent))
     told = replace(told, improved=True)
     if not told.everywhere:
         known = factor * float(np.median(fresh.model_bounds))

@@ -18,7 +18,7 @@ from .causes import find_causes
 from .comparison import Comparison, compare, comparing
 from .hypotheses import Cause
 from .score import GroupTest, fired
-from .settings import FALSE_ALARM
+from .settings import BEYOND, FALSE_ALARM
 from .update import update
 
 _NO_BODY = "the model has no body: its rows are compared with its bound alone"
@@ -45,7 +45,8 @@ class Drift:
     Attributes
     ----------
     drifted : bool or None
-        Whether something changed; None where the rows are too coarse for what was tolerated.
+        Whether something changed; None where the rows are too few to say, or too coarse for what
+        was tolerated.
     samples : int
         Rows that were compared.
     outliers : int
@@ -72,6 +73,10 @@ class Drift:
         Whether `adapt` re-calibrates the model by these rows.
     left_out : int
         Rows of the log that are wrong, or outside of what the model has learned.
+    bound_holds : bool
+        Whether no more rows than usual are beyond the model's own 95 % bound.
+    too_few : bool
+        Whether rows are too few to show a change of ten times the noise.
     """
 
     drifted: bool | None
@@ -88,12 +93,23 @@ class Drift:
     usual_noise: float
     causes: tuple[Cause, ...]
     notes: tuple[str, ...]
+    bound_holds: bool = True
+    too_few: bool = False
 
     def __repr__(self) -> str:
         """The verdict in a few lines, as `calib check` ends."""
-        verdict = {True: "drifted", False: "still calibrated", None: "too coarse"}[self.drifted]
+        verdict = self.verdict
         head = f"Drift: {verdict}, score {self.score:.3g} (threshold 1), {self.samples} samples"
         return "\n  ".join([head, *self.explanations])
+
+    @property
+    def verdict(self) -> str:
+        """The verdict in a few words."""
+        if self.drifted:
+            return "drifted"
+        if self.drifted is None:
+            return "too few rows to say" if self.too_few else "too coarse"
+        return "still calibrated" if self.bound_holds else "the bound does not hold"
 
     @property
     def fired(self) -> tuple[str, ...]:
@@ -109,7 +125,7 @@ class Drift:
         """What `calib check --json` prints."""
         plain = ("drifted", "samples", "outliers", "left_out", "score", "smallest", "tolerance")
         return {
-            **{name: getattr(self, name) for name in (*plain, "adapts")},
+            **{name: getattr(self, name) for name in (*plain, "adapts", "bound_holds")},
             "threshold": 1,
             "distortion": {name: asdict(signal) for name, signal in self.distortion.items()},
             "fired": list(self.fired),
@@ -157,16 +173,18 @@ def check(
             score = max(score, found.tool.score)
             adapts = score > 1.0 and update(found).improved
         drifted: bool | None = score > 1.0
-        if not drifted and tolerance is not None and smallest > tolerance:
+        too_few = model.body is not None and not drifted and tested.too_few
+        if too_few or (not drifted and tolerance is not None and smallest > tolerance):
             drifted = None
-        if far > 0.5 or beyond.score > 1.0:
+        bound_holds = far <= BEYOND and beyond.score <= 1.0
+        if not bound_holds:
             noisier = "" if drifted else "a noisier sensor or encoder, "
             words = f"{100 * far:.0f} % of the rows are further from the prediction than its bound"
             told = (*told, f"{words}, where 5 % should be: {noisier}the bound does not hold")
         return Drift(
             drifted, len(found.q), found.wrong + found.strays, found.lost + found.strays, score,
             smallest, tolerance, adapts, (*tested.groups, beyond), _distortions(found),
-            tested.noise, tested.usual, causes, (*found.notes, *told),
+            tested.noise, tested.usual, causes, (*found.notes, *told), bound_holds, too_few,
         )  # fmt: skip
 
 
@@ -260,13 +278,17 @@ def recognise(models: Sequence[Model], log: Samples) -> Recognition:
     found: list[ModelFit] = []
     why = None
     for index, model in enumerate(models):
+        too_few = False
         try:
             with comparing():
                 compared = compare(model, log)
                 score, distance = compared.score, float(np.median(compared.missed))
+                if model.body is not None:
+                    score = max(score, compared.tool.score)
+                    too_few = compared.tested.too_few
         except LogError as error:  # outside of what this one has learned
             why, score, distance = error, np.inf, np.inf
-        found.append(ModelFit(index, score <= 1.0, score, distance))
+        found.append(ModelFit(index, score <= 1.0 and not too_few, score, distance))
     found.sort(key=lambda f: (not f.fits, f.distance))
     if why is not None and found[0].distance == np.inf:
         raise why

@@ -90,6 +90,9 @@ GROUPS = {
     "elastic": Group(
         0.02, 2e-5, 1e-4, "elasticity", "{joint} bends under load, by up to {most:.3g} deg", True
     ),
+    "payload": Group(
+        0.02, 2e-5, 1e-4, "the payload", "a payload bends {joint}, by up to {most:.3g} deg", True
+    ),
     # over the prior of a robot
     "placement": Group(5.0, 0.1, 1.0, "the joints' placements"),
     "tool": Group(0.1, 1e-4, 1e-3, "the tool"),  # [m]
@@ -99,14 +102,25 @@ GROUPS = {
     ),
 }  # fmt: skip
 
-TESTED = ("offset", "length", "gain", "placement", "tool", "elastic")
+_NEVER = Group(0.0)  # of a group that is as it was, such as the coupling of joints
+
+TESTED = ("offset", "length", "gain", "placement", "tool", "elastic", "payload")
 """Groups that are tested joint by joint."""
 
 _CAMERA = ("view.scale", "view.shear", "view.tilt")
 _SENSOR = ((), ("view.scale",), _CAMERA, ("view.scale", "view.shear", "lens"))
 _GEOMETRY = ("offset", "length", "gain", "placement")
 _EVERY = (*_GEOMETRY, "elastic", "tool")
-_ARM = (("offset",), ("length",), ("gain",), ("elastic",), ("tool",), _GEOMETRY, _EVERY)
+_ARM = (
+    ("offset",),
+    ("length",),
+    ("gain",),
+    ("elastic",),
+    ("payload",),
+    ("tool",),
+    _GEOMETRY,
+    _EVERY,
+)
 _BOTH = (("offset",), ("length",), (*_EVERY, "curve", *_CAMERA, "lens"))
 
 
@@ -219,7 +233,8 @@ def _deviations(
         if name.startswith("curve"):
             sd[ix] = curve * structure.prior((name,)).sd[ix]
             continue
-        sd[ix] = getattr(GROUPS[name], kind) * times.get(name, 1.0)
+        group = GROUPS.get(name, _NEVER)
+        sd[ix] = getattr(group, kind) * times.get(name, 1.0)
         if name == "placement":
             # A chain without a drawing has flat priors of its joint origins.  What was learned has
             # taken their place: shares of them let origins creep by a tenth of the reach.

@@ -20,11 +20,12 @@ from ..common.arrays import Array
 from .equations import Equations, Log, Noisy, own_columns
 from .frame import Reference
 from .hypotheses import FRAME, TESTED, freedom, indices_of
-from .settings import CREPT, FALSE_ALARM, JOINT_NOISES, NOISIER
+from .settings import CREPT, FALSE_ALARM, JOINT_NOISES, LARGE, NOISIER
 
 _ROWS = 300  # their power grows with the rows, their work with the rows too
 _FINER = (0.5, 0.7, 1.0, 1.4, 2.0)  # times the noise of an encoder, once one is found
 _POWER = 0.9  # share of logs in which the smallest change that is told would be found
+_LARGEST = 1e8  # statistic beyond which no size of a change is computed
 _LASTING = 10  # rows over which noise may last
 
 DRIFT = "drift"
@@ -67,6 +68,12 @@ class Tested:
         return max((g.score for g in self.groups), default=0.0)
 
     @property
+    def too_few(self) -> bool:
+        """Whether the rows could not show even a large change of half of the groups."""
+        sizes = [g.smallest for g in self.groups if g.smallest > 0.0]
+        return not sizes or float(np.median(sizes)) > LARGE * max(self.noise, self.usual)
+
+    @property
     def smallest(self) -> float:
         """Displacement [unit] that any single cause would have shown."""
         return max((g.smallest for g in self.groups if g.smallest > 0.0), default=np.inf)
@@ -95,7 +102,7 @@ def groups_of(body: Body) -> dict[str, Indices]:
     for group in TESTED:
         for index in indices_of(structure, (group,)).tolist():
             # a payload bends all joints at once
-            joint = None if group == "elastic" else structure.labels[index].joint
+            joint = None if group in ("elastic", "payload") else structure.labels[index].joint
             joints.setdefault(f"{group}:{joint}" if joint else group, []).append(index)
     for name, some in joints.items():
         found[name] = np.array(some, dtype=np.intp)
@@ -110,7 +117,8 @@ class _Noise:
     def __init__(
         self, reference: Reference, log: Log, residual: Array, noisy: Noisy | None = None
     ) -> None:
-        groups = [g for g in reference.structure.groups if not g.startswith("curve")]
+        # the unit weights of a payload would leave few rows no freedom
+        groups = [g for g in reference.structure.groups if not g.startswith(("curve", "payload"))]
         sd = freedom(reference.body, tuple(groups), found=reference.forgotten)
         self.equations = e = Equations(reference, log, crept=CREPT, noisy=noisy, freed=sd)
         y = e.whiten(residual)
@@ -175,7 +183,9 @@ def group_tests(reference: Reference, log: Log, probes: Array) -> Tested:
         p = min(1.0, count * float(fdtrc(k, noise.left, statistic / k)))
         deviation = np.sqrt((vectors**2 / values).sum(axis=1) * noise.temper)
         least = k * float(fdtri(k, noise.left, 1.0 - FALSE_ALARM / count))
-        needed = chndtrinc(least, k, 1.0 - _POWER) * noise.temper
+        # with hardly a row left for the noise no change is large enough
+        enough = least < _LARGEST
+        needed = chndtrinc(least, k, 1.0 - _POWER) * noise.temper if enough else np.inf
         change = every[place], vectors @ (turned / values), deviation
         smallest = float(np.sqrt(needed / told) * moves[place[0]])
         found.append(GroupTest(name, p, statistic, k, change, smallest))

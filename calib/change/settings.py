@@ -13,6 +13,9 @@ JOINT_NOISES = (0.5, 2.0, 8.0, 32.0)
 NOISIER = 1.5
 # Least residual of one log, of the extents; 1e-4 hid a sensor that was moved by .1 mm
 LEAST_OWN = 1e-6
+# Times the noise of a change that rows have to be able to show: of 10 rows of two and six joints
+# hardly a direction is left that tells the noise, from 12 on it is .6 to 6 times
+LARGE = 10.0
 # Share of rows beyond a 95 % bound that fails for sure: halves of A and C have 13 % at most
 BEYOND = 0.2
 # Share of the held-out error that a change may leave at most, and standard errors by which five

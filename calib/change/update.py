@@ -24,7 +24,8 @@ from .settings import CHANGED, CREEP, REFINED, SIMULATED_KAPPA, SURE
 
 _ROWS = 600  # that an update takes: linear in them
 _BLOCKS = 5  # contiguous ones that are held out in turn, each of which tells a gain
-_STEPS = 4
+_STEPS = 12
+_NOTHING_LEFT = 1e-3  # nats by which a step must better the fit
 
 
 @dataclass(frozen=True)
@@ -127,24 +128,53 @@ def _posterior(
     """
     structure = reference.structure
     active, ways = prior_columns(reference, e.waves, freed=e.sd)
-    smooth, r = own_columns(reference, log, e.factor), ways.shape[1]
+    smooth = own_columns(reference, log, e.factor)
+    r = ways.shape[1]
     weight = 1.0 / (np.sqrt(e.temper) * e.noise * reference.sizes)
+
+    def seen(beta: Array, normals: Array) -> tuple[Array, Array, float]:
+        """Residuals (n, m), columns (n, m, s) of what the rows share, and the cost [nats]."""
+        with np.errstate(all="ignore"):
+            predicted = structure.predict(log.q, beta)
+            residual = structure.residual(log.z, predicted)
+            own = np.concatenate([smooth, shared_columns(reference, log, predicted)], axis=2)
+        flat = (own * weight[:, None]).reshape(log.z.size, -1)
+        y = (residual * weight).ravel()
+        inner = flat.T @ flat
+        inner[np.diag_indices(len(inner))] += 1.0
+        if not np.isfinite(y).all():
+            return residual, own, np.inf
+        pull = flat.T @ y
+        cost = y @ y - pull @ Factor(inner).solve(pull) + normals @ normals
+        return residual, own, 0.5 * float(cost)
+
     beta = e.beta.copy()
-    normals = np.linalg.lstsq(ways, (e.beta - e.origin)[active], rcond=1e-12)[0]
+    start = np.linalg.lstsq(ways, (e.beta - e.origin)[active], rcond=1e-12)[0]
+    normals = np.asarray(start, dtype=np.float64)
+    residual, own, cost = seen(beta, normals)
     for step in range(_STEPS + 1):
-        predicted, x = structure.linearise(log.q, beta, active)
-        shared = shared_columns(reference, log, predicted)
-        residual = structure.residual(log.z, predicted)
-        columns = np.concatenate([x @ ways, smooth, shared], axis=2)
+        x = structure.linearise(log.q, beta, active)[1]
+        columns = np.concatenate([x @ ways, own], axis=2)
         flat = (columns * weight[:, None]).reshape(log.z.size, -1)
         gram, pull = flat.T @ flat, flat.T @ (residual * weight).ravel()
         gram[np.diag_indices(len(gram))] += 1.0
         pull[:r] -= normals  # what the log's own part follows, it follows anew in each step
         factor = Factor(gram)
-        if step < _STEPS:
-            delta, full = factor.solve(pull)[:r], np.zeros(len(beta))
-            full[active] = ways @ delta
-            beta, normals = structure.retract(beta, full), normals + delta
+        if step == _STEPS:
+            break
+        delta = factor.solve(pull)[:r]
+        for halved in range(6):
+            share = 0.3**halved
+            full = np.zeros(len(beta))
+            full[active] = ways @ (share * delta)
+            moved = structure.retract(beta, full)
+            there = seen(moved, normals + share * delta)
+            if there[-1] < cost - _NOTHING_LEFT:
+                break
+        else:
+            break
+        beta, normals = moved, normals + share * delta
+        residual, own, cost = there
     held = np.empty_like(residual)
     for block in np.array_split(np.arange(len(residual)), _BLOCKS):
         # without the block's rows the information is a difference: no fit is needed

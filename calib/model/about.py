@@ -54,6 +54,12 @@ class About(ReadOnly):
     degrees: bool = False  # whether its log, and so later ones, has turning joints in degrees
     picture: tuple[int, int] | None = None  # [px], width and height of a camera's pictures in space
     frame: str = ""  # the sensor's, as its log names it
+    sensor: str = ""  # its name, where the arm was seen by several
+
+    @property
+    def bound_holds(self) -> bool:
+        """Whether the rows that the model was tested on agree with its own bound."""
+        return holds(self.within, self.tested)
 
     @property
     def units_of_joints(self) -> tuple[str, ...]:
@@ -76,6 +82,16 @@ class About(ReadOnly):
                 f"{', '.join(self.joint_names)}: give a log of the same arm"
             )
         return log.q[:, [log.joint_names.index(name) for name in self.joint_names]]
+
+
+def holds(within: Mapping[str, float], rows: int) -> bool:
+    """Whether rows agree with a 95 % bound that covers the share `within["covered"]` of them.
+
+    They do not where three times as many as 5 %, and two rows more, are beyond it: a few are by
+    chance.  Without a share nothing speaks against the bound.
+    """
+    beyond = rows * (1.0 - within.get("covered", 1.0))
+    return beyond <= 0.15 * rows + 2.0
 
 
 @dataclass(frozen=True)

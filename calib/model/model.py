@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, NoReturn
 
 import numpy as np
@@ -16,6 +16,7 @@ from . import answers
 from .answers import Answer, Path
 from .parts import MOST_SHARE, Parts
 from .prediction import predict
+from .sensors import with_arm_of
 
 if TYPE_CHECKING:
     import os
@@ -48,6 +49,27 @@ class Model(Parts):
         from ..model_file.storage import save
 
         save(self, path)
+
+    def by(self, sensor: str) -> Model:
+        """Return the model as one of its sensors sees the arm, with that sensor's own bounds.
+
+        The first sensor is the model itself; so is every one where there is one without a name.
+        Raises OptionError if it is none of `sensors`.
+        """
+        parts = super().by(sensor)
+        if isinstance(parts, Model):
+            return parts
+        if sensor not in self.remembered:
+            values = {field.name: getattr(parts, field.name) for field in fields(Parts)}
+            self.remembered[sensor] = Model(**values)
+        model: Model = self.remembered[sensor]
+        return model
+
+    def with_sensor(self, adapted: Model) -> Model:
+        """Return the model with one of its sensors adapted, and that one's arm as all see it."""
+        several = [with_arm_of(parts, adapted) for parts in (self, *self.others)]
+        first = {field.name: getattr(several[0], field.name) for field in fields(Parts)}
+        return Model(**{**first, "others": tuple(several[1:])})
 
     def warm_up(self) -> str:
         """Make single queries fast: compile the model's own C, where a C compiler is found.
@@ -85,7 +107,12 @@ class Model(Parts):
         return answer if found[1] or self.everywhere else None
 
     def forward(
-        self, q: ArrayLike, readout: str | None = None, *, approach: ArrayLike | None = None
+        self,
+        q: ArrayLike,
+        readout: str | None = None,
+        *,
+        approach: ArrayLike | None = None,
+        sensor: str = "",
     ) -> Array:
         """Position (n, m) [unit] of the tip for joint values.
 
@@ -96,6 +123,7 @@ class Model(Parts):
         readout : {"local", "body", "linear", "activity", "winner"}, the model's default if None
         approach : (n, dof) or (dof,), sign of the last motion of each joint, 0 where it is not
             known.  It counts where training found backlash (``model.approach``).
+        sensor : one of :attr:`sensors`, whose readings are wanted; the first one by default
         Raises QueryError if the shape is wrong.
 
         Examples
@@ -106,6 +134,8 @@ class Model(Parts):
         >>> model.forward([0.5, 1.0]).round(3)
         array([0.281, 0.393])
         """
+        if sensor:
+            return self.by(sensor).forward(q, readout, approach=approach)
         if self.kernel is not None and readout in (None, "local") and approach is None:
             quick = self._quickly("forward", q)
             if quick is not None:

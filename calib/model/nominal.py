@@ -12,7 +12,7 @@ import numpy as np
 
 from ..arm.arm import PlanarArm, SpatialArm
 from ..arm.loading import arm_from_urdf
-from ..body.nominal import nominal_of
+from ..body.drawing import PlanarDrawing
 from ..body.planar import PlanarStructure
 from ..body.spatial import SpatialStructure, structure_of
 from ..body.structure import Structure
@@ -31,10 +31,9 @@ def nominal_in_plane(model: Parts, *, based: bool = False) -> tuple[PlanarStruct
     body = model.body
     if body is None or not isinstance(body.structure, PlanarStructure):
         raise OptionError("the model has no planar body, so its sensor's frame is not known")
-    nominal, about = body.structure.nominal, model.about
+    nominal = body.structure.nominal
     if nominal is None:
-        forward = nominal_arm(model).forward
-        nominal = nominal_of(forward, about.lower, about.upper, about.revolute)
+        nominal = PlanarDrawing.of(nominal_arm(model))
     structure = replace(body.structure, nominal=nominal, signs=nominal.signs)
     if based:
         structure = replace(structure, view="base", mirror=nominal.mirror)

@@ -63,6 +63,8 @@ class Parts:
     approach: Approach | None = None  # backlash, where the direction of motion counts
     # by the camera that measured the arm, to draw the map over
     photo: Annotated[Photo, Own()] | None = None
+    # the same arm as its further sensors see it, each with maps, local models and bounds of its own
+    others: tuple[Parts, ...] = ()
 
     # what `warm_up` compiled, which answers single queries
     kernel: ClassVar[Compiled | None] = None
@@ -110,6 +112,20 @@ class Parts:
     def links(self) -> csr_array:
         """Oja-Hebbian links, (motor nodes, sensory nodes)."""
         return self.association.links
+
+    @property
+    def sensors(self) -> tuple[str, ...]:
+        """Names of the sensors that saw the arm, the one whose model this is first."""
+        return (self.about.sensor, *(other.about.sensor for other in self.others))
+
+    def by(self, sensor: str) -> Parts:
+        """Return the parts as one of the sensors sees the arm."""
+        if sensor in ("", self.about.sensor) or self.sensors == ("",):
+            return self
+        if sensor not in self.sensors:
+            choices = ", ".join(self.sensors)
+            raise OptionError(f"sensor {sensor!r}: expected one of {choices}", parameter="sensor")
+        return self.others[self.sensors.index(sensor) - 1]
 
     @cached_property
     def remembered(self) -> dict[str, Any]:
@@ -255,10 +271,6 @@ class Parts:
         if self.body is not None and u.shape[1] > MOST_BLENDED:
             return self.body.bound(self.motor.scale.from_unit(u), noise=noise)
         return self.blended(getattr(self, which), u, noise=noise)
-
-    def by(self, sensor: str) -> Parts:
-        """The model as one of its sensors sees the arm."""
-        raise OptionError(f"sensor {sensor!r}: the model has one sensor")
 
     def _readout(self, name: str | None) -> str:
         """The readout that answers; ``local`` where the predictor does."""

@@ -110,10 +110,10 @@ class Prediction:
         return bound
 
 
-def predict(model: Parts, motion: Motion, sensor: str | None = None) -> Prediction:
+def predict(model: Parts, motion: Motion, sensor: str = "") -> Prediction:
     """Predict what a sensor reads of a motion.
 
     motion : joint values, and the side from which each joint came where that is known
     sensor : one of the model's sensors, the first one by default
     """
-    return Prediction(model if sensor is None else model.by(sensor), motion)
+    return Prediction(model.by(sensor), motion)

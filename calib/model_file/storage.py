@@ -5,13 +5,14 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import re
 from collections.abc import Mapping
 from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..body.belief import Body
+from ..body.belief import Body, Second
 from ..body.planar import PlanarStructure
 from ..body.spatial import SpatialStructure
 from ..body.structure import Structure
@@ -26,10 +27,10 @@ from ..model.about import MOST_ROWS, About
 from ..model.alignment import Alignment
 from ..model.facts import shown_errors
 from ..model.parts import Parts
-from .fields import read, write
+from .fields import Kinds, Tensors, read, write
 
 VERSION = 7  # of the format, as ``docs/format.md`` describes it
-KINDS = {Structure: (PlanarStructure, SpatialStructure)}
+KINDS: Kinds = {Structure: (PlanarStructure, SpatialStructure)}
 _KEY = "calib"
 _TINY = 1e-300  # the least number above zero
 _WIDEST = 1e9  # range of a joint [rad or m]
@@ -61,9 +62,27 @@ def to_bytes(model: Parts) -> bytes:
 
     with one_blas_thread():  # a covariance is factored on the way into the file
         header, tensors = write(model, Parts, KINDS)
+    tensors, shared = _without_copies(tensors)
+    header["shared"] = shared
     header["format"] = VERSION
     header["sha256"] = _checksum(tensors, header)
     return bytes(pack(tensors, metadata={_KEY: _canonical(header)}))
+
+
+def _without_copies(tensors: Tensors) -> tuple[Tensors, list[str]]:
+    """Tensors without those of further sensors that the first one has too, and their names."""
+    shared: list[str] = []
+    for name, tensor in tensors.items():
+        original = tensors.get(_in_first(name))
+        if original is not None and original is not tensor and np.array_equal(original, tensor):
+            shared.append(name)
+    rest = {name: tensor for name, tensor in tensors.items() if name not in shared}
+    return rest, sorted(shared)
+
+
+def _in_first(name: str) -> str:
+    """Name of the tensor of the first sensor that stands where one of a further sensor does."""
+    return re.sub(r"^others\.\d+\.", "", name)
 
 
 def parts_of(kind: type[_M], data: bytes, name: str) -> _M:
@@ -80,8 +99,12 @@ def parts_of(kind: type[_M], data: bytes, name: str) -> _M:
             f"{name}: damaged or edited, it does not match its checksum: restore or train it again"
         )
     try:
+        for copy in header.get("shared", ()):
+            tensors[copy] = tensors[_in_first(copy)]
         model: _M = read(kind, header, tensors, KINDS)
         _check(model)
+        for other in model.others:
+            _check(other)
     except _NONSENSE as error:
         reason = " ".join(str(error).split())[:120]
         raise ModelError(f"{name}: not a complete model ({reason}), train it again") from error
@@ -124,99 +147,113 @@ def _unpack(data: bytes, name: str) -> tuple[dict[str, Any], dict[str, NDArray[A
 
 def _check(model: Parts) -> None:
     """Refuse a model whose parts are none, or are not of one; ModelError or what breaks of it."""
-    about, motor, body, models = model.about, model.motor, model.body, model.local
+    about = model.about
+    body = model.body
+    scale = model.motor.scale
     # joints are asked in the unit box of the map: other limits would shift every answer
-    span = motor.scale.span
-    apart = np.abs([about.lower - motor.scale.lower, about.upper - about.lower - span])
-    if not (
-        _about(about)
-        and _maps(model.association)
-        and (apart <= 1e-6 * span).all()
-        and (models.degree < 0 or _local(models, model.association))
-        and (body is None or _body(body, len(about.lower)))
-        and min(model.bounds.min(), model.model_bounds.min()) >= 0.0
-        and model.visited.any()
-        and (model.rows is None or len(model.rows) <= MOST_ROWS)
-        and (
-            model.baseline is None or model.baseline.seen is None or model.baseline.seen.places.size
-        )
-    ):
+    apart = np.abs([about.lower - scale.lower, about.upper - about.lower - scale.span])
+    seen = None if model.baseline is None else model.baseline.seen
+    facts = (
+        _about_fits(about),
+        _maps_fit(model.association),
+        bool((apart <= 1e-6 * scale.span).all()),
+        model.local.degree < 0 or _local_fits(model.local, model.association),
+        body is None or _body_fits(body, len(about.lower)),
+        min(model.bounds.min(), model.model_bounds.min()) >= 0.0,
+        bool(model.visited.any()),
+        model.rows is None or len(model.rows) <= MOST_ROWS,
+        seen is None or bool(seen.places.size),
+    )
+    if not all(facts):
         raise ModelError("its parts do not fit together")
     for state in model.history:
         if state.get("frame") is not None:
             Alignment.from_json(state["frame"])
-    tuple(shown_errors(about, about.errors) if about.errors else ())
+    if about.errors:
+        tuple(shown_errors(about, about.errors))
     middle = np.full((1, len(about.lower)), 0.5)
     answer = model.predictor.value(middle)  # what makes no sense breaks here, if nowhere before
-    bound = 0.0 if body is None else body.bound(motor.scale.from_unit(middle))
-    if not np.isfinite(answer + bound).all():
+    if body is not None:
+        answer = answer + body.bound(scale.from_unit(middle))
+    if not np.isfinite(answer).all():
         raise ModelError("it has no answer in the middle of its range")
 
 
-def _about(own: About) -> bool:
-    names, sizes = own.joint_names, own.upper - own.lower
+def _about_fits(about: About) -> bool:
+    names = about.joint_names
+    sizes = about.upper - about.lower
+    counts = [about.samples - 1, about.seed, about.tested, about.left_out, *(about.picture or ())]
+    changes = (about.simulation or {}).get("changes", ())
     return (
         all(names)
-        and 1 <= len(set(names)) == len(names) == len(own.revolute) == len(sizes)
+        and 1 <= len(set(names)) == len(names) == len(about.revolute) == len(sizes)
         and bool(((sizes > 0.0) & (sizes < _WIDEST)).all())
-        and (own.plane is None or {"origin", "x", "y"} <= set(own.plane))
-        and all(isinstance(each, str) for each in (own.simulation or {}).get("changes", ()))
-        and min(*(own.picture or (1,)), own.samples - 1, own.seed, own.tested, own.left_out) >= 0
-        and {"map", "rule", "epochs", "sigma"} <= set(own.options)
+        and (about.plane is None or {"origin", "x", "y"} <= set(about.plane))
+        and all(isinstance(change, str) for change in changes)
+        and min(counts) >= 0
+        and {"map", "rule", "epochs", "sigma"} <= set(about.options)
         and all(
-            {"x", "y", "distance"} <= set(told["forward"])
-            and {*names, "distance"} <= set(told["inverse"])
-            for told in own.errors.values()
+            {"x", "y", "distance"} <= set(errors["forward"])
+            and {*names, "distance"} <= set(errors["inverse"])
+            for errors in about.errors.values()
         )
     )
 
 
-def _maps(own: Association) -> bool:
-    links, first = own.linked, own.linked.indptr.astype(np.int64)
+def _maps_fit(maps: Association) -> bool:
+    links = maps.linked
+    starts = links.indptr.astype(np.int64)
     return (
-        all(map(_map, (own.motor, own.sensory)))
-        and own.sensory.units.shape[1] in (2, 3)
-        and links.shape == (own.motor.size, own.sensory.size)
-        and len(first) == own.motor.size + 1
-        and (first[0], first[-1]) == (0, len(links.data))
-        and bool((np.diff(first) >= 0).all() and (links.data > 0.0).all() and len(links.data))
-        and bool((links.indices >= 0).all() and (links.indices < own.sensory.size).all())
-        and 1e-3 <= own.wiring.bandwidth <= 100.0
+        _map_fits(maps.motor)
+        and _map_fits(maps.sensory)
+        and maps.sensory.units.shape[1] in (2, 3)
+        and links.shape == (maps.motor.size, maps.sensory.size)
+        and len(starts) == maps.motor.size + 1
+        and (starts[0], starts[-1]) == (0, len(links.data))
+        and bool((np.diff(starts) >= 0).all() and (links.data > 0.0).all() and len(links.data))
+        and bool((links.indices >= 0).all() and (links.indices < maps.sensory.size).all())
+        and 1e-3 <= maps.wiring.bandwidth <= 100.0
     )
 
 
-def _map(own: Map) -> bool:
-    lattice: Any = own.lattice
-    return bool(
-        lattice.size == len(own.units)
-        and (not isinstance(lattice, Graph) or lattice.pairs.max(initial=0) < lattice.size)
-        and not (own.scale.span < _TINY).any()
-        and own.spacing > 0.0  # steps and cells are counted in the distance of nodes
+def _map_fits(one: Map) -> bool:
+    lattice = one.lattice
+    joined = not isinstance(lattice, Graph) or lattice.pairs.max(initial=0) < lattice.size
+    # steps and cells are counted in the distance of nodes
+    spaced = not (one.scale.span < _TINY).any() and one.spacing > 0.0
+    return bool(lattice.size == len(one.units) and joined and spaced)
+
+
+def _local_fits(models: LocalModels, maps: Association) -> bool:
+    nodes, dof = maps.motor.units.shape
+    width = maps.sensory.units.shape[1]
+    return (
+        models.degree <= MOST_DEGREE
+        and models.coefficients.shape == (nodes, len(exponents(dof, models.degree)), width)
+        and len(models.radius) == nodes
+        and not (models.radius < _TINY).any()
     )
 
 
-def _local(own: LocalModels, maps: Association) -> bool:
-    (nodes, dof), width = maps.motor.units.shape, maps.sensory.units.shape[1]
+def _body_fits(body: Body, dof: int) -> bool:
+    beliefs: list[Body | Second] = [body]
+    if body.second is not None:
+        beliefs.append(body.second)
+    least = min(body.autocorrelation, body.repeat, body.rows, body.tau.min(), body.residual.min())
     return (
-        own.degree <= MOST_DEGREE
-        and own.coefficients.shape == (nodes, len(exponents(dof, own.degree)), width)
-        and len(own.radius) == nodes
-        and not (own.radius < _TINY).any()
+        body.structure.dof == dof
+        and all(_belief_fits(belief, body.structure) for belief in beliefs)
+        and 1.0 <= body.kappa < np.inf
+        and body.nu >= 2.0
+        and least >= 0.0
     )
 
 
-def _body(own: Body, dof: int) -> bool:
-    structure, beliefs = own.structure, tuple(each for each in (own, own.second) if each)
+def _belief_fits(belief: Body | Second, structure: Structure) -> bool:
+    sizes = (len(belief.beta), len(belief.noise))
     return (
-        structure.dof == dof
-        and all(
-            (len(each.beta), len(each.noise)) == (structure.size, structure.outputs)
-            and (np.diff(each.active) > 0).all()
-            and each.root.any(axis=1).all()
-            and not (each.noise < _TINY).any()
-            for each in beliefs
-        )
-        and 1.0 <= own.kappa < np.inf
-        and own.nu >= 2.0
-        and min(own.autocorrelation, own.repeat, own.rows, own.tau.min(), own.residual.min()) >= 0.0
+        sizes == (structure.size, structure.outputs)
+        and bool((np.diff(belief.active) > 0).all())
+        and bool(belief.root.any(axis=1).all())
+        and not (belief.noise < _TINY).any()
     )

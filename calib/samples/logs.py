@@ -22,6 +22,7 @@ from .delays import with_offset
 from .diagnosis import diagnose, refuse_mistakes
 from .joint_values import LoggedJoint, check_ranges, wrap
 from .roles import (
+    FURTHER,
     PIXELS,
     QUATERNION,
     ROUNDING,
@@ -122,15 +123,15 @@ def read_log(
     check_ranges(ranges, dict(zip(names, revolute, strict=True)))
 
     drawn, total = source.drawn(most, seed)
-    timed = ["time"] if "time" in source.header and "time" not in read else []
-    values, numbers = drawn.numbers([*read, *timed])
-    values, time = np.split(values, [len(read)], axis=1)
+    further = [name for name in FURTHER if name in source.header and name not in read]
+    values, numbers = drawn.numbers([*read, *further])
+    values, facts = np.split(values, [len(read)], axis=1)
     turning = np.flatnonzero(revolute) if degrees else slice(0)
     values[:, turning] = np.deg2rad(values[:, turning])
     held = f"{total:,} rows: {most:,} of them, drawn evenly, are held; other counts are of these"
     kept, dropped, left_out, told = _sound(source.label, values, numbers, roles, revolute, ranges)
     notes = [held] * (total > most) + told
-    values, time, numbers = values[kept], time[kept], numbers[kept]
+    values, facts, numbers = values[kept], facts[kept], numbers[kept]
     q, x, turns, spread = np.split(values, np.cumsum([len(some) for some in roles[:3]]), axis=1)
     lower, upper = np.empty((2, len(names)))
     for k, name in enumerate(names):
@@ -176,7 +177,7 @@ def read_log(
         camera=camera,
         source=source.about,
         rows=numbers,
-        time=time[:, 0] if timed and np.isfinite(time).all() else None,
+        **{name: fact for name, fact in zip(further, facts.T, strict=True) if _whole(fact)},
         left_out=left_out,
     )  # fmt: skip
     return samples if time_offset is None else with_offset(samples, time_offset)
@@ -250,6 +251,11 @@ def _sound(
         unsure = variance > settings.UNSURE**2 * np.median(np.abs(variance[kept]))
         left_out += leave_out(unsure, "have a covariance far wider than usual")
     return np.flatnonzero(kept), dropped, left_out, notes
+
+
+def _whole(fact: Array) -> bool:
+    """Whether a column that is no measurement (n,) has a number in each row."""
+    return bool(np.isfinite(fact).all())
 
 
 def _in_plane(

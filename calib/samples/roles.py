@@ -27,6 +27,9 @@ COVARIANCE = tuple(f"cov_{a}_{b}" for k, a in enumerate(_POSE) for b in _POSE[k:
 """Columns of a pose's covariance: its upper triangle, row by row, of position [unit] and of a small
 turn [rad] about the sensor's axes, `cov_x_x`, `cov_x_y`, .. `cov_rz_rz`."""
 
+FURTHER = ("time", "episode")
+"""Columns that say when a row was taken, and of which series it is."""
+
 ROUNDING = 0.01
 """A quaternion's length may differ from 1 by this much: files round to a few digits."""
 
@@ -119,8 +122,11 @@ def log_columns(samples: Samples) -> dict[str, Array]:
     if samples.covariance is not None:
         row, column = np.triu_indices(6)
         columns |= dict(zip(COVARIANCE, samples.covariance[:, row, column].T, strict=True))
-    more = {"time": samples.time, "episode": samples.episode}
-    return columns | {name: column for name, column in more.items() if column is not None}
+    for name in FURTHER:
+        column = getattr(samples, name)
+        if column is not None:
+            columns[name] = column
+    return columns
 
 
 def covariances(values: Array, label: str) -> Array:

@@ -8,8 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..common.arrays import Array
-from ..common.wording import ROUNDED_AWAY, length_in_words
+from ..common.wording import ROUNDED_AWAY, for_people
 
+_IN_MM = 2e-5  # m, errors from which they are shown in mm
+_ROUNDING = 1e-6
+_IN_UM = 2e-8  # m, and in micrometres
 _WIDE = 20.0  # a ratio of errors beyond which the scale is logarithmic
 
 
@@ -26,7 +29,8 @@ class ErrorScale:
     @staticmethod
     def of(errors: Array, unit: str, extent: float) -> ErrorScale:
         """Return the scale that shows some errors (n,); `extent` is that of the workspace."""
-        known, least = errors[np.isfinite(errors)], ROUNDED_AWAY * (1.0 if unit == "m" else extent)
+        known = errors[np.isfinite(errors)]
+        least = ROUNDED_AWAY if unit == "m" else ROUNDED_AWAY * extent
         if not len(known) or known.max() < least:
             return ErrorScale(0.0, least, log=False, unit=unit, empty=True)
         low, high = np.maximum(np.quantile(known, [0.01, 0.99]), least / 10).tolist()
@@ -39,22 +43,43 @@ class ErrorScale:
         """Place of errors on the scale, 0 to 1; NaN stays NaN."""
         ends = np.array([self.low, self.high])
         if self.log:
-            errors, ends = np.log(np.maximum(errors, self.low)), np.log(ends)
+            errors = np.log(np.maximum(errors, self.low))
+            ends = np.log(ends)
         place = np.clip((errors - ends[0]) / (ends[1] - ends[0]), 0.0, 1.0)
         return np.asarray(0.0 * place if self.empty else place)
 
     def ticks(self, count: int = 3) -> list[tuple[float, str]]:
-        """Places and words of some ticks; a single one where all is rounding."""
+        """Places and words of some ticks, in one unit; a single one where all is rounding."""
         if self.empty:
             few = "below 1 nm" if self.unit == "m" else f"below {self.high:.2g} {self.unit}"
             return [(0.0, f"{few} everywhere")]
         places = np.linspace(0.0, 1.0, count)
         between = np.geomspace if self.log else np.linspace
-        values = between(self.low, self.high, count)
+        factor, unit = unit_for(self.high, self.unit)
+        values = factor * between(self.low, self.high, count)
         return [
-            (float(p), length_in_words(float(v), self.unit))
-            for p, v in zip(places, values, strict=True)
+            (place, f"{number(value)} {unit}")
+            for place, value in zip(places.tolist(), values.tolist(), strict=True)
         ]
+
+
+def number(value: float) -> str:
+    """Return a number with three digits and never an exponent; below a millionth it is 0.
+
+    Examples
+    --------
+    >>> number(1041.7), number(0.12345)
+    ('1040', '0.123')
+    """
+    rounded = float(f"{value:.3g}") if abs(value) >= _ROUNDING else 0.0
+    return np.format_float_positional(rounded, trim="-")
+
+
+def unit_for(largest: float, unit: str) -> tuple[float, str]:
+    """Return the factor from a unit to the one that errors up to `largest` are shown in."""
+    if unit == "m" and ROUNDED_AWAY <= largest < _IN_MM:
+        return (1e6, "µm") if largest >= _IN_UM else (1e9, "nm")
+    return for_people(unit)
 
 
 # the middle of the "plasma" map (van der Walt and Smith, CC0): its lightness rises evenly,

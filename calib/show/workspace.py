@@ -13,6 +13,7 @@ from ..model.model import Model
 
 _INSIDE, _OVER = 30_000, 0.2  # joint values that are drawn, beyond both ends of the range too
 _CELLS = 120  # cells of the grid along the workspace's longer side
+_FIELD = 2_500  # postures that a field of bounds is drawn with
 _GAP = 1.6  # cells; farther from every reached position is outside
 
 
@@ -59,3 +60,13 @@ def outline(model: Model) -> Array:
     lines: Any = contour_generator(x, y, away).lines(_GAP)
     pieces = [np.stack([line[:-1], line[1:]], axis=1) for line in lines]
     return reached[tree.query(np.concatenate([np.empty((0, 2, 2)), *pieces]))[1]]
+
+
+def bound_field(model: Model) -> tuple[Array, Array]:
+    """Positions (n, m) all over the learned range, and the bound (n,) on the true one [unit]."""
+    about = model.about
+    shape = _FIELD, len(about.lower)
+    q = np.random.default_rng(0).uniform(about.lower, about.upper, shape)
+    x = model.forward(q)
+    answered = np.isfinite(x).all(axis=1)
+    return x[answered], model.model_error(q[answered])

@@ -3,34 +3,25 @@
 from __future__ import annotations
 
 import math
-from contextlib import suppress
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..arm.arm import SpatialArm
-from ..arm.rotations import logarithm, matrix_of
-from ..body.fitting import BodyFit, fit
-from ..body.nominal import nominal_of
-from ..body.planar import planar_structure
-from ..body.rows import Rows
+from ..body.fitting import BodyFit, fit, fit_sensors
 from ..body.sensor import doubtful_depth
-from ..body.spatial import structure_of, unknown_structure
 from ..body.telling import warnings_of
 from ..body.views import is_camera
 from ..common.arrays import Array, Index
-from ..common.choices import VIEWS
-from ..common.scale import METRES
-from ..errors import OptionError
 from ..maps.model_selection import misfit
 from ..maps.predictor import BodyInBox
 from ..samples.samples import Samples
 from .learn import TrainingOptions, unit_box
+from .template import Template
 
 NO_ARM = 0.02
 """Share of the extent: a body that is further off explains nothing."""
 
-_VIEWS = ("auto", "base", "rigid", "similarity")  # of positions in space
 _LEARNED_ROWS = 50_000  # rows of a log that the smooth part and the local models rest on
 _IMAGINED = 5  # samples for each motor node
 
@@ -56,25 +47,64 @@ class SmoothPart:
 
 def find_smooth_part(samples: Samples, *, view: str = "auto", seed: int) -> SmoothPart:
     """Fit the body of the samples; `view` says what the sensor measures."""
-    rows = np.arange(0, len(samples), -(-len(samples) // _LEARNED_ROWS))
-    q, x = samples.q[rows], samples.x[rows]
-    kind = _fit_in_space if _in_space(samples, view) else _fit_in_plane
-    found = kind(samples, rows, view, seed)
+    rows = _learned_rows(samples)
+    template = Template.of(samples, rows, view)
+    found = fit(template.structure, [template.rows], seed=seed)
+    return _smooth_part(samples, rows, template, found)
+
+
+def find_smooth_parts(
+    logs: Mapping[str, Samples], *, view: str = "auto", seed: int
+) -> dict[str, SmoothPart]:
+    """Fit one body to what several sensors saw of one arm; it is told as each of them sees it.
+
+    logs : samples of each sensor by its name, of the same joints; the first one's drawing counts
+    """
+    rows = {name: _learned_rows(samples) for name, samples in logs.items()}
+    templates = {name: Template.of(logs[name], rows[name], view) for name in logs}
+    fits = fit_sensors(
+        {name: template.structure for name, template in templates.items()},
+        {name: template.rows for name, template in templates.items()},
+        seed=seed,
+    )
+    return {
+        name: _smooth_part(logs[name], rows[name], templates[name], fits[name]) for name in logs
+    }
+
+
+def _learned_rows(samples: Samples) -> Index:
+    return np.arange(0, len(samples), -(-len(samples) // _LEARNED_ROWS))
+
+
+def _smooth_part(samples: Samples, rows: Index, template: Template, found: BodyFit) -> SmoothPart:
+    """The body of a fit, with notes on what its rows cannot tell."""
+    q = samples.q[rows]
+    x = samples.x[rows]
     travel = samples.upper - samples.lower
-    told = warnings_of(q, samples.joint_names, samples.revolute, travel)
-    found = replace(found, notes=(*told, *found.notes))
-    part = SmoothPart.of(samples, found, rows)
+    notes = [*warnings_of(q, samples.joint_names, samples.revolute, travel), *found.notes]
+    view = found.body.structure.view
+    if is_camera(view):
+        notes += doubtful_depth(found.body, q)
+    if view == "base target":
+        notes.append(
+            "the orientations are of a target that is turned against the tip: its turn cannot be "
+            f"told from the offset of {samples.joint_names[-1]}"
+        )
+    notes += template.notes
+    if template.rows.z.shape[1] == 6:
+        found = found.of_positions()
+    part = SmoothPart.of(samples, replace(found, notes=tuple(notes)), rows)
     extent = float(np.linalg.norm(np.ptp(x, axis=0)))
     if part.error <= NO_ARM * extent or samples.simulation is not None:
         return part
-    planar = "planar " * (x.shape[1] == 2 and samples.arm is None)
-    doubt = (
+    planar = "planar " if x.shape[1] == 2 and samples.arm is None else ""
+    notes.append(
         f"no {planar}arm explains the positions: held-out rows are missed by "
         f"{100 * part.error / extent:.2g} % of their extent; check that `joints` names all that "
         "moved, base to tip, that each row's joints and position are of one moment, and give the "
         "URDF of an arm in space; maps and links alone learn what is no arm: `body='none'`"
     )
-    return replace(part, fit=replace(found, notes=(*found.notes, doubt)))
+    return replace(part, fit=replace(part.fit, notes=tuple(notes)))
 
 
 def wrong_around(part: SmoothPart, samples: Samples, u: Array) -> Array | None:
@@ -106,64 +136,3 @@ def to_learn(
         u = np.concatenate([u[::every], drawn])
         x = np.concatenate([x[::every], part.smooth.value(drawn)])
     return u, x, wrong_around(part, samples, u)
-
-
-def _in_space(samples: Samples, view: str) -> bool:
-    """Whether samples are of an arm in space; OptionError if `view` is not one of such samples."""
-    pixels = samples.camera is not None and isinstance(samples.arm, SpatialArm)
-    positions = not pixels and samples.x.shape[1] == 3
-    kinds = _VIEWS if positions else [v for v in VIEWS if v == "auto" or is_camera(v) == pixels]
-    if view not in kinds:
-        told = f"view {view!r}: expected one of {', '.join(kinds)} for these samples"
-        raise OptionError(told, parameter="view", value=view)
-    return pixels or positions
-
-
-def _fit_in_plane(samples: Samples, rows: Index, view: str, seed: int) -> BodyFit:
-    """Fit the body of a planar arm to some rows of samples, a log's with its URDF as prior."""
-    simulated, nominal = samples.simulation is not None, None
-    if samples.arm is not None and not simulated:
-        # a joint out of the plane has no prior: the rows have to tell
-        with suppress(OptionError):
-            known = samples.lower, samples.upper, samples.revolute
-            nominal = nominal_of(samples.arm.forward, *known)
-    if view == "base" and nominal is None:
-        raise OptionError(
-            "view 'base' needs a measured log and the planar robot that it is of: give both, or "
-            "another view"
-        )
-    x, names, turns = samples.x[rows], samples.joint_names, samples.revolute
-    structure = planar_structure(x, names, turns, nominal, view, samples.unit, simulated)
-    return fit(structure, [Rows(samples.q[rows], x)], seed=seed)
-
-
-def _fit_in_space(samples: Samples, rows: Index, view: str, seed: int) -> BodyFit:
-    """Fit the body of an arm in space to some rows; only a log's URDF is a prior."""
-    q, x, arm, camera = samples.q[rows], samples.x[rows], samples.arm, samples.camera
-    extent = float(np.sqrt(((x - x.mean(axis=0)) ** 2).sum(axis=1).mean()))  # of the noise's floor
-    orientation, simulated = samples.orientation, samples.simulation is not None
-    if camera is not None and isinstance(arm, SpatialArm) and x.shape[1] == 2:
-        lens, sd = camera.lens, camera.lens_sd
-        template = structure_of(arm, "pinhole", unit="px", extent=extent, lens=lens, lens_sd=sd)
-        found = fit(template, [Rows(q, x)], seed=seed)
-        return replace(found, notes=(*found.notes, *doubtful_depth(found.body, q)))
-    metre, unused = METRES.get(samples.unit, 1.0), ""
-    if isinstance(arm, SpatialArm) and not simulated:
-        kind = {"auto": "rigid" if samples.unit in METRES else "similarity"}.get(view, view)
-        template = structure_of(arm, kind, unit=samples.unit, metre=metre, extent=extent)
-        posed = {"rigid": "pose", "base": "base pose"}.get(kind)
-        if orientation is not None and posed:
-            poses = np.hstack([x, logarithm(matrix_of(orientation[rows]))])
-            found = fit(template.with_view(posed), [Rows(q, poses)], seed=seed)
-            if found.body.structure.view == "base target":
-                last = f"its turn cannot be told from the offset of {samples.joint_names[-1]}"
-                turned = f"the orientations are of a target that is turned against the tip: {last}"
-                found = replace(found, notes=(*found.notes, turned))
-            return found.of_positions()
-        unused = f"orientations are not used with the view {kind!r}"
-    else:
-        names, turns = samples.joint_names, samples.revolute
-        template = unknown_structure(names, turns, extent, samples.unit, metre, simulated)
-        unused = "orientations are used together with the robot's URDF: give `robot`"
-    found = fit(template, [Rows(q, x)], seed=seed)
-    return found if orientation is None else replace(found, notes=(*found.notes, unused))

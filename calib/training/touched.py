@@ -14,7 +14,7 @@ from ..body.rows import together
 from ..body.settings import STUDENT
 from ..body.spatial import SpatialStructure, structure_of
 from ..body.touch import fit_touches, restated, touching
-from ..common.arrays import Array
+from ..common.arrays import Array, Index
 from ..errors import LogError
 from ..model.model import Model
 from ..samples.samples import Samples
@@ -25,7 +25,10 @@ from .smooth import NO_ARM, SmoothPart
 NOT_LEARNED = "no row of the log lies within what the model has learned: measure others"
 
 _MOST = 0.25  # share of rows that may be wrong
+_ATTEMPTS = 3  # fits, each without the rows that strayed from the one before
 _FEW = 12  # touches that tell an arm in space at least
+_FEW_OF_ONE = 4  # of them in one socket
+_IN_SOCKET = 5.0  # times the usual scatter, within which a stray row was in another socket
 _ALIKE = 0.05  # joints that moved less in each socket [rad or m] tell nothing of the arm
 # What may have changed since, and by how much: a servo put on anew, a bent tip, origins [rad or m]
 _FREED = {"offset": np.radians(2.0), "tool": 5e-3, "placement": 2e-3}
@@ -48,54 +51,79 @@ def fit_sockets(samples: Samples, seed: int) -> tuple[Samples, SmoothPart, list[
         sensor's where one measured some rows.
     Raises LogError if the touches tell nothing of the arm, or no arm explains them.
     """
-    arm, touch = samples.arm, samples.touch
+    arm = samples.arm
+    touch = samples.touch
     assert touch is not None  # noqa: S101 - samples of touches
     if not isinstance(arm, SpatialArm):
         raise LogError("touches need the robot in space that made them: give its URDF")
+    _refuse_alike(samples, touch)
     touched = touch.number >= 0
-    own, counts = np.unique(touch.number[touched], return_counts=True)
-    spans = [np.ptp(samples.q[touch.number == k], axis=0).max() for k in own]
-    alike = max(spans, default=0.0) < _ALIKE
-    if alike or counts.sum() < _FEW or counts.max() < 4:
-        raise LogError(
-            f"{counts.sum()} touches of {len(own)} sockets"
-            f"{', all alike,' if alike else ''} tell nothing of the arm: expected 20 postures and "
-            "more in each socket, from other sides, with the wrist turned each way"
+    base_is_measured = not touched.all()
+    structure = structure_of(arm, "rigid" if base_is_measured else "base")
+    used = np.ones(len(samples), dtype=bool)
+    points = np.full((len(touch.sockets), 3), np.nan)
+    for attempt in range(_ATTEMPTS):
+        number, known, sockets = touch.take(used).renumbered()
+        fit, points[sockets] = fit_touches(
+            structure,
+            samples.q[used],
+            number,
+            known,
+            lower=samples.lower,
+            upper=samples.upper,
+            x=samples.x[used],
+            seed=seed,
         )
-    seen = not touched.all()
-    structure = structure_of(arm, "rigid" if seen else "base")
-    kept, points = np.ones(len(samples), bool), np.full((len(touch.sockets), 3), np.nan)
-    for _ in range(3):
-        number, known, own = touch.take(kept).renumbered()
-        found, points[own] = fit_touches(
-            structure, samples.q[kept], number, known,
-            lower=samples.lower, upper=samples.upper, x=samples.x[kept], seed=seed,
-        )  # fmt: skip
-        tip = found.body.predict(samples.q)
-        off = np.linalg.norm(tip - points[touch.number], axis=1)
-        now = ~touch.strays(off)
-        if (now == kept).all() or now.mean() < 1 - _MOST:
+        tip = fit.body.predict(samples.q)
+        distance = np.linalg.norm(tip - points[touch.number], axis=1)
+        sound = ~touch.strays(distance)
+        # the rows of the fit are those that are returned: what strays from the last one stays
+        if (sound == used).all() or sound.mean() < 1 - _MOST or attempt == _ATTEMPTS - 1:
             break
-        kept = now
-    scatter = float(np.median(off[kept & touched]))
+        used = sound
+    scatter = float(np.median(distance[used & touched]))
     if scatter > NO_ARM * arm.chain.reach:
         raise LogError(
             f"no arm explains the touches: the tips scatter by {1e3 * scatter:.3g} mm about their "
             "sockets (median); check the joints' order and unit, the tip, and the points' names"
         )
-    notes: list[str] = []
-    if len(gone := np.flatnonzero(~kept)):
-        named = row_numbers(samples, gone)
-        notes.append(f"{len(gone)} rows were in no socket of theirs and are left out: {named}")
-        near = np.linalg.norm(tip[gone, None] - points, axis=2)
-        k, socket = np.unravel_index(np.nanargmin(near), near.shape)
-        if near[k, socket] <= max(5.0 * scatter, 1e-9):
-            name, named = " ".join(touch.sockets[socket]), row_numbers(samples, gone[[k]])
-            notes.append(f"{named} was in the socket {name.strip()!r}: a wrong name?")
-    sized = any(each.value is not None for each in touch.known)
-    notes += [] if seen else [_BASE, *[_SIZE] * (not sized)]
-    samples = replace(samples, x=_placed(samples, touch, points)).take(kept)
-    return samples, SmoothPart.of(samples, found, np.arange(len(samples))), notes
+    notes = _stray_words(samples, touch, np.flatnonzero(~used), tip, points, scatter)
+    if not base_is_measured:
+        notes.append(_BASE)
+        if all(fact.value is None for fact in touch.known):
+            notes.append(_SIZE)
+    samples = replace(samples, x=_placed(samples, touch, points)).take(used)
+    return samples, SmoothPart.of(samples, fit, np.arange(len(samples))), notes
+
+
+def _refuse_alike(samples: Samples, touch: Touches) -> None:
+    """Refuse touches that are too few or too much alike to tell anything of the arm."""
+    sockets, counts = np.unique(touch.number[touch.number >= 0], return_counts=True)
+    spans = [np.ptp(samples.q[touch.number == socket], axis=0).max() for socket in sockets]
+    alike = max(spans, default=0.0) < _ALIKE
+    if alike or counts.sum() < _FEW or counts.max() < _FEW_OF_ONE:
+        raise LogError(
+            f"{counts.sum()} touches of {len(sockets)} sockets"
+            f"{', all alike,' if alike else ''} tell nothing of the arm: expected 20 postures and "
+            "more in each socket, from other sides, with the wrist turned each way"
+        )
+
+
+def _stray_words(
+    samples: Samples, touch: Touches, strays: Index, tip: Array, points: Array, scatter: float
+) -> list[str]:
+    """Name the rows that were in no socket of theirs, and the socket that one of them was in."""
+    if not len(strays):
+        return []
+    rows = row_numbers(samples, strays)
+    notes = [f"{len(strays)} rows were in no socket of theirs and are left out: {rows}"]
+    distance = np.linalg.norm(tip[strays, None] - points, axis=2)
+    stray, socket = np.unravel_index(np.nanargmin(distance), distance.shape)
+    if distance[stray, socket] <= max(_IN_SOCKET * scatter, 1e-9):
+        row = row_numbers(samples, strays[[stray]])
+        name = " ".join(touch.sockets[socket]).strip()
+        notes.append(f"{row} was in the socket {name!r}: a wrong name?")
+    return notes
 
 
 def in_sockets(model: Model, samples: Samples, touch: Touches) -> tuple[Samples, dict[str, Any]]:

@@ -59,7 +59,7 @@ def check(
     loaded = calib.load(model)
     with log_of_pictures(loaded, data, joints_file, camera, reading.degrees) as path:
         log = log_for(loaded, path, reading)
-        series = _series(path, log)
+    series = [] if log.episode is None else log.episode.astype(int).tolist()
     episodes = [_episode(loaded, log, series, k, cause) for k in sorted({*series})]
     drift = calib.check(loaded, log, cause=cause, tolerance=tolerance)
     say(drift.notes)
@@ -89,28 +89,22 @@ def check(
     elif bumped:
         lines = [f"DRIFTED in {len(bumped)} of {len(episodes)} episodes", limit]
         document["drifted"] = True
+    elif drift.too_few:
+        lines = ["TOO FEW ROWS TO SAY: they could not show a change of ten times the noise"]
+        lines += ["what to do: measure more poses, spread over the joints' ranges"]
     elif drift.drifted is None:
         lines = ["TOO COARSE: these rows could not have shown a change of the tolerated size"]
         lines += ["what to do: give more rows, or rows of less noise", limit]
     else:
-        lines = ["still calibrated", *drift.explanations, limit]
+        lines = [drift.verdict.upper(), *drift.explanations, limit]
+        if drift.bound_holds:
+            lines[0] = drift.verdict
+
     for each in bumped:
         told = (*each["explanations"], "its cause is unknown")[0]
         lines.append(f"episode {each['episode']}: DRIFTED: {told}")
     code = NO if bumped or drift.drifted is not False else 0
     return Outcome(document, lines, _details(drift, factor, name), code=code)
-
-
-def _series(path: str, log: Samples) -> list[int]:
-    """The series that each row is of, where the log's file has a column `episode`."""
-    from calib.samples.tables import open_source
-
-    if path == "-" or log.rows is None:
-        return []
-    source = open_source(path)
-    if "episode" not in source.header:
-        return []
-    return [int(k) for k in source.numbers(["episode"])[0][log.rows - 1, 0]]
 
 
 def _episode(

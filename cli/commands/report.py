@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 from typer import Option
 
@@ -12,9 +12,6 @@ from ..camera import Drawn
 from ..output import Outcome
 from ..parsing import BadOption, check_file
 
-if TYPE_CHECKING:
-    pass
-
 
 def report(
     model: opt.ModelFile,
@@ -22,6 +19,9 @@ def report(
         str | None, Option("--output", "-o", metavar="FILE.html", help="One file.")
     ] = None,
     png: Annotated[str | None, Option("--png", metavar="DIR", help="Its figures as PNG.")] = None,
+    figures: Annotated[
+        str | None, Option("--figures", metavar="FOLDER", help="Its figures as SVG.")
+    ] = None,
     columns: opt.Columns = None,
     unit: opt.Unit = None,
     time_offset: opt.TimeOffset = None,
@@ -33,7 +33,7 @@ def report(
     verbose: opt.Verbose = False,
     quiet: opt.Quiet = False,
 ) -> Outcome:
-    """Write figures and tables that explain a calibration."""
+    """Write how accurate a calibration is, what is off, where and why, as one page."""
     drawn = Drawn(
         columns=columns,
         unit=unit,
@@ -43,26 +43,27 @@ def report(
         photo=photo,
         no_photo=no_photo,
     )
-    if output is None and png is None:
-        raise BadOption("nothing to write: expected -o FILE.html, or --png DIR, or both")
+    if output is None and png is None and figures is None:
+        raise BadOption("nothing to write: expected -o FILE.html, --figures FOLDER or --png DIR")
     check_file(output, (".html", ".htm"))
     loaded, log = drawn.load(model)
     import calib
     from calib.common.atomic import atomic_write
-    from calib.show.report.figures import to_png
+    from calib.show.report.drawing import to_file
 
     lines = []
     if output is not None:
-        calib.report(loaded, output, log)
+        lines.append(calib.report(loaded, output, log))
         lines.append(_page(output))
-    if png is not None:
-        folder = Path(png)
-        folder.mkdir(parents=True, exist_ok=True)
+    for kind, folder in (("png", png), ("svg", figures)):
+        if folder is None:
+            continue
+        Path(folder).mkdir(parents=True, exist_ok=True)
         for name, figure in calib.figures(loaded, log).items():
-            path = folder / f"{name}.png"
-            atomic_write(path, to_png(figure))
+            path = Path(folder) / f"{name}.{kind}"
+            atomic_write(path, to_file(figure, kind))
             lines.append(str(path))
-    return Outcome({"output": output, "png": png}, lines)
+    return Outcome({"output": output, "png": png, "figures": figures}, lines)
 
 
 def _page(path: str) -> str:

@@ -12,12 +12,12 @@ from typer import Argument, Option
 
 from .. import options as opt
 from ..camera import photo_of_log, with_photo
-from ..output import Outcome, progress_bar, say
+from ..output import NO, Outcome, progress_bar, say
 from ..parsing import BadOption, check_file
 from ..samples import Babbling, Logged, Selection, Sockets, check_sources
 from ..samples import babbled_samples as babbled
 from ..samples import measured_samples as measured
-from ..summary import accuracy, advice, error_table, found_by_body, summary
+from ..summary import accuracy, advice, contradicted, error_table, found_by_body, summary
 
 if TYPE_CHECKING:
     from calib import Samples
@@ -68,7 +68,10 @@ def train(
     verbose: opt.Verbose = False,
     quiet: opt.Quiet = False,
 ) -> Outcome:
-    """Learn a model from simulated babbling or from a measured log."""
+    """Learn a model from simulated babbling or from a measured log.
+
+    Exit code 3, with the model written, if its own fresh or held-out rows contradict its bound.
+    """
     selection = Selection(
         joints=joints, tip=tip, planar=planar, lock=lock, ranges=ranges, degrees=degrees
     )
@@ -109,14 +112,17 @@ def train(
     what = "fresh exact samples" if simulated else "rows held out in blocks of the log"
     learned = f"{about.samples} {'samples' if simulated else 'rows'}"
     cost = f"{model.seconds['total']:.2f} s, {Path(path).stat().st_size / 1e6:.2f} MB"
+    warning = contradicted(about)
     lines = [
+        *warning,
         accuracy(model, about.errors, about.within, f"{about.tested} {what}", about.left_out),
         *found_by_body(model),
         *advice(model, about.errors, stated),
         f"{path}: {about.options['map']}, {model.size_in_words}, {learned}, {cost}",
     ]
     table = error_table(model, about.errors, f"errors on {what}")
-    return Outcome(summary(model, path, about.errors, model.seconds), lines, [table])
+    document = summary(model, path, about.errors, model.seconds)
+    return Outcome(document, lines, [table], code=NO if warning else 0)
 
 
 def _check_same_origin(path: str, log: Samples) -> None:

@@ -5,9 +5,9 @@ import pytest
 
 from calib.body.belief import Body
 from calib.body.covariance import radius_95, root_of, spread_of
+from calib.body.drawing import PlanarDrawing
 from calib.body.fit import Fit
 from calib.body.gate import leave_blocks_out
-from calib.body.nominal import Nominal
 from calib.body.parameters import Prior
 from calib.body.planar import PlanarStructure
 from calib.body.rows import Rows
@@ -26,7 +26,7 @@ def known(n: int, seed: int):
     generator = np.random.default_rng(seed)
     s = PlanarStructure(
         ("a", "b"), (True, True), "rigid", "m", 1.0, (1, 1), 1, 0.4, (0.0, 0.0),
-        Nominal((0.3, 0.25), (0.0, 0.0)), False,
+        PlanarDrawing((0.3, 0.25), (0.0, 0.0)), False,
     )  # fmt: skip
     prior = s.prior(("view.rotation", "view.shift", "length", "offset", "gain"))
     sd = np.where(prior.sd > 0, np.minimum(prior.sd, 5e-3), 0.0)
@@ -63,7 +63,7 @@ def test_leave_block_out_equals_the_refit():
         others = np.r_[0:a, b:40]
         again = fitted(s, prior, q[others], z[others])
         refit = z[a:b] - s.predict(q[a:b], again.beta)
-        assert np.allclose(held.residuals[0][a:b], refit, atol=5e-6)
+        assert np.allclose(held.residual[a:b], refit, atol=5e-6)
         assert not np.allclose(f.residual[a:b], refit, atol=3e-5)
 
 

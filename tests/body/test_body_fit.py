@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from calib.body import fitting
-from calib.body.nominal import Nominal
+from calib.body.drawing import PlanarDrawing
 from calib.body.planar import planar_structure
 from calib.body.rows import Rows
 from calib.body.telling import warnings_of
@@ -59,7 +59,7 @@ def test_a_slide_is_found_to_rounding():
 
 
 def test_a_log_in_millimetres_is_that_in_metres():
-    nominal, q = Nominal((0.3, 0.25), (0.0, 0.0)), rows(60, 2, seed=29)
+    nominal, q = PlanarDrawing((0.3, 0.25), (0.0, 0.0)), rows(60, 2, seed=29)
     z = seen(chain(q, LENGTHS[:2])) + np.random.default_rng(30).normal(0, 1e-4, (60, 2))
     for drawn in (nominal, None):
         own, other = (fit(q, k * z, unit=u, nominal=drawn).body for k, u in ((1, "m"), (1e3, "mm")))
@@ -91,7 +91,7 @@ def test_a_tilted_camera_and_a_reversed_servo_are_found_in_pixels():
 
 
 def test_the_prior_holds_what_few_rows_cannot_tell():
-    nominal = Nominal((0.3, 0.25), (0.0, 0.0))
+    nominal = PlanarDrawing((0.3, 0.25), (0.0, 0.0))
     q = rows(4, 2, seed=7)
     z = seen(chain(q, LENGTHS[:2])) + np.random.default_rng(8).normal(0, 1e-4, (4, 2))
     body = fit(q, z, nominal=nominal).body
@@ -151,7 +151,7 @@ def test_an_outlier_weighs_little():
 def test_a_wrong_geometry_does_no_harm(lengths):
     q = rows(100, 2, seed=22)
     z = seen(chain(q, LENGTHS[:2])) + np.random.default_rng(23).normal(0, 1e-4, (100, 2))
-    fitted = fit(q, z, nominal=Nominal(lengths, (0.0, 0.0)))
+    fitted = fit(q, z, nominal=PlanarDrawing(lengths, (0.0, 0.0)))
     assert np.linalg.norm(fitted.held_out, axis=1).mean() < 3e-4
     found = fitted.body.beta[fitted.body.structure.groups["length"]]
     assert np.allclose(found, LENGTHS[:2], atol=1e-3)

@@ -1,5 +1,7 @@
 """The commands check and adapt, and what they refuse."""
 
+import os
+import threading
 from dataclasses import replace
 
 import numpy as np
@@ -30,6 +32,20 @@ def test_check_adapt_check(folder, run):
     assert (folder / "m.adapted.calib").exists()
     again = run("check", folder / "m.adapted.calib", "--data", folder / "new.csv")
     assert again.code == 0
+
+
+@pytest.mark.skipif(os.name == "nt", reason="pipes with a name are POSIX")
+def test_a_pipe_is_checked_like_the_file_with_its_episodes(folder, run, tmp_path):
+    table = (folder / "new.csv").read_text().splitlines()
+    lines = [f"{table[0]},episode", *(f"{row},{k // 50}" for k, row in enumerate(table[1:]))]
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    thread = threading.Thread(target=lambda: pipe.write_text("\n".join(lines)))
+    thread.start()
+    done = run("check", folder / "m.calib", "--data", pipe, "--json")
+    thread.join(5.0)
+    assert done.code == 3, done.err
+    assert [part["samples"] for part in done.document["episodes"]] == [50, 50]
 
 
 def test_adapt_as_json_and_output(folder, run, tmp_path):

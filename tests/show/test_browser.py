@@ -4,7 +4,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from browser import Sight, look
+from browser import Sight, look, measured_page
+from models import in_space
 from scenes import data_of, objects, page_of, project, tracks, unpacked
 
 import calib
@@ -136,3 +137,16 @@ def test_report_in_light_and_dark(model: calib.Model, tmp_path: Path, dark: bool
     assert ink.max() > 200 if dark else ink.min() < 60
     for colour in (STOPS[1], STOPS[-1]):
         assert (np.linalg.norm(ink - rgb(colour), axis=1) < 20).sum() > 50
+
+
+@pytest.mark.parametrize("size", [(390, 844), (900, 700)])
+def test_a_report_answers_on_its_first_screen_without_overlaps(tmp_path: Path, size):
+    page = tmp_path / "report.html"
+    calib.report(in_space(), page)
+    seen = measured_page(page, tmp_path, size)
+    assert seen["texts"] > 50
+    assert seen["overlaps"] == []
+    assert seen["sideways"] <= 0
+    # verdict, answers, bars, and the first causes
+    assert max(seen["bottoms"][:3]) < size[1]
+    assert seen["bottoms"][3] < size[1] + 150

@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 from models import log
 
 import calib
-from calib.show.report.figures import plain_text
+from calib.show.report.drawing import plain_text
 
 HOSTILE = "\x1b]0;owned\x07\x1b[2J\u202eel\nbow$\\foo$"
 

@@ -1,12 +1,13 @@
-"""Report: what it holds, what it measures, and that it is one file."""
+"""Report: what it answers first, what its figures show, and that it is one file."""
 
 import re
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
 import pytest
-from models import in_pixels, in_space, log, measured, trained
+from models import babbled, in_pixels, in_space, log, measured, trained
 from touching import World
 
 import calib
@@ -14,18 +15,18 @@ from calib.common.scale import Scale
 from calib.maps.lattice import Lattice
 from calib.maps.map import Map
 from calib.samples.sockets import Touches
-from calib.show.report.figures import u_matrix
+from calib.show.causes import causes_of
+from calib.show.report.figures import Study
+from calib.show.report.maps import u_matrix
 
-LABELS = ("as learned", "as drawn")
-FLAT = ["forward", "inverse", "lattices", "nodes"]
+WHY = ["where", "coverage", "joints", "arrows"]
 
 
 class Reader:
-    """Headings, table cells, names of elements and addresses of a page."""
+    """Headings, names of elements and addresses of a page."""
 
     def __init__(self, text: str) -> None:
         self.headings = re.findall(r"<h[12][^>]*>([^<]*)", text)
-        self.cells = re.findall(r"<t[dh][^>]*>([^<]*)", text)
         self.names = re.findall(r'\sid="([^"]*)"', text)
         self.addresses = re.findall(r'\s(?:xlink:href|href|src)="([^"]*)"', text)
 
@@ -47,16 +48,24 @@ def _elsewhere(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
 
 
-def noisy():
-    return trained("two_link", n=3000, size=20, noise=1e-3)
+@cache
+def longer_elbow():
+    """A model of a simulated arm that a log of a longer elbow has changed."""
+    return calib.adapt(trained("two_link", n=3000, size=20, noise=1e-3), changed_log()).model
+
+
+def changed_log():
+    rows = babbled("elbow.length=+5%", n=60, noise=1e-3)
+    return replace(rows, simulation=None)
 
 
 def test_one_small_file_without_addresses_in_the_page_own_ink():
-    page = report(noisy())
+    model = trained("two_link", n=3000, size=20, noise=1e-3)
+    page = report(model)
     read = Reader(page)
     assert read.headings[0] == "two_link"
-    assert [name for name in read.names if name in FLAT] == FLAT
-    assert len(page.encode()) < 3_000_000
+    assert {"accuracy", *WHY} <= set(read.names)
+    assert len(page.encode()) < 1_000_000
     assert all(a.startswith(("#", "data:image/png")) for a in read.addresses)
     assert len(set(read.names)) == len(read.names)
     assert {a[1:] for a in read.addresses if a.startswith("#")} <= set(read.names)
@@ -64,55 +73,107 @@ def test_one_small_file_without_addresses_in_the_page_own_ink():
     for text in words:
         assert text in page
     assert not re.search("#010203|#020304", page)
-    errors = calib.evaluate(noisy()).errors["local"]["forward"]["distance"]
-    assert f"{1e3 * errors['mean']:.3g} ({1e3 * errors['max']:.3g})" in read.cells
-    assert report(noisy()) == page
+    assert not re.search(r"\de[-+]\d", re.sub(r"<svg.*?</svg>", "", page, flags=re.DOTALL))
+    assert report(model) == page
+
+
+def test_bars_tell_the_held_out_error_of_the_training_and_the_arm_as_delivered():
+    model = in_space()
+    bars = {bar.name: bar for bar in Study(model).bars}
+    told = model.about.errors["local"]["forward"]["distance"]["mean"]
+    assert bars["on rows held out"].mean == pytest.approx(told, rel=1e-6)
+    assert bars["as calibrated"].mean <= bars["on rows held out"].mean
+    assert bars["as delivered"].mean > 5 * bars["on rows held out"].mean
+    for bar in bars.values():
+        assert bar.low < bar.mean < bar.high
+
+
+def test_the_largest_cause_is_what_was_changed_with_an_interval_that_holds_it():
+    model = longer_elbow()
+    cause = causes_of(model)[0]
+    assert cause.name == "elbow: link length"
+    assert abs(cause.value - 0.05 * 0.25) < 1.5 * cause.half
+    assert cause.certain
+    delivered = Study(model).bars[0]
+    assert cause.effect == pytest.approx(delivered.mean, rel=0.3)
+
+
+@pytest.mark.usefixtures("unrendered")
+def test_the_first_words_are_what_changed_and_what_to_do():
+    page = report(longer_elbow())
+    lead = re.search(r'class="lead">([^<]*)', page)
+    assert lead is not None
+    assert re.search(r"elbow is .* longer", lead[1])
+    assert lead[1].index("longer") < lead[1].index("predicted")
+    assert "is simulated" in report(trained("two_link", n=3000, size=20))
+    assert "of this log: it holds" in report(measured(), log(300, 1e-3))
+    assert "calib adapt" in report(measured(), changed_log())
 
 
 @pytest.mark.usefixtures("unrendered")
 def test_words_of_other_models():
-    assert "below 1 nm" in report(trained("two_link", n=3000, size=20))
-    assert "held out in contiguous blocks" in report(measured())
-    assert "rows of the log" in report(measured(), log(300, 1e-3))
-    assert "U-matrix" in report(trained("two_link", n=400, size=4, map="gng"))
+    assert "rows held out" in report(measured())
+    maps = calib.train(calib.babble(calib.load_arm("two_link"), 400, seed=0), size=4, body="none")
+    assert {"lattices", "u_matrices"} <= set(Reader(report(maps)).names)
     assert Reader(report(trained("three_link", n=400, size=8))).headings
-    evil = replace(noisy(), about=replace(noisy().about, robot="<script>alert(1)</script>"))
+    model = measured()
+    evil = replace(model, about=replace(model.about, robot="<script>alert(1)</script>"))
     assert "<script>" not in report(evil)
 
 
 def test_figures_on_paper():
-    drawn = calib.figures(noisy())
-    assert list(drawn) == FLAT
-    calib.figures(noisy(), names=["forward"])["forward"].savefig("forward.png")
-    assert Path("forward.png").read_bytes().startswith(b"\x89PNG")
+    drawn = calib.figures(measured(), names=["where", "photo"])
+    assert list(drawn) == ["where"]
+    drawn["where"].savefig("where.png")
+    assert Path("where.png").read_bytes().startswith(b"\x89PNG")
     with pytest.raises(calib.OptionError, match="latices"):
-        calib.figures(noisy(), names=["latices"])
+        calib.figures(measured(), names=["latices"])
 
 
-def test_figures_of_an_arm_in_space():
-    assert list(calib.figures(in_space())) == FLAT
-    assert list(calib.figures(in_pixels(), names=["nodes", "photo"])) == ["nodes"]
+def test_figures_of_an_arm_in_space_and_in_pixels():
+    drawn = calib.figures(in_space())
+    assert set(drawn) == {"accuracy", "causes", *WHY, "order", "trust"}
+    # three projections and their colours
+    assert len(drawn["where"].axes) == 4
+    assert "setup" in calib.figures(in_pixels(), names=["setup"])
+
+
+def test_figures_of_maps_alone():
+    association = trained("two_link", n=400, size=4).association
+    assert list(calib.figures(association)) == ["lattices", "u_matrices", "links"]
+    assert list(calib.figures(association.motor)) == ["lattices", "u_matrices"]
+
+
+def test_the_joint_curve_that_was_learned_is_drawn_through_what_rows_say():
+    figure = calib.figures(in_space(), names=["joints"])["joints"]
+    for ax in figure.axes:
+        rows, curve = ax.lines
+        there = np.interp(rows.get_xdata(), curve.get_xdata(), curve.get_ydata())
+        left = rows.get_ydata() - there
+        assert np.std(left) < 0.8 * np.std(rows.get_ydata())
 
 
 @pytest.mark.usefixtures("unrendered")
-def test_a_row_that_contradicts_the_others_is_left_out_of_the_headline():
+def test_a_row_that_contradicts_the_others_is_left_out_and_crossed():
     """One zero row of a thousand made the headline 2.9 mm."""
     given = log(300, 1e-4)
     x = given.x.copy()
     x[17] = 0.0
-    page = report(measured(), replace(given, x=x))
-    assert "299 measured rows of the log; 1 are left out" in page
+    study = Study(measured(), replace(given, x=x))
+    np.testing.assert_allclose(study.rows.left_out, [[0.0, 0.0]])
+    assert study.rows.distance.mean() < 2e-3
 
 
-def test_touches_are_drawn_by_socket_as_drawn_and_as_learned():
+def test_touches_are_drawn_by_socket_as_delivered_and_held_out():
     world = World(2, each=15)
     touch = Touches(world.number, tuple(("", name) for name in "ABCD"))
     arm, nothing = world.arm, np.zeros((len(world.q), 3))
     ranges = arm.joint_names, arm.lower, arm.upper, arm.revolute
     touches = calib.Samples(world.q, nothing, *ranges, arm=arm, touch=touch)
-    (ax,) = calib.figures(calib.train(touches, size=4), touches, ["sockets"])["sockets"].axes
-    learned, drawn = ({line.get_label(): line.get_xdata() for line in ax.lines}[w] for w in LABELS)
-    assert np.nanmean(learned) < 0.5 * np.nanmean(drawn)
+    (ax,) = calib.figures(calib.train(touches, size=4), names=["sockets"])["sockets"].axes
+    delivered, held_out = (line.get_xdata() for line in ax.lines)
+    assert len(ax.get_yticks()) == 4
+    assert held_out.mean() < 0.5 * delivered.mean()
 
 
 def test_results_tell_themselves_in_a_line():
@@ -135,10 +196,11 @@ def test_u_matrix_of_a_map_made_by_hand():
 
 def test_command(run, models: Path, model: Path, log: Path, tmp_path: Path):
     target = tmp_path / "report.html"
-    done = run("report", model, "-o", target, "--png", tmp_path / "figures")
+    done = run("report", model, "-o", target, "--figures", tmp_path / "figures")
     assert done.code == 0, done.err
+    assert "predicted to" in done.out.splitlines()[0]
     assert target.read_text(encoding="utf-8").startswith("<!DOCTYPE html>")
-    assert {p.suffix for p in (tmp_path / "figures").iterdir()} == {".png"}
+    assert {p.suffix for p in (tmp_path / "figures").iterdir()} == {".svg"}
     for wrong, code in (
         ([model], 2),
         ([model, "-o", tmp_path / "no" / "x.html"], 1),

@@ -185,3 +185,16 @@ def test_distances_are_read_as_typed_or_refused(text):
     assert touches.stated(["A,B=5 cm"]).known[0].value == pytest.approx(0.05)
     with pytest.raises(OptionError, match="50mm"):
         touches.stated([text])
+
+
+def test_rows_that_stray_from_every_fit_leave_log_and_fit_alike(monkeypatch):
+    """Each fit finds one more stray; the one after the last fit stays."""
+    world = World(2, each=10)
+    counts = iter(range(1, 100))
+
+    def furthest(self, distance):
+        return distance >= np.sort(distance)[-next(counts)]
+
+    monkeypatch.setattr(Touches, "strays", furthest)
+    model = calib.train(samples(world, world.q, world.number), size=4)
+    assert len(model.rows) == 38

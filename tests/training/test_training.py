@@ -229,3 +229,22 @@ def test_a_changed_arm_is_not_told_as_one_that_turns_the_other_way(tmp_path, cha
         model = calib.train(calib.read_log(tmp_path / "log.csv", arm), size=5)
         assert not any("against" in line for line in model.body.describe())
         assert (model.body.structure.mirror < 0) == mirrored
+
+
+def test_a_simulated_hobby_arm_is_learned_wherever_random_chains_end():
+    """From random chains alone the search ended at the mean of all positions, 32 mm off."""
+    about = calib.train(calib.babble(calib.load_arm("so101"), 20_000, seed=0), size=4).about
+    assert about.errors["local"]["forward"]["distance"]["max"] < 1e-12
+    assert about.bound_holds
+
+
+def test_a_model_whose_fresh_samples_contradict_its_bound_says_so_first(run, tmp_path):
+    """Gaussian noise is what a simulation has: outliers break it."""
+    path = tmp_path / "m.calib"
+    options = ["-n", "600", "--size", "4", "--change", "sensor.outliers=10%", "-o", path]
+    done = run("train", "so101", *options)
+    assert done.code == 3
+    assert done.out.startswith("THE BOUND DOES NOT HOLD")
+    told = run("info", path, "--json").document
+    assert told["bound_holds"] is False
+    assert calib.load(path).about.bound_holds is False

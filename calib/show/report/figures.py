@@ -1,298 +1,429 @@
-"""Figures: errors over both spaces and by socket, lattices, U-matrix, the map over a photo.
-
-Their ink follows the page, light, dark or on paper.
-"""
+"""Figures: how accurate, what is off, where, and why so, one function each."""
 
 from __future__ import annotations
 
-import io
-import re
-from pathlib import Path
-from typing import Any
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ...body.curves import waves_of
 from ...common.arrays import Array
 from ...common.rows import thinned
-from ...common.wording import for_people, length_in_words, printable
-from ...maps.map import Map
+from ...common.wording import for_people
 from ...model.model import Model
-from ...model.nominal import nominal_arm
 from ...samples.samples import Samples
-from ...training.evaluate import Residuals
-from ..error_scale import STOPS, UNKNOWN, ErrorScale
-from ..workspace import drawn_edges, extent, node_errors, outline
+from ..causes import Cause, causes_of
+from ..error_scale import ErrorScale, number, unit_for
+from ..judged import Bar, JudgedRows, bars_of, rows_of
+from ..robot import Robot
+from ..setup import SENSOR, things_of
+from ..workspace import bound_field, extent
+from .drawing import (
+    ACCENT,
+    GREY,
+    SECOND,
+    colour_map,
+    error_bar,
+    label,
+    panels,
+    plain_text,
+)
 
-WIDE = 7.4  # inches, the page's column
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
-# the page's own colours, until a figure is written, as figure.mplstyle has them, and on paper
-_INK = {"#010203": ("currentColor", "#1d2730"), "#020304": ("var(--rule)", "#cfd6dc")}
-_BINS = 36
-_PAPERS = "activity"  # the readout of the paper, beside the default
-_BORDER, _ARROW = "#12b886", "#e8590c"
-_FAR = 5.0  # times the median edge
-_ARROWS, _LONG = 300, 0.06  # how many, and how long the longest are, of the picture's width
-_CELLS: dict[str, Any] = {"origin": "lower", "aspect": "auto", "interpolation": "nearest"}
+_MOST_CAUSES = 7
+_MOST_DOTS = 1_000
+_ARROWS = 250
+_LONG = 0.08  # of the picture's width, the longest arrows
+_FLAT = ((0, 1),)
+_IN_SPACE = ((0, 1), (0, 2), (1, 2))
+_LEVER = 0.3  # of a joint's longest lever: with less, a row says little of the joint
+_WINDOW = 15  # rows of a running median
+_Z95 = 1.96
 
 
-def heat_maps(model: Model, residuals: Residuals | None, direction: str) -> Any:
-    """Errors of a direction, "forward" or "inverse", over positions; in a plane over joints too."""
-    if residuals is None:
+@dataclass(frozen=True, eq=False)
+class Study:
+    """A model with all that figures tell of it, each found when it is first asked for."""
+
+    model: Model
+    log: Samples | None = None
+
+    @cached_property
+    def rows(self) -> JudgedRows | None:
+        """The rows that the model is judged by."""
+        return rows_of(self.model, self.log)
+
+    @cached_property
+    def bars(self) -> list[Bar]:
+        """Mean errors as delivered, as calibrated, and on rows held out."""
+        return [] if self.rows is None else bars_of(self.model, self.rows)
+
+    @cached_property
+    def causes(self) -> list[Cause]:
+        """What is off, the largest effect on the tip first."""
+        return causes_of(self.model)
+
+    @property
+    def certain(self) -> list[Cause]:
+        """Causes whose intervals exclude nothing."""
+        return [cause for cause in self.causes if cause.certain]
+
+    @property
+    def views(self) -> tuple[tuple[int, int], ...]:
+        """Pairs of coordinates that positions are projected on."""
+        return _IN_SPACE if len(self.model.axes) == 3 else _FLAT
+
+
+def accuracy(study: Study) -> Figure | None:
+    """Mean errors with their intervals as bars."""
+    bars = study.bars
+    if not bars:
         return None
-    found = residuals.errors if direction == "forward" else residuals.distance
-    flat, factor = len(model.axes) == 2, label("", model.about.unit)[0]
-    readouts = [r for r in (model.default_readout, _PAPERS) if r in found][: 2 if flat else 1]
-    figure, grid = panels(len(readouts), 2 if flat else 3, 2.9 * len(readouts) if flat else 2.3)
-    for row, readout in zip(grid, readouts, strict=True):
-        scale = ErrorScale.of(found[readout], model.about.unit, extent(model))
-        for ax, view in zip(row, ((0, 1), (0, 2), (1, 2))[: 1 if flat else 3], strict=False):
-            image = _heat(ax, residuals.x[:, view] * factor, found[readout], scale)
-            _name_axes(ax, model, view)
-        if flat:
-            row[0].set_title(f"{readout}: workspace")
-            joints = residuals.q[:, :2] * _name_joints(row[1], model)
-            _heat(row[1], joints, found[readout], scale)
-            row[1].set_title(f"{readout}: joint space")
-        error_bar(figure, image, row, scale, "mean error")
+    largest = max(bar.high for bar in bars)
+    factor, unit = unit_for(largest, study.model.about.unit)
+    figure, (ax,) = panels(1, 0.45 + 0.4 * len(bars))
+    for k, bar in enumerate(bars):
+        low = factor * bar.low
+        high = factor * bar.high
+        ax.barh(k, factor * bar.mean, height=0.34, color=GREY if k < len(bars) - 1 else ACCENT)
+        ax.plot([low, high], [k, k], color="#010203", linewidth=1.2)
+        words = f"{bar.name}: {number(factor * bar.mean)} {unit}"
+        if bar.high > bar.low:
+            words += f" ({number(low)} to {number(high)})"
+        _above(ax, k, words)
+    _rows_from_the_top(ax, len(bars))
+    ax.set(
+        xlim=(0.0, 1.05 * max(factor * largest, 1e-3)),
+        xlabel=f"mean error of the tip, 95 % interval [{plain_text(unit)}]",
+    )
     return figure
 
 
-def _name_joints(ax: Any, model: Model) -> Array:
-    """Name the axes of the first two joints; return the factors (2,) for what they show."""
-    about = model.about
-    named = zip(about.joint_names[:2], about.units_of_joints, strict=False)
-    factors, names = zip(*(label(*each) for each in named), strict=True)
-    ax.set(xlabel=names[0], ylabel=names[1])
-    return np.array(factors)
+def causes(study: Study) -> Figure | None:
+    """What is off: each cause by how far it moves the tip, with its interval."""
+    largest = study.certain[:_MOST_CAUSES]
+    if not largest:
+        return None
+    factor, unit = unit_for(largest[0].effect, study.model.about.unit)
+    figure, (ax,) = panels(1, 0.45 + 0.34 * len(largest))
+    for k, cause in enumerate(largest):
+        size = factor * cause.effect
+        half = factor * cause.effect_half
+        ax.plot([max(size - half, 0.0), size + half], [k, k], color=ACCENT, linewidth=2.2)
+        ax.plot(size, k, "o", color=ACCENT, markersize=5)
+        _above(ax, k, plain_text(cause_words(cause)))
+    _rows_from_the_top(ax, len(largest))
+    ax.set(xlim=(0.0, None), xlabel=f"moves the tip by, rms [{plain_text(unit)}]")
+    return figure
 
 
-def _name_axes(ax: Any, model: Model, view: tuple[int, int] = (0, 1)) -> float:
-    """Name the axes of two coordinates; return the factor for what they show."""
-    (factor, across), (_, up) = (label("xyz"[k], model.about.unit) for k in view)
-    ax.set(xlabel=across, ylabel=up, aspect="equal")
-    ax.locator_params(nbins=4 if len(model.axes) == 3 else 6)
-    if model.about.unit == "px":  # a picture's y runs down
-        ax.invert_yaxis()
-    return factor
+def cause_words(cause: Cause) -> str:
+    """A cause with its value and interval: "elbow: zero +0.56 ± 0.003 deg"."""
+    factor, unit = for_people(cause.unit)
+    if cause.unit == "1":
+        factor, unit = 100.0, "%"
+    value = number(abs(factor * cause.value))
+    if not cause.half:
+        return f"{cause.name} {value} {unit}"
+    sign = "+" if cause.value > 0 else "−"
+    return f"{cause.name} {sign}{value} ± {number(float(f'{factor * cause.half:.2g}'))} {unit}"
 
 
-def _heat(ax: Any, points: Array, errors: Array, scale: ErrorScale) -> Any:
-    """Mean error in the cells of a grid over points (n, 2)."""
-    low, high = points.min(axis=0), points.max(axis=0)
-    high = np.where(high > low, high, low + 1.0)  # a joint that never moved has no range
-    (x, y), ends = points.T, np.stack([low, high], axis=1)
-    count, total = (np.histogram2d(x, y, _BINS, ends, weights=w)[0] for w in (None, errors))
-    mean = np.where(count > 0, total / np.maximum(count, 1), np.nan)
-    shown = np.ma.masked_invalid(scale.share(mean.T))
-    return ax.imshow(shown, extent=ends.ravel(), cmap=colour_map(), vmin=0.0, vmax=1.0, **_CELLS)
+def setup(study: Study) -> Figure | None:
+    """Where camera, board and sockets are, to scale with the arm, from the side and from above."""
+    things = things_of(study.model)
+    robot = Robot.of(study.model.about)
+    if robot is None or all(thing.name == SENSOR for thing in things):
+        return None
+    middle = (study.model.about.lower + study.model.about.upper) / 2
+    q = middle if study.rows is None else study.rows.q[len(study.rows.q) // 2]
+    poses = robot.poses(q)
+    bones = np.array([poses[link][0, :3, 3] for link in robot.links])
+    figure, axes = panels(2, 6.2)
+    for ax, (across, up) in zip(axes, ((0, 2), (0, 1)), strict=True):
+        ax.plot(1e3 * bones[:, across], 1e3 * bones[:, up], "-o", color=GREY, linewidth=3)
+        ax.plot(0.0, 0.0, "s", color="#010203", markersize=6)
+        for k, thing in enumerate(things):
+            frame = poses[robot.links[-1]][0] @ thing.frame if thing.carried else thing.frame
+            points = 1e3 * (thing.points @ frame[:3, :3].T + frame[:3, 3])
+            colour = SECOND if k % 2 else ACCENT
+            for pair in thing.pairs:
+                ax.plot(*points[list(pair)][:, [across, up]].T, color=colour, linewidth=1.2)
+            ax.plot([], [], color=colour, label=thing.name)
+        ax.set(xlabel=f"{'xyz'[across]} [mm]", ylabel=f"{'xyz'[up]} [mm]", aspect="equal")
+        ax.margins(0.08)
+    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=2)
+    return figure
 
 
-def lattices(model: Model) -> Any:
-    """Both lattices in their spaces, coloured by the expected error."""
-    figure, [axes] = panels(1, 2, 3.5)
-    errors = node_errors(model)
+def where(study: Study) -> Figure | None:
+    """The model's bound as a field over the workspace, rows in the colour of their errors."""
+    model = study.model
+    factor = for_people(model.about.unit)[0]
+    x, bound = bound_field(model)
+    errors = [bound]
+    if study.rows is not None:
+        errors.append(study.rows.distance)
     scale = ErrorScale.of(np.concatenate(errors), model.about.unit, extent(model))
-    factors: list[Any] = [_name_joints(axes[0], model), _name_axes(axes[1], model)]
-    parts = {"motor": model.motor, "sensory": model.sensory}
-    for ax, by, values, (what, part) in zip(axes, factors, errors, parts.items(), strict=True):
-        points = part.weights[:, :2] * by
-        lines = draw_lattice(ax, points, drawn_edges(part), values, scale, linewidths=0.7)
-        ax.autoscale()
-        ax.set_title(f"{what} map, {'x'.join(map(str, part.lattice.shape))} nodes")
-    error_bar(figure, lines, axes, scale, "expected error")
-    return figure
-
-
-def u_matrices(model: Model) -> Any:
-    """U-matrix of both maps, over their lattices; of three axes the mean over the third."""
-    figure, [axes] = panels(1, 2, 2.9)
-    for ax, name, part in zip(
-        axes, ("motor", "sensory"), (model.motor, model.sensory), strict=True
-    ):
-        values, shape = u_matrix(part), part.lattice.shape
-        if len(shape) == 1:  # a graph: its nodes have no place but where they stand
-            image = ax.scatter(*part.units[:, :2].T, c=values, s=4, cmap="cividis", rasterized=True)
-            ax.set(xlabel="first coordinate [range]", ylabel="second")
-        else:
-            shown = values.reshape(*shape[:2], -1).mean(axis=-1).T
-            image = ax.imshow(shown, vmax=np.quantile(shown, 0.995), cmap="cividis", **_CELLS)
-            ax.set(xlabel="first lattice axis [nodes]", ylabel="second [nodes]")
-        ax.set_title(f"{name} map")
-        colour_bar(figure, image, ax, "distance [ranges]")
-    return figure
-
-
-def u_matrix(part: Map) -> Array:
-    """Mean distance (nodes,) of each node to the nodes that it is joined to, in the unit box."""
-    a, b = part.edges.T
-    gap = np.linalg.norm(part.scale.difference(part.units[a], part.units[b]), axis=1)
-    ends = part.edges.T.ravel()
-    count = np.bincount(ends, minlength=part.size)
-    return np.bincount(ends, np.tile(gap, 2), part.size) / np.maximum(count, 1)
-
-
-def over_photo(model: Model, residuals: Residuals | None) -> Any:
-    """Draw the sensory map over the model's photo; None where it has none."""
-    from matplotlib.collections import LineCollection
-
-    photo, unit = model.photo, model.about.unit
-    if photo is None or len(model.axes) != 2:
-        return None
-    pixels = photo.pixels()
-    left, right, low, high = photo.box
-    # beside it the colour bar, below it the legend
-    figure, [[ax]] = panels(1, 1, (WIDE - 1.0) * len(pixels) / pixels.shape[1] + 0.65)
-    # a lighter photo leaves the colours to what is drawn over it
-    ax.imshow(pixels, extent=photo.box, interpolation="antialiased", aspect="equal")
-    ax.imshow([[1.0]], extent=photo.box, cmap="gray", vmin=0, vmax=1, alpha=0.18, aspect="equal")
-    errors, nodes, edges = node_errors(model)[1], model.sensory.weights, drawn_edges(model.sensory)
-    scale = ErrorScale.of(errors, unit, extent(model))
-    long = np.linalg.norm(np.diff(nodes[edges], axis=1)[:, 0], axis=1)
-    # an edge that is far longer than others leads across what the arm does not reach
-    edges = edges[np.isfinite(errors[edges]).all(axis=1) & (long < _FAR * np.median(long))]
-    lines = draw_lattice(ax, nodes, edges, errors, scale, linewidths=0.8, alpha=0.85)
-    ax.set(xlim=(left, right), ylim=(low, high), xticks=[], yticks=[])
-    around = LineCollection(list(outline(model)), colors=_BORDER, linewidths=2.2)
-    around.set_label("what the learned range reaches")
-    ax.add_collection(around, autolim=False)
-    if residuals is not None:
-        some = thinned(len(residuals.q), _ARROWS)
-        seen, miss = residuals.x[some], residuals.forward[model.default_readout][some]
-        away = np.linalg.norm(miss, axis=1)
-        length = max(float(np.quantile(away, 0.95)), 1e-9)
-        times = int(float(f"{max(_LONG * (right - left) / length, 1.0):.0e}"))
-        words = (
-            f"from a seen tip to the predicted one: {length_in_words(float(away.mean()), unit)} "
+    sides = np.ptp(x, axis=0)
+    heights = [min(sides[up] / sides[across], 1.3) for across, up in study.views]
+    figure, axes = panels(len(heights), 0.8 + sum(0.35 + 2.9 * height for height in heights))
+    image: Any = None
+    for ax, view in zip(axes, study.views, strict=True):
+        grid, box = _smooth(x[:, view], scale.share(bound))
+        image = ax.imshow(
+            grid,
+            extent=tuple(factor * box),
+            origin="lower",
+            cmap=colour_map(),
+            vmin=0.0,
+            vmax=1.0,
+            interpolation="bilinear",
         )
-        words += f"on average, drawn {times:,} times as long"
-        style: dict[str, Any] = {"angles": "xy", "scale_units": "xy", "scale": 1.0, "zorder": 4}
-        ax.quiver(*seen.T, *(times * miss).T, color=_ARROW, width=0.0028, **style)
-        ax.plot(*seen.T, "o", ms=3.0, mfc="#ffffff", mec="#1d2730", label=words, zorder=5)
-    figure.legend(loc="outside lower left", ncols=1)
-    error_bar(figure, lines, [ax], scale, "expected error")
+        if study.rows is not None:
+            _dots(ax, study.rows, view, factor, scale)
+        name_axes(ax, model, view)
+    error_bar(figure, image, axes, scale, "95 % bound (field), error of rows (dots)")
     return figure
 
 
-def by_socket(model: Model, log: Samples | None) -> Any:
-    """Distances of tips from the mean of their socket, by the drawing and as learned."""
-    if log is None or log.touch is None:
+def coverage(study: Study) -> Figure | None:
+    """Which part of each joint's range the rows covered, a strip a joint."""
+    model = study.model
+    if study.rows is None:
         return None
-    touch, q = log.touch, model.about.joints_of(log)
-    tips = {"as learned": model.forward(q)}
-    if model.about.urdf:
-        tips["as drawn"] = nominal_arm(model).forward(q)
-    figure, [[ax]] = panels(1, 1, 1.0 + 0.32 * len(touch.sockets))
-    for up, (text, tip) in zip((-0.16, 0.16), tips.items(), strict=False):
-        off = 1e3 * np.linalg.norm(tip - touch.means(tip)[touch.number], axis=1)
-        off[touch.number < 0] = np.nan  # a row of a sensor is in no socket
-        ax.plot(off, touch.number + up, ".", alpha=0.5, label=text)
-    ax.set_yticks(range(len(touch.sockets)), [plain_text(" ".join(s)) for s in touch.sockets])
-    ax.set(xscale="log", xlabel="distance from the mean of all tips in that socket [mm]")
-    ax.xaxis.set_major_formatter("{x:g}")
+    u = model.motor.scale.to_unit(study.rows.q)
+    u = u[thinned(len(u), _MOST_DOTS)]
+    names = model.about.joint_names
+    figure, (ax,) = panels(1, 0.45 + 0.36 * len(names))
+    shade = max(0.08, min(1.0, 60.0 / len(u)))
+    for k, name in enumerate(names):
+        factor, unit = for_people(model.about.units_of_joints[k])
+        low = factor * model.about.lower[k]
+        high = factor * model.about.upper[k]
+        ax.barh(k, 100.0, height=0.34, color="none", edgecolor="#020304", linewidth=0.8)
+        ax.vlines(
+            100.0 * u[:, k],
+            k - 0.17,
+            k + 0.17,
+            color=ACCENT,
+            alpha=shade,
+            linewidth=1.2,
+            rasterized=True,
+        )
+        _above(ax, k, plain_text(f"{name}: {number(low)} to {number(high)} {unit}"))
+    _rows_from_the_top(ax, len(names))
+    ax.set(xlim=(0.0, 100.0), xlabel="share of the range [%]")
+    return figure
+
+
+def joints(study: Study) -> Figure | None:
+    """What rows say of each joint's error, with the learned error curve and its band."""
+    model, rows = study.model, study.rows
+    if rows is None or model.body is None or model.body.structure.dof != model.motor.units.shape[1]:
+        return None
+    some = thinned(len(rows.q), _MOST_DOTS)
+    structure = model.body.structure
+    turning = np.flatnonzero(structure.revolute)
+    figure, axes = panels(len(turning), 0.4 + 1.15 * len(turning))
+    offsets = structure.groups["offset"]
+    outputs = structure.blocks[0]
+    levers = structure.linearise(rows.q[some], model.body.beta, offsets)[1][:, :outputs]
+    for ax, k in zip(axes, turning.tolist(), strict=True):
+        lever = levers[:, :, k]
+        length = np.linalg.norm(lever, axis=1)
+        says = length > _LEVER * length.max()
+        angle = (rows.held_out[some] * lever).sum(axis=1)[says] / length[says] ** 2
+        q = rows.q[some][says, k]
+        grid = np.linspace(model.about.lower[k], model.about.upper[k], 200)
+        curve, half = _curve(model, k, grid)
+        seen = angle + np.interp(q, grid, curve)
+        ax.plot(np.degrees(q), 1e3 * seen, ".", color=GREY, markersize=3, rasterized=True)
+        ax.fill_between(
+            np.degrees(grid), 1e3 * (curve - half), 1e3 * (curve + half), color=ACCENT, alpha=0.3
+        )
+        ax.plot(np.degrees(grid), 1e3 * curve, color=ACCENT, linewidth=1.2)
+        most = float(np.quantile(np.abs(seen), 0.97)) + float(np.abs(curve).max()) + 1e-12
+        ax.set(ylim=(-1.2e3 * most, 1.2e3 * most))
+        ax.set_title(plain_text(structure.joint_names[k]), loc="left")
+    axes[-1].set_xlabel("joint value [deg]")
+    figure.supylabel("error of the joint [mrad]", fontsize=8.5)
+    return figure
+
+
+def _curve(model: Model, joint: int, q: Array) -> tuple[Array, Array]:
+    """Learned error curve (n,) of a joint and half of its 95 % band [rad] at values (n,)."""
+    body: Any = model.body
+    indices = body.structure.groups[f"curve.{joint}"]
+    if not len(indices) or not np.isin(indices, body.active).all():
+        return np.zeros(len(q)), np.zeros(len(q))
+    waves = waves_of(q).T
+    root = body.root[np.searchsorted(body.active, indices)]
+    return waves @ body.beta[indices], _Z95 * np.linalg.norm(waves @ root, axis=1)
+
+
+def order(study: Study) -> Figure | None:
+    """Held-out errors in the order of the log, where drift and steps show."""
+    rows = study.rows
+    if rows is None or study.model.about.simulation is not None:
+        return None
+    factor, unit = unit_for(float(np.median(rows.distance)), study.model.about.unit)
+    errors = factor * rows.distance
+    figure, (ax,) = panels(1, 1.7)
+    ax.plot(np.arange(1, len(errors) + 1), errors, ".", color=GREY, markersize=3, rasterized=True)
+    if len(errors) >= 2 * _WINDOW:
+        windows = np.lib.stride_tricks.sliding_window_view(errors, _WINDOW)
+        middle = np.arange(len(windows)) + _WINDOW // 2 + 1
+        ax.plot(middle, np.median(windows, axis=1), color=ACCENT, linewidth=1.2)
+    ax.set(xlabel="row of the log", ylabel=f"error [{plain_text(unit)}]", ylim=(0.0, None))
+    return figure
+
+
+def arrows(study: Study) -> Figure | None:
+    """Held-out errors in space, as arrows from the predicted to the measured position."""
+    model, rows = study.model, study.rows
+    if rows is None:
+        return None
+    some = thinned(len(rows.q), _ARROWS)
+    x = rows.x[some]
+    error = rows.held_out[some]
+    sides = np.maximum(np.ptp(x, axis=0), 1e-9)
+    length = max(float(np.quantile(np.linalg.norm(error, axis=1), 0.95)), 1e-12)
+    times = float(f"{max(_LONG * sides.max() / length, 1.0):.0e}")
+    views = study.views[:2]
+    factor = for_people(model.about.unit)[0]
+    heights = [min(sides[up] / sides[across], 1.3) for across, up in views]
+    figure, axes = panels(len(views), 0.3 + sum(0.45 + 2.9 * height for height in heights))
+    for ax, view in zip(axes, views, strict=True):
+        ax.quiver(
+            *(factor * x[:, view]).T,
+            *(factor * times * error[:, view]).T,
+            angles="xy",
+            scale_units="xy",
+            scale=1.0,
+            width=0.005,
+            color=SECOND,
+            rasterized=True,
+        )
+        name_axes(ax, model, view)
+    axes[0].set_title(f"errors, drawn {number(times)} times as long", loc="left")
+    return figure
+
+
+def trust(study: Study) -> Figure | None:
+    """Share of rows within the p % bound against p; a bound that holds follows the diagonal."""
+    from scipy.special import chdtri
+
+    model, rows = study.model, study.rows
+    if rows is None or model.about.simulation is not None:
+        return None
+    bound = model.expected_error(rows.q)
+    outputs = rows.x.shape[1]
+    p = np.linspace(0.02, 0.99, 60)
+    radius = np.sqrt(chdtri(outputs, 1.0 - p) / chdtri(outputs, 0.05))
+    ratio = rows.distance / np.maximum(bound, 1e-300)
+    share = (ratio[:, None] <= radius).mean(axis=0)
+    chance = _Z95 * np.sqrt(p * (1.0 - p) / len(ratio))
+    figure, (ax,) = panels(1, 2.4)
+    ax.fill_between(100 * p, 100 * (p - chance), 100 * (p + chance), color=GREY, alpha=0.3)
+    ax.plot([0, 100], [0, 100], color=GREY, linewidth=0.8)
+    ax.plot(100 * p, 100 * share, color=ACCENT, linewidth=1.6)
+    ax.set(
+        xlim=(0, 100), ylim=(0, 100), xlabel="bound that should hold [%]", ylabel="rows within [%]"
+    )
+    return figure
+
+
+def sockets(study: Study) -> Figure | None:
+    """Distances of tips from their socket, as delivered and held out, by socket."""
+    rows = study.rows
+    if rows is None or study.model.body is None or rows.fresh:
+        return None
+    places, number_of = np.unique(rows.x, axis=0, return_inverse=True)
+    if len(places) > len(rows.x) // 3:  # no touches
+        return None
+    figure, (ax,) = panels(1, 0.8 + 0.4 * len(places))
+    for name, errors, up, colour in (
+        ("as delivered", rows.delivered, -0.16, GREY),
+        ("held out", rows.held_out, 0.16, ACCENT),
+    ):
+        if errors is not None:
+            off = 1e3 * np.linalg.norm(errors, axis=1)
+            ax.plot(off, number_of.ravel() + up, ".", color=colour, alpha=0.6, label=name)
+    ax.set_yticks(range(len(places)), [f"socket {k + 1}" for k in range(len(places))])
+    ax.set(xlabel="distance from the socket [mm]", xlim=(0.0, None))
     figure.legend(loc="outside lower center", ncols=2)
     return figure
 
 
-def settings(*, paper: bool = False) -> Any:
-    """Matplotlib's settings for the figures, to be used in a with statement."""
-    import matplotlib as mpl
-
-    file = Path(__file__).with_name("figure.mplstyle")
-    chosen: Any = dict(mpl.rc_params_from_file(file, use_default_template=False))
-    if paper:
-        chosen |= {k: _INK[v][1] for k, v in chosen.items() if isinstance(v, str) and v in _INK}
-    return mpl.rc_context(chosen)
-
-
-def plain_text(name: str) -> str:
-    r"""Return a name from a file as a figure shows it: never as a formula, on one line.
-
-    Examples
-    --------
-    >>> plain_text(r"$\foo$")
-    '\\$\\foo\\$'
-    """
-    return printable(name).replace("$", r"\$")
-
-
-def label(name: str, unit: str) -> tuple[float, str]:
-    """Factor from a unit to the one that figures show, and the label of an axis."""
-    factor, shown = for_people(unit)
-    return factor, f"{plain_text(name)} [{plain_text(shown)}]"
-
-
-def panels(rows: int, columns: int, height: float) -> tuple[Any, Any]:
-    """Return a figure of this height [inch], apart from any window system, and its axes."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(WIDE, height), layout="constrained")
-    FigureCanvasAgg(figure)
-    return figure, figure.subplots(rows, columns, squeeze=False)
-
-
-def colour_map(unknown: str = "none") -> Any:
-    """Colours of errors, those of the preview, and one for what is not known."""
-    from matplotlib.colors import LinearSegmentedColormap
-
-    return LinearSegmentedColormap.from_list("calib", list(STOPS)).with_extremes(bad=unknown)
-
-
-def colour_bar(figure: Any, image: Any, axes: Any, text: str) -> Any:
-    """Add a bar that tells what the colours mean."""
-    bar = figure.colorbar(image, ax=list(np.ravel(axes)), shrink=0.9, pad=0.01, aspect=24)
-    bar.set_label(text)
-    bar.outline.set_visible(False)
-    return bar
-
-
-def error_bar(figure: Any, image: Any, axes: Any, scale: ErrorScale, text: str) -> None:
-    """Add a bar with the ticks of a scale of errors."""
-    places, words = zip(*scale.ticks(5), strict=True)
-    bar = colour_bar(figure, image, axes, f"{text}: {words[0]}" if scale.empty else text)
-    bar.set_ticks([] if scale.empty else list(places), labels=[] if scale.empty else list(words))
-
-
-def draw_lattice(
-    ax: Any, points: Array, edges: Any, errors: Array, scale: ErrorScale, **style: Any
-) -> Any:
-    """Draw edges (m, 2) between nodes (n, 2), coloured by the errors (n,) of their ends."""
-    from matplotlib.collections import LineCollection
-
-    lines = LineCollection(
-        list(points[edges]),
-        array=np.ma.masked_invalid(scale.share(errors)[edges].mean(axis=1)),
-        cmap=colour_map(unknown=UNKNOWN),
-        rasterized=True,  # ten thousand lines as vectors would make the page ten times as large
-        **style,
+def name_axes(ax: Axes, model: Model, view: tuple[int, int] = (0, 1)) -> None:
+    """Name the axes of two coordinates."""
+    across, up = ("xyz"[k] for k in view)
+    ax.set(
+        xlabel=label(across, model.about.unit)[1],
+        ylabel=label(up, model.about.unit)[1],
+        aspect="equal",
     )
-    lines.set_clim(0.0, 1.0)
-    ax.add_collection(lines)
-    return lines
+    ax.locator_params(nbins=5)
+    if model.about.unit == "px":  # a picture's y runs down
+        ax.invert_yaxis()
 
 
-def to_svg(figure: Any, name: str, words: str) -> str:
-    """Return a figure as SVG for a page; `words` say what it shows."""
-    buffer = io.StringIO()
-    # laid out here, since savefig draws a figure twice to lay it out
-    figure.get_layout_engine().execute(figure)
-    figure.set_layout_engine("none")
-    figure.savefig(buffer, format="svg", dpi=150)
-    svg = buffer.getvalue()
-    svg = svg[svg.index("<svg") :]
-    for ink, (own, _) in _INK.items():  # which matplotlib cannot name
-        svg = svg.replace(ink, own)
-    # two equal images, such as colour bars, get one name, which nothing refers to
-    svg = re.sub(r'\bid="image[0-9a-f]+"', "", svg)
-    # several figures share one page: their names must not meet
-    svg = re.sub(r'\bid="', f'id="{name}-', svg)
-    svg = re.sub(r'(href="|url\()#', rf"\1#{name}-", svg)
-    svg = re.sub(r"<metadata>.*?</metadata>", "", svg, flags=re.DOTALL)  # date and program
-    return svg.replace("<svg", f'<svg role="img" aria-label="{words}"', 1)
+def _above(ax: Axes, row: int, words: str) -> None:
+    """Write words above a row, from the left edge on."""
+    ax.annotate(
+        words, (0.0, row), (0, 7), xycoords=("axes fraction", "data"), textcoords="offset points"
+    )
 
 
-def to_png(figure: Any) -> bytes:
-    """Return a figure, drawn with the ink of paper, as a PNG on white."""
-    buffer = io.BytesIO()
-    figure.savefig(buffer, format="png", dpi=144, facecolor="white", metadata={"Software": None})
-    return buffer.getvalue()
+def _rows_from_the_top(ax: Axes, count: int) -> None:
+    """Make room for rows of bars with words above, the first on top, without a frame."""
+    ax.set(ylim=(count - 0.6, -0.75), yticks=[])
+    ax.locator_params(axis="x", nbins=5)
+    ax.spines[["left", "right", "top"]].set_visible(False)
+
+
+def _smooth(points: Array, share: Array) -> tuple[Any, Array]:
+    """Mean of values (n,) over a grid of points (n, 2), masked far from them, and its box (4,)."""
+    from scipy.ndimage import gaussian_filter
+
+    cells = 110
+    low = points.min(axis=0)
+    high = points.max(axis=0)
+    margin = 0.06 * (high - low).max()
+    box = np.column_stack([low - margin, high + margin])
+    finite = np.isfinite(share)
+    x, y = points[finite].T
+    counts = np.histogram2d(x, y, cells, box.tolist())[0]
+    sums = np.histogram2d(x, y, cells, box.tolist(), weights=share[finite])[0]
+    weight = gaussian_filter(counts, 2.6)
+    total = gaussian_filter(sums, 2.6)
+    thin = weight < 0.05 * np.median(weight[counts > 0])
+    grid = np.ma.masked_where(thin, total / np.maximum(weight, 1e-12))
+    return grid.T, box.ravel()
+
+
+def _dots(
+    ax: Axes, rows: JudgedRows, view: tuple[int, int], factor: float, scale: ErrorScale
+) -> None:
+    """Draw rows in the colour of their errors, and crosses for those that were left out."""
+    some = thinned(len(rows.x), _MOST_DOTS)
+    ax.scatter(
+        factor * rows.x[some, view[0]],
+        factor * rows.x[some, view[1]],
+        c=scale.share(rows.distance[some]),
+        cmap=colour_map(),
+        vmin=0.0,
+        vmax=1.0,
+        s=9,
+        linewidths=0.5,
+        edgecolors="white",
+        rasterized=True,
+    )
+    if rows.left_out is not None:
+        ax.plot(*(factor * rows.left_out[:, view]).T, "x", color="#010203", markersize=4)

@@ -1,64 +1,84 @@
-"""Page: the figures and tables of a report in one file that needs no network."""
+"""Page: a report that answers how accurate, what is off, where, why so, in one file offline."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable, Mapping, Sequence
+import re
+from collections.abc import Callable, Mapping, Sequence
 from html import escape
-from typing import Any
-
-import numpy as np
+from importlib.resources import files
+from string import Template
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from ...common.atomic import atomic_write
 from ...common.choices import READOUTS
-from ...common.wording import filled, length_in_words, quoted, suggestion
+from ...common.wording import quoted, suggestion
 from ...errors import OptionError
-from ...model.facts import facts, shown_errors
+from ...maps.association import Association
+from ...maps.map import Map
+from ...model.facts import facts
 from ...model.model import Model
 from ...samples.samples import Samples
-from ...training.evaluate import Evaluation, Residuals, evaluate, evaluate_residuals
-from .figures import by_socket, heat_maps, lattices, over_photo, settings, to_svg, u_matrices
+from ...training.evaluate import evaluate
+from ..error_scale import unit_for
+from . import figures as draw
+from . import maps as draw_maps
+from . import words
+from .drawing import settings, to_svg
+from .figures import Study
 
-# name: what the figure shows, how to read it, and what draws it, or None where there is nothing
-_Draw = Callable[[Model, Residuals | None, Samples | None], Any]
-SECTIONS: dict[str, tuple[str, str, _Draw]] = {
-    "photo": (
-        "The map over a photo",
-        "The sensory map as the camera sees the arm, and where the tip was seen and is predicted.",
-        lambda model, residuals, _: over_photo(model, residuals),
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+_CODE = re.compile(r"`([^`]*)`")
+
+
+class Panel(NamedTuple):
+    """A figure of the report: what draws it, None where there is nothing, and how to read it."""
+
+    draw: Callable[[Study], Figure | None]
+    caption: str
+
+
+PANELS = {
+    "accuracy": Panel(draw.accuracy, "How far predictions are from measured positions."),
+    "causes": Panel(
+        draw.causes,
+        "What differs from the drawing, by how much it moves the tip; lines are 95 % intervals.",
     ),
-    "sockets": (
-        "Scatter by socket",
-        "Each dot is a touch: its distance should be the play of the socket alone.",
-        lambda model, _, log: by_socket(model, log),
+    "setup": Panel(draw.setup, "What stands around the arm and what it carries, to scale."),
+    "where": Panel(
+        draw.where,
+        "The model's own 95 % bound on the true position; dots are rows, in the colour of their "
+        "error; crosses are rows that were left out.",
     ),
-    "forward": (
-        "Forward error: where is the tip?",
-        "Mean distance between predicted and true position of the test samples in each cell, "
-        "over the positions; in a plane also over the joints that they belong to.",
-        lambda model, residuals, _: heat_maps(model, residuals, "forward"),
+    "coverage": Panel(draw.coverage, "Which part of each joint's range the rows covered."),
+    "photo": Panel(draw_maps.photo, "The sensory map as the camera sees the arm."),
+    "joints": Panel(
+        draw.joints,
+        "What rows say of each joint's own error (dots), the learned error curve and its band.",
     ),
-    "inverse": (
-        "Inverse error: how to get there?",
-        "Distance from each target to where the answered joints lead.",
-        lambda model, residuals, _: heat_maps(model, residuals, "inverse"),
+    "order": Panel(draw.order, "Drift and steps show as slopes; the line is a running median."),
+    "arrows": Panel(draw.arrows, "From the predicted position to the measured one."),
+    "trust": Panel(
+        draw.trust,
+        "A bound that holds follows the diagonal or lies above it; grey is what chance does.",
     ),
-    "lattices": (
-        "What was learned: both lattices",
-        "Nodes of the motor map in the joint space and of the sensory map in the workspace, "
-        "joined to their lattice neighbours and coloured by the expected error.",
-        lambda model, *_: lattices(model),
-    ),
-    "nodes": (
-        "U-matrix",
-        "How far apart neighbouring nodes are: ridges are folds and borders.",
-        lambda model, *_: u_matrices(model),
-    ),
+    "sockets": Panel(draw.sockets, "Each dot is a touch: held out, only the play should be left."),
+    "lattices": Panel(draw_maps.lattices, "Nodes joined to their neighbours on the lattice."),
+    "u_matrices": Panel(draw_maps.u_matrices, "Ridges are folds and borders of the map."),
+}
+_FIRST = ("accuracy", "causes")
+_SECTIONS = {
+    "What is off": ("setup",),
+    "Where": ("where", "coverage", "arrows", "photo"),
+    "Why so": ("joints", "order", "trust", "sockets"),
+    "The maps": ("lattices", "u_matrices"),
 }
 
 
-def report(model: Model, path: str | os.PathLike[str], log: Samples | None = None) -> None:
-    """Write a report of a model, figures and tables, as one HTML file that needs no network.
+def report(model: Model, path: str | os.PathLike[str], log: Samples | None = None) -> str:
+    """Write a report of a model, figures and words, as one HTML file that needs no network.
 
     Parameters
     ----------
@@ -67,7 +87,12 @@ def report(model: Model, path: str | os.PathLike[str], log: Samples | None = Non
         The file, written whole or not at all.
     log : Samples, optional
         A log to judge the model by.  Without it a simulated model is judged by fresh exact
-        samples, and a model of a log by its own table of held-out rows.
+        samples, and a model of a log by its own rows, each predicted from the others.
+
+    Returns
+    -------
+    str
+        How accurate the model is, the page's first sentences.
 
     Examples
     --------
@@ -75,50 +100,61 @@ def report(model: Model, path: str | os.PathLike[str], log: Samples | None = Non
     >>> model = calib.train(calib.babble(calib.load_arm("two_link"), 2000, seed=0), size=10)
     >>> path = os.path.join(tempfile.mkdtemp(), "report.html")
     >>> calib.report(model, path)
-    >>> os.path.getsize(path) > 100_000
-    True
+    'The tip is predicted to ...'
     """
-    found, about = evaluate(model, log), model.about
-    robot = escape(about.robot or "An arm, learned from a log")
-    items = (
-        f"<dt>{escape(k)}</dt><dd>{escape(v.replace('`', ''))}</dd>"
-        for k, v in facts(model).items()
+    study = Study(model, log)
+    texts = {
+        "What is off": words.uncertain(study),
+        "Where": "Errors are where the arm is asked to go; outside of the field it cannot.",
+        "Why so": "What is left over, by joint, by time and by place.",
+        "The maps": "Where maps answer, or where there is no body under them.",
+    }
+    verdict = words.verdict(study)
+    sections = []
+    for heading, names in _SECTIONS.items():
+        maps = heading == "The maps"
+        if maps and not _maps_answer(model):
+            continue
+        content = _figures(study, names)
+        if maps:
+            content = _table(model, log) + content
+        if content or (heading == "What is off" and texts[heading]):
+            text = _html(texts[heading])
+            sections.append(_filled("section.html", heading=heading, text=text, content=content))
+    page = _filled(
+        "page.html",
+        title=escape(model.about.robot or "An arm, learned from a log"),
+        style=_file("page.css"),
+        verdict=_html(verdict),
+        cause=_html(words.largest_cause(study)),
+        still=_html(words.still_true(study)),
+        next=_html(words.next_step(study)),
+        first=_figures(study, _FIRST),
+        sections="".join(sections),
+        facts="".join(
+            _filled("fact.html", name=escape(name), value=_html(value))
+            for name, value in facts(model).items()
+        ),
+        notes="".join(_filled("note.html", note=_html(note)) for note in model.about.notes),
     )
-    source = f"On {found.rows:,} {found.source}"
-    source += f"; {found.left_out:,} are left out." if found.left_out else "."
-    parts = [
-        f"<h1>{robot}</h1>",
-        f'<p class="lead">{_verdict(model, found)}</p>',
-        "<h2>What was learned from what</h2>",
-        f"<dl>{''.join(items)}</dl>",
-        *(_soft(f"Note: {note}") for note in (*about.notes, *found.notes)),
-        "<h2>Errors</h2>",
-        _soft(source),
-        _errors(model, found.errors),
-    ]
-    for name, figure in _drawn(model, found, log, SECTIONS, paper=False).items():
-        heading, text, _ = SECTIONS[name]
-        caption = f"<figcaption>{escape(text)}</figcaption>"
-        with settings():
-            svg = to_svg(figure, name, heading)
-        parts.append(f'<h2>{heading}</h2><figure id="{name}">{svg}{caption}</figure>')
-    title = f"{robot}: calibration report"
-    page = filled(__package__, "page.html", title=title, body="\n".join(parts))
     atomic_write(path, page.encode("utf-8"))
+    return verdict
 
 
 def figures(
-    model: Model, log: Samples | None = None, names: Sequence[str] = tuple(SECTIONS)
+    model: Model | Map | Association,
+    log: Samples | None = None,
+    names: Sequence[str] | None = None,
 ) -> dict[str, Any]:
-    """Return the figures of a report as Matplotlib figures, in the ink of paper.
+    """Return the figures of a model, a map or an association, in the ink of paper.
 
     Parameters
     ----------
-    model : Model
+    model : Model, Map or Association
     log : Samples, optional
         A log to judge the model by, as in :func:`report`.
-    names : sequence of str
-        Which: "photo", "sockets", "forward", "inverse", "lattices", "nodes".
+    names : sequence of str, optional
+        Which; by default all that have something to show.
 
     Returns
     -------
@@ -129,77 +165,79 @@ def figures(
     --------
     >>> import calib
     >>> model = calib.train(calib.babble(calib.load_arm("two_link"), 2000, seed=0), size=10)
-    >>> list(calib.figures(model, names=["forward", "photo"]))
-    ['forward']
+    >>> list(calib.figures(model, names=["where", "photo"]))
+    ['where']
+    >>> list(calib.figures(model.association))
+    ['lattices', 'u_matrices', 'links']
     """
-    for name in names:
-        if name not in SECTIONS:
+    with settings(paper=True):
+        if not isinstance(model, Model):
+            drawn: Mapping[str, Any] = draw_maps.figures_of_maps(model)
+            _check_names(names, drawn)
+        else:
+            _check_names(names, PANELS)
+            study = Study(model, log)
+            drawn = {name: PANELS[name].draw(study) for name in names or PANELS}
+    return {
+        name: figure
+        for name, figure in drawn.items()
+        if figure is not None and (names is None or name in names)
+    }
+
+
+def _check_names(names: Sequence[str] | None, known: Mapping[str, Any]) -> None:
+    for name in names or ():
+        if name not in known:
             raise OptionError(
                 f"`names`: {quoted(name)} is no figure",
-                hint=suggestion(name, SECTIONS),
+                hint=suggestion(name, known),
                 parameter="names",
                 value=name,
             )
-    return _drawn(model, evaluate(model, log), log, names, paper=True)
 
 
-def _drawn(
-    model: Model, found: Evaluation, log: Samples | None, names: Iterable[str], *, paper: bool
-) -> dict[str, Any]:
-    residuals, rows = found.residuals, model.rows
-    if residuals is None and rows is not None:  # the model learned from them: still they tell where
-        residuals = evaluate_residuals(model, rows.q, rows.x, None)
-    with settings(paper=paper):
-        drawn = {name: SECTIONS[name][2](model, residuals, log) for name in names}
-    return {name: figure for name, figure in drawn.items() if figure is not None}
+def _figures(study: Study, names: Sequence[str]) -> str:
+    """Figures as HTML; "" for those that have nothing to show."""
+    parts = []
+    with settings():
+        for name in names:
+            panel = PANELS[name]
+            figure = panel.draw(study)
+            if figure is not None:
+                svg = to_svg(figure, name, panel.caption)
+                parts.append(_filled("figure.html", name=name, svg=svg, caption=panel.caption))
+    return "".join(parts)
 
 
-def _soft(text: str) -> str:
-    return f'<p class="soft">{escape(text)}</p>'
+def _maps_answer(model: Model) -> bool:
+    """Whether maps have a part in the answers."""
+    return model.default_readout == "linear" or model.predictor.models.degree >= 0
 
 
-def _table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    def line(tag: str, cells: Sequence[str]) -> str:
-        return f"<tr>{''.join(f'<{tag}>{escape(cell)}</{tag}>' for cell in cells)}</tr>"
-
-    body = "".join(line("td", row) for row in rows)
-    return f'<div class="wide"><table>{line("th", header)}{body}</table></div>'
-
-
-def _verdict(model: Model, found: Evaluation) -> str:
-    def words(value: float) -> str:
-        return escape(length_in_words(value, model.about.unit))
-
-    errors = found.errors.get(model.default_readout)
-    if not errors:
-        return "No errors are known of this model."
-    mean, most = (errors["forward"]["distance"][key] for key in ("mean", "p99"))
-    text = f"The tip is predicted to <strong>{words(mean)}</strong> on average"
-    text += f", to {words(most)} in 99 of 100"
-    if covered := model.about.within.get("covered"):
-        text += f"; the 95 % bound covered {100 * covered:.0f} % of them when it was made"
-    if model.about.bound_of == "sensor reading":
-        own = float(np.nanmedian(model.model_bounds[model.visited]))
-        text += (
-            f". That is the distance to noisy readings: the model's own error is below "
-            f"<strong>{words(own)}</strong> (95 % bound, median over the range)"
-        )
-    return f"{text}."
-
-
-def _errors(model: Model, errors: Mapping[str, Any]) -> str:
+def _table(model: Model, log: Samples | None) -> str:
+    """Distances of all readouts, aligned at the point."""
+    errors = model.about.errors if log is None else evaluate(model, log).errors
     readouts = [readout for readout in READOUTS if readout in errors]
     if not readouts:
         return ""
+    table = {readout: errors[readout]["forward"]["distance"] for readout in readouts}
+    factor, unit = unit_for(min(row["mean"] for row in table.values()), model.about.unit)
+    rows = []
+    for readout, row in table.items():
+        cells = {key: f"{factor * row[key]:,.3f}" for key in ("mean", "p99", "max")}
+        rows.append(_filled("row.html", name=readout, **cells))
+    return _filled("table.html", corner=escape(f"distance [{unit}]"), rows="".join(rows))
 
-    def cell(values: Mapping[str, float] | None) -> str:
-        if values is None:  # of orientations only some have it
-            return ""
-        mean, most = ("<1e-6" if values[k] < 1e-6 else f"{values[k]:.3g}" for k in ("mean", "max"))
-        return f"{mean} ({most})"
 
-    rows = [
-        [f"{direction}, {name} [{unit}]", *(cell(found.get(readout)) for readout in readouts)]
-        for direction, name, unit, found in shown_errors(model.about, errors)
-    ]
-    return _table(["mean (largest)", *readouts], rows)
+def _html(text: str) -> str:
+    """A text for the page; what stands in backticks is typed."""
+    return _CODE.sub(r"<code>\1</code>", escape(text))
+
+
+def _filled(file: str, /, **parts: str) -> str:
+    """A template of this folder with its places filled."""
+    return Template(_file(file)).substitute(parts)
+
+
+def _file(name: str) -> str:
+    return files(__package__).joinpath(name).read_text(encoding="utf-8")

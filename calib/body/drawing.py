@@ -1,0 +1,167 @@
+"""The drawing of a planar arm: lengths, directions and frame of a chain of parallel axes.
+
+With complex positions in the plane, and psi_i the sum of the turning joints' signed angles up to
+joint i, the tip is linear in the links::
+
+    tip = shift + sum over turning joints of t_i exp(j mirror psi_i)
+                + sum over slides of q_i t_i exp(j mirror psi_i)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..arm.arm import Arm, PlanarArm
+from ..common.arrays import Array
+from ..errors import OptionError
+
+Complex = NDArray[np.complex128]
+
+_ALIKE = 3e-5
+"""Share of the largest spread below which columns are one."""
+
+_PARALLEL = 1e-6
+"""Share of the reach by which a planar drawing may be off the arm that it is of."""
+
+
+@dataclass(frozen=True)
+class PlanarDrawing:
+    """Lengths, offsets and frame of a planar chain, in metres and radians."""
+
+    # length beyond each turning joint; along a slide its displacement at zero
+    lengths: tuple[float, ...]
+    # angle of each link against the one before; direction of a slide.  The first is zero.
+    offsets: tuple[float, ...]
+    rotation: float = 0.0  # angle of the chain's own frame in the plane's frame [rad]
+    shift: tuple[float, float] = (0.0, 0.0)  # origin of the chain in the plane's frame [m]
+    mirror: int = 1  # -1 where the first turning joint turns clockwise in that frame
+    # direction of each joint against the first turning one; slides are +1
+    signs: tuple[int, ...] = ()
+
+    def __post_init__(self) -> None:
+        if not self.signs:
+            object.__setattr__(self, "signs", (1,) * len(self.lengths))
+
+    @staticmethod
+    def of(arm: Arm) -> PlanarDrawing:
+        """The drawing of a planar arm, in its plane's frame.
+
+        Raises OptionError if a joint is not parallel to the others or follows another one.
+        """
+        if not isinstance(arm, PlanarArm) or arm.chain.joints != arm.dof:
+            raise OptionError(
+                f"{arm.name or 'the arm'} is no planar chain: expected joints that turn about or "
+                "slide along one plane, and none that follows another one"
+            )
+        chain = arm.chain
+        turning = np.asarray(arm.revolute)
+        origins: Complex = arm.plane.project(chain.points) @ np.array([1, 1j])
+        tip = complex(arm.plane.project(chain.tip) @ np.array([1, 1j]))
+        turns = np.sign(chain.axes @ arm.plane.normal).astype(int)
+        slides: Complex = chain.axes @ arm.plane.basis[:2].T @ np.array([1, 1j])
+        vectors = slides / np.linalg.norm(chain.axes, axis=1)
+        end = tip
+        for joint in reversed(np.flatnonzero(turning)):
+            vectors[joint] = end - origins[joint]
+            end = complex(origins[joint])
+        mirror = int(turns[turning][0]) if turning.any() else 1
+        signs = np.where(turning, turns * mirror, 1)
+        drawing = _drawing_of(vectors, end, tuple(signs.tolist()), mirror, arm.revolute)
+        _refuse_other_arms(drawing, vectors, arm)
+        return drawing
+
+
+def _refuse_other_arms(drawing: PlanarDrawing, vectors: Complex, arm: PlanarArm) -> None:
+    """Raise OptionError where the arm is elsewhere than its planar drawing: it leaves the plane."""
+    middle = (arm.lower + arm.upper) / 2
+    q = np.vstack([middle + part * (arm.upper - arm.lower) / 2 for part in np.eye(arm.dof)])
+    q = np.vstack([q, middle])
+    waves = _waves(q, drawing.signs, drawing.mirror, arm.revolute)
+    drawn = waves @ vectors + complex(*drawing.shift)
+    tip = arm.forward(q) @ np.array([1, 1j])
+    off = float(np.abs(drawn - tip).max())
+    if not off <= _PARALLEL * (1e-9 + float(np.abs(tip).max())):
+        raise OptionError(
+            f"{arm.name or 'the arm'} is no planar chain (off by {off:.3g} m): expected joints "
+            "that turn about or slide along one plane"
+        )
+
+
+def _waves(q: Array, signs: Sequence[int], mirror: int, revolute: tuple[bool, ...]) -> Complex:
+    """What the links (dof,) are multiplied by at joint values (n, dof), (n, dof)."""
+    turning = np.asarray(revolute)
+    signed = q * np.asarray(signs, dtype=float)
+    waves = np.exp(1j * mirror * np.cumsum(np.where(turning, signed, 0.0), axis=1))
+    return np.where(turning, waves, signed * waves)
+
+
+def _drawing_of(
+    vectors: Complex,
+    shift: complex,
+    signs: tuple[int, ...],
+    mirror: int,
+    revolute: tuple[bool, ...],
+) -> PlanarDrawing:
+    """The drawing of links (dof,) at zero."""
+    sizes = np.abs(vectors)
+    angles = np.angle(vectors)
+    offsets: list[float] = []
+    before = 0.0
+    for angle, size, turns in zip(angles, sizes, revolute, strict=True):
+        along = before  # of a link without a length
+        if size > 1e-9 * sizes.max():
+            along = mirror * (float(angle) - float(angles[0]))
+        offsets.append((along - before + np.pi) % (2 * np.pi) - np.pi)
+        if turns:
+            before = along
+    return PlanarDrawing(
+        lengths=tuple(np.where(revolute, sizes, 0.0).tolist()),
+        offsets=tuple(offsets),
+        rotation=float(angles[0]),
+        shift=(shift.real, shift.imag),
+        mirror=mirror,
+        signs=signs,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class LinearChain:
+    """The planar chain of given signs that fits tips best."""
+
+    drawing: PlanarDrawing
+    sizes: Array  # (dof,), lengths beyond turning joints, and how far a slide moves the tip
+    miss: Array  # (n,), its distances from the tips
+
+    @staticmethod
+    def of(
+        q: Array, tip: Complex, signs: tuple[int, ...], mirror: int, revolute: tuple[bool, ...]
+    ) -> LinearChain:
+        """The chain that fits tips (n,) at joint values (n, dof)."""
+        waves = _waves(q, signs, mirror, revolute)
+        columns = np.column_stack([waves, np.ones(len(q))])
+        scale = np.sqrt(np.mean(np.abs(columns) ** 2, axis=0)) + 1e-300
+        # a joint that hardly moves makes columns alike: they share what they cannot tell apart
+        links = np.linalg.lstsq(columns / scale, tip, rcond=_ALIKE)[0] / scale
+        drawing = _drawing_of(links[:-1], complex(links[-1]), signs, mirror, revolute)
+        return LinearChain(drawing, np.abs(links[:-1]), np.abs(columns @ links - tip))
+
+
+def sides(revolute: tuple[bool, ...]) -> Iterator[tuple[tuple[int, ...], int]]:
+    """Signs of the joints and mirrors that differ; the first that turns does not: it is a mirror.
+
+    A joint whose axis points into the plane turns the other way; a slide that is reversed is
+    another offset.
+    """
+    ways: list[tuple[int, ...]] = []
+    seen_turning = False
+    for turns in revolute:
+        ways.append((1, -1) if turns and seen_turning else (1,))
+        seen_turning = seen_turning or turns
+    for signs in product(*ways):
+        yield signs, 1
+        yield signs, -1

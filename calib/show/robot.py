@@ -1,0 +1,49 @@
+"""Robot: the links from a robot's root to its tip, moved by the active joints."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..arm.posture import posture_of
+from ..arm.urdf import Urdf, parse_urdf
+from ..common.arrays import Array
+from ..errors import CalibError
+from ..model.about import About
+
+
+@dataclass(frozen=True, eq=False)
+class Robot:
+    """A robot as its URDF describes it."""
+
+    urdf: Urdf
+    about: About
+    links: tuple[str, ...]  # from the root to the tip
+
+    @staticmethod
+    def of(about: About) -> Robot | None:
+        """Return the robot of a model, None where no URDF came with it."""
+        if not about.urdf or not about.tip:
+            return None
+        try:
+            urdf = parse_urdf(about.urdf, about.robot)
+            links = (urdf.root, *(joint.child for joint in urdf.path(about.tip)))
+            posture_of(urdf, about.locked)  # without Pinocchio no arm is drawn
+        except CalibError:
+            return None
+        return Robot(urdf, about, links)
+
+    def poses(self, q: ArrayLike) -> dict[str, Array]:
+        """Transforms (n, 4, 4) of the links in the root's frame, for joints (n, dof)."""
+        names = self.about.joint_names
+        postures = []
+        for row in np.atleast_2d(np.asarray(q, dtype=float)).tolist():
+            values = {**self.about.locked, **dict(zip(names, row, strict=True))}
+            postures.append(posture_of(self.urdf, values).frames)
+        return {link: np.stack([frames[link] for frames in postures]) for link in self.links}
+
+    def tips(self, q: ArrayLike) -> Array:
+        """Position (n, 3) of the tip in the root's frame [m]."""
+        return np.asarray(self.poses(q)[self.links[-1]][:, :3, 3])
