@@ -24,7 +24,19 @@ from .parsing import BadOption
 
 USAGE_ORDER = (
     *("robots", "plan", "train", "query", "evaluate", "sweep", "check", "adapt", "recognise"),
-    *("correct", "urdf", "export", "babble", "log", "handeye", "tag", "preview", "report"),
+    *(
+        "correct",
+        "urdf",
+        "export",
+        "babble",
+        "log",
+        "noise",
+        "handeye",
+        "lerobot",
+        "tag",
+        "preview",
+        "report",
+    ),
     *("reproduce", "info"),
 )
 """Commands in the order of their use, for `calib --help`; others follow."""

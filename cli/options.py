@@ -6,7 +6,7 @@ Each is an annotation of Typer; a parser of `parsing` reads what is typed in a f
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Annotated
+from typing import Annotated, Literal
 
 from typer import Argument, Option
 
@@ -244,6 +244,11 @@ WhatChanged = Annotated[
         choices.CAUSES,
         "What changed, if known.",
     ),
+]
+FREE = ("all", "offsets")
+Free = Annotated[
+    Literal["all", "offsets"],
+    word("--free", FREE, "offsets: the drawing's geometry is true, the joints' zeros are not."),
 ]
 FrameOrJoints = Annotated[
     choices.CauseWord,

@@ -140,7 +140,7 @@ def babbled_samples(
 def measured_samples(
     robot: str | None,
     selection: Selection,
-    path: str,
+    path: str | Source,
     logged: Logged,
     seed: int = 0,
     lens: str | None = None,

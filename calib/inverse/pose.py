@@ -1,8 +1,4 @@
-"""Poses: every branch in which an arm reaches a position and an orientation.
-
-A general six-joint arm has up to 16; damped Newton steps find them from many starts, and each
-suggests where others may be: a joint half a turn on, or bent the other way.
-"""
+"""Poses: the task of a position with an orientation, and every branch in which an arm does it."""
 
 from __future__ import annotations
 
@@ -13,23 +9,32 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arm.rotations import logarithm
-from ..common.arrays import Array
+from ..common.arrays import Array, Index
 from ..common.scale import TURN, Scale
 from .newton import Newton
+from .settings import SEARCH
+from .starts import FOLDED, distinct, twins
 
-_ROUND, _QUIET = 96, 2  # random starts of a round; rounds in a row that must find nothing new
-_ROUNDS = 12  # at most
-_MOST = 64  # branches; more are those of a redundant arm
-_STEPS = 25  # most of a start: those that lead anywhere take fewer
-_SLACK = 1e-9  # [rad or m] by which a joint may be rounded beyond its range
-_TOGETHER = 50  # poses that are searched side by side: one row costs as much as a hundred
-#: A pose is reached within this share of the arm's length, and solutions this far apart [rad or m]
-#: are different branches.
-TOLERANCE, APART = 1e-9, 1e-3
-
+#: A pose is reached within this share of the arm's length.
+TOLERANCE = 1e-9
 
 #: Position (n, 3) [m], orientation (n, 3, 3) and geometric Jacobian (n, 6, dof) at joints (n, dof).
 Evaluate = Callable[[Array], tuple[Array, Array, Array]]
+
+
+@dataclass(frozen=True)
+class RandomStarts:
+    """Starts for arms without a closed form; counted against a UR5's 8 branches."""
+
+    at_once: int = 96  # starts of a round
+    quiet: int = 2  # rounds in a row that must find nothing new
+    rounds: int = 12  # at most
+    most: int = 64  # branches; more are those of a redundant arm
+    steps: int = 25  # of a start: those that lead anywhere take fewer
+    together: int = 50  # poses side by side: one row costs as much as a hundred
+
+
+RANDOM = RandomStarts()
 
 
 @dataclass(frozen=True)
@@ -39,6 +44,7 @@ class Poses:
     evaluate: Evaluate
     scale: Scale
     lever: float  # [m], what a radian of turn counts as
+    free: int | None = None  # axis of the tip, 0 to 2, about which its turn is left open
 
     @staticmethod
     def target(position: Array, rotation: Array) -> Array:
@@ -46,17 +52,45 @@ class Poses:
         return np.concatenate([position, rotation.reshape(-1, 9)], axis=1)
 
     def value_and_slope(self, u: Array) -> tuple[Array, Array]:
-        """Poses (n, 12), and how residuals shrink with the unit coordinates (n, 6, dof)."""
+        """Poses (n, 12), and how residuals shrink with the unit coordinates (n, m, dof)."""
         place, turn, slope = self.evaluate(self.scale.from_unit(u))
         slope = slope * self.scale.span
         slope[:, 3:] *= self.lever
+        if self.free is not None:
+            sides = np.swapaxes(turn, 1, 2)[:, self._sides]
+            slope = np.concatenate([slope[:, :3], sides @ slope[:, 3:]], axis=1)
         return self.target(place, turn), slope
 
     def gap(self, target: Array, value: Array) -> Array:
-        """Residuals (n, 6): of the position, and the lever times the turn that is left."""
-        wanted, reached = (part[:, 3:].reshape(-1, 3, 3) for part in (target, value))
-        turn = logarithm(wanted @ np.swapaxes(reached, 1, 2))
+        """Residuals (n, 6), or (n, 5): of the position, and the lever times the turn left."""
+        wanted = target[:, 3:].reshape(-1, 3, 3)
+        reached = value[:, 3:].reshape(-1, 3, 3)
+        if self.free is None:
+            turn = logarithm(wanted @ np.swapaxes(reached, 1, 2))
+        else:
+            swing = _swing(reached[:, :, self.free], wanted[:, :, self.free])
+            sides = np.swapaxes(reached, 1, 2)[:, self._sides]
+            turn = (sides @ swing[:, :, None])[:, :, 0]
         return np.concatenate([target[:, :3] - value[:, :3], self.lever * turn], axis=1)
+
+    @property
+    def _sides(self) -> list[int]:
+        """Axes of the tip across the free one."""
+        assert self.free is not None  # noqa: S101
+        return [(self.free + 1) % 3, (self.free + 2) % 3]
+
+
+def _swing(start: Array, goal: Array) -> Array:
+    """Rotation vectors (n, 3) across both that turn unit vectors (n, 3) into others."""
+    across = np.cross(start, goal)
+    sine = np.linalg.norm(across, axis=1, keepdims=True)
+    angle = np.arctan2(sine, (start * goal).sum(axis=1, keepdims=True))
+    opposite = (sine == 0.0) & (angle > 1.0)
+    if opposite.any():
+        side = np.cross(start, np.column_stack([start[:, 1], start[:, 2], -start[:, 0]]))
+        across = np.where(opposite, side, across)
+        sine = np.linalg.norm(across, axis=1, keepdims=True)
+    return np.asarray(across * (angle / np.where(sine > 0.0, sine, 1.0)))
 
 
 @dataclass(frozen=True)
@@ -68,76 +102,116 @@ class Joints:
     revolute: tuple[bool, ...]
 
     @property
-    def middle(self) -> Array:
-        """Middle (dof,) of the ranges."""
-        return 0.5 * (self.lower + self.upper)
-
-    def within(self, q: Array) -> tuple[Array, NDArray[np.bool_]]:
-        """Joint values (n, dof) by whole turns into the ranges, and whether all are inside (n,)."""
-        out = q - self._turns(q - self.middle)
-        near = (out >= self.lower - _SLACK) & (out <= self.upper + _SLACK)
-        return np.clip(out, self.lower, self.upper), np.asarray(near.all(axis=1))
+    def scale(self) -> Scale:
+        """The unit box of the ranges."""
+        return Scale.of_range(self.lower, self.upper, self.revolute)
 
     @property
     def turning(self) -> Scale:
         """The unit box of joints that turn without limits: a branch beyond leads to others."""
-        turns, span = np.asarray(self.revolute), self.upper - self.lower
-        lower = np.where(turns, self.middle - np.pi, self.lower - span)
-        return Scale(lower, np.where(turns, TURN, 3 * span), turns)
+        span = self.upper - self.lower
+        middle = 0.5 * (self.lower + self.upper)
+        lower = np.where(self.revolute, middle - np.pi, self.lower - span)
+        return Scale(lower, np.where(self.revolute, TURN, 3 * span), np.asarray(self.revolute))
 
-    def apart(self, a: Array, b: Array) -> Array:
-        """Largest distance (n,) of any joint between rows (n, dof) and b (dof,); turns wrap."""
-        return np.asarray(np.abs(a - b - self._turns(a - b)).max(axis=1))
+    def within(self, q: Array, slack: float = 1e-9) -> tuple[Array, NDArray[np.bool_]]:
+        """Joint values (..., dof) by whole turns into the ranges, and whether all are inside."""
+        middle = 0.5 * (self.lower + self.upper)
+        turns = np.where(self.revolute, TURN * np.round((q - middle) / TURN), 0.0)
+        inside = q - turns
+        near = (inside >= self.lower - slack) & (inside <= self.upper + slack)
+        return np.clip(inside, self.lower, self.upper), np.asarray(near.all(axis=-1))
 
-    def _turns(self, away: Array) -> Array:
-        return np.where(self.revolute, TURN * np.round(away / TURN), 0.0)
+
+def refined_ways(
+    newton: Newton, target: Array, starts: Array, length: float
+) -> tuple[Index, Array]:
+    """Which target (k,), and joints in the unit box (k, dof), that starts (n, s, dof) lead to.
+
+    Each way once, and those across a fold beside it, too; NaN is no start.
+    """
+    owner, column = np.nonzero(np.isfinite(starts[..., 0]))
+    u, left = newton.refine(starts[owner, column], target[owner], 1e-3 * TOLERANCE)
+    row, across = twins(newton, u, FOLDED, SEARCH.beyond)
+    if len(row):
+        more, left_there = newton.refine(across, target[owner[row]], 1e-3 * TOLERANCE)
+        owner = np.append(owner, owner[row])
+        u = np.concatenate([u, more])
+        left = np.append(left, left_there)
+    met = left <= TOLERANCE * length
+    order = np.argsort(owner[met], kind="stable")
+    owner = owner[met][order]
+    u = u[met][order]
+    single = distinct(newton.scale, owner, u, SEARCH.same)
+    return owner[single], u[single]
 
 
-def pose_branches(
+def searched_ways(
     evaluate: Evaluate,
-    position: Array,
-    rotation: Array,
+    target: Array,
     joints: Joints,
     length: float,
     *,
+    free: int | None = None,
     starts: Array | None = None,
     seed: int = 0,
 ) -> list[Array]:
-    """Every way (b, dof) in which an arm reaches each of some poses (n, 3), (n, 3, 3) [m].
+    """Every way (b, dof) to each of some poses (n, 12) of an arm without a closed form.
 
-    Joints are within their ranges; sorted; none where nothing reaches it. Of a redundant arm they
-    are some of infinitely many. `starts` (n, dof) are tried first, then starts that are drawn by
-    `seed`; the search ends when two rounds in a row find nothing new.
+    From starts that are drawn, `starts` (n, dof) first, until rounds find nothing new; a way
+    suggests others: a joint half a turn on, or bent the other way.  Of a redundant arm they are
+    some of infinitely many.
     """
-    newton = Newton(Poses(evaluate, joints.turning, length), joints.turning, length)
-    target, n, dof = Poses.target(position, rotation), len(position), len(joints.lower)
-    rng, quiet = np.random.default_rng(seed), np.zeros(n, dtype=int)
-    known = [np.empty((0, dof))] * n
-    tried = list(known) if starts is None else list(starts[:, None])
-    for _ in range(_ROUNDS):
-        more = [i for i, own in enumerate(known) if quiet[i] < _QUIET and len(own) <= _MOST]
-        drawn = rng.uniform(joints.lower, joints.upper, (_ROUND, dof))
-        for some in (more[i : i + _TOGETHER] for i in range(0, len(more), _TOGETHER)):
+    scale = joints.turning
+    newton = Newton(Poses(evaluate, scale, length, free), scale, length)
+    n = len(target)
+    dof = len(joints.lower)
+    rng = np.random.default_rng(seed)
+    quiet = np.zeros(n, dtype=int)
+    ways = [np.empty((0, dof))] * n
+    tried = list(ways)
+    if starts is not None:
+        tried = list(starts[:, None])
+    for _ in range(RANDOM.rounds):
+        open_ = np.flatnonzero(quiet < RANDOM.quiet)
+        rest = [int(i) for i in open_ if len(ways[i]) <= RANDOM.most]
+        drawn = rng.uniform(joints.lower, joints.upper, (RANDOM.at_once, dof))
+        for k in range(0, len(rest), RANDOM.together):
+            some = rest[k : k + RANDOM.together]
             rows = [np.vstack([tried[i], drawn]) for i in some]
-            owner = np.repeat(some, [len(own) for own in rows])
-            u = newton.scale.to_unit(np.concatenate(rows))
-            u, left = newton.refine(u, target[owner], 1e-3 * TOLERANCE, _STEPS)
-            q, met = newton.scale.from_unit(u), left < TOLERANCE * length
+            owner = np.repeat(some, [len(part) for part in rows])
+            u = scale.to_unit(np.concatenate(rows))
+            u, left = newton.refine(u, target[owner], 1e-3 * TOLERANCE, RANDOM.steps)
+            met = left < TOLERANCE * length
             for i in some:
-                before = len(known[i])
-                for row in q[met & (owner == i)]:
-                    if not len(known[i]) or joints.apart(known[i], row).min() > APART:
-                        known[i] = np.vstack([known[i], row])
-                quiet[i] = 0 if len(known[i]) > before else quiet[i] + 1
-                tried[i] = _flipped(known[i][before:], joints)
-    inside = [rows[ok] for rows, ok in map(joints.within, known)]
-    return [rows[np.lexsort(rows.T[::-1])] for rows in inside]
+                before = len(ways[i])
+                ways[i] = _with_new(scale, ways[i], u[met & (owner == i)])
+                quiet[i] = 0 if len(ways[i]) > before else quiet[i] + 1
+                tried[i] = _suggested(scale.from_unit(ways[i][before:]), joints)
+    inside = []
+    for u in ways:
+        q, fits = joints.within(scale.from_unit(u))
+        inside.append(q[fits])
+    return inside
 
 
-def _flipped(q: Array, joints: Joints) -> Array:
-    """Starts that branches (k, dof) suggest: turns half round, or bent the other way, and both."""
-    turns, eye = np.flatnonzero(joints.revolute), np.eye(q.shape[1])
-    bent = [q - 2.0 * q * eye[k] for k in turns]
-    rows = bent + [q + np.pi * eye[k] for k in turns]
-    rows += [b + np.pi * eye[k] for j, b in zip(turns, bent, strict=True) for k in turns if k != j]
-    return np.concatenate([q[:0], *rows])
+def _with_new(scale: Scale, ways: Array, others: Array) -> Array:
+    """Ways (k, dof) and those of others (n, dof) that are none of them."""
+    for u in others:
+        gap = np.abs(scale.difference(ways, u)).max(axis=1, initial=0.0)
+        if not len(ways) or gap.min() > 10 * SEARCH.same:
+            ways = np.vstack([ways, u])
+    return ways
+
+
+def _suggested(q: Array, joints: Joints) -> Array:
+    """Starts that ways (k, dof) suggest: half a turn on, bent the other way, and both."""
+    turns = np.flatnonzero(joints.revolute)
+    half = np.pi * np.eye(q.shape[1])
+    rows = [q[:0]]
+    for k in turns:
+        bent = q.copy()
+        bent[:, k] *= -1.0
+        rows += [bent, q + half[k]]
+        rows += [bent + half[j] for j in turns if j != k]
+    return np.concatenate(rows)

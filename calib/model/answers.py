@@ -15,7 +15,9 @@ from ..common.rows import checked_rows
 from ..errors import QueryError
 from ..inverse.newton import shortened
 from ..inverse.tracking import follow_targets
+from ..kernel.compiled import NOTHING
 from .parts import Parts
+from .turns import on_turn, unwound
 
 _REACHED = 1e-9  # share of the workspace's extent that always counts as reached
 SURE = 1e-2  # of the extent: a larger expected error does not make a target reachable
@@ -54,7 +56,7 @@ class Path:
     # (k,), index of the waypoint that each row leads to; the last such row stands on it
     waypoint: NDArray[np.intp]
     # (j,), rows whose joints do not follow from those of the row before: the branch ends there,
-    # whichever way the path is followed from its start
+    # whichever way the path is followed from its start, or a joint has to turn round at its limit
     jumps: NDArray[np.intp]
     # (k,), rows that were left out: a tenth of the workspace and more beyond all that the arm
     # reaches; joints stay as they were
@@ -74,6 +76,31 @@ def unit_joints(model: Parts, x: Array, near: Array, readouts: Sequence[str]) ->
         answered = model.association.inverses(v, near)
         found |= {r: model.solver.clip(answered[r]) for r in linked}
     return found
+
+
+def inverse(model: Parts, x: Array, near: ArrayLike | None, *, nearest: bool) -> Array:
+    """Joints (n, dof) for targets (n, m); NaN out of reach, or those that come `nearest`."""
+    wish = anchor(model, near, len(x))
+    there = model.motor.scale.from_unit(wish)
+    if near is not None:
+        there = on_turn(model, there, rows_for(near, model.about.joint_names, "near", len(x)))
+    q = np.full_like(there, np.nan)
+    rest = np.arange(len(x))
+    if model.kernel is not None:
+        q, sure = model.kernel.inverse(x, there)
+        lost = (sure == 0) | (sure == NOTHING) if nearest else sure == 0
+        rest = np.flatnonzero(lost)
+    if len(rest):
+        joints, within = joints_and_reach(model, x[rest], wish[rest], told=not nearest)
+        joints[~within] = np.nan
+        q[rest] = on_turn(model, joints, there[rest])
+    return q
+
+
+def solve(model: Parts, x: Array, near: ArrayLike | None) -> Answer:
+    """Joints nearest to `near` for targets (n, m) in full; out of reach those that come nearest."""
+    q = inverse(model, x, near, nearest=True)
+    return answer(model, model.motor.scale.to_unit(q), x)._replace(q=q)
 
 
 def joints_and_reach(
@@ -182,7 +209,13 @@ def follow_path(
     x, waypoint = _lines(corners, float(step))
     first = None if start is None else anchor(model, start, 1)[0]
     u, jumps, held = follow_targets(model.solver, in_sight(model, x), first)
-    return Path(x, *answer(model, u, x), waypoint, jumps, held)
+    answers = answer(model, u, x)
+    begin = answers.q[0]
+    if start is not None:
+        begin = rows_for(start, model.about.joint_names, "start", 1)[0]
+    q, turned = unwound(model, answers.q, begin)
+    answers = answers._replace(q=q)
+    return Path(x, *answers, waypoint, np.union1d(jumps, turned), held)
 
 
 def _lines(corners: Array, step: float) -> tuple[Array, NDArray[np.intp]]:

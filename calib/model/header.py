@@ -1,12 +1,11 @@
-"""The header: a model as C99 source, from numbers alone, for single queries and `calib export`."""
+"""The header: a model as C99 source, from numbers alone, for queries and `calib export`."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,9 +13,10 @@ from numpy.typing import NDArray
 from ..body.covariance import NORMAL_95
 from ..body.curves import HARMONICS
 from ..body.views import LEAST_DEPTH
-from ..common.arrays import Array
+from ..common.arrays import Array, Index
 from ..common.rows import thinned
 from ..errors import CalibError, OptionError
+from ..inverse.settings import SEARCH
 from ..kernel.arm import KernelArm
 from ..kernel.compiled import Compiled, braces, c_number, c_source, compile_source, source, table
 from ..kernel.posterior import CompactPosterior
@@ -25,28 +25,126 @@ from ..samples.roles import ROUNDING
 from .answers import SURE
 from .nominal import nominal_for_kernel
 from .parts import ROUNDED, Parts
+from .space import Space
+from .turns import joint_limits
 
-_FILES = ("chain", "nodes", "bound", "local", "answers", "inverse")
+_FILES = ("chain", "nodes", "bound", "local", "answers", "task", "search", "many")
 _NO_LIMIT = 3e38  # of corrections
-_PLACES, _POSTURES = 256, 128  # rows of the table of starts: places, of redundant joints postures
-
 _FLOATS = ("root", "coupled", "own", "waved")  # tables of beliefs, in single precision always
 
-_SEARCH = {
-    "longest": 0.25,  # of the joints' range: no step is longer
-    "pulled": 1e-4,  # of the joints' range: redundant joints that slide by less are there
-    "folded": 0.1,  # share of the Jacobian's power below which a fold may be near
-    "beyond": 0.3,  # of the joints' range: the other side of a fold is not looked for further away
-    "beside": 0.005,  # of the joints' range: an answer so near is on the same branch
-    "surely": 0.3,  # the same, of redundant joints and of poses
-    "margin": 0.1,  # of the joints' range: by so much a start may be further away than its answer
-    "tries": 24,  # starts; out of reach all of them are tried, else a third
-}
-_PRECISION = (
-    # in double and in single precision: damping, and what counts as met and as close, of the extent
-    {"calm": 1e-12, "enough": 2e-15, "close": 1e-9, "real": "double"},
-    {"calm": 1e-7, "enough": 1e-6, "close": 1e-4, "real": "float"},
-)
+
+@dataclass(frozen=True)
+class Precision:
+    """What a search can expect of a C type."""
+
+    real: str
+    calm: float  # least damping
+    enough: float  # residual that ends a search, of the extent
+    close: float  # residual of a solution, of the extent
+
+
+DOUBLE = Precision("double", calm=1e-12, enough=2e-15, close=SEARCH.close)
+SINGLE = Precision("float", calm=1e-7, enough=1e-6, close=1e-4)
+
+
+@dataclass(frozen=True)
+class TableSizes:
+    """How many starts of positions a header holds: its source grows by 20 bytes a number."""
+
+    cells: int = 256  # cells of the workspace, of arms without spare joints
+    postures: int = 128  # postures, of arms with spare joints
+
+
+SIZES = TableSizes()
+
+
+@dataclass(frozen=True, eq=False)
+class StartTable:
+    """Joints from which the inverse is sought: of a grid of places, or of postures."""
+
+    q: Array  # (s, dof), joint values
+    x: Array  # (s, m), positions there
+    # grid of places: cells (m,), lower corner and size of a cell (m,), first row of each cell
+    grid: Index | None = None
+    lower: Array | None = None
+    step: Array | None = None
+    first: Index | None = None
+
+    @staticmethod
+    def of(model: Parts) -> StartTable:
+        """The table of a model."""
+        if model.solver.redundant:
+            return StartTable.of_postures(model)
+        return StartTable.of_places(model)
+
+    @staticmethod
+    def of_postures(model: Parts) -> StartTable:
+        """Postures all over the ranges: redundant joints have too many for each place."""
+        nodes = np.flatnonzero(model.visited)
+        nodes = nodes[thinned(len(nodes), SIZES.postures)]
+        u = np.clip(model.motor.units[nodes], 0.0, 1.0)
+        return StartTable(model.motor.scale.from_unit(u), model.predictor.value(u))
+
+    @staticmethod
+    def of_places(model: Parts) -> StartTable:
+        """Starts of the middle of each cell of a grid over the workspace, one for each branch."""
+        scale = model.sensory.scale
+        dimensions = len(scale.span)
+        side = max(2, int(SIZES.cells ** (1 / dimensions)))
+        cells = np.full(dimensions, side)
+        step = scale.span / side
+        corners = np.indices((side,) * dimensions).reshape(dimensions, -1).T
+        starts, _ = model.solver.starts.of(scale.lower + (corners + 0.5) * step)
+        exists = np.isfinite(starts[..., 0])
+        u = starts[exists]
+        first = np.append(0, np.cumsum(exists.sum(axis=1)))
+        value = model.predictor.value(u)
+        return StartTable(model.motor.scale.from_unit(u), value, cells, scale.lower, step, first)
+
+    @staticmethod
+    def none(model: Parts) -> StartTable:
+        """No starts: joints are sought from `near` alone."""
+        return StartTable(np.zeros((0, len(model.about.lower))), np.zeros((0, len(model.axes))))
+
+    def tables(self) -> dict[str, NDArray[np.generic]]:
+        """Its constant arrays of C, by name."""
+        tables: dict[str, NDArray[np.generic]] = {"start_q": self.q, "start_x": self.x}
+        if self.grid is not None and self.lower is not None and self.step is not None:
+            assert self.first is not None  # noqa: S101
+            tables["grid"] = self.grid.astype(int)
+            tables["grid_lower"] = self.lower
+            tables["grid_step"] = self.step
+            tables["cell"] = self.first.astype(int)
+        return tables
+
+
+@dataclass(frozen=True, eq=False)
+class Placement:
+    """The arm that places and poses are asked of, and the sensor's frame that they stand in."""
+
+    arm: KernelArm | None  # None where it is the body
+    aim: Array  # (3, 3), orientation of the sensor
+    origin: Array  # (3,), shift of the sensor
+    scale: float  # of the sensor's unit
+    known: bool  # whether the base frame is known
+
+    @staticmethod
+    def of(model: Parts, arm: KernelArm) -> Placement:
+        """The placement of a model."""
+        behind = Placement(None, arm.aim, arm.shift, 1.0, known=False)
+        if arm.outputs != 3:
+            return behind
+        if getattr(arm.structure, "informed", False):
+            scale = float(np.cbrt(abs(np.linalg.det(arm.view))))
+            return replace(behind, scale=scale, known=True)
+        try:
+            body = Space.of(model).body
+        except CalibError:
+            return behind
+        drawn = KernelArm.of(body.structure, body.beta)
+        if drawn.chain.joints != arm.chain.joints:
+            return behind
+        return Placement(drawn, np.eye(3), np.zeros(3), 1.0, known=True)
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,24 +154,51 @@ class Header:
     model: Parts
     arm: KernelArm
     nominal: KernelArm | None
-    correcting: int  # kind of the task that `calib_correct` solves, see inverse.h
+    correcting: int  # kind of the task that `calib_correct` solves, see task.h
     limit: Array  # (dof,) [rad or m], largest correction that is trusted
+    small: bool = False  # whether the body alone is written, without tables of bounds and starts
 
     @staticmethod
-    def of(model: Parts) -> Header:
+    def of(model: Parts, *, small: bool = False) -> Header:
         """What the C source of a model is made of; OptionError if the model has no body."""
         if model.body is None:
             raise OptionError(
                 "the model has no body, which a C header needs: train it with body='auto'"
             )
         arm = KernelArm.of(model.body.structure, model.body.beta)
+        nominal, correcting = nominal_for_kernel(model, arm)
         limit = np.full(len(model.about.lower), _NO_LIMIT)
-        return Header(model, arm, *nominal_for_kernel(model, arm), limit)
+        return Header(model, arm, nominal, correcting, limit, small)
 
     @property
     def local(self) -> bool:
         """Whether local models stand on the body."""
-        return self.model.predictor.models.degree >= 0
+        return self.model.predictor.models.degree >= 0 and not self.small
+
+    @property
+    def trusted(self) -> bool:
+        """Whether there is an answer wherever joints are within their ranges."""
+        return self.model.everywhere or self.small
+
+    @property
+    def posterior(self) -> CompactPosterior | None:
+        """What bounds positions; None where bounds are blended between nodes."""
+        return None if self.small else self.model.posterior
+
+    @cached_property
+    def placement(self) -> Placement:
+        """Of what arm poses are asked."""
+        return Placement.of(self.model, self.arm)
+
+    @property
+    def placed(self) -> bool:
+        """Whether joints are found for poses."""
+        return self.placement.known and self.arm.outputs == 3
+
+    @cached_property
+    def starts(self) -> StartTable:
+        """Where the inverse begins."""
+        return StartTable.none(self.model) if self.small else StartTable.of(self.model)
 
     def text(
         self,
@@ -91,98 +216,107 @@ class Header:
         return c_source(whole, filled, prefix, single), tables
 
     def _words(self, single: bool) -> dict[str, object]:
-        model, arm, posterior = self.model, self.arm, self.model.posterior
-        dof, models, local = len(self.limit), model.predictor.models, self.local
-        trusted, most = model.everywhere, c_number(model.most_bound, single)
-        blended = f" || !(calib_blended(calib_position_bound, q) <= {most})"
-        bound, model_bound = (
-            f"calib_blended(calib_{nodes}, inside)" if posterior is None
-            else f"calib_posterior(inside, calib_{extra})"
-            for nodes, extra in (("bound", "more"), ("true_bound", "less"))
-        )  # fmt: skip
-        if model.approach is not None:
-            bound += " + calib_play_reach(inside)"
-            model_bound += " + calib_play_reach(inside)"
-        stops = [arm.links.strides[1:-1, :, 0], arm.links.tip[0]]
-        lengths = np.linalg.norm(np.vstack(stops), axis=1)
-        return {
-            **_SEARCH, **_PRECISION[single],
-            "plays": model.approach is not None,
-            "posterior": posterior is not None, "bound": bound, "model_bound": model_bound,
-            "nodes_asked": local or posterior is None or not trusted,
-            "dof": dof, "out": arm.outputs, "chain": arm.chain.joints, "nodes": model.motor.size,
-            "near": min(blend_size(dof), model.motor.size - 1), "starts": len(self._starts[0]),
-            "harmonics": HARMONICS, "normal": NORMAL_95, "curved": len(arm.curves) > 0,
-            "waved": posterior is not None and bool(posterior.waved.any()),
-            "gravity": arm.sag is not None, "coupled": len(arm.coupling) > 0,
+        """What the templates of C are filled with."""
+        model = self.model
+        arm = self.arm
+        dof = len(self.limit)
+        models = model.predictor.models
+        blended = self.posterior is None and not self.small
+        words: dict[str, object] = asdict(SEARCH) | asdict(SINGLE if single else DOUBLE)
+        words |= self._bound_words(single)
+        if self.starts.grid is None:
+            words["tries"] = SEARCH.spare_tries
+        words |= {
+            "dof": dof,
+            "out": arm.outputs,
+            "chain": arm.chain.joints,
+            "nodes": model.motor.size,
+            "near": min(blend_size(dof), model.motor.size - 1),
+            "nodes_asked": self.local or blended or not self.trusted,
+            "starts": len(self.starts.q),
+            "gridded": self.starts.grid is not None,
+            "harmonics": HARMONICS,
+            "curved": len(arm.curves) > 0,
+            "gravity": arm.sag is not None,
+            "coupled": len(arm.coupling) > 0,
             "points": 1 if arm.sag is None else len(arm.sag.loads.links),
             "flexible": arm.flex is not None,
-            "projective": arm.lens is not None, "placed": arm.outputs == 3, "nearest": LEAST_DEPTH,
-            "trusted": "" if trusted else blended, "local": local, "silent": SILENT,
-            "full": float(FULL), "terms": models.coefficients.shape[1] if local else 1,
-            "slack": -float(ROUNDED), "extent": float(model.solver.extent),
-            "lever": max(float(lengths.sum()), 1e-9),
-            "scale": float(np.cbrt(abs(np.linalg.det(arm.view)))) if arm.outputs == 3 else 1.0,
-            "corrected": self.nominal is not None, "correcting": self.correcting,
-        }  # fmt: skip
+            "projective": arm.lens is not None,
+            "nearest": LEAST_DEPTH,
+            "local": self.local,
+            "silent": SILENT,
+            "full": float(FULL),
+            "terms": models.coefficients.shape[1] if self.local else 1,
+            "slack": -float(ROUNDED),
+            "extent": float(model.solver.extent),
+            "lever": _length(arm),
+            "sure": SURE,
+            "corrected": self.nominal is not None,
+            "correcting": self.correcting,
+            "placed": self.placed,
+            "placing": "calib_body" if self.placement.arm is None else "calib_drawn_arm",
+            "scale": self.placement.scale,
+        }
+        return words
 
-    @cached_property
-    def _starts(self) -> tuple[Array, Array]:
-        """Joints (s, dof) and the positions (s, m) there, from where the inverse is sought."""
-        # of places all over the workspace; of redundant joints, which have too many, all postures
-        model, solver = self.model, self.model.solver
-        if solver.redundant:
-            nodes = np.flatnonzero(model.visited)
-            u = np.clip(model.motor.units[nodes[thinned(len(nodes), _POSTURES)]], 0.0, 1.0)
+    def _bound_words(self, single: bool) -> dict[str, object]:
+        """What of the templates is about bounds."""
+        posterior = self.posterior
+        if self.small:
+            bound = model_bound = "calib_not_a_number()"
+        elif posterior is None:
+            bound = "calib_blended(calib_bound, inside)"
+            model_bound = "calib_blended(calib_true_bound, inside)"
         else:
-            places = model.sensory.weights
-            start, _ = solver.starts.of(places[thinned(len(places), _PLACES)])
-            u = start.reshape(-1, start.shape[2])
-            u = u[np.isfinite(u[:, 0])]
-        return model.motor.scale.from_unit(u), model.predictor.value(u)
+            bound = "calib_posterior(inside, calib_more)"
+            model_bound = "calib_posterior(inside, calib_less)"
+        plays = self.model.approach is not None and not self.small
+        if plays:
+            bound += " + calib_play_reach(inside)"
+            model_bound += " + calib_play_reach(inside)"
+        most = c_number(self.model.most_bound, single)
+        refused = f" || !(calib_blended(calib_position_bound, q) <= {most})"
+        return {
+            "plays": plays,
+            "posterior": posterior is not None,
+            "waved": posterior is not None and bool(posterior.waved.any()),
+            "normal": NORMAL_95,
+            "bound": bound,
+            "model_bound": model_bound,
+            "trusted": "" if self.trusted else refused,
+        }
 
     def _tables(self, single: bool) -> str:
-        model, arm, motor, kept = self.model, self.arm, self.model.motor, self.model.posterior
-        chain, trusted = arm.chain, model.everywhere
-        tables: dict[str, NDArray[Any]] = {
-            "lower": motor.scale.lower, "span": motor.scale.span,
-            "periodic": motor.scale.periodic.astype(int), "bends": np.array(chain.revolute, int),
-            "coupling": chain.coupling, "bias": chain.bias, "view": arm.view.ravel(),
-            "shift": arm.shift, "aim": arm.aim.ravel(),
-            "start_q": self._starts[0], "start_x": self._starts[1],
-        }  # fmt: skip
-        if arm.lens is not None:
-            tables["lens"] = arm.lens
-        if len(arm.curves):
-            waves = arm.curves.reshape(-1, 2, HARMONICS)
-            tables |= {"curve_cos": waves[:, 0].T, "curve_sin": waves[:, 1].T}
-        if arm.flex is not None:
-            tables |= {"way": arm.way, "flex_cos": arm.flex[0], "flex_sin": arm.flex[1]}
-        if len(arm.coupling):
-            tables["neighbour"] = np.concatenate([[0.0], arm.coupling])
-        if arm.sag is not None:
-            loads = arm.sag.loads
-            tables |= {
-                "drawn": chain.still.strides[:-1, :, 0],
-                "carrier": loads.links,
-                "point": loads.points - chain.points[loads.links],
-                "gravity": arm.sag.gravity,
-                "bending": arm.sag.bending,
-            }
-            if kept is not None:
-                tables |= {
-                    "loaded": loads.joints,
-                    "weight": loads.weights,
-                    "elastic": arm.sag.elastic,
-                    "tilt": arm.sag.tilts,
-                }
-        if self.local or kept is None or not trusted:
-            tables["node"] = motor.units
-        if kept is None:
-            tables |= {"bound": model.bounds, "true_bound": model.model_bounds}
+        """Constant arrays of C."""
+        model = self.model
+        arm = self.arm
+        posterior = self.posterior
+        limits = joint_limits(model)
+        tables: dict[str, NDArray[np.generic]] = {
+            "lower": model.motor.scale.lower,
+            "span": model.motor.scale.span,
+            "periodic": model.motor.scale.periodic.astype(int),
+            "least": limits[:, 0],
+            "most": limits[:, 1],
+            "bends": np.array(arm.chain.revolute, int),
+            "coupling": arm.chain.coupling,
+            "bias": arm.chain.bias,
+            "view": arm.view.ravel(),
+            "shift": arm.shift,
+            "aim": self.placement.aim.ravel(),
+            "origin": self.placement.origin,
+            **self.starts.tables(),
+            **_arm_tables(arm, bounded=posterior is not None),
+        }
+        blended = posterior is None and not self.small
+        if self.local or blended or not self.trusted:
+            tables["node"] = model.motor.units
+        if blended:
+            tables["bound"] = model.bounds
+            tables["true_bound"] = model.model_bounds
         if model.approach is not None:
             tables["play"] = model.approach.play
-        if not trusted:
+        if not self.trusted:
             tables["position_bound"] = model.model_bounds
         if self.local:
             tables |= self._local_tables
@@ -190,80 +324,141 @@ class Header:
         if self.nominal is not None:
             tables["limit"] = self.limit
             arms += _arm("calib_nominal", self.nominal, single, own=False)
-        if kept is not None:
-            beliefs, size, rank = kept.root.shape
-            sizes = {
-                "LOADS": 0 if arm.sag is None else len(arm.sag.elastic),
-                "GEOMETRY": size,
-                "ROOT": rank,
-                "BELIEFS": beliefs,
-                "WAYS": kept.coupled.shape[2],
-            }
-            listed = ", ".join(f"CALIB_{name} = {number}" for name, number in sizes.items())
-            arms += f"enum {{ {listed} }};\n"
-            tables |= self._beliefs(kept)
+        if self.placement.arm is not None:
+            arms += _arm("calib_drawn_arm", self.placement.arm, single, own=False)
+        if posterior is not None:
+            arms += _sizes(posterior, arm)
+            tables |= self._belief_tables(posterior)
         return arms + "".join(
             table(f"calib_{name}", values, single, name in _FLOATS)
             for name, values in tables.items()
         )
 
     @property
-    def _local_tables(self) -> dict[str, NDArray[Any]]:
+    def _local_tables(self) -> dict[str, NDArray[np.generic]]:
         """Local models of the nodes, and how their monomials are made of each other."""
         models = self.model.predictor.models
         terms = exponents(self.model.motor.units.shape[1], models.degree)
         place = {tuple(term): k for k, term in enumerate(terms.tolist())}
-        along = [int(np.flatnonzero(term)[0]) if term.any() else 0 for term in terms]
+        along = [int(np.argmax(term > 0)) for term in terms]
         unit = np.eye(terms.shape[1], dtype=int)
         below = [[place.get(tuple((t - e).tolist()), 0) for e in unit] for t in terms]
         flat = models.coefficients.reshape(len(models.coefficients), -1)
         return {
-            "radius": models.radius, "local_terms": flat,
-            "talks": flat.any(axis=1).astype(int), "along": np.array(along),
+            "radius": models.radius,
+            "local_terms": flat,
+            "talks": flat.any(axis=1).astype(int),
+            "along": np.array(along),
             "parent": np.array([row[k] for row, k in zip(below, along, strict=True)]),
-            "power": terms.ravel().astype(int), "below": np.ravel(below),
-        }  # fmt: skip
+            "power": terms.ravel().astype(int),
+            "below": np.ravel(below),
+        }
 
-    def _beliefs(self, kept: CompactPosterior) -> dict[str, NDArray[Any]]:
-        # cosine and sine of each order next to each other, as the C source makes them
+    def _belief_tables(self, posterior: CompactPosterior) -> dict[str, NDArray[np.generic]]:
+        """The posterior's arrays; cosine and sine of each order stand next to each other."""
         order = np.arange(2 * HARMONICS).reshape(2, -1).T.ravel()
-        more = np.zeros((2, 3))
-        noise = kept.noise if self.model.about.bound_of == "sensor reading" else 0.0
-        more[:, : len(kept.residual)] = kept.residual + noise, kept.residual
-        tables = {
-            "root": kept.root, "coupled": kept.coupled, "gains": kept.gains.astype(int),
-            "scale": kept.scale, "more": more[0], "less": more[1],
-        }  # fmt: skip
-        if kept.waved.any():
-            waved = kept.waved[:, :, order].reshape(len(kept.root), -1, kept.coupled.shape[2])
-            tables |= {"own": kept.own.reshape(-1, kept.own.shape[2]), "waved": waved}
+        size = len(posterior.residual)
+        less = np.zeros(3)
+        less[:size] = posterior.residual
+        more = less.copy()
+        if self.model.about.bound_of == "sensor reading":
+            more[:size] += posterior.noise
+        tables: dict[str, NDArray[np.generic]] = {
+            "root": posterior.root,
+            "coupled": posterior.coupled,
+            "gains": posterior.gains.astype(int),
+            "scale": posterior.scale,
+            "more": more,
+            "less": less,
+        }
+        if posterior.waved.any():
+            directions = posterior.coupled.shape[2]
+            waved = posterior.waved[:, :, order]
+            tables["waved"] = waved.reshape(len(waved), -1, directions)
+            tables["own"] = posterior.own.reshape(-1, posterior.own.shape[2])
         return tables
 
 
+def _sizes(posterior: CompactPosterior, arm: KernelArm) -> str:
+    """Sizes of the posterior's arrays, as constants of C."""
+    beliefs, geometry, rank = posterior.root.shape
+    sizes = {
+        "LOADS": 0 if arm.sag is None else len(arm.sag.elastic),
+        "GEOMETRY": geometry,
+        "ROOT": rank,
+        "BELIEFS": beliefs,
+        "WAYS": posterior.coupled.shape[2],
+    }
+    listed = ", ".join(f"CALIB_{name} = {number}" for name, number in sizes.items())
+    return f"enum {{ {listed} }};\n"
+
+
+def _length(arm: KernelArm) -> float:
+    """Length of an arm [m]: of its links, one after another."""
+    links = np.vstack([arm.links.strides[1:-1, :, 0], arm.links.tip[0]])
+    return max(float(np.linalg.norm(links, axis=1).sum()), 1e-9)
+
+
+def _arm_tables(arm: KernelArm, *, bounded: bool) -> dict[str, NDArray[np.generic]]:
+    """Lens, curves, coupling and bending of an arm, those that it has; `bounded` by a posterior."""
+    chain = arm.chain
+    tables: dict[str, NDArray[np.generic]] = {}
+    if arm.lens is not None:
+        tables["lens"] = arm.lens
+    if len(arm.curves):
+        waves = arm.curves.reshape(-1, 2, HARMONICS)
+        tables["curve_cos"] = waves[:, 0].T
+        tables["curve_sin"] = waves[:, 1].T
+    if arm.flex is not None:
+        tables["way"] = arm.way
+        tables["flex_cos"] = arm.flex[0]
+        tables["flex_sin"] = arm.flex[1]
+    if len(arm.coupling):
+        tables["neighbour"] = np.concatenate([[0.0], arm.coupling])
+    if arm.sag is not None:
+        loads = arm.sag.loads
+        tables["drawn"] = chain.still.strides[:-1, :, 0]
+        tables["carrier"] = loads.links
+        tables["point"] = loads.points - chain.points[loads.links]
+        tables["gravity"] = arm.sag.gravity
+        tables["bending"] = arm.sag.bending
+        if bounded:
+            tables["loaded"] = loads.joints
+            tables["weight"] = loads.weights
+            tables["elastic"] = arm.sag.elastic
+            tables["tilt"] = arm.sag.tilts
+    return tables
+
+
 def _arm(name: str, arm: KernelArm, single: bool, *, own: bool) -> str:
-    """The constant of one arm, the body's or the nominal one's."""
-    links, (place, turn) = arm.links, arm.links.tip
+    """The constant of one arm; with its `own` curves and bending, or without."""
+    links = arm.links
+    place, turn = links.tip
     parts = (
-        arm.gain, arm.offset, arm.chain.axes, links.strides[:-1, :, 0],
-        links.turns.reshape(-1, 9), place, turn.ravel(),
-    )  # fmt: skip
+        arm.gain,
+        arm.offset,
+        arm.chain.axes,
+        links.strides[:-1, :, 0],
+        links.turns.reshape(-1, 9),
+        place,
+        turn.ravel(),
+    )
     words = [braces(np.asarray(part, dtype=float), single) for part in parts]
     return f"static const calib_arm {name} = {{\n" + ",\n".join([*words, str(int(own))]) + "};\n"
 
 
 def compiled_of(model: Parts) -> tuple[Compiled | None, str]:
-    """A model's compiled kernel, or None, and a sentence on what single queries are answered by."""
+    """A model's compiled kernel, or None, and a sentence on what queries are answered by."""
     started = time.perf_counter()
     try:
         header = Header.of(model)
-        arm = header.arm
-        words: dict[str, Any] = {
-            "placed": arm.outputs == 3 and getattr(arm.structure, "informed", False),
-            "corrected": header.nominal is not None, "sure": SURE, "rounding": ROUNDING,
-            "extent": float(model.solver.extent),
-        }  # fmt: skip
-        made = compile_source(header.text()[0], words, len(header.limit), arm.outputs)
+        words: dict[str, object] = {
+            "placed": header.placed,
+            "corrected": header.nominal is not None,
+            "rounding": ROUNDING,
+        }
+        compiled = compile_source(header.text()[0], words, len(header.limit), header.arm.outputs)
     except CalibError as error:
-        return None, f"single queries are answered by the batch: {error}"
-    taken = time.perf_counter() - started
-    return made, f"single queries are answered by compiled C, made in {taken:.2g} s"
+        return None, f"queries are answered by the batch in NumPy: {error}"
+    seconds = time.perf_counter() - started
+    return compiled, f"queries are answered by compiled C, made in {seconds:.2g} s"

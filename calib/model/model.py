@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Mapping
 from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING, NoReturn
+from typing import TYPE_CHECKING, ClassVar, NoReturn
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ..common.arrays import Array
 from ..common.rows import checked_rows, number_rows
+from ..errors import OptionError
+from ..kernel.compiled import NOTHING, Compiled
 from ..samples.motion import Motion
-from . import answers
+from . import answers, batches
 from .answers import Answer, Path
+from .header import compiled_of
 from .parts import MOST_SHARE, Parts
 from .prediction import predict
 from .sensors import with_arm_of
@@ -27,7 +31,8 @@ FUNCTIONS = (
 )
 """What is done with a model, rather than asked of it, is a function of the package."""
 
-_NOTHING = 3  # what the compiled kernel says of a position that nothing reaches
+_UNSURE = "the bound on the position may be too wide here: ask without strict"
+_UNREACHED = "no joints were found from `near` on within a bounded search"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -36,6 +41,8 @@ class Model(Parts):
 
     Queries take single vectors as well as batches, with one row each.
     """
+
+    strict: ClassVar[bool] = False  # as of `warm_up`
 
     if not TYPE_CHECKING:  # which would take every attribute for one
 
@@ -71,20 +78,42 @@ class Model(Parts):
         first = {field.name: getattr(several[0], field.name) for field in fields(Parts)}
         return Model(**{**first, "others": tuple(several[1:])})
 
-    def warm_up(self) -> str:
-        """Make single queries fast: compile the model's own C, where a C compiler is found.
+    def warm_up(self, *, strict: bool = False) -> str:
+        """Make queries fast: compile the model's own C, where a C compiler is found.
 
-        Returns a sentence that says what single queries are answered by from now on: by compiled
-        C, or by the batch, and why.  Answers are the same.  Nothing is compiled without this, and
-        nothing with the environment variable ``CALIB_NO_CC=1``.
+        Returns a sentence that says what queries are answered by from now on: by compiled C, or by
+        the batch in NumPy, and why.  Answers are the same.  Nothing but large batches is compiled
+        without this, and nothing with the environment variable ``CALIB_NO_CC=1``.
+
+        strict : for control loops: a single query that the compiled C cannot answer is NaN within
+            a millisecond, and `unanswered` says why, instead of a search by NumPy.  Raises
+            OptionError where nothing can be compiled.
         """
-        from .header import compiled_of
-
-        kernel, told = compiled_of(self)
+        kernel, sentence = compiled_of(self)
+        if strict and kernel is None:
+            raise OptionError(f"strict=True: {sentence}", parameter="strict")
         object.__setattr__(self, "kernel", kernel)
-        if kernel is None:  # what the batch makes once
+        object.__setattr__(self, "strict", strict)
+        if kernel is None:  # what NumPy makes once
             self.solve(self.sensory.weights[:1])
-        return told
+        return sentence
+
+    @property
+    def warm(self) -> bool:
+        """Whether compiled C answers; a model that was pickled has to warm up again."""
+        return self.kernel is not None
+
+    @property
+    def unanswered(self) -> str | None:
+        """Why this thread's last single query of a strict model was NaN, None if it was not."""
+        return None if self.kernel is None else self.kernel.reason
+
+    def __setstate__(self, state: Mapping[str, object]) -> None:
+        """Unpickle; a strict model warms up again, others have to be told to."""
+        for name, value in state.items():
+            object.__setattr__(self, name, value)
+        if self.strict:
+            self.warm_up(strict=True)
 
     def _joints(self, q: ArrayLike) -> tuple[Array, bool]:
         return number_rows(q, self.about.joint_names, "joint values")
@@ -99,12 +128,17 @@ class Model(Parts):
             rows, np.sign(answers.rows_for(approach, names, "approach", len(rows)))
         ), single
 
-    def _quickly(self, name: str, q: ArrayLike) -> Array | None:
-        """What the compiled kernel answers; None where the batch has to."""
-        if self.kernel is None or (found := self.kernel.ask(name, q)) is None:
+    def _single(self, kind: str, joints: ArrayLike, *others: ArrayLike) -> Array | None:
+        """What the compiled C answers to one row; None where the batch has to."""
+        if self.kernel is None:
             return None
-        answer: Array = found[0]
-        return answer if found[1] or self.everywhere else None
+        answer = self.kernel.ask(kind, joints, *others)
+        if answer is None:
+            return None
+        value, sure = answer
+        if sure or self.everywhere:
+            return value
+        return self.kernel.refused(value, _UNSURE) if self.strict else None
 
     def forward(
         self,
@@ -137,12 +171,16 @@ class Model(Parts):
         if sensor:
             return self.by(sensor).forward(q, readout, approach=approach)
         if self.kernel is not None and readout in (None, "local") and approach is None:
-            quick = self._quickly("forward", q)
+            quick = self._single("forward", q)
             if quick is not None:
                 return quick
         readout = self._readout(readout)
         motion, single = self._motion(q, approach)
-        x = predict(self, motion).read(readout)
+        x = None
+        if readout == "local" and approach is None:
+            x = batches.forward_rows(self, motion.q)
+        if x is None:
+            x = predict(self, motion).read(readout)
         return x[0] if single else x
 
     def inverse(
@@ -162,19 +200,31 @@ class Model(Parts):
         nearest : whether the nearest reachable point answers a target out of reach instead of NaN
         """
         if self.kernel is not None and readout in (None, "local") and near is not None:
-            found = self.kernel.ask("inverse", near, x)
-            if found is not None and found[1] and not (nearest and found[1] == _NOTHING):
-                return np.asarray(found[0])
+            quick = self._single_inverse(self.kernel, x, near, nearest=nearest)
+            if quick is not None:
+                return quick
         readout = self._readout(readout)
         if readout == "local":
             rows, single = checked_rows(x, self.axes, "positions")
-            anchor = answers.anchor(self, near, len(rows))
-            q, within = answers.joints_and_reach(self, rows, anchor, told=not nearest)
-            q[~within] = np.nan
+            batches.prepare(self, "inverse", len(rows))
+            q = answers.inverse(self, rows, near, nearest=nearest)
             return q[0] if single else q
-        answer = self.solve(x, near, readout)
-        q = answer.q if nearest else np.where(answer.reachable[:, None], answer.q, np.nan)
+        answers_ = self.solve(x, near, readout)
+        q = answers_.q if nearest else np.where(answers_.reachable[:, None], answers_.q, np.nan)
         return q[0] if np.ndim(x) == 1 else q
+
+    def _single_inverse(
+        self, kernel: Compiled, x: ArrayLike, near: ArrayLike, *, nearest: bool
+    ) -> Array | None:
+        answer = kernel.ask("inverse", near, x)
+        if answer is None:
+            return None
+        q, sure = answer
+        if nearest and sure == NOTHING:
+            sure = 0
+        if sure:
+            return q
+        return kernel.refused(q, _UNREACHED) if self.strict else None
 
     def solve(
         self, x: ArrayLike, near: ArrayLike | None = None, readout: str | None = None
@@ -182,6 +232,9 @@ class Model(Parts):
         """Answer inverse queries in full; see :meth:`inverse` for the parameters."""
         readout = self._readout(readout)
         rows, _ = checked_rows(x, self.axes, "positions")
+        if readout == "local":
+            batches.prepare(self, "inverse", len(rows))
+            return answers.solve(self, rows, near)
         u = answers.unit_joints(self, rows, answers.anchor(self, near, len(rows)), (readout,))
         return answers.answer(self, u[readout], rows, self.predicted(u[readout], readout))
 
@@ -202,7 +255,11 @@ class Model(Parts):
         The one closest to the middle of the joints' ranges comes first; a target out of reach has
         none.  Of a redundant arm each connected family of solutions has one.
         """
-        return [a.q[a.reachable] for a in self.solve_all(x)]
+        rows, _ = checked_rows(x, self.axes, "positions")
+        ways = batches.all_rows(self, rows)
+        if ways is None:
+            ways = [answer.q[answer.reachable] for answer in self.solve_all(rows)]
+        return ways
 
     def expected_error(self, q: ArrayLike, *, approach: ArrayLike | None = None) -> Array:
         """95 % bound on the error of :meth:`forward` at joint values (n, dof), (n,) [unit].
@@ -213,11 +270,15 @@ class Model(Parts):
         :meth:`forward`, it is the smaller bound for a known direction.
         """
         if approach is None:
-            quick = self._quickly("bounds", q)
+            quick = self._single("bounds", q)
             if quick is not None:
                 return quick
         motion, single = self._motion(q, approach)
-        bound = predict(self, motion).bound
+        bound = None
+        if approach is None:
+            bound = batches.bound_rows(self, motion.q, "bounds")
+        if bound is None:
+            bound = predict(self, motion).bound
         return bound[0] if single else bound
 
     def model_error(self, q: ArrayLike, *, approach: ArrayLike | None = None) -> Array:
@@ -227,11 +288,15 @@ class Model(Parts):
         simulated arm.
         """
         if approach is None:
-            quick = self._quickly("model_bounds", q)
+            quick = self._single("model_bounds", q)
             if quick is not None:
                 return quick
         motion, single = self._motion(q, approach)
-        bound = predict(self, motion).true_bound
+        bound = None
+        if approach is None:
+            bound = batches.bound_rows(self, motion.q, "model_bounds")
+        if bound is None:
+            bound = predict(self, motion).true_bound
         return bound[0] if single else bound
 
     def outside(self, q: ArrayLike) -> str | None:
@@ -269,6 +334,7 @@ class Model(Parts):
         near: ArrayLike | None = None,
         *,
         frame: str = "sensor",
+        free: str | None = None,
     ) -> Array:
         """Joint values (n, dof) for positions and orientations of an arm in space.
 
@@ -278,24 +344,38 @@ class Model(Parts):
         quaternion : (n, 4) or (4,) array qx, qy, qz, qw; free where not given
         near : (n, dof) or (dof,) array [rad or m]; the nearest to these joints answers
         frame : {"sensor", "base"}
+        free : {"x", "y", "z"}, an axis of the tip about which its turn is left open
         """
         from .poses import solve_poses
 
-        kernel, posed = self.kernel, quaternion is not None and near is not None
-        if kernel is not None and posed and frame == "sensor" and kernel.has("inverse_pose"):
-            answer = kernel.ask("inverse_pose", near, position, quaternion)
-            if answer is not None and answer[1]:
-                return np.asarray(answer[0])
-        found = solve_poses(self, position, quaternion, near, frame=frame, bounded=False)
-        q = np.where(found.reachable[:, None], found.q, np.nan)
+        kernel = self.kernel if frame == "sensor" and free is None else None
+        if kernel is not None and quaternion is not None and near is not None:
+            quick = self._single_pose(kernel, position, quaternion, near)
+            if quick is not None:
+                return quick
+        ways = solve_poses(self, position, quaternion, near, frame=frame, free=free, bounded=False)
+        q = np.where(ways.reachable[:, None], ways.q, np.nan)
         return q[0] if np.ndim(position) == 1 else q
+
+    def _single_pose(
+        self, kernel: Compiled, position: ArrayLike, quaternion: ArrayLike, near: ArrayLike
+    ) -> Array | None:
+        if not kernel.poses:
+            return None
+        answer = kernel.ask("inverse_pose", near, position, quaternion)
+        if answer is None:
+            return None
+        q, sure = answer
+        if sure == 1 or (sure and self.strict):
+            return q
+        return kernel.refused(q, _UNREACHED) if self.strict else None
 
     def jacobian(self, q: ArrayLike) -> Array:
         """Derivative (n, m, dof), (m, dof) of :meth:`forward` by the joint values [unit/rad].
 
         NaN where there is no position.
         """
-        quick = self._quickly("jacobian", q)
+        quick = self._single("jacobian", q)
         if quick is not None:
             return quick
         motion, single = self._motion(q)
@@ -311,6 +391,10 @@ class Model(Parts):
         from ..arm.rotations import quaternion_of
         from .space import Space
 
+        if self.kernel is not None and self.kernel.poses:
+            quick = self._single("pose", q)
+            if quick is not None:
+                return quick[:3], quick[3:]
         motion, single = self._motion(q)
         prediction = predict(self, motion)
         position = prediction.value

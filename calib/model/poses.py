@@ -17,9 +17,11 @@ from ..errors import QueryError
 from ..samples.motion import Motion
 from ..samples.roles import QUATERNION, ROUNDING
 from .answers import anchor, rows_for
+from .batches import prepare
 from .parts import Parts
 from .prediction import predict
 from .space import REACHED, Space
+from .turns import on_turn
 
 
 class PoseAnswers(NamedTuple):
@@ -47,6 +49,7 @@ def solve_poses(
     frame: str = "sensor",
     every: bool = False,
     keep: bool = False,
+    free: str | None = None,
     bounded: bool = True,
 ) -> PoseAnswers:
     """Joint values for positions and, if given, orientations.
@@ -54,6 +57,7 @@ def solve_poses(
     position, quaternion, near, frame : as of :meth:`calib.Model.inverse_pose`
     every : whether all branches of a pose are wanted, the nearest first
     keep : of a position, whether the orientation at `near` is kept as far as the joints allow
+    free : of a pose, the tip's axis "x", "y" or "z" about which its turn is left open
     bounded : whether the answers' bounds are found, which takes as long as the answers; else NaN
     Raises QueryError if the model knows no arm in space, a value is no number, or a quaternion is
     none.
@@ -65,20 +69,30 @@ def solve_poses(
     n = len(p)
     r = None if quaternion is None else _rotations(quaternion, n)
     wish = model.motor.scale.from_unit(anchor(model, near, n))
+    wanted_joints = wish
+    if near is not None:
+        wanted_joints = on_turn(model, wish, rows_for(near, model.about.joint_names, "near", n))
+    axis = free_axis(free)
     if frame != "base":
         same = np.tile(np.eye(3), (n, 1, 1)) if r is None else r
         p, turned = space.to_base(p, same)
         r = None if r is None else turned
     if r is None:
         q, target = space.at_positions(p, wish, keep=keep), np.arange(n)
+    elif every:
+        prepare(model, "branches", n)
+        ways = space.branches(p, r, wish, axis)
+        target = np.repeat(np.arange(n), [len(rows) for rows in ways])
+        q = np.concatenate([wish[:0], *ways])
     else:
-        found = space.at_poses(p, r, wish, every=every)
-        target = np.repeat(np.arange(n), [len(rows) for rows in found])
-        q = np.concatenate([wish[:0], *found])
+        prepare(model, "poses", n)
+        target = np.arange(n)
+        q = space.at_poses(p, r, wish, axis)
+    q = on_turn(model, q, wanted_joints[target])
     position, rotation, _ = space.evaluate(q)
     away, turned = np.linalg.norm(position - p[target], axis=1), np.zeros(len(q))
     if r is not None:
-        turned = np.linalg.norm(logarithm(r[target] @ np.swapaxes(rotation, 1, 2)), axis=1)
+        turned = turn_left(r[target], rotation, axis)
     met = (away <= REACHED * space.length) & (turned <= 10 * REACHED)
     reachable = np.isin(target, target[met])
     bound = error = np.full(len(q), np.nan)
@@ -93,6 +107,26 @@ def solve_poses(
         error = prediction.true_bound
     turns = quaternion_of(rotation)
     return PoseAnswers(target, q, position, turns, away, turned, bound, error, reachable)
+
+
+def free_axis(name: str | None) -> int | None:
+    """Index of the tip's axis about which its turn is left open."""
+    if name is None:
+        return None
+    if name not in ("x", "y", "z"):
+        raise QueryError(f"free {name!r}: expected an axis of the tip, 'x', 'y' or 'z'")
+    return "xyz".index(name)
+
+
+def turn_left(wanted: Array, reached: Array, axis: int | None = None) -> Array:
+    """Angles (n,) [rad] between orientations (n, 3, 3), or between one axis of each."""
+    if axis is None:
+        turn = logarithm(wanted @ np.swapaxes(reached, 1, 2))
+        return np.asarray(np.linalg.norm(turn, axis=1))
+    first = wanted[:, :, axis]
+    second = reached[:, :, axis]
+    sine = np.linalg.norm(np.cross(first, second), axis=1)
+    return np.asarray(np.arctan2(sine, (first * second).sum(axis=1)))
 
 
 def _rotations(quaternion: ArrayLike, n: int) -> Array:

@@ -5,6 +5,7 @@ Positions in the sensor's frame are answered by the model itself, see `calib.Mod
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, TypeVar
@@ -23,19 +24,21 @@ from ..common.arrays import Array
 from ..common.rows import checked_rows
 from ..common.scale import Scale
 from ..errors import QueryError
+from ..inverse.closed_form import ClosedForm
 from ..inverse.newton import Newton, Positions
-from ..inverse.pose import TOLERANCE, Joints, Poses, pose_branches
+from ..inverse.pose import TOLERANCE, Joints, Poses, refined_ways, searched_ways
+from ..inverse.settings import SEARCH
 from ..inverse.solver import free_directions
 from ..inverse.starts import drawn
 from .parts import Parts
 
-_BESIDE = 0.1  # [rad or m]: joints so near are an answer, without a look at other branches
 _STEPS = 40  # of a search whose residual stays
 #: A pose or a position counts as reached within this share of the arm's length.
 REACHED = 1e-6
 _STARTS = 64  # joints from which what was missed is tried again
 _LENS = 30  # iterations of a lens turned round
-_FAMILIES = 4  # ways of more than six joints to a pose that are told
+_FAMILIES = 4  # ways of redundant joints to a pose that are told
+_ASIDE = 0.1  # [rad] by which the drawing's joints may lie beyond the limits
 
 _Belief = TypeVar("_Belief", Body, Second)
 
@@ -89,11 +92,19 @@ class Space:
         body = self.body if size else _in_base(self.model.body, size=False) or self.body
         return body.bound(np.atleast_2d(np.asarray(q, dtype=float)), noise=False)
 
-    def free(self, q: Array, rows: int) -> Array:
-        """Directions (k, dof) that leave the answer at q (dof,); `rows` is 3, or 6 for a pose."""
-        jacobian = self.evaluate(q[None])[2][0, :rows].copy()
-        jacobian[:3] /= self.length
-        return free_directions(jacobian)
+    def free(self, q: Array, *, posed: bool, axis: int | None = None) -> Array:
+        """Directions (k, dof) that leave the position, or the pose, of joints (dof,) as it is.
+
+        Of a pose the turn about an axis of the tip may be left open.
+        """
+        _, rotation, jacobian = self.evaluate(q[None])
+        moves = jacobian[0, :3] / self.length
+        if not posed:
+            return free_directions(moves)
+        turns = jacobian[0, 3:]
+        if axis is not None:
+            turns = np.delete(rotation[0].T @ turns, axis, axis=0)
+        return free_directions(np.concatenate([moves, turns]))
 
     # What its sensor sees.
 
@@ -185,36 +196,123 @@ class Space:
         self._again(newton, u, distance, p, wish)
         return self._scale.from_unit(u)
 
-    def at_poses(self, p: Array, r: Array, near: Array, *, every: bool = False) -> list[Array]:
-        """Joints (k, dof) for each pose (n, 3), (n, 3, 3) of the base frame, the nearest first.
+    def at_poses(self, p: Array, r: Array, near: Array, free: int | None = None) -> Array:
+        """Joints (n, dof) nearest to `near` (n, dof) for poses (n, 3), (n, 3, 3) of the base frame.
 
-        One of each, or `every` branch.  Where none reaches it, the one that comes nearest; of the
-        infinitely many of an arm of more than six joints the nearest to `near` (n, dof).
+        Where none reaches a pose, those that come nearest.  A turn about an axis of the tip, `free`
+        0 to 2, may be left open.
         """
-        newton, scale, wish = self._posing, self._scale, self._unit(near)
-        target, spare = Poses.target(p, r), wish.shape[1] > 6
-        u, left = newton.refine(wish, target, 1e-3 * TOLERANCE)
-        moved = np.abs(scale.difference(u, wish) * scale.span).max(axis=1)
-        beside = (left <= TOLERANCE * self.length) & (moved <= _BESIDE) & (not spare)
-        alone = np.flatnonzero(~beside | every)
-        about = self.model.about
-        joints = Joints(about.lower, about.upper, about.revolute)
-        branches = pose_branches(
-            self.evaluate, p[alone], r[alone], joints, self.length, starts=near[alone]
-        )
-        others = {}
-        for i, rows in zip(alone.tolist(), branches, strict=True):
-            v = scale.to_unit(rows)
-            order = np.argsort(np.linalg.norm(scale.difference(v, wish[i]), axis=1), kind="stable")
-            others[i] = v = v[order[: _FAMILIES if spare else None]]
-            own, owner = slice(i, i + 1), np.zeros(len(v), dtype=np.intp)
-            found = newton.settle(v, target[own][owner], wish[own][owner])
-            newton.take_better(u[own], left[own], wish[own], owner, *found)
+        kernel = self.model.kernel
+        if kernel is not None and kernel.poses:
+            closed = self._closed is not None and free is None
+            rows = (*self.to_sensor(p, r), near)
+            q, sure = kernel.inverse_poses(*rows, _axis(free), far=not closed)
+            rest = np.flatnonzero(sure != 1)
+            if not closed:
+                rest = np.flatnonzero(sure == 0)
+        else:
+            newton, target, wish = self._asked(p, r, near, free)
+            u, left = newton.refine(wish, target, 1e-3 * TOLERANCE)
+            q = self._scale.from_unit(u)
+            away = np.linalg.norm(self._scale.difference(u, wish), axis=1)
+            spare = wish.shape[1] > _residuals(free)
+            unsure = (away > SEARCH.surely) | spare
+            rest = np.flatnonzero((left > TOLERANCE * self.length) | unsure)
+        if len(rest):
+            q[rest] = self._far_poses(p[rest], r[rest], near[rest], free, q[rest])
+        return q
+
+    def _far_poses(self, p: Array, r: Array, near: Array, free: int | None, beside: Array) -> Array:
+        """The nearest of all ways to poses; `beside` (n, dof) where they lead to none."""
+        newton, target, wish = self._asked(p, r, near, free)
+        ways = self._ways(p, r, near, free)
+        owner = np.repeat(np.arange(len(p)), [len(rows) for rows in ways])
+        u = self._unit(np.where(np.isfinite(beside), beside, near))
+        left = np.linalg.norm(newton.task.gap(target, newton.task.value_and_slope(u)[0]), axis=1)
+        if len(owner):
+            v = self._scale.to_unit(np.concatenate(ways))
+            v, left_there = newton.settle(v, target[owner], wish[owner])
+            newton.take_better(u, left, wish, owner, v, left_there)
         self._again(newton, u, left, target, wish)
-        nearest = [row[None] for row in scale.from_unit(u)]
-        if not every:
-            return nearest
-        return [scale.from_unit(others[i]) if len(others[i]) else q for i, q in enumerate(nearest)]
+        return self._scale.from_unit(u)
+
+    def branches(self, p: Array, r: Array, near: Array, free: int | None = None) -> list[Array]:
+        """Joints (k, dof) of every way to poses (n, 3), (n, 3, 3) of the base frame, nearest first.
+
+        Where none reaches a pose, those that come nearest; of the infinitely many of redundant
+        joints some that are near to `near` (n, dof).
+        """
+        newton, target, wish = self._asked(p, r, near, free)
+        spare = wish.shape[1] > _residuals(free)
+        answers = []
+        for i, rows in enumerate(self._ways(p, r, near, free)):
+            u = self._scale.to_unit(rows)
+            away = np.linalg.norm(self._scale.difference(u, wish[i]), axis=1)
+            order = np.argsort(away, kind="stable")
+            if spare:
+                order = order[:_FAMILIES]
+                target_i = np.repeat(target[i : i + 1], len(order), axis=0)
+                wish_i = np.repeat(wish[i : i + 1], len(order), axis=0)
+                u[order] = newton.settle(u[order], target_i, wish_i)[0]
+            answers.append(self._scale.from_unit(u[order]))
+        lost = np.array([i for i, rows in enumerate(answers) if not len(rows)], dtype=np.intp)
+        if len(lost):
+            u, left = newton.refine(wish[lost], target[lost], 1e-3 * TOLERANCE)
+            self._again(newton, u, left, target[lost], wish[lost])
+            for i, q in zip(lost.tolist(), self._scale.from_unit(u), strict=True):
+                answers[i] = q[None]
+        return answers
+
+    def _ways(self, p: Array, r: Array, near: Array, free: int | None) -> list[Array]:
+        """Joints (k, dof) of every way to poses, none where nothing reaches them."""
+        starts = np.zeros((len(p), 0, near.shape[1]))
+        closed = self._closed is not None and free is None
+        if closed:
+            starts = self._closed_starts(p, r)
+        spare = near.shape[1] > _residuals(free)
+        kernel = self.model.kernel
+        if kernel is not None and kernel.poses and not spare:
+            q, count = kernel.inverse_poses_all(*self.to_sensor(p, r), starts, _axis(free))
+            return [rows[:k] for rows, k in zip(q, count.tolist(), strict=True)]
+        newton, target, _ = self._asked(p, r, near, free)
+        if closed:
+            owner, u = refined_ways(newton, target, self._scale.to_unit(starts), self.length)
+            q = self._scale.from_unit(u)
+            edges = np.searchsorted(owner, np.arange(len(p) + 1)).tolist()
+            return [q[a:b] for a, b in itertools.pairwise(edges)]
+        arm = (self.evaluate, target, self._ranges, self.length)
+        return searched_ways(*arm, free=free, starts=near)
+
+    def _closed_starts(self, p: Array, r: Array) -> Array:
+        """Starts (n, 8, 6) of poses by the drawing's closed form; NaN beyond the limits."""
+        assert self._closed is not None  # noqa: S101
+        structure: Any = self.body.structure
+        groups, beta = structure.groups, self.body.beta
+        values = self._closed.joints(p, r)
+        q = (values - beta[groups["offset"]]) / beta[groups["gain"]]
+        q, inside = self._ranges.within(q, _ASIDE)
+        return np.where(inside[..., None], q, np.nan)
+
+    def _asked(
+        self, p: Array, r: Array, near: Array, free: int | None
+    ) -> tuple[Newton, Array, Array]:
+        """The search of poses, its targets (n, 12) and what is wished for (n, dof)."""
+        newton = self._posing
+        if free is not None:
+            task = Poses(self.evaluate, self._scale, self.length, free)
+            newton = Newton(task, self._scale, self.length)
+        return newton, Poses.target(p, r), self._unit(near)
+
+    @cached_property
+    def _closed(self) -> ClosedForm | None:
+        """The closed form of the drawing, where it has one."""
+        structure: Any = self.body.structure
+        return ClosedForm.of(structure.chain)
+
+    @cached_property
+    def _ranges(self) -> Joints:
+        about = self.model.about
+        return Joints(about.lower, about.upper, about.revolute)
 
     def _again(self, newton: Newton, u: Array, left: Array, target: Array, wish: Array) -> None:
         """Answers that missed their target, tried from all over the ranges; in place."""
@@ -242,6 +340,16 @@ class Space:
     @cached_property
     def _posing(self) -> Newton:
         return Newton(Poses(self.evaluate, self._scale, self.length), self._scale, self.length)
+
+
+def _residuals(free: int | None) -> int:
+    """Number of residuals of a pose."""
+    return 6 if free is None else 5
+
+
+def _axis(free: int | None) -> int:
+    """A free axis as the C source has it."""
+    return -1 if free is None else free
 
 
 def _undistorted(seen: Array, lens: Array) -> Array:

@@ -18,6 +18,11 @@ _OTHERS = {"time", "timestamp", "picture", "episode", "x", "y", "z", "qx", "qy",
 _TURNS = 4.0 * np.pi  # [rad]; joints that go beyond two turns are taken for degrees
 
 
+def joint_columns(header: Sequence[str]) -> tuple[str, ...]:
+    """Return the columns of a table that are not a time, a picture or a position."""
+    return tuple(name for name in header if name.lower() not in _OTHERS)
+
+
 @dataclass(frozen=True, eq=False)
 class JointTable:
     """Joints as they were recorded; rows with a missing value are left out, and counted."""
@@ -46,8 +51,7 @@ def read_joints(
     """
     source = open_source(path)
     told = [name for name in ("time", "episode") if name in source.header]
-    others = [name for name in source.header if name.lower() not in _OTHERS]
-    names = list(others if joints is None else joints)
+    names = list(joint_columns(source.header) if joints is None else joints)
     values = source.numbers([*names, *told])[0]
     about, values = dict(zip(told, values[:, len(names) :].T, strict=True)), values[:, : len(names)]
     if joints is None:

@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from ..arm.arm import SpatialArm
 from ..body.fit import Fit
+from ..body.fitting import BodyFit
 from ..body.parameters import Prior
 from ..body.rows import together
 from ..body.settings import STUDENT
+from ..body.size import DRAWN_SIZE, size_of, with_size
 from ..body.spatial import SpatialStructure, structure_of
 from ..body.touch import fit_touches, restated, touching
-from ..common.arrays import Array, Index
+from ..common.arrays import Array, Index, Mask
 from ..errors import LogError
 from ..model.model import Model
 from ..samples.samples import Samples
@@ -33,6 +35,8 @@ _ALIKE = 0.05  # joints that moved less in each socket [rad or m] tell nothing o
 # What may have changed since, and by how much: a servo put on anew, a bent tip, origins [rad or m]
 _FREED = {"offset": np.radians(2.0), "tool": 5e-3, "placement": 2e-3}
 _NATS = 5.0  # of evidence for a change
+_CLEARLY = 3.0  # sds by which two sizes of an arm have to differ
+_MOST_DOUBT = 0.05  # relative; no drawing is further from its arm's size
 _GAUGE = 1e-6  # [m or rad] of what no touch tells, and of what a belief holds for exact
 _BASE = (
     "no touch tells where the base stands and how it is turned about the first axis: both stay as "
@@ -42,6 +46,17 @@ _SIZE = (
     "touches alone do not tell how large the arm is: its size stays as drawn; state the distance "
     "of two points, as in `distance='A,B=50mm'`"
 )
+
+
+@dataclass(frozen=True, eq=False)
+class Sockets:
+    """An arm that was fitted to its touches."""
+
+    fit: BodyFit
+    points: Array  # (p, 3) [m], where the sockets are
+    used: Mask  # (n,), rows that are in theirs
+    tip: Array  # (n, 3) [m], where the arm has its tip
+    scatter: float  # [m], median distance of tips from their sockets
 
 
 def fit_sockets(samples: Samples, seed: int) -> tuple[Samples, SmoothPart, list[str]]:
@@ -60,6 +75,40 @@ def fit_sockets(samples: Samples, seed: int) -> tuple[Samples, SmoothPart, list[
     touched = touch.number >= 0
     base_is_measured = not touched.all()
     structure = structure_of(arm, "rigid" if base_is_measured else "base")
+    sockets = _fit_sound_touches(samples, touch, structure, seed)
+    sizes: list[str] = []
+    if not base_is_measured and _sizes_disagree(sockets, touch):
+        drawn = replace(touch, known=tuple(fact for fact in touch.known if fact.value is None))
+        by_drawing = _fit_sound_touches(samples, drawn, structure, seed)
+        words, doubt = _sizes(by_drawing, touch)
+        if words:
+            sizes = [words]
+            sockets = by_drawing
+        if words and doubt <= _MOST_DOUBT:
+            sockets = _of_doubtful_size(sockets, doubt / 1.96)
+    sized = base_is_measured or any(fact.value is not None for fact in touch.known)
+    if not sized:
+        sockets = _of_doubtful_size(sockets, DRAWN_SIZE)
+    fit, points, used, tip = sockets.fit, sockets.points, sockets.used, sockets.tip
+    scatter = sockets.scatter
+    if scatter > NO_ARM * arm.chain.reach:
+        raise LogError(
+            f"no arm explains the touches: the tips scatter by {1e3 * scatter:.3g} mm about their "
+            "sockets (median); check the joints' order and unit, the tip, and the points' names"
+        )
+    notes = sizes + _stray_words(samples, touch, np.flatnonzero(~used), tip, points, scatter)
+    if not base_is_measured:
+        notes.append(_BASE)
+        if not sized:
+            notes.append(_SIZE)
+    samples = replace(samples, x=_placed(samples, touch, points)).take(used)
+    return samples, SmoothPart.of(samples, fit, np.arange(len(samples))), notes
+
+
+def _fit_sound_touches(
+    samples: Samples, touch: Touches, structure: SpatialStructure, seed: int
+) -> Sockets:
+    """Fit arm and sockets to the rows that are in theirs."""
     used = np.ones(len(samples), dtype=bool)
     points = np.full((len(touch.sockets), 3), np.nan)
     for attempt in range(_ATTEMPTS):
@@ -81,19 +130,64 @@ def fit_sockets(samples: Samples, seed: int) -> tuple[Samples, SmoothPart, list[
         if (sound == used).all() or sound.mean() < 1 - _MOST or attempt == _ATTEMPTS - 1:
             break
         used = sound
-    scatter = float(np.median(distance[used & touched]))
-    if scatter > NO_ARM * arm.chain.reach:
-        raise LogError(
-            f"no arm explains the touches: the tips scatter by {1e3 * scatter:.3g} mm about their "
-            "sockets (median); check the joints' order and unit, the tip, and the points' names"
-        )
-    notes = _stray_words(samples, touch, np.flatnonzero(~used), tip, points, scatter)
-    if not base_is_measured:
-        notes.append(_BASE)
-        if all(fact.value is None for fact in touch.known):
-            notes.append(_SIZE)
-    samples = replace(samples, x=_placed(samples, touch, points)).take(used)
-    return samples, SmoothPart.of(samples, fit, np.arange(len(samples))), notes
+    scatter = float(np.median(distance[used & (touch.number >= 0)]))
+    return Sockets(fit, points, used, tip, scatter)
+
+
+def _of_doubtful_size(sockets: Sockets, sd: float) -> Sockets:
+    """Return the fit of an arm whose size is known to a relative `sd` alone."""
+    return replace(sockets, fit=replace(sockets.fit, body=with_size(sockets.fit.body, sd)))
+
+
+def _ratios(sockets: Sockets, touch: Touches) -> Array:
+    """Return stated distances of sockets over fitted ones, and the sd of each, (k, 2)."""
+    ratios = []
+    for fact in touch.known:
+        if fact.value is None:
+            continue
+        ends = sockets.points[list(fact.points)]
+        fitted = float(np.linalg.norm(ends[0] - ends[1]))
+        if np.isfinite(fitted) and fitted > 0:
+            doubt = np.hypot(fact.tolerance, sockets.scatter)
+            ratios.append((fact.value / fitted, doubt / fitted))
+    return np.reshape(ratios, (-1, 2))
+
+
+def _sizes_disagree(sockets: Sockets, touch: Touches) -> bool:
+    """Whether stated distances stretch the arm beyond its drawing, or are not met at all."""
+    ratios = _ratios(sockets, touch)
+    if not len(ratios):
+        return False
+    stretched = abs(size_of(sockets.fit.body) - 1.0) > _CLEARLY * DRAWN_SIZE
+    missed = np.abs(ratios[:, 0] - 1.0) > _CLEARLY * ratios[:, 1]
+    return bool(stretched or missed.any())
+
+
+def _sizes(by_drawing: Sockets, touch: Touches) -> tuple[str, float]:
+    """Return what drawing and stated distances say of the arm's size, and how far they are apart.
+
+    The words are empty where both may be true.
+    """
+    ratios = _ratios(by_drawing, touch)
+    weights = ratios[:, 1] ** -2.0
+    ratio = float(ratios[:, 0] @ weights / weights.sum())
+    sd = float(weights.sum() ** -0.5)
+    apart = abs(ratio - 1.0)
+    if apart <= _CLEARLY * float(np.hypot(sd, DRAWN_SIZE)):
+        return "", 0.0
+    fact = next(fact for fact in touch.known if fact.value is not None)
+    value = fact.value or 0.0
+    drawn = value / ratio
+    names = " and ".join(" ".join(touch.sockets[k]).strip() for k in fact.points)
+    widened = "bounds contain both"
+    if apart > _MOST_DOUBT:
+        widened = "no drawing is so far off, so the distance is left out"
+    words = (
+        f"the size of the arm: {names} are said to be {1e3 * value:.4g} mm apart, by the drawing's "
+        f"size they are {1e3 * drawn:.4g} +- {1.96e3 * drawn * np.hypot(sd, DRAWN_SIZE):.2g} mm: "
+        f"one of the two is wrong by {100 * apart:.2g} %; the drawing's is taken, and {widened}"
+    )
+    return words, apart
 
 
 def _refuse_alike(samples: Samples, touch: Touches) -> None:

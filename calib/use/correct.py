@@ -6,7 +6,7 @@ Use it on what a controller that trusts its URDF is about to command.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial, reduce
 from typing import Any
 
@@ -20,7 +20,7 @@ from ..body.settings import SHARED
 from ..common.arrays import Array, frozen
 from ..common.rows import checked_rows, each_joint
 from ..common.scale import TURN
-from ..errors import QueryError
+from ..errors import OptionError, QueryError
 from ..model.answers import anchor, joints_and_reach
 from ..model.model import Model
 from ..model.nominal import (
@@ -59,6 +59,7 @@ class _Wanted:
 
     target: Callable[[Array], Array]  # of joint values (n, dof), positions (n, m)
     free: bool = False  # whether the sensor's frame was fitted
+    keeps_turn: bool = True  # whether a tool's orientation is kept where the arm can
     drawn: Array | None = None  # (d,), of a body in space its nominal arm's behind a fitted frame
     # where more than what the sensor reads has to be met: the tool's pose, or before a camera,
     # whose pixel does not say how far away the tip is, its place
@@ -67,7 +68,8 @@ class _Wanted:
     @property
     def posed(self) -> bool:
         """Whether the tool's orientation is kept."""
-        return self.space is not None and len(self.space.model.about.lower) >= _POSED
+        dof = 0 if self.space is None else len(self.space.model.about.lower)
+        return self.keeps_turn and dof >= _POSED
 
     def pose(self, q: Array) -> tuple[Array, Array]:
         """Place (n, 3) and orientation (n, 3, 3) of the nominal tool in the base frame."""
@@ -92,13 +94,17 @@ class Corrected:
 
     @cached_property
     def q(self) -> Array:
-        """What to command (n, dof) [rad or m]; NaN where the real arm cannot get there."""
-        return np.where(self.reachable[:, None], self.nearest, np.nan)
+        """What to command (n, dof) [rad or m].
+
+        NaN where the real arm cannot get there, or a joint would change by more than the limit.
+        """
+        answered = self.reachable & ~self.exceeded
+        return np.where(answered[:, None], self.nearest, np.nan)
 
     @cached_property
     def change(self) -> Array:
-        """Corrected minus given (n, dof) [rad or m]; NaN where there is no answer."""
-        return self.q - self.given
+        """Corrected minus given (n, dof) [rad or m], beyond the limit, too; NaN out of reach."""
+        return np.where(self.reachable[:, None], self.nearest - self.given, np.nan)
 
     @cached_property
     def exceeded(self) -> NDArray[np.bool_]:
@@ -160,7 +166,7 @@ class Corrected:
 
 def correct(
     model: Model, q: ArrayLike, *, limit: ArrayLike | None = None, view: str = "auto",
-    cause: str = "sensor",
+    cause: str = "sensor", orientation: str = "keep",
 ) -> Corrected:  # fmt: skip
     """Compensate for what the nominal kinematics do not know.
 
@@ -185,8 +191,14 @@ def correct(
     cause : {"sensor", "joints"}
         A sensor that turned about the first joint and an offset of that joint look the same.
         "joints" says that the sensor stayed, so that the offset is compensated.
+    orientation : {"keep", "free"}
+        "free" gives the position alone with six joints or more, too: near a singularity of the
+        wrist the pose cannot be had.
     """
-    if model.kernel is not None and limit is None and view == "auto" and cause == "sensor":
+    if orientation not in ("keep", "free"):
+        raise OptionError(f"orientation {orientation!r}: expected 'keep' or 'free'")
+    usual = limit is None and view == "auto" and cause == "sensor" and orientation == "keep"
+    if model.kernel is not None and usual:
         quick = _quick(model, q)
         if quick is not None:
             return quick
@@ -195,7 +207,10 @@ def correct(
     check_joint_values(
         rows, about.joint_names, about.lower, about.upper, about.revolute, error=QueryError
     )
-    nearest, reachable = _solved(model, wanted := _wanted(model, view, cause), rows)
+    wanted = _wanted(model, view, cause)
+    if orientation == "free":
+        wanted = replace(wanted, keeps_turn=False)
+    nearest, reachable = _solved(model, wanted, rows)
     if limit is None:
         limits = usual_limit(model, view, cause)
     else:
@@ -330,5 +345,5 @@ def _wanted(model: Model, view: str, cause: str) -> _Wanted:
     def target(q: Array) -> Array:
         return reduce(lambda x, frame: frame.apply(x), moved, predict(q))
 
-    found = model.remembered[key] = _Wanted(target, free, drawn, space)
+    found = model.remembered[key] = _Wanted(target, free, drawn=drawn, space=space)
     return found

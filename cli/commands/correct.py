@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from typer import Option
 
@@ -22,6 +22,9 @@ def correct(
     ] = None,
     view: opt.LogView = "auto",
     cause: opt.FrameOrJoints = "sensor",
+    orientation: Annotated[
+        Literal["keep", "free"], Option("--orientation", help="Of six joints: the tool's turn.")
+    ] = "keep",
     input_: opt.Input = None,
     columns: opt.Columns = None,
     output: opt.Output = None,
@@ -48,11 +51,10 @@ def correct(
     batch, valid = query.read(joints.names)
     factors = np.array(joints.typed)
     most: Any = None if limit is None else limit / factors
-    found = calib.correct(loaded, batch.values[valid] / factors, limit=most, view=view, cause=cause)
+    how: dict[str, Any] = {"view": view, "cause": cause, "orientation": orientation}
+    found = calib.correct(loaded, batch.values[valid] / factors, limit=most, **how)
     say(found.notes)
     table = dict(zip(joints.names, (found.q * factors).T, strict=True))
-    for column in table.values():
-        column[found.exceeded] = np.nan
     table |= dict(zip(loaded.axes, found.target.T, strict=True))
     told = fields(found, "distance expected_error reachable angle placement_error")
     table |= {name: column for name, column in told.items() if column is not None}  # in space

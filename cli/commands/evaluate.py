@@ -5,13 +5,17 @@ from __future__ import annotations
 import time
 from typing import TYPE_CHECKING, Annotated, Literal, get_args
 
+from typer import Option
+
 from .. import options as opt
 from ..output import Outcome, fields, say, sized
+from ..parsing import BadOption
 from ..samples import Compared, Sockets, log_of
 from ..summary import accuracy, advice, answers_back, does_not_hold, error_table, summary
 
 if TYPE_CHECKING:
-    from calib import Evaluation
+    from calib import Evaluation, Model, Samples
+    from calib.use.iso9283 import Iso9283
 
 
 FrameWord = Literal["kept", "free"]
@@ -30,6 +34,9 @@ def evaluate(
     frame: Annotated[
         FrameWord, opt.word("--frame", FRAMES, "free: the sensor's frame is found anew.")
     ] = "kept",
+    iso: Annotated[
+        bool, Option("--iso9283", help="Accuracy and repeatability of poses, too.")
+    ] = False,
     as_json: opt.Json = False,
     verbose: opt.Verbose = False,
     quiet: opt.Quiet = False,
@@ -49,6 +56,10 @@ def evaluate(
     document = summary(loaded, model, result.errors, seconds)
     document["evaluated"] = fields(result, "source rows left_out")
     document["left_out"] = result.left_out
+    standard = _iso9283(loaded, log) if iso else None
+    if standard is not None:
+        document["iso9283"] = standard.to_json()
+        say(standard.notes)
     missed = [] if log is None else does_not_hold(result.within, result.rows)
     limit = missed or advice(loaded, result.errors)
     if result.touch:
@@ -60,7 +71,27 @@ def evaluate(
         answers_back(loaded, result.errors),
         *limit,
     ]
+    if standard is not None:
+        lines.append(_standard_line(standard))
     return Outcome(document, lines, [error_table(loaded, result.errors, f"errors on {tested}")])
+
+
+def _iso9283(model: Model, log: Samples | None) -> Iso9283:
+    """Return the figures of ISO 9283 of a log that went to poses again."""
+    from calib.use.iso9283 import iso9283
+
+    if log is None:
+        raise BadOption("--iso9283 is of a log with repeated poses: expected --data LOG too")
+    return iso9283(model, log)
+
+
+def _standard_line(standard: Iso9283) -> str:
+    unit = standard.unit
+    line = f"ISO 9283: RP {sized(standard.repeatability, unit)}, AP "
+    if standard.delivered is not None:
+        line += f"{sized(standard.delivered, unit)} as delivered, "
+    line += f"{sized(standard.corrected, unit)} as corrected"
+    return f"{line} (worst of {len(standard.poses)} poses)"
 
 
 def _scatter(result: Evaluation) -> str:

@@ -48,6 +48,10 @@ def export(
     mjcf: Annotated[
         str | None, Option("--mjcf", metavar="FILE.xml", help="Bodies, joints, tip for MuJoCo.")
     ] = None,
+    ros2: Annotated[
+        str | None, Option("--ros2", metavar="FOLDER", help="A ROS 2 package that runs the model.")
+    ] = None,
+    free: opt.Free = "all",
     as_json: opt.Json = False,
     verbose: opt.Verbose = False,
     quiet: opt.Quiet = False,
@@ -58,9 +62,10 @@ def export(
 
     wanted = {"output": output, "camera": camera, "transform": transform, "ur": ur, "mjcf": mjcf}
     paths = {name: path for name, path in wanted.items() if path is not None}
-    if not paths:
+    if not paths and ros2 is None:
         raise BadOption(
-            "nothing to write: expected -o FILE.h, --camera, --transform, --ur or --mjcf FILE"
+            "nothing to write: expected -o FILE.h, --camera, --transform, --ur or --mjcf FILE, or "
+            "--ros2 FOLDER"
         )
     endings = _ENDINGS if lerobot is None else {**_ENDINGS, "output": (".json",)}
     for name, path in paths.items():
@@ -74,7 +79,7 @@ def export(
     if lerobot is not None and output is None:
         raise BadOption("--lerobot needs -o NEW.json, where the corrected calibration goes")
     if {lerobot, ur, mjcf} != {None}:
-        corrected, document["offsets"] = formats.corrected_arm(loaded)
+        corrected, document["offsets"] = formats.corrected_arm(loaded, drawn=free == "offsets")
         if ur is not None:
             made["ur"] = ur_kinematics(corrected, loaded.about.tip), "kinematics of a UR"
         if mjcf is not None:
@@ -97,4 +102,10 @@ def export(
         ascii_alone = name == "output" and lerobot is None
         atomic_write(paths[name], text.encode(*(("ascii", "replace") if ascii_alone else ())))
     lines = [f"{path}: {made[name][1]}" for name, path in paths.items()]
+    if ros2 is not None:
+        from calib.use.ros2 import write_ros2_package
+
+        files = write_ros2_package(loaded, ros2)
+        document["ros2"] = ros2
+        lines.append(f"{ros2}: a ROS 2 package of {len(files)} files")
     return Outcome(document | paths, lines)

@@ -10,7 +10,7 @@ from calib.common.choices import EYES, Eye
 
 from .. import options as opt
 from ..output import Outcome, fields, say
-from ..parsing import TABLES, BadOption, check_file, not_negative, reals, whole
+from ..parsing import TABLES, BadOption, check_file, not_negative, number, reals, whole
 from ..samples import Compared, Logged, Selection, log_for, refuse
 from ..samples import measured_samples as measured
 from ..units import JointFormat, in_si
@@ -45,6 +45,12 @@ def plan(
     columns: opt.Columns = None,
     touch: Annotated[
         Any, Option("--touch", metavar="X,Y,Z", parser=reals, help="A point of the base frame [m].")
+    ] = None,
+    above: Annotated[
+        float | None,
+        Option(
+            "--above", metavar="Z", parser=number, help="Stay above this height of the base [m]."
+        ),
     ] = None,
     handeye: Annotated[
         bool, Option("--handeye", help="A camera sees --board in all poses.")
@@ -108,6 +114,7 @@ def plan(
         touch=touch,
         handeye=board or (True if handeye else None),
         eye=eye or "hand",
+        above=above,
     )
     say(found.notes)
     names = shown.names

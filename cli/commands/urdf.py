@@ -26,6 +26,7 @@ def urdf(
     cause: opt.FrameOrJoints = "sensor",
     move_base: Annotated[bool, Option("--move-base", help="Fit the first joint's place.")] = False,
     move_tip: Annotated[bool, Option("--move-tip", help="The tip is sensed, no probe.")] = False,
+    free: opt.Free = "all",
     as_json: opt.Json = False,
     verbose: opt.Verbose = False,
     quiet: opt.Quiet = False,
@@ -44,7 +45,14 @@ def urdf(
     check_file(output, (".urdf", ".xml"))
     loaded = calib.load(model)
     check_output(output, loaded.about.urdf)
-    geometry = fit_geometry(loaded, view=view, cause=cause, move_base=move_base, move_tip=move_tip)
+    geometry = fit_geometry(
+        loaded,
+        view=view,
+        cause=cause,
+        move_base=move_base,
+        move_tip=move_tip,
+        drawn=free == "offsets",
+    )
     explained = geometry.residual <= MOST_UNEXPLAINED * geometry.reach
     if explained:
         atomic_write(output, corrected_urdf(geometry).encode())

@@ -7,7 +7,7 @@ from calib.arm.loading import load_arm
 from calib.arm.rotations import exponential, logarithm
 from calib.common.scale import Scale
 from calib.inverse.newton import Newton, Positions
-from calib.inverse.pose import Joints, pose_branches
+from calib.inverse.pose import Joints, Poses, searched_ways
 from calib.model.space import Space
 
 
@@ -22,6 +22,12 @@ def joints_of(arm):
     return Joints(arm.lower, arm.upper, arm.revolute)
 
 
+def apart(joints, a, b):
+    """Largest distance of any joint between rows (n, dof) and b (dof,); turns wrap."""
+    scale = joints.turning
+    return np.abs(scale.difference(scale.to_unit(a), scale.to_unit(b)) * scale.span).max(axis=1)
+
+
 def rows(arm, n, seed=0):
     return np.random.default_rng(seed).uniform(arm.lower, arm.upper, (n, arm.dof))
 
@@ -32,18 +38,20 @@ def test_every_branch_of_the_closed_form_is_found_and_none_is_invented():
     missed = known = 0
     q = rows(arm, 12, 5)
     places, turns = arm.chain.poses(q)
-    for k, found in enumerate(pose_branches(evaluate, places, turns, joints, arm.chain.reach)):
+    target = Poses.target(places, turns)
+    searched = searched_ways(evaluate, target, joints, arm.chain.reach)
+    for k, found in enumerate(searched):
         expected, inside = joints.within(closed_form(places[k], turns[k], arm.chain.rotation))
         expected = expected[inside]
-        assert joints.apart(expected, q[k]).min() < 1e-6  # the closed form itself is right
+        assert apart(joints, expected, q[k]).min() < 1e-6  # the closed form itself is right
         reached, turned = arm.chain.poses(found)
         assert np.abs(reached - places[k]).max() < 1e-8
         assert np.abs(turned - turns[k]).max() < 1e-7
         assert (found >= arm.lower).all()
         assert (found <= arm.upper).all()
         known += len(expected)
-        missed += sum(joints.apart(found, each).min() > 1e-4 for each in expected)
-        assert all(joints.apart(expected, each).min() < 1e-4 for each in found)
+        missed += sum(apart(joints, found, each).min() > 1e-4 for each in expected)
+        assert all(apart(joints, expected, each).min() < 1e-4 for each in found)
     assert known > 40
     assert missed == 0
 
@@ -53,9 +61,10 @@ def test_a_pose_has_the_same_branches_alone_and_among_others_and_out_of_reach_no
     places, turns = arm.chain.poses(rows(arm, 3, 8))
     places[1] = (2.0, 0.0, 0.0)
     evaluate, joints = evaluate_of(arm), joints_of(arm)
-    together = pose_branches(evaluate, places, turns, joints, 1.0, seed=3)
+    target = Poses.target(places, turns)
+    together = searched_ways(evaluate, target, joints, 1.0, seed=3)
     assert [len(found) > 0 for found in together] == [True, False, True]
-    (alone,) = pose_branches(evaluate, places[2:], turns[2:], joints, 1.0, seed=3)
+    (alone,) = searched_ways(evaluate, target[2:], joints, 1.0, seed=3)
     np.testing.assert_allclose(alone, together[2], atol=1e-12)
 
 

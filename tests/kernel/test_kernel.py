@@ -102,8 +102,11 @@ def test_one_inverse_reaches_its_target_on_the_nearest_branch(kind, away):
         there, here = scale.to_unit(found[known]), scale.to_unit(near[known])
         return np.linalg.norm(scale.difference(there, here), axis=1)
 
-    slack = 2e-2 if spare else 1e-6  # spare joints slide until a step is a small share of the range
-    assert (far(alone) <= far(together) + slack).mean() > 0.98
+    further = far(alone) - far(together)
+    if spare:  # of infinitely many ways both find one that is near
+        assert further.mean() < 0.05
+    else:
+        assert (further <= 1e-6).all()
 
 
 @needs_compiler

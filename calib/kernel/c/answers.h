@@ -73,8 +73,31 @@ static inline int calib_pose(const calib_real q[CALIB_DOF], calib_real *x, calib
     return 0;
   }
   calib_wrapped(q, inside);
-  calib_chain(&calib_body, inside, p, own, 0, 0);
+  calib_chain(&@placing@, inside, p, own, 0, 0);
   for (i = 0; i < 9; ++i) R[i] = calib_aim[i];
   calib_times(R, own);
   return 1;
+}
+
+/* Quaternion x, y, z, w of a rotation, with w >= 0: of four formulas (Shepperd 1978) the one that
+ * divides by most. */
+static inline void calib_quaternion(const calib_real R[9], calib_real q[4]) {
+  const calib_real four[4] = {1 + R[0] - R[4] - R[8], 1 - R[0] + R[4] - R[8],
+                              1 - R[0] - R[4] + R[8], 1 + R[0] + R[4] + R[8]};
+  calib_real size = 0;
+  int best = 0, i, j, k;
+  for (i = 1; i < 4; ++i)
+    if (four[i] > four[best]) best = i;
+  for (i = 0; i < 3; ++i) {
+    j = (i + 1) % 3;
+    k = (i + 2) % 3;
+    q[i] = best == 3 ? R[3 * k + j] - R[3 * j + k] : i == best ? four[i]
+                                                               : R[3 * i + best] + R[3 * best + i];
+  }
+  j = (best + 1) % 3;
+  k = (best + 2) % 3;
+  q[3] = best == 3 ? four[3] : R[3 * k + j] - R[3 * j + k];
+  for (i = 0; i < 4; ++i) size += q[i] * q[i];
+  size = q[3] < 0 ? -sqrt(size) : sqrt(size);
+  for (i = 0; i < 4; ++i) q[i] /= size;
 }

@@ -1,23 +1,21 @@
-/* What Python calls: joints at b, what is asked from b + 16 on, four numbers each, answers from
- * b + 32 on.  1 is a sure answer, 0 is left to the batch, 3 is the sure answer that nothing
- * reaches a position. */
+
+/* What Python calls.  Of single queries joints are at b, what is asked from b + 16 on, four numbers
+ * each, answers from b + 32 on.  1 is a sure answer, 0 and 2 are left to the batch, 3 is the sure
+ * answer that nothing reaches a position. */
 #define CALLED __attribute__((visibility("default")))
 CALLED int called_forward(double *b) { return calib_forward(b, b + 32); }
 CALLED int called_jacobian(double *b) { return calib_jacobian(b, b + 32); }
 CALLED int called_bounds(double *b) { return calib_expected_error(b, b + 32); }
 CALLED int called_model_bounds(double *b) { return calib_model_error(b, b + 32); }
-CALLED int called_inverse(double *b) {
-  calib_task task;
-  double best[CALIB_DOF], left, bound, most = @sure@ * @extent@;
-  int i, found;
-  task.kind = 0;
-  for (i = 0; i < CALIB_OUT; ++i) task.x[i] = b[16 + i];
-  found = calib_search(&task, b + 16, b, b + 32, best, &left);
-  if (found || !(left - left == 0)) return found == 1;
-  /* within the expected error it may still count as reached */
-  if (calib_expected_error(best, &bound) && bound < most) most = bound;
-  return left > 2 * most ? 3 : 0;
+#if @placed@
+CALLED int called_pose(double *b) {
+  double R[9];
+  const int valid = calib_pose(b, b + 32, R);
+  calib_quaternion(R, b + 35);
+  return valid;
 }
+#endif
+CALLED int called_inverse(double *b) { return calib_answer(b + 16, b, b + 32); }
 #if @placed@
 CALLED int called_inverse_pose(double *b) {
   const double *p = b + 20, size = p[0] * p[0] + p[1] * p[1] + p[2] * p[2] + p[3] * p[3];
@@ -26,9 +24,47 @@ CALLED int called_inverse_pose(double *b) {
                        s * (x * y + z * w), 1 - s * (x * x + z * z), s * (y * z - x * w),
                        s * (x * z - y * w), s * (y * z + x * w), 1 - s * (x * x + y * y)};
   if (!(fabs(size - 1) <= @rounding@)) return 0;
-  return calib_inverse_pose(b + 16, R, b, b + 32) == 1;
+  return calib_inverse_pose(b + 16, R, b, b + 32);
 }
 #endif
 #if @corrected@
 CALLED int called_correct(double *b) { return calib_correct(b, b + 32); }
+#endif
+
+/* Rows `first` to `last`. */
+CALLED void rows_forward(long first, long last, const double *q, double *x, signed char *valid) {
+  calib_forward_many(first, last, q, x, valid);
+}
+CALLED void rows_bounds(long first, long last, const double *q, double *x, signed char *valid) {
+  calib_bounds_many(first, last, 0, q, x, valid);
+}
+CALLED void rows_model_bounds(long first, long last, const double *q, double *x,
+                              signed char *valid) {
+  calib_bounds_many(first, last, 1, q, x, valid);
+}
+CALLED void rows_inverse(long first, long last, const double *x, const double *near, double *q,
+                         signed char *valid) {
+  calib_inverse_many(first, last, x, near, q, valid);
+}
+CALLED void rows_inverse_all(long first, long last, const double *x, int most, double *q,
+                             signed char *count) {
+  calib_inverse_all_many(first, last, x, most, q, count);
+}
+#if @placed@
+static calib_posture postures[CALIB_POSTURES];
+CALLED void prepare(void) { calib_postures(CALIB_POSTURES, postures); }
+CALLED void rows_poses(long first, long last, const double *x, const double *R, int free,
+                       const double *near, double *q, signed char *valid) {
+  calib_poses_many(first, last, x, R, free, near, q, valid);
+}
+CALLED void rows_poses_far(long first, long last, const double *x, const double *R, int free,
+                           const double *near, double *q, signed char *valid) {
+  calib_poses_far_many(first, last, x, R, free, CALIB_POSTURES, postures, near, q, valid);
+}
+CALLED void rows_poses_all(long first, long last, const double *x, const double *R, int free,
+                           int given, const double *starts, int most, double *q,
+                           signed char *count) {
+  calib_poses_all_many(first, last, x, R, free, given, starts, CALIB_POSTURES, postures, most, q,
+                       count);
+}
 #endif

@@ -7,7 +7,7 @@
  * Functions return 1 where there is an answer; else 0, and their results are NaN, unless they say
  * otherwise.  Joint values are in rad (or m where a joint slides), positions in @unit@.
  * Nothing is allocated, nothing recurses, nothing is kept between calls.
- * A search takes at most CALIB_STEPS steps from a start, and at most CALIB_TRIES starts.
+ * A search takes at most 2 CALIB_STEPS steps from a start, and at most CALIB_TRIES starts.
  */
 #ifndef @guard@
 #define @guard@
@@ -19,8 +19,8 @@ typedef @real@ calib_real;
 enum {
   CALIB_DOF = @dof@, CALIB_OUT = @out@, CALIB_NODES = @nodes@, CALIB_NEAR = @near@,
   CALIB_HARMONICS = @harmonics@, CALIB_CHAIN = @chain@, CALIB_STARTS = @starts@,
-  CALIB_POINTS = @points@,
-  CALIB_STEPS = 80, CALIB_TRIES = @tries@
+  CALIB_STEPS = 40, CALIB_TRIES = @tries@, CALIB_POSTURES = @postures@,
+  CALIB_SCANNED = @scanned@, CALIB_RUNS = @runs@, CALIB_PULL = @pull@, CALIB_POINTS = @points@
 };
 
 /* An arm: joint values are gain q + offset + curve, and bend with their posture. */
@@ -39,7 +39,7 @@ static inline int calib_in_range(const calib_real q[CALIB_DOF]) {
   for (i = 0; i < CALIB_DOF; ++i) {
     const calib_real u = (q[i] - calib_lower[i]) / calib_span[i];
     if (!calib_periodic[i] && !(u >= @slack@ && u <= 1 - @slack@)) return 0;
-    if (!(u - u == 0)) return 0;
+    if (!(u >= @slack@ - 1 && u <= 2 - @slack@)) return 0; /* more than a turn beyond */
   }
   return 1;
 }

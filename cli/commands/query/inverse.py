@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from typer import Argument, Option
 
@@ -52,6 +52,9 @@ def inverse(
     keep: Annotated[
         bool, Option("--keep-orientation", help="Turn the tool little from --near.")
     ] = False,
+    free: Annotated[
+        Literal["x", "y", "z"] | None, Option("--free", help="Of a pose: the tool may turn about.")
+    ] = None,
     on: Annotated[
         Any,
         Option("--on", metavar="z=H", parser=height, help="The pixel X Y lies on this plane [m]."),
@@ -77,6 +80,10 @@ def inverse(
         (every and readout, "--all answers by the default readout: expected no --readout"),
         (other and asking.input_, "--input has a column for each number: expected no other target"),
         (keep and (turned or near is None), "--keep-orientation: expected --near beside it alone"),
+        (
+            free and not (turned or asking.input_),
+            "--free: expected --quaternion or --rpy beside it",
+        ),
         (quaternion and rpy, "--quaternion and --rpy are given: expected one of them"),
     ):
         if wrong:
@@ -85,7 +92,7 @@ def inverse(
     anchor = query.joints.one_each("--near", near)
     if anchor is not None and (beyond := query.joints.beyond(query.model, anchor)):
         raise BadOption(f"--near {beyond}")
-    how = {"near": anchor, "readout": readout, "every": every, "keep": keep}
+    how = {"near": anchor, "readout": readout, "every": every, "keep": keep, "free": free}
     if asking.input_ is not None:
         return _batch(query, query.frame == "base" or keep, how)
     typed, wanted = target or [], query.axes if on is None else ("u", "v")
@@ -115,7 +122,9 @@ def inverse(
         document["quaternion"] = turn
     # in space all branches are looked for, so that the nearest is found
     found = _solve(query, [x], turn, in_space, {**how, "every": every or in_space})
-    return _single(query, x, found, document, every, f" of readout '{readout}'" * bool(readout))
+    whose = f" of readout '{readout}'" * bool(readout)
+    axis = None if free is None else "xyz".index(free)
+    return _single(query, x, found, document, every, whose, axis)
 
 
 def _solve(query: Query, x: Any, turn: Any, in_space: bool, how: dict[str, Any]) -> dict[str, Any]:
@@ -134,7 +143,7 @@ def _solve(query: Query, x: Any, turn: Any, in_space: bool, how: dict[str, Any])
             raise BadOption("--readout is for positions in the sensor's frame alone")
         if query.frame != "base" and Space.of(model).camera:
             raise QueryError("a pixel alone is no position in space; give --on z=H or --in base")
-        ways = {"every": every, "keep": how["keep"]}
+        ways = {"every": every, "keep": how["keep"], "free": how["free"]}
         found = solve_poses(model, x, turn, near, frame=query.frame, **ways)._asdict()
         return found | (up_to_scale(model, found["q"]) if query.frame == "base" else {})
     if not every:
@@ -159,6 +168,7 @@ def _single(
     document: dict[str, Any],
     every: bool,
     whose: str,
+    axis: int | None,
 ) -> Outcome:
     """Tell the answers to one question; what `document` has begins what is told of it."""
     model, joints, posed = query.model, query.joints, "quaternion" in document
@@ -174,7 +184,7 @@ def _single(
         from ...answers import say_size
 
         space, say = Space.of(model), query.frame == "base"
-        free: Any = space.free(q[0], 6 if posed else 3)[:9] if reachable else []
+        free: Any = space.free(q[0], posed=posed, axis=axis)[:9] if reachable else []
         document["free"] = [dict(zip(joints.names, row, strict=True)) for row in free]
         if say:
             say_size(solutions[0])
@@ -206,7 +216,8 @@ def _batch(query: Query, in_space: bool, how: dict[str, Any]) -> Outcome:
     joints, axes = query.joints, query.axes
     nearby = [f"near_{name}" for name in joints.names]
     # fewer than six joints reach almost no pose that is given: its columns go along unread
-    turns = TURN if len(joints.names) >= 6 and len(axes) == 3 else ()
+    least = 6 if how["free"] is None else 5
+    turns = TURN if len(joints.names) >= least and len(axes) == 3 else ()
     batch, valid = query.read(axes, (nearby, turns))
     given = dict(zip(batch.names, batch.values[valid].T, strict=True))
     posed = bool(turns) and "qw" in given

@@ -1,53 +1,4 @@
 
-/* What joints are asked for: a position of the sensor (kind 0), a place of the arm's root frame
- * (kind 1), a pose of the arm's root frame (kind 2). */
-typedef struct {
-  int kind;
-  calib_real x[3], R[9];
-} calib_task;
-
-static inline int calib_rows(const calib_task *task) {
-  return task->kind == 0 ? CALIB_OUT : 3 * task->kind;
-}
-
-/* Residuals of a task and their derivative by the joints in shares of their ranges; returns the
- * residuals' length.  A radian of turn counts as the arm's length. */
-static inline calib_real calib_left(const calib_task *task, const calib_real q[CALIB_DOF],
-                                    calib_real r[6], calib_real J[6 * CALIB_DOF]) {
-  const int rows = calib_rows(task);
-  calib_real squared = 0;
-  int i, k;
-  if (task->kind == 0) {
-    calib_model(q, r, J);
-    for (i = 0; i < CALIB_OUT; ++i) r[i] = task->x[i] - r[i];
-  } else {
-    calib_real p[3], R[9];
-    calib_chain(&calib_body, q, p, R, J, 0);
-    for (i = 0; i < 3; ++i) r[i] = task->x[i] - p[i];
-    if (task->kind == 2) {
-      calib_real turn[3] = {0, 0, 0}, sine, cosine = -1, angle;
-      for (i = 0; i < 3; ++i) { /* half the sum of the cross products of columns */
-        const calib_real a[3] = {R[i], R[3 + i], R[6 + i]};
-        const calib_real b[3] = {task->R[i], task->R[3 + i], task->R[6 + i]};
-        calib_real across[3];
-        calib_cross(a, b, across);
-        for (k = 0; k < 3; ++k) turn[k] += across[k] / 2;
-        cosine += calib_dot(a, b);
-      }
-      sine = sqrt(calib_dot(turn, turn));
-      angle = atan2(sine, cosine / 2);
-      for (k = 0; k < 3; ++k) r[3 + k] = @lever@ * (sine > 0 ? turn[k] * angle / sine : 0);
-      if (!(sine > 0) && cosine < 0) r[3] = @lever@ * angle; /* half a turn: any axis will do */
-      for (i = 3 * CALIB_DOF; i < 6 * CALIB_DOF; ++i) J[i] *= @lever@;
-    }
-  }
-  for (i = 0; i < rows; ++i) {
-    squared += r[i] * r[i];
-    for (k = 0; k < CALIB_DOF; ++k) J[i * CALIB_DOF + k] *= calib_span[k];
-  }
-  return sqrt(squared);
-}
-
 /* (J J' + damping trace) y = r by Cholesky, for n residuals. */
 static inline int calib_forces(int n, const calib_real *J, const calib_real *r,
                                calib_real damping, calib_real y[6]) {
@@ -137,21 +88,30 @@ static inline int calib_move(int n, const calib_real *J, const calib_real *r,
   return 1;
 }
 
+/* Whether joints lie so close to one of some ways that they hardly lead to another. */
+static inline int calib_beside(const calib_real q[CALIB_DOF], const calib_real *ways, int count,
+                               calib_real share) {
+  int j;
+  for (j = 0; j < count; ++j)
+    if (calib_apart(q, ways + j * CALIB_DOF, 0) < share) return 1;
+  return 0;
+}
+
 /* Joints from a start (in q) to a task by damped Newton steps; with more joints than residuals
  * those nearest to `near`.  Returns whether they are there; `left` is what is left.  A start that
- * leads to what is `known` (or 0) is given up where a step ends beside it. */
+ * leads to one of `count` known ways is given up where a step ends beside it. */
 static inline int calib_reach(const calib_task *task, const calib_real near[CALIB_DOF],
-                              const calib_real *known, calib_real q[CALIB_DOF],
-                              calib_real *left) {
+                              const calib_real *known, int count, int steps,
+                              calib_real q[CALIB_DOF], calib_real *left) {
   const int n = calib_rows(task);
-  const calib_real size = task->kind == 0 ? @extent@ : @lever@, close = @close@ * size;
+  const calib_real size = calib_size(task), close = @close@ * size;
   calib_real r[2][6], J[2][6 * CALIB_DOF], wish[CALIB_DOF], move[CALIB_DOF], trial[CALIB_DOF];
   calib_real damping = @calm@, now, longest;
-  int k, step, here = 0, pulled = CALIB_DOF > n, most = pulled ? CALIB_STEPS : CALIB_STEPS / 2;
+  int k, step, here = 0, pulled = CALIB_DOF > n, most = pulled ? 2 * steps : steps;
   calib_clipped(q);
   *left = calib_left(task, q, r[0], J[0]);
   for (step = 0; step < most && (pulled || *left > @enough@ * size); ++step) {
-    if (step == CALIB_STEPS / 2) pulled = 0; /* anywhere on the target, then */
+    if (step == steps) pulled = 0; /* anywhere on the target, then */
     if (pulled) calib_apart(near, q, wish);
     if (!calib_move(n, J[here], r[here], q, pulled ? wish : 0, damping, move)) return 0;
     for (longest = 0, k = 0; k < CALIB_DOF; ++k)
@@ -159,7 +119,7 @@ static inline int calib_reach(const calib_task *task, const calib_real near[CALI
     for (k = 0; k < CALIB_DOF; ++k)
       trial[k] = q[k] + calib_span[k] * move[k] * (longest > @longest@ ? @longest@ / longest : 1);
     calib_clipped(trial);
-    if (known && !pulled && calib_apart(trial, known, 0) < @margin@ / 4) return 0;
+    if (!pulled && calib_beside(trial, known, count, @margin@ / 4)) return 0;
     now = calib_left(task, trial, r[1 - here], J[1 - here]);
     if (pulled && longest < @pulled@ && now <= *left) pulled = 0;
     if (now < *left || (pulled && now <= close)) {
@@ -221,16 +181,43 @@ static inline int calib_twin(const calib_task *task, const calib_real q[CALIB_DO
   return 1;
 }
 
-/* Rows of the table of starts whose positions are nearest to x; how many. */
-static inline int calib_starting(const calib_real x[CALIB_OUT], int row[CALIB_TRIES]) {
+/* Rows of the table of starts that may lead to a position: those of its cell and, after them, of
+ * the cells beside; without cells those that are near to it and to joints.  Returns how many. */
+static inline int calib_starting(const calib_real x[CALIB_OUT], const calib_real near[CALIB_DOF],
+                                 int row[CALIB_TRIES]) {
+#if @gridded@
+  int cell[CALIB_OUT], found = 0, around = 1, i, n, ring;
+  (void)near;
+  for (i = 0; i < CALIB_OUT; ++i) {
+    const calib_real u = floor((x[i] - calib_grid_lower[i]) / calib_grid_step[i]);
+    cell[i] = u > 0 ? (u < calib_grid[i] ? (int)u : calib_grid[i] - 1) : 0;
+    around *= 3;
+  }
+  for (ring = 0; ring < 2; ++ring)
+    for (n = 0; n < around; ++n) {
+      int place = 0, beside = 0, rest = n, outside = 0;
+      for (i = 0; i < CALIB_OUT; ++i, rest /= 3) {
+        const int at = cell[i] + rest % 3 - 1;
+        outside |= at < 0 || at >= calib_grid[i];
+        beside |= at != cell[i];
+        place = place * calib_grid[i] + at;
+      }
+      if (outside || beside != ring) continue;
+      for (i = calib_cell[place]; i < calib_cell[place + 1] && found < CALIB_TRIES; ++i)
+        row[found++] = i;
+    }
+  return found;
+#else
   calib_real far[CALIB_TRIES];
   int found = 0, i, k, n;
   for (n = 0; n < CALIB_STARTS; ++n) {
-    calib_real d = 0;
+    calib_real d = calib_apart(calib_start_q[n], near, 0);
+    calib_real squared = 0;
     for (i = 0; i < CALIB_OUT; ++i) {
-      const calib_real gap = x[i] - calib_start_x[n][i];
-      d += gap * gap;
+      const calib_real gap = (x[i] - calib_start_x[n][i]) / @extent@;
+      squared += gap * gap;
     }
+    d = d * d + squared * CALIB_PULL;
     if (found == CALIB_TRIES && !(d < far[CALIB_TRIES - 1])) continue;
     k = found < CALIB_TRIES ? found++ : CALIB_TRIES - 1;
     for (; k > 0 && far[k - 1] > d; --k) {
@@ -241,6 +228,20 @@ static inline int calib_starting(const calib_real x[CALIB_OUT], int row[CALIB_TR
     row[k] = n;
   }
   return found;
+#endif
+}
+
+/* Joints by whole turns as near to others as their limits allow. */
+static inline void calib_on_turn(const calib_real near[CALIB_DOF], calib_real q[CALIB_DOF]) {
+  int k;
+  for (k = 0; k < CALIB_DOF; ++k) {
+    if (!calib_periodic[k]) continue;
+    q[k] += calib_span[k] * floor((near[k] - q[k]) / calib_span[k] + (calib_real)0.5);
+    while (q[k] > calib_most[k] + @close@ * calib_span[k]) q[k] -= calib_span[k];
+    while (q[k] < calib_least[k] - @close@ * calib_span[k]) q[k] += calib_span[k];
+    if (q[k] > calib_most[k]) q[k] = calib_most[k];
+    if (q[k] < calib_least[k]) q[k] = calib_least[k];
+  }
 }
 
 /* Joints nearest to `near` that do a task; x is the position by which starts are chosen.  1 where
@@ -250,6 +251,7 @@ static inline int calib_search(const calib_task *task, const calib_real x[CALIB_
                                const calib_real near[CALIB_DOF], calib_real q[CALIB_DOF],
                                calib_real nearest[CALIB_DOF], calib_real *left) {
   const int spare = CALIB_DOF > calib_rows(task);
+  const int sure = task->kind == CALIB_POSITION && !spare;
   calib_real from[CALIB_DOF], trial[CALIB_DOF], away, best = 0, now;
   int row[CALIB_TRIES], i, k, count = CALIB_TRIES, found = 0;
   *left = calib_not_a_number();
@@ -261,15 +263,15 @@ static inline int calib_search(const calib_task *task, const calib_real x[CALIB_
   }
   calib_clipped(from);
   for (i = -1; i < count; ++i) { /* from `near`, then from the table */
-    if (i == 0 && !(count = calib_starting(x, row))) break;
-    if (found && i > CALIB_TRIES / 3) break;
+    if (i == 0 && !(count = calib_starting(x, from, row))) break;
+    if (!sure && i > CALIB_TRIES / 3) break; /* no other is nearer, most likely */
     if (i >= 0) {
       const calib_real *start = calib_start_q[row[i]];
       away = calib_apart(start, from, 0);
       if (found && (away > best + @margin@ || calib_apart(start, q, 0) < @margin@ / 2)) continue;
       for (k = 0; k < CALIB_DOF; ++k) trial[k] = start[k];
     }
-    if (!calib_reach(task, from, found ? q : 0, trial, &now)) {
+    if (!calib_reach(task, from, q, found, CALIB_STEPS, trial, &now)) {
       if (found || *left <= now) continue;
       *left = now;
       for (k = 0; k < CALIB_DOF; ++k) nearest[k] = trial[k];
@@ -282,13 +284,48 @@ static inline int calib_search(const calib_task *task, const calib_real x[CALIB_
     for (k = 0; k < CALIB_DOF; ++k) q[k] = trial[k];
     if (i >= 0) continue;
     if (!spare && best > @beside@ && calib_twin(task, q, trial) &&
-        calib_reach(task, from, 0, trial, &now) && (away = calib_apart(trial, from, 0)) < best) {
+        calib_reach(task, from, 0, 0, CALIB_STEPS, trial, &now) && (away = calib_apart(trial, from, 0)) < best) {
       best = away;
       for (k = 0; k < CALIB_DOF; ++k) q[k] = trial[k];
     }
-    if (best <= (task->kind == 0 && !spare ? @beside@ : @surely@)) return 1;
+    if (best <= (sure ? @beside@ : @surely@)) break;
   }
-  return !found ? 0 : (task->kind == 0 && !spare) || best <= @surely@ ? 1 : 2;
+  if (!found) return 0;
+  calib_on_turn(near, q);
+  return sure || best <= @surely@ ? 1 : 2;
+}
+
+/* Adds what a start leads to, and what lies across a fold beside it, to `count` ways to do a task,
+ * unless it is one of them; returns how many there are. */
+static inline int calib_add_way(const calib_task *task, const calib_real start[CALIB_DOF],
+                                int steps, int most, calib_real q[][CALIB_DOF], int count) {
+  calib_real trial[CALIB_DOF], left;
+  int k, first = count, fold;
+  for (k = 0; k < CALIB_DOF; ++k) trial[k] = start[k];
+  for (fold = 0; fold < 2 && count < most; ++fold) {
+    if (fold && (count == first || CALIB_DOF > calib_rows(task) ||
+                 !calib_twin(task, q[first], trial)))
+      break;
+    if (!calib_reach(task, start, q[0], fold ? 0 : count, steps, trial, &left)) break;
+    if (calib_beside(trial, q[0], count, @same@)) break;
+    for (k = 0; k < CALIB_DOF; ++k) q[count][k] = trial[k];
+    ++count;
+  }
+  return count;
+}
+
+/* All ways to a position that the table of starts leads to, at most `most`; returns how many. */
+static inline int calib_inverse_all(const calib_real x[CALIB_OUT], int most,
+                                    calib_real q[][CALIB_DOF]) {
+  calib_task task;
+  int row[CALIB_TRIES], i, count, found = 0;
+  task.kind = CALIB_POSITION;
+  for (i = 0; i < CALIB_OUT; ++i) task.x[i] = x[i];
+  count = calib_starting(x, calib_start_q[0], row);
+  for (i = 0; i < count && found < most; ++i)
+    if (!calib_beside(calib_start_q[row[i]], q[0], found, @margin@ / 2))
+      found = calib_add_way(&task, calib_start_q[row[i]], CALIB_STEPS, most, q, found);
+  return found;
 }
 
 /* Joints that bring the tip to a position: of several ways the one nearest to `near`, in shares of
@@ -298,51 +335,50 @@ static inline int calib_inverse(const calib_real x[CALIB_OUT], const calib_real 
   calib_task task;
   calib_real nearest[CALIB_DOF], left;
   int i;
-  task.kind = 0;
+  task.kind = CALIB_POSITION;
   for (i = 0; i < CALIB_OUT; ++i) task.x[i] = x[i];
   return calib_search(&task, x, near, q, nearest, &left);
 }
-
-/* All ways to a position that the table of starts leads to, at most `most`; returns how many. */
-static inline int calib_inverse_all(const calib_real x[CALIB_OUT], int most,
-                                    calib_real q[][CALIB_DOF]) {
+/* As calib_inverse, and 3 where nothing reaches the position. */
+static inline int calib_answer(const calib_real x[CALIB_OUT], const calib_real near[CALIB_DOF],
+                               calib_real q[CALIB_DOF]) {
   calib_task task;
-  calib_real trial[CALIB_DOF], left;
-  int row[CALIB_TRIES], i, k, j, count, found = 0;
-  task.kind = 0;
+  calib_real best[CALIB_DOF], left, bound, most = @sure@ * @extent@;
+  int i, found;
+  task.kind = CALIB_POSITION;
   for (i = 0; i < CALIB_OUT; ++i) task.x[i] = x[i];
-  count = calib_starting(x, row);
-  for (i = 0; i < 2 * count && found < most; ++i) {
-    for (k = 0; k < CALIB_DOF; ++k) trial[k] = calib_start_q[row[i % count]][k];
-    if (i >= count && (CALIB_DOF > CALIB_OUT || !calib_reach(&task, trial, 0, trial, &left) ||
-                       !calib_twin(&task, trial, trial)))
-      continue;
-    if (!calib_reach(&task, calib_start_q[row[i % count]], 0, trial, &left)) continue;
-    for (j = 0; j < found; ++j)
-      if (calib_apart(trial, q[j], 0) < (calib_real)1e-5) break;
-    if (j < found) continue;
-    for (k = 0; k < CALIB_DOF; ++k) q[found][k] = trial[k];
-    ++found;
-  }
-  return found;
+  found = calib_search(&task, x, near, q, best, &left);
+  if (found || !(left - left == 0)) return found;
+  /* within the expected error it may still count as reached */
+  if (calib_expected_error(best, &bound) && bound < most) most = bound;
+  return left > 2 * most ? 3 : 0;
 }
 #if @placed@
+
+/* The task of a pose of the sensor's frame (R row by row); `free` is -1, or an axis of the tip, 0
+ * to 2, about which its turn is left open. */
+static inline void calib_pose_task(const calib_real x[3], const calib_real R[9], int free,
+                                   calib_task *task) {
+  int i, j, k;
+  task->kind = free < 0 ? CALIB_POSE : CALIB_AXIS;
+  task->axis = free;
+  task->arm = &@placing@;
+  for (i = 0; i < 3; ++i) {
+    task->x[i] = 0;
+    for (j = 0; j < 3; ++j) {
+      task->x[i] += calib_aim[3 * j + i] * (x[j] - calib_origin[j]) / @scale@;
+      task->R[3 * i + j] = 0;
+      for (k = 0; k < 3; ++k) task->R[3 * i + j] += calib_aim[3 * k + i] * R[3 * k + j];
+    }
+  }
+}
 
 /* Joints that bring the tip to a pose of the sensor's frame (R row by row), as calib_inverse. */
 static inline int calib_inverse_pose(const calib_real x[3], const calib_real R[9],
                                      const calib_real near[CALIB_DOF], calib_real q[CALIB_DOF]) {
   calib_task task;
   calib_real nearest[CALIB_DOF], left;
-  int i, j, k;
-  task.kind = 2;
-  for (i = 0; i < 3; ++i) {
-    task.x[i] = 0;
-    for (j = 0; j < 3; ++j) {
-      task.x[i] += calib_aim[3 * j + i] * (x[j] - calib_shift[j]) / @scale@;
-      task.R[3 * i + j] = 0;
-      for (k = 0; k < 3; ++k) task.R[3 * i + j] += calib_aim[3 * k + i] * R[3 * k + j];
-    }
-  }
+  calib_pose_task(x, R, -1, &task);
   return calib_search(&task, x, near, q, nearest, &left);
 }
 #endif
@@ -353,7 +389,7 @@ static inline calib_real calib_newton_step(const calib_real target[CALIB_OUT], c
   calib_task task;
   calib_real r[6], J[6 * CALIB_DOF], move[CALIB_DOF], left;
   int i;
-  task.kind = 0;
+  task.kind = CALIB_POSITION;
   for (i = 0; i < CALIB_OUT; ++i) task.x[i] = target[i];
   left = calib_left(&task, q, r, J);
   if (!calib_move(CALIB_OUT, J, r, q, 0, damping, move)) return calib_not_a_number();
@@ -377,14 +413,15 @@ static inline int calib_correct(const calib_real q[CALIB_DOF], calib_real out[CA
     calib_wrapped(q, start);
     for (k = 0; k < CALIB_DOF; ++k) out[k] = start[k];
     task.kind = @correcting@;
-    if (task.kind == 0) calib_wanted(start, task.x);
+    task.arm = &calib_body;
+    if (task.kind == CALIB_POSITION) calib_wanted(start, task.x);
     else calib_chain(&calib_nominal, start, task.x, task.R, 0, 0);
-    good = calib_reach(&task, start, 0, out, &left);
+    good = calib_reach(&task, start, 0, 0, CALIB_STEPS, out, &left);
 #if @local@
-    if (good && task.kind > 0) { /* what local models move is met as a position */
-      task.kind = 0;
+    if (good && task.kind != CALIB_POSITION) { /* what local models move is met as a position */
+      task.kind = CALIB_POSITION;
       calib_wanted(start, task.x);
-      good = calib_reach(&task, out, 0, out, &left);
+      good = calib_reach(&task, out, 0, 0, CALIB_STEPS, out, &left);
     }
 #endif
     for (k = 0; k < CALIB_DOF; ++k) {
@@ -399,5 +436,3 @@ static inline int calib_correct(const calib_real q[CALIB_DOF], calib_real out[CA
   return good;
 }
 #endif
-
-#endif /* @guard@ */

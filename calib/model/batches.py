@@ -1,0 +1,89 @@
+"""Batches: rows of queries through a model's compiled C, which is made where that pays."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from ..common.arrays import Array
+from ..kernel.compiled import Compiled
+from .header import compiled_of
+from .parts import Parts
+
+Kind = Literal["forward", "bounds", "inverse", "poses", "branches"]
+
+
+@dataclass(frozen=True)
+class NumpyCost:
+    """Processor time of a row by NumPy, for each squared joint [us]; ``benchmarks/inverse.py``."""
+
+    forward: float = 0.03
+    bounds: float = 0.8
+    inverse: float = 1.7
+    poses: float = 40.0
+    branches: float = 100.0
+    compiler: float = 7e5  # [us], to compile a model
+
+
+COST = NumpyCost()
+
+
+def prepare(model: Parts, kind: Kind, rows: int) -> Compiled | None:
+    """The compiled C for rows of a query, made where that pays; None where NumPy answers.
+
+    Why it cannot be made is said once, as a warning.
+    """
+    cost = rows * len(model.about.lower) ** 2 * getattr(COST, kind)
+    if model.kernel is not None or cost < COST.compiler:
+        return model.kernel
+    if "uncompiled" in model.remembered or model.body is None:
+        return None
+    kernel, reason = compiled_of(model)
+    if kernel is None:
+        model.remembered["uncompiled"] = reason
+        warnings.warn(f"{reason}; large batches take longer", RuntimeWarning, stacklevel=4)
+    object.__setattr__(model, "kernel", kernel)
+    return kernel
+
+
+def forward_rows(model: Parts, q: Array) -> Array | None:
+    """Positions (n, m) at joints (n, dof); None where NumPy has to answer."""
+    kernel = prepare(model, "forward", len(q))
+    if kernel is None:
+        return None
+    x, valid = kernel.forward(q)
+    return x if _settled(model, valid) else None
+
+
+def bound_rows(model: Parts, q: Array, which: str) -> Array | None:
+    """95 % bounds (n,) at joints (n, dof), `bounds` or `model_bounds`; None for NumPy."""
+    kernel = prepare(model, "bounds", len(q))
+    if kernel is None:
+        return None
+    bound, valid = kernel.bounds(q, which)
+    return bound if _settled(model, valid) else None
+
+
+def _settled(model: Parts, valid: Array) -> bool:
+    """Whether NumPy has nothing to add: where rows were refused it may know better."""
+    return model.everywhere or bool(valid.all())
+
+
+def all_rows(model: Parts, x: Array) -> list[Array] | None:
+    """Joints (k, dof) of every branch of positions (n, m), the middle one first; None for NumPy.
+
+    Families of redundant joints are NumPy's.
+    """
+    kernel = None if model.solver.redundant else prepare(model, "inverse", len(x))
+    if kernel is None:
+        return None
+    q, count = kernel.inverse_all(x)
+    scale = model.motor.scale
+    away = np.linalg.norm(scale.difference(scale.to_unit(q), np.full(q.shape, 0.5)), axis=2)
+    away[np.arange(q.shape[1]) >= count[:, None]] = np.inf
+    order = np.argsort(away, axis=1, kind="stable")
+    q = np.take_along_axis(q, order[:, :, None], axis=1)
+    return [rows[:k] for rows, k in zip(q, count.tolist(), strict=True)]
