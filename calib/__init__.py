@@ -43,6 +43,7 @@ if TYPE_CHECKING:
     from .model.answers import Path as Path
     from .model.model import Model as Model
     from .model_file.loading import load as load
+    from .model_file.loading import load_maps as load_maps
     from .recording.handeye import HandEye as HandEye
     from .recording.handeye import handeye as handeye
     from .samples.logs import read_log as read_log
@@ -84,7 +85,7 @@ _NAMES = {
     "maps.som": "SOM",
     "model.answers": "Answer Path",
     "model.model": "Model",
-    "model_file.loading": "load",
+    "model_file.loading": "load load_maps",
     "recording.handeye": "HandEye handeye",
     "samples.logs": "read_log write_log",
     "samples.samples": "Samples babble",

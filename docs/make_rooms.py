@@ -37,8 +37,8 @@ ROOMS = (
     ("cli", "the command line"),
 )
 
-DOORS = "calib/model/model.py:"
-"""The one method of a model that calls a room above when it is called."""
+DOORS = ("calib/model/model.py:", "calib/maps/map.py:", "calib/maps/association.py:")
+"""Files whose `save` and the like call a room above when they are called."""
 
 WIDTH, ROW, LEFT = 860, 34, 300
 

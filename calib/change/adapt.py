@@ -301,6 +301,8 @@ def _finished(
     # a camera that was moved sees another picture
     photo = old.photo if method == "few-shot" and frame is None else None
     rows = Rows.of(found.q[found.kept], found.x[found.kept])
+    if len(residual) == len(rows):  # of all rows that are kept
+        rows = replace(rows, held_out=residual)
     if fresh.body is None:  # maps that followed these rows know no others
         scale = fresh.motor.scale
         baseline = replace(baseline, seen=Seen.of(scale, scale.to_unit(rows.q)))

@@ -18,6 +18,8 @@ from .map import Map, nearest_points
 from .settings import READOUT
 
 if TYPE_CHECKING:
+    import os
+
     from scipy.sparse import csr_array
 
 
@@ -65,6 +67,12 @@ class Association:
 
     def __post_init__(self) -> None:
         freeze(self, "motor_shifts", "sensory_shifts")
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write both maps and their links into one file, which `calib.load_maps` reads."""
+        from ..model_file.maps_file import save_maps
+
+        save_maps(self, path)
 
     @cached_property
     def links(self) -> csr_array:

@@ -14,6 +14,8 @@ from ..common.scale import Scale
 from .lattice import Graph, Lattice
 
 if TYPE_CHECKING:
+    import os
+
     from scipy.spatial import cKDTree
 
 HISTORY = ("nodes", "sigma", "quantization_error", "topographic_error")
@@ -50,6 +52,12 @@ class Map:
     def __repr__(self) -> str:
         nodes, axes = "x".join(map(str, self.lattice.shape)), self.units.shape[1]
         return f"Map({nodes} nodes in {axes} dimensions, {len(self.history)} epochs)"
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write the map into a file, which `calib.load_maps` reads."""
+        from ..model_file.maps_file import save_maps
+
+        save_maps(self, path)
 
     @property
     def weights(self) -> Array:

@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 import os
 import re
-from collections.abc import Mapping
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..body.belief import Body, Second
 from ..body.planar import PlanarStructure
@@ -27,11 +23,11 @@ from ..model.about import MOST_ROWS, About
 from ..model.alignment import Alignment
 from ..model.facts import shown_errors
 from ..model.parts import Parts
+from .container import check_sum, pack, unpack
 from .fields import Kinds, Tensors, read, write
 
 VERSION = 7  # of the format, as ``docs/format.md`` describes it
 KINDS: Kinds = {Structure: (PlanarStructure, SpatialStructure)}
-_KEY = "calib"
 _TINY = 1e-300  # the least number above zero
 _WIDEST = 1e9  # range of a joint [rad or m]
 # what building a model from a description without sense raises
@@ -58,15 +54,11 @@ def save(model: Parts, path: str | os.PathLike[str]) -> None:
 
 def to_bytes(model: Parts) -> bytes:
     """Content of a model file."""
-    from safetensors.numpy import save as pack
-
     with one_blas_thread():  # a covariance is factored on the way into the file
         header, tensors = write(model, Parts, KINDS)
     tensors, shared = _without_copies(tensors)
     header["shared"] = shared
-    header["format"] = VERSION
-    header["sha256"] = _checksum(tensors, header)
-    return bytes(pack(tensors, metadata={_KEY: _canonical(header)}))
+    return pack({**header, "format": VERSION}, tensors)
 
 
 def _without_copies(tensors: Tensors) -> tuple[Tensors, list[str]]:
@@ -87,17 +79,14 @@ def _in_first(name: str) -> str:
 
 def parts_of(kind: type[_M], data: bytes, name: str) -> _M:
     """A model of a class from the content of its file; `name` is for messages."""
-    header, tensors = _unpack(data, name)
+    header, tensors = unpack(data, name)
     version = header.get("format")
     if version != VERSION:
         remedy = "an older program wrote it, train the model again"
         if isinstance(version, int) and version > VERSION:
             remedy = "a newer program wrote it, upgrade this one with 'pip install -U calib-arm'"
         raise ModelError(f"{name}: model format {version!r}, expected {VERSION}: {remedy}")
-    if header.get("sha256") != _checksum(tensors, header):
-        raise ModelError(
-            f"{name}: damaged or edited, it does not match its checksum: restore or train it again"
-        )
+    check_sum(header, tensors, name)
     try:
         for copy in header.get("shared", ()):
             tensors[copy] = tensors[_in_first(copy)]
@@ -109,40 +98,6 @@ def parts_of(kind: type[_M], data: bytes, name: str) -> _M:
         reason = " ".join(str(error).split())[:120]
         raise ModelError(f"{name}: not a complete model ({reason}), train it again") from error
     return model
-
-
-def _canonical(header: Mapping[str, Any]) -> str:
-    return json.dumps(header, sort_keys=True, separators=(",", ":"), ensure_ascii=False)
-
-
-def _checksum(tensors: Mapping[str, NDArray[Any]], header: Mapping[str, Any]) -> str:
-    """SHA-256 of all tensors and of the rest of the description."""
-    digest = hashlib.sha256()
-    # names, types and shapes count too: the same bytes may be read as other tensors
-    for name in sorted(tensors):
-        array = tensors[name]
-        digest.update(f"{name} {array.dtype.str} {array.shape};".encode())
-        digest.update(array.tobytes())
-    rest = {key: value for key, value in header.items() if key != "sha256"}
-    # a text may hold a lone surrogate, which UTF-8 alone refuses
-    digest.update(_canonical(rest).encode("utf-8", "surrogatepass"))
-    return digest.hexdigest()
-
-
-def _unpack(data: bytes, name: str) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
-    """Split a safetensors file into the JSON header and the tensors."""
-    from safetensors import SafetensorError
-    from safetensors.numpy import load as unpack
-
-    try:
-        tensors = unpack(data)
-        length = int.from_bytes(data[:8], "little")
-        header = json.loads(json.loads(data[8 : 8 + length])["__metadata__"][_KEY])
-        return {**header}, tensors
-    except (SafetensorError, ValueError, KeyError, TypeError, RecursionError) as error:
-        raise ModelError(
-            f"{name}: not a model file, or damaged: expected what 'calib train' writes"
-        ) from error
 
 
 def _check(model: Parts) -> None:

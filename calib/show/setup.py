@@ -22,6 +22,8 @@ _UNITS = {"mm": 1e-3, "cm": 1e-2, "m": 1.0}
 _FEW_SOCKETS = 3  # rows for each place, at least: then the places are sockets
 _CAMERA = ((0, 1), (0, 2), (0, 3), (0, 4), (1, 2), (2, 3), (3, 4), (4, 1))
 _RING = ((0, 1), (1, 2), (2, 3), (3, 0))
+_SIDES = ((0, 1, 2), (0, 2, 3), (0, 3, 4), (0, 4, 1))
+_FACE = ((0, 1, 2), (0, 2, 3))
 _FRAME = ((0, 1), (0, 2), (0, 3))
 
 
@@ -37,6 +39,7 @@ class Thing:
     pairs: tuple[tuple[int, int], ...]
     frame: Array  # (4, 4)
     carried: bool = False
+    faces: tuple[tuple[int, int, int], ...] = ()
 
 
 def things_of(model: Model) -> list[Thing]:
@@ -55,7 +58,7 @@ def things_of(model: Model) -> list[Thing]:
         picture = model.about.picture or (1280, 720)
         return [_camera("camera", picture, focal, size, frame)]
     if structure.view == "base":
-        return _sockets(model, 0.03 * size)
+        return _sockets(model, 0.15 * size)
     axes = np.vstack([np.zeros(3), 0.6 * size * np.eye(3)])
     return [Thing(SENSOR, axes, _FRAME, frame)]
 
@@ -88,7 +91,7 @@ def _camera(
     width, height = (0.5 * size * float(side) / focal for side in picture)
     corners = [[-width, -height, size], [width, -height, size], [width, height, size]]
     points = np.array([[0.0, 0.0, 0.0], *corners, [-width, height, size]])
-    return Thing(name, points, _CAMERA, frame, carried)
+    return Thing(name, points, _CAMERA, frame, carried, _SIDES)
 
 
 def _board(words: str, frame: Array, *, carried: bool) -> Thing | None:
@@ -100,7 +103,7 @@ def _board(words: str, frame: Array, *, carried: bool) -> Thing | None:
     width = int(match[1]) * square
     height = int(match[2]) * square
     points = np.array([[0, 0, 0], [width, 0, 0], [width, height, 0], [0, height, 0]], dtype=float)
-    return Thing("board", points, (*_RING, (0, 2), (1, 3)), frame, carried)
+    return Thing("board", points, _RING, frame, carried, _FACE)
 
 
 def _sockets(model: Model, size: float) -> list[Thing]:

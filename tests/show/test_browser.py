@@ -83,9 +83,9 @@ def test_partners_of_the_linked_node_are_dots(page: str, seen: Sight):
     data = data_of(page)
     partners = unpacked(data["links"]["partners"], "<u4").reshape(-1, data["links"]["each"])
     nodes = objects(data)["Motor map/nodes"]["points"]
-    strongest = nodes[partners[data["node"]][:3]]
+    strongest = nodes[partners[data["links"]["node"]][:3]]
     pixels = project(data["camera"], strongest, *SIZE, PANEL)
-    assert (near(seen, pixels, np.tile(rgb(data["link"]), (3, 1)), 1) < 40).all()
+    assert (near(seen, pixels, np.tile(rgb(data["links"]["link"]), (3, 1)), 1) < 40).all()
 
 
 def test_another_arm_in_the_dark(tmp_path: Path):

@@ -16,12 +16,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from boards import Rig
 from models import in_pixels, in_space, trained
 from scenes import data_of, objects, page_of, project, tracks, unpacked
 
 import calib
 from calib.arm.loading import arm_from_urdf
 from calib.body.sensor import SensorPose
+from calib.recording.board import Board
+from calib.recording.board_pictures import BoardPictures
+from calib.recording.lens import Lens
+from calib.show.setup import things_of
 
 LAYERS = [
     *("Arm", "Sensory map", "Motor map", "Hebbian links", "Workspace border"),
@@ -64,7 +69,7 @@ def test_a_camera_that_counts_pixels_is_brought_to_the_robot():
     data = data_of(page_of(model))
     assert any("least-squares" in note for note in data["notes"])
     tip = tracks(data)["Arm/tip"][:, :3, 3]
-    ball = tracks(data)["Reached path/ball"][:, :3, 3]
+    ball = tracks(data)["Predicted tip/ball"][:, :3, 3]
     np.testing.assert_allclose(ball, tip, atol=5e-3)
 
 
@@ -92,18 +97,54 @@ def test_everything_is_in_the_window_x_right_and_y_up():
     assert pixels[2, 1] < pixels[0, 1] - 5
 
 
-def test_an_arm_in_space_has_a_cloud():
+def test_an_arm_in_space_has_its_reach_its_rows_and_no_maps_until_they_are_asked_for():
     model = in_space()
     data = data_of(page_of(model))
-    assert "Workspace border" not in layers(data)
     found = objects(data)
-    assert {"Error cloud/points", "Sensory map/nodes"} <= set(found)
+    assert {"Reach/points", "Sensory map/nodes", "Rows/positions"} <= set(found)
+    off = {layer["name"] for layer in data["layers"] if not layer["shown"]}
+    assert off == {"Sensory map", "Motor map", "Hebbian links"}
     # positions are drawn where the tool is in the robot's frame
     arm = arm_from_urdf(model.about.urdf)
     held = np.linalg.norm(model.body.beta[model.body.structure.groups["tool"]])
-    ball = tracks(data)["Reached path/ball"][:, :3, 3]
+    ball = tracks(data)["Predicted tip/ball"][:, :3, 3]
     away = np.linalg.norm(ball - tracks(data)[f"Arm/{arm.tip}"][:, :3, 3], axis=1)
     assert away == pytest.approx(held, abs=5e-3)
+
+
+def test_play_goes_through_the_rows_in_their_order():
+    model = in_space()
+    data = data_of(page_of(model))
+    moved = tracks(data)["Measured tip/ball"][:, :3, 3]
+    rows = objects(data)["Rows/positions"]["points"]
+    steps = [np.linalg.norm(rows - place, axis=1).argmin() for place in moved]
+    assert steps == sorted(steps)
+    assert len(set(steps)) == len(moved) == 60
+    assert data["step"] > 1
+
+
+@pytest.mark.parametrize("in_hand", [True, False])
+def test_camera_and_board_stand_where_pictures_say(in_hand):
+    rig = Rig(in_hand, seed=1, pictures=12)
+    corners = tuple(dict(enumerate(rig.seen[rig.rows == k])) for k in range(12))
+    names = tuple(f"{k:02d}.png" for k in range(12))
+    board = Board.parse("7x5:24mm:18mm:5x5_100")
+    shots = BoardPictures(board, rig.arm.joint_names, names, rig.q, corners, (1280, 720), 12, ())
+    lens = Lens((1280, 720), np.full(2, rig.lens[0]), np.array(rig.lens[1:3]), np.eye(5)[0] * -0.08)
+    log = shots.log(lens, in_hand)
+    model = calib.train(replace(log, arm=rig.arm, lower=rig.arm.lower, upper=rig.arm.upper), size=4)
+    things = {thing.name: thing for thing in things_of(model)}
+    standing = things["board" if in_hand else "camera"]
+    carried = things["camera" if in_hand else "board"]
+    assert carried.carried
+    assert not standing.carried
+    position, turn = rig.hand(rig.beta)
+    np.testing.assert_allclose(carried.frame[:3, 3], position, atol=3e-3)
+    np.testing.assert_allclose(carried.frame[:3, :3], turn, atol=0.02)
+    np.testing.assert_allclose(standing.frame[:3, 3], rig.base[0], atol=6e-3)
+    drawn = objects(data_of(page_of(model)))
+    assert f"Arm/tip/{carried.name}/lines" in drawn
+    assert f"Setup/{standing.name}/faces" in drawn
 
 
 def test_a_picture_stands_where_its_camera_sees_it():
@@ -215,7 +256,7 @@ def test_command_writes_a_page_with_a_log(run, model: Path, log: Path, tmp_path:
     page = tmp_path / "page.html"
     assert run("preview", model, "--data", log, "--html", page).code == 0
     told = {e["name"]: e["text"] for e in data_of(page.read_text(encoding="utf-8"))["layers"]}
-    assert told["Training samples"].endswith("rows of the log")
+    assert "in the colour of their errors" in told["Rows"]
 
 
 def test_command_serves_and_ends_with_ctrl_c(model: Path):

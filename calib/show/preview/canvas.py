@@ -9,16 +9,14 @@ from __future__ import annotations
 import base64
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...arm.posture import posture_of
-from ...arm.urdf import Urdf, parse_urdf
 from ...common.arrays import Array
-from ...errors import CalibError
-from ...model.about import About
+from ..robot import Robot
 
 LAYER = "Arm"
 _BONE, _JOINT = "#e0853c", "#59636e"
@@ -52,8 +50,8 @@ class Canvas:
         """Draw something at a path.
 
         kind : "lines" between pairs (m, 2) of points, "points", an "image" between its corners
-            (4, 3), its lower left first; a "sphere", a "cylinder" along y, or a "marker", a ball
-            that nothing hides
+            (4, 3), its lower left first; a "surface" of triangles; a "sphere", a "cylinder"
+            along y, or a "marker", a ball that nothing hides
         colour : ``#rrggbb``, or one for each point, (n, 3)
         points : (n, 3)
         size : [m], width of points, radius of a ball; radius and length
@@ -81,53 +79,23 @@ def packed(values: ArrayLike, kind: type[np.generic]) -> str:
     return base64.b64encode(array.tobytes()).decode("ascii")
 
 
-@dataclass(frozen=True, eq=False)
-class DrawnArm:
-    """The links from a robot's root to its tip as a skeleton, moved by the active joints."""
+def draw_robot(canvas: Canvas, robot: Robot, poses: Mapping[str, Array], size: float) -> None:
+    """Draw links as capsules from joint to joint, moving through poses (n, 4, 4)."""
+    from scipy.spatial.transform import Rotation
 
-    urdf: Urdf
-    about: About
-    way: tuple[str, ...]  # links from the root to the tip
-
-    @staticmethod
-    def of(about: About) -> DrawnArm | None:
-        """Return the arm of a model's robot, None where no URDF came with it."""
-        if not about.urdf or not about.tip:
-            return None
-        try:
-            urdf = parse_urdf(about.urdf, about.robot)
-            way = (urdf.root, *(joint.child for joint in urdf.path(about.tip)))
-            posture_of(urdf, about.locked)  # without Pinocchio no arm is drawn
-            return DrawnArm(urdf, about, way)
-        except CalibError:
-            return None
-
-    def poses(self, q: ArrayLike) -> dict[str, Array]:
-        """Transforms (n, 4, 4) of the links in the root's frame, for joints (n, dof)."""
-        about, found = self.about, []
-        for row in np.atleast_2d(np.asarray(q, dtype=float)).tolist():
-            values = {**about.locked, **dict(zip(about.joint_names, row, strict=True))}
-            found.append(posture_of(self.urdf, values).frames)
-        return {link: np.stack([each[link] for each in found]) for link in self.way}
-
-    def tips(self, q: ArrayLike) -> Array:
-        """Position (n, 3) of the tip in the root's frame [m]."""
-        return np.asarray(self.poses(q)[self.way[-1]][:, :3, 3])
-
-    def draw(self, canvas: Canvas, poses: Mapping[str, Array], size: float) -> None:
-        """Draw a ball for each link and a bone to the next, moving through poses (n, 4, 4)."""
-        from scipy.spatial.transform import Rotation
-
-        for link, following in zip(self.way, [*self.way[1:], self.way[-1]], strict=True):
-            canvas.add(f"{LAYER}/{link}/joint", "sphere", _JOINT, size=[0.03 * size])
-            # in the frame of the link that carries it, so that it moves along
-            end = (np.linalg.inv(poses[link][0]) @ poses[following][0])[:3, 3]
-            length = float(np.linalg.norm(end))
-            if length > 1e-3 * size:
-                bone = np.eye(4)
-                bone[:3, :3] = Rotation.align_vectors([end], [[0.0, 1.0, 0.0]])[0].as_matrix()
-                bone[:3, 3] = end / 2
-                path = f"{LAYER}/{link}/bone"
-                canvas.add(path, "cylinder", _BONE, size=[0.018 * size, length])
-                canvas.place(path, bone)
-            canvas.place(f"{LAYER}/{link}", poses[link])
+    radius = 0.02 * size
+    for link, following in pairwise(robot.links):
+        # in the frame of the link that carries it, so that it moves along
+        end = (np.linalg.inv(poses[link][0]) @ poses[following][0])[:3, 3]
+        length = float(np.linalg.norm(end))
+        canvas.add(f"{LAYER}/{link}/joint", "sphere", _JOINT, size=[1.25 * radius])
+        if length > 1e-3 * size:
+            bone = np.eye(4)
+            bone[:3, :3] = Rotation.align_vectors([end], [[0.0, 1.0, 0.0]])[0].as_matrix()
+            bone[:3, 3] = end / 2
+            path = f"{LAYER}/{link}/bone"
+            canvas.add(path, "cylinder", _BONE, size=[radius, length])
+            canvas.place(path, bone)
+    canvas.add(f"{LAYER}/{robot.links[-1]}/joint", "sphere", _JOINT, size=[1.25 * radius])
+    for link in robot.links:
+        canvas.place(f"{LAYER}/{link}", poses[link])

@@ -22,6 +22,7 @@
     lines: [THREE.LineSegments, THREE.LineBasicMaterial],
     points: [THREE.Points, THREE.PointsMaterial],
     image: [THREE.Mesh, THREE.MeshBasicMaterial],
+    surface: [THREE.Mesh, THREE.MeshBasicMaterial],
     marker: [THREE.Mesh, THREE.MeshBasicMaterial],
     sphere: [THREE.Mesh, THREE.MeshPhongMaterial],
     cylinder: [THREE.Mesh, THREE.MeshPhongMaterial],
@@ -72,8 +73,8 @@
     const [places, turns] = [[], []];
     for (let time = 0; time < values.length / 16; time += 1) {
       matrix.fromArray(values, 16 * time).decompose(place, turn, size);
-      places.push({ time, value: place.toArray() });
-      turns.push({ time, value: turn.toArray() });
+      places.push({ time: data.step * time, value: place.toArray() });
+      turns.push({ time: data.step * time, value: turn.toArray() });
     }
     const tracks = [
       { name: ".position", type: "vector3", keys: places },
@@ -94,6 +95,10 @@
   viewer.set_property(["Grid"], "visible", false);
   const tracks = Object.entries(data.tracks).map(([path, text]) => track(path, text));
   viewer.set_animation(tracks, { play: true, repetitions: 3 });
+  element("calib-play").addEventListener("click", () => {
+    viewer.animator.reset();
+    viewer.animator.play();
+  });
 
   // the page's own ground shows through, light or dark: one full picture less to paint
   viewer.set_property(["Background"], "visible", false);
@@ -165,6 +170,7 @@
   // ------------------------------------------------------------------ words in the picture
   const labels = data.labels.map(({ layer: name, text, at }) =>
     ({ name, node: make("span", text, element("calib-labels")), at: space(at) }));
+  for (const label of labels) label.width = label.node.offsetWidth + 6;
   const screen = (point) => {
     const p = point.clone().project(viewer.camera);
     return [(p.x + 1) * 0.5 * window.innerWidth, (1 - p.y) * 0.5 * window.innerHeight, p.z];
@@ -172,12 +178,17 @@
   const render = viewer.render.bind(viewer);
   viewer.render = () => {
     render();
-    for (const { name, node, at } of labels) {
+    const boxes_of_words = [];
+    for (const { name, node, at, width } of labels) {
       const [x, y, z] = screen(at);
-      const shown = layer(name).object.visible && z < 1 && x > covered();
+      const box = { left: x - width / 2, right: x + width / 2, top: y - 9, bottom: y + 9 };
+      const hidden = boxes_of_words.some((other) => box.left < other.right
+        && other.left < box.right && box.top < other.bottom && other.top < box.bottom);
+      const shown = layer(name).object.visible && z < 1 && box.left > covered() && !hidden;
       node.style.display = shown ? "" : "none";
       node.style.left = `${x}px`;
       node.style.top = `${y}px`;
+      if (shown) boxes_of_words.push(box);
     }
     // meshcat's own controls and ours show the same
     for (const [name, box] of boxes) box.checked = layer(name).object.visible;
@@ -201,14 +212,14 @@
       lines.push(...start, ...end);
       dots.push(...end);
     }
-    const look = { colour: data.link, size: 0.022 * data.size, opacity: 1 };
+    const look = { colour: data.links.link, size: 0.022 * data.size, opacity: 1 };
     draw({ path: "Hebbian links/lines", kind: "lines", places: lines, ...look });
     draw({ path: "Hebbian links/nodes", kind: "points", places: dots, ...look });
-    data.node = node;
+    data.links.node = node;
     viewer.set_dirty();
   }
 
-  link(data.node);
+  link(data.links.node);
 
   // where the pointer is, as a ray into the scene
   function rayOf(event) {

@@ -15,7 +15,7 @@ from ...body.views import is_camera
 from ...common.arrays import Array
 from ...common.rows import thinned
 from ...model.model import Model
-from .canvas import DrawnArm
+from ..robot import Robot
 
 _TRUSTED = 0.15  # a sensor that differs less [share of the extent] is drawn where it says
 _AZIMUTH = math.radians(-60.0)  # from where a scene in space is seen
@@ -56,7 +56,7 @@ class Placement:
         return np.stack([x, np.cross(normal, x), normal])
 
 
-def place_model(model: Model, arm: DrawnArm | None) -> Placement:
+def place_model(model: Model, arm: Robot | None) -> Placement:
     """Find where a model's positions are in space."""
     about, plane = model.about, model.about.plane
     up = -1.0 if about.unit == "px" else 1.0

@@ -181,7 +181,7 @@ def _answer(scene: Scene, question: dict[str, Any]) -> dict[str, Any]:
     Returns "reachable", "words", "target" (the point in the plane) and "branches", each
     with "joints" in the motor map's unit box, and transforms of "links".
     """
-    model, placement, arm = scene.model, scene.placement, scene.arm
+    model, placement, robot = scene.model, scene.placement, scene.robot
     point = checked_rows(question["at"], ("x", "y", "z"), "at")[0][0]
     # the plane's axes span two of three dimensions: least squares drops the third
     x = (point - placement.origin) @ np.linalg.pinv(placement.axes)
@@ -194,7 +194,7 @@ def _answer(scene: Scene, question: dict[str, Any]) -> dict[str, Any]:
         joints = zip(about.joint_names, q, map(for_people, about.units_of_joints), strict=True)
         lines.append(", ".join(f"{n} {f * v:.2f} {unit}" for n, v, (f, unit) in joints))
         lines.append(f"expected error {length_in_words(float(error), about.unit)}")
-        poses = {} if arm is None else arm.poses(q)
+        poses = {} if robot is None else robot.poses(q)
         branches.append(
             {
                 "joints": model.motor.scale.to_unit(q[None])[0].tolist(),

@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _MOST_CAUSES = 7
+_SMALL = 0.01  # of the largest effect
 _MOST_DOTS = 1_000
 _ARROWS = 250
 _LONG = 0.08  # of the picture's width, the longest arrows
@@ -70,8 +71,9 @@ class Study:
 
     @property
     def certain(self) -> list[Cause]:
-        """Causes whose intervals exclude nothing."""
-        return [cause for cause in self.causes if cause.certain]
+        """Causes whose intervals exclude nothing, but for those that hardly move the tip."""
+        least = _SMALL * max((cause.effect for cause in self.causes), default=0.0)
+        return [cause for cause in self.causes if cause.certain and cause.effect > least]
 
     @property
     def views(self) -> tuple[tuple[int, int], ...]:
@@ -144,6 +146,7 @@ def setup(study: Study) -> Figure | None:
     q = middle if study.rows is None else study.rows.q[len(study.rows.q) // 2]
     poses = robot.poses(q)
     bones = np.array([poses[link][0, :3, 3] for link in robot.links])
+    names = [thing.name.partition(" ")[0] for thing in things]
     figure, axes = panels(2, 6.2)
     for ax, (across, up) in zip(axes, ((0, 2), (0, 1)), strict=True):
         ax.plot(1e3 * bones[:, across], 1e3 * bones[:, up], "-o", color=GREY, linewidth=3)
@@ -151,10 +154,11 @@ def setup(study: Study) -> Figure | None:
         for k, thing in enumerate(things):
             frame = poses[robot.links[-1]][0] @ thing.frame if thing.carried else thing.frame
             points = 1e3 * (thing.points @ frame[:3, :3].T + frame[:3, 3])
-            colour = SECOND if k % 2 else ACCENT
+            colour = ACCENT if names[k] == names[0] else SECOND
             for pair in thing.pairs:
                 ax.plot(*points[list(pair)][:, [across, up]].T, color=colour, linewidth=1.2)
-            ax.plot([], [], color=colour, label=thing.name)
+            name = thing.name.partition(" ")[0]
+            ax.plot([], [], color=colour, label="_" if name in names[:k] else name)
         ax.set(xlabel=f"{'xyz'[across]} [mm]", ylabel=f"{'xyz'[up]} [mm]", aspect="equal")
         ax.margins(0.08)
     figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=2)
