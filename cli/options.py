@@ -269,12 +269,16 @@ Eye = Annotated[
     ),
 ]
 Dictionary = Annotated[str, Option("--dictionary", metavar="NAME", help="Dictionary of the tags.")]
+BOARD = (
+    "A chessboard's squares: 10x7:22mm; ChArUco: 7x5:24mm:18mm:5x5_100; AprilTags: "
+    "grid:6x6:88mm:26.4mm:t36h11."
+)
 BoardSpec = Annotated[
     str | None,
     Option(
         "--board",
-        metavar="COLSxROWS:SQUARE:MARKER:DICT",
-        help="Such as 7x5:24mm:18mm:5x5_100.",
+        metavar="BOARD",
+        help=BOARD,
     ),
 ]
 LensFile = Annotated[

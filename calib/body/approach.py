@@ -16,6 +16,7 @@ from ..common.arrays import Array, Shape
 
 _FOLDS = 10
 _SURE = 4.0  # standard errors by which a play is no chance
+_SINGULAR = 1e12  # condition number of directions that rows do not tell apart
 _PAYS = 0.03  # share of the held-out error that it must mend
 
 
@@ -44,31 +45,41 @@ def learn_play(residual: Array, slope: Array, direction: Array) -> Array | None:
     Returns (dof,), zero for joints whose play is not four standard errors above zero.
     """
     features = -slope * direction[:, None, :]
-    play = np.zeros(slope.shape[2])
-    found, deviation = _fitted(features, residual)
-    use = found > _SURE * deviation
-    if not use.any():
+    half, error = _least_squares(features, residual)
+    sure = half > _SURE * error
+    if not sure.any():
         return None
-    features = features[:, :, use]
-    play[use], _ = _fitted(features, residual)
-    held = residual.copy()
-    for rows in np.array_split(np.arange(len(residual)), min(_FOLDS, len(residual))):
-        others = np.delete(np.arange(len(residual)), rows)
-        held[rows] -= features[rows] @ _fitted(features[others], residual[others])[0]
-    gain = np.linalg.norm(residual, axis=1) - np.linalg.norm(held, axis=1)
-    chance = 2.0 * gain.std() / np.sqrt(len(gain))
-    pays = gain.mean() > max(chance, _PAYS * np.linalg.norm(residual, axis=1).mean())
-    return play if pays and (play >= 0.0).all() else None
+    features = features[:, :, sure]
+    play = np.zeros(slope.shape[2])
+    play[sure], _ = _least_squares(features, residual)
+    if not _pays(features, residual) or (play < 0.0).any():
+        return None
+    return play
 
 
-def _fitted(features: Array, residual: Array) -> tuple[Array, Array]:
-    """Least squares (k,) of features (n, m, k), and the standard errors."""
-    a, b = features.reshape(-1, features.shape[2]), residual.ravel()
+def _pays(features: Array, residual: Array) -> bool:
+    """Whether play mends enough of the errors of rows that it was not learned from."""
+    count = len(residual)
+    held_out = residual.copy()
+    for rows in np.array_split(np.arange(count), min(_FOLDS, count)):
+        others = np.delete(np.arange(count), rows)
+        half, _ = _least_squares(features[others], residual[others])
+        held_out[rows] -= features[rows] @ half
+    before = np.linalg.norm(residual, axis=1)
+    gain = before - np.linalg.norm(held_out, axis=1)
+    chance = 2.0 * gain.std() / np.sqrt(count)
+    return bool(gain.mean() > max(chance, _PAYS * before.mean()))
+
+
+def _least_squares(features: Array, residual: Array) -> tuple[Array, Array]:
+    """Least squares (k,) of features (n, m, k), and the standard errors (k,)."""
+    a = features.reshape(-1, features.shape[2])
+    b = residual.ravel()
     gram = a.T @ a
-    if not len(a) or np.linalg.cond(gram) > 1e12:
+    if not len(a) or np.linalg.cond(gram) > _SINGULAR:
         return np.zeros(len(gram)), np.full(len(gram), np.inf)
     inverse = np.linalg.inv(gram)
-    found = inverse @ (a.T @ b)
+    solution = inverse @ (a.T @ b)
     # one row's coordinates are one measurement: robust to what they share
-    score = (a * (b - a @ found)[:, None]).reshape(features.shape).sum(axis=1)
-    return found, np.sqrt(np.diag(inverse @ (score.T @ score) @ inverse))
+    score = (a * (b - a @ solution)[:, None]).reshape(features.shape).sum(axis=1)
+    return solution, np.sqrt(np.diag(inverse @ (score.T @ score) @ inverse))

@@ -83,8 +83,11 @@ class Body(OfStructure):
         noise : whether the sensor's noise is part of the distance
         """
         q = np.asarray(q, dtype=float)
-        parts = [self._bound(q[i : i + _CHUNK], noise) for i in range(0, len(q), _CHUNK)]
-        return np.concatenate(parts) if parts else np.zeros(0)
+        bound = np.zeros(len(q))
+        for start in range(0, len(q), _CHUNK):
+            rows = slice(start, start + _CHUNK)
+            bound[rows] = self._bound(q[rows], noise)
+        return bound
 
     def unexplained(self, *, noise: bool) -> Array:
         """Variance (p,) of positions that no parameter explains, of readings or of the truth.
@@ -93,76 +96,93 @@ class Body(OfStructure):
         repeated: without these all of a log's residual counts as the model's, with them as much as
         they show.  A simulation's is the sensor's.
         """
-        part = slice(self.structure.blocks[0])  # positions, without the orientation of a pose
-        own = self.noise[part] ** 2
+        variance = self.noise[self._position] ** 2
         if not noise:
-            own = np.maximum(own - self.repeat**2, 0.0) * (not self.simulated)
-        return np.asarray(self.residual[part] ** 2 + own)
+            variance = np.maximum(variance - self.repeat**2, 0.0)
+            if self.simulated:
+                variance = np.zeros_like(variance)
+        return np.asarray(self.residual[self._position] ** 2 + variance)
 
     def spread(self, q: Array) -> Array:
         """Covariance (n, m, m) of the predictions from the parameters alone, without kappa."""
         _, x = self.structure.linearise(np.asarray(q, dtype=float), self.beta, self.active)
         return spread_of(x, self.root)
 
+    @property
+    def _position(self) -> slice:
+        """Outputs that are a position, without the orientation of a pose."""
+        return slice(self.structure.blocks[0])
+
     def _bound(self, q: Array, noise: bool) -> Array:
-        part = slice(self.structure.blocks[0])  # positions, without the orientation of a pose
-        extra = self.unexplained(noise=noise)
-        z, x = self.structure.linearise(q, self.beta, self.active)
+        part = self._position
+        unexplained = np.diag(self.unexplained(noise=noise))
+        here, x = self.structure.linearise(q, self.beta, self.active)
         spread = SHARED**2 * spread_of(x[:, part], self.root)
-        out = self.kappa * radius_95(spread + np.diag(extra))
+        bound = self.kappa * radius_95(spread + unexplained)
         if self.second is not None:
-            other, x = self.structure.linearise(q, self.second.beta, self.second.active)
-            apart = np.linalg.norm(self.structure.residual(z, other)[:, part], axis=1)
-            spread = spread_of(x[:, part], self.second.root) + np.diag(extra)
-            out = np.maximum(out, apart + radius_95(spread))
-        return np.asarray(out)
+            there, x = self.structure.linearise(q, self.second.beta, self.second.active)
+            apart = np.linalg.norm(self.structure.residual(here, there)[:, part], axis=1)
+            spread = spread_of(x[:, part], self.second.root) + unexplained
+            bound = np.maximum(bound, apart + radius_95(spread))
+        return np.asarray(bound)
 
     @property
     def deviations(self) -> Array:
         """Posterior sd (d,) of each parameter, zero where nothing was fitted."""
-        out = np.zeros(self.structure.size)
-        out[self.active] = np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
-        return out
+        sd = np.zeros(self.structure.size)
+        sd[self.active] = np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
+        return sd
 
     @property
-    def told(self) -> Array:
-        """Sd (d,) of what the rows tell of each parameter.
+    def informed_deviations(self) -> Array:
+        """Sd (d,) of what the rows say of each parameter.
 
         The last joint's offset and a tool that stands anywhere are one: where the belief of it is
-        the prior's, nothing is told, and its sd is that of a turn.
+        the prior's, the rows say nothing, and its sd is that of a turn.
         """
-        sd, groups = self.deviations, self.structure.groups
+        sd = self.deviations
+        groups = self.structure.groups
         last = groups["offset"][-1]
-        free = "tool" in groups and np.isin(groups["tool"], self.active).all()
-        scale = self.scales.get("offset", np.inf)
-        if free and self.structure.revolute[-1] and sd[last] >= UNTOLD * scale:
+        tool_is_free = "tool" in groups and bool(np.isin(groups["tool"], self.active).all())
+        prior_sd = self.scales.get("offset", np.inf)
+        if tool_is_free and self.structure.revolute[-1] and sd[last] >= UNTOLD * prior_sd:
             sd[last] = np.pi / 1.96
         return sd
 
     def parameters(self) -> tuple[Parameter, ...]:
         """The fitted parameters with 95 % intervals; the curves' harmonics are left out."""
-        half, labels, out = 1.96 * self.told, self.structure.labels, []
+        half = 1.96 * self.informed_deviations
+        parameters: list[Parameter] = []
         for index in self.active.tolist():
-            (group, joint, name, unit), value = labels[index], float(self.beta[index])
-            ends = float(value - half[index]), float(value + half[index])
-            if not group.startswith("curve"):
-                out.append(Parameter(name, group, joint, value, *ends, unit))
-        return tuple(out)
+            label = self.structure.labels[index]
+            if label.group.startswith("curve"):
+                continue
+            value = float(self.beta[index])
+            low = float(value - half[index])
+            high = float(value + half[index])
+            parameters.append(
+                Parameter(label.name, label.group, label.joint, value, low, high, label.unit)
+            )
+        return tuple(parameters)
 
     def describe(self) -> tuple[str, ...]:
         """The body in words, one line for each joint, curve and view."""
         from .words import words_of  # modules of every kind of arm
 
-        lines, view = words_of(self.structure, self.beta, self.told), self.structure.view
+        view = self.structure.view
+        lines = [*words_of(self.structure, self.beta, self.informed_deviations)]
         if not self.simulated:  # of a simulation both bounds are of the truth
-            told = "no pose was repeated: all of the residual counts as the model's"
+            repeats = "no pose was repeated: all of the residual counts as the model's"
             if self.repeat:
-                told = f"readings of one pose repeat to {self.repeat:.2g} {self.structure.unit}"
-            bounds = "`expected_error` bounds what the sensor reads, `model_error` where the tip is"
-            lines = (*lines, f"{bounds}; {told}")
-        if (sensor := SensorPose.of(self)) is None or view == "base":
-            return lines
-        return (*lines, *sensor.words("camera" if is_camera(view) else "sensor's frame"))
+                repeats = f"readings of one pose repeat to {self.repeat:.2g} {self.structure.unit}"
+            lines.append(
+                "`expected_error` bounds what the sensor reads, `model_error` where the tip is; "
+                f"{repeats}"
+            )
+        pose = SensorPose.of(self)
+        if pose is not None and view != "base":
+            lines += pose.words("camera" if is_camera(view) else "sensor's frame")
+        return tuple(lines)
 
     def to_json(self) -> dict[str, Any]:
         """JSON-ready summary: member, view, noise, parameters with intervals, words."""

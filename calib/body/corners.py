@@ -12,7 +12,7 @@ with a corner c in the board's frame and s in the camera's.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -21,14 +21,8 @@ from ..arm.rotations import cross_matrix, exponential, logarithm
 from ..arm.spatial_chain import Motion
 from ..common.arrays import Array
 from .belief import Body
-from .fitting import BodyFit, fit
-from .parameters import Indices
-from .rows import Rows, together
 from .sensor import SensorPose
 from .settings import FINER
-from .spatial import SpatialStructure
-from .starts import frame
-from .touch import restated
 from .views import Columns, InSpace, Measurement, pixels
 
 
@@ -87,43 +81,8 @@ class _Corner:
         return np.asarray((self.slope * moved[..., None, :, :]).sum(axis=-2))
 
 
-def fit_corners(
-    structure: SpatialStructure,
-    q: Array,
-    poses: Array,
-    rows: Indices,
-    corners: Array,
-    seen: Array,
-    in_hand: bool,
-) -> tuple[BodyFit, Body]:
-    """Fit an arm to pictures of a board; returns the fit and its belief as of readings of poses.
-
-    structure : the arm with view ``"pose"``, its drawing as prior, and the camera's lens
-    q : (p, dof), joint values of the pictures [rad or m]
-    poses : (p, 6), what is in the hand seen from what stands still, by each picture alone
-    rows : (n,), the picture of each corner
-    corners : (n, 3), in the board's frame [m]
-    seen : (n, 2), where the pictures show them [px]
-    in_hand : whether the camera is in the hand
-    """
-    begin = frame(structure, q, poses)
-    begin[structure.groups["lens"]] = structure.lens
-    pose = structure.measurement
-    assert isinstance(pose, InSpace)  # noqa: S101 - a view of poses
-    extent = float(np.sqrt(((seen - seen.mean(axis=0)) ** 2).sum(axis=1).mean()))
-    told = [Rows(np.column_stack([q[rows], corners]), seen, Corners(pose, in_hand))]
-    camera = together(replace(structure, unit="px", extent=extent, reading=pose), told)
-    found = fit(camera, told, begin=begin)
-    # as poses: noise of a pixel at the boards' distance stands for that of a position
-    off = found.body.noise[0] / found.body.beta[camera.groups["lens"]][0]
-    noise = np.repeat([off * float(np.median(np.abs(poses[:, 2]))), off], 3)
-    nil = np.zeros(6)
-    body = replace(found.body, noise=noise, tau=nil, residual=nil, second=None)
-    return found, restated(body, structure)
-
-
 def held_of(body: Body) -> SensorPose:
-    """What is in the hand, in the tip's frame, as the belief of `fit_corners` knows it.
+    """What is in the hand, in the tip's frame, as a belief of its poses knows it.
 
     The last joint counts as its encoder says: what is in the hand turned about that joint's axis,
     and the joint's offset the other way, give the same pictures; so does a shift along it.  What

@@ -29,29 +29,36 @@ def curve_shape(*more: float) -> Array:
 
 def waves_of(q: Array) -> Array:
     """Cosines, then sines (96, n) of N q for N = 1..48 at joint values (n,), by doubling."""
-    out = np.empty((HARMONICS, len(q)), dtype=complex)
-    out[0], done = np.exp(1j * q), 1
-    while done < HARMONICS:
-        more = min(done, HARMONICS - done)
-        np.multiply(out[:more], out[done - 1], out=out[done : done + more])
-        done += more
-    return np.concatenate([out.real, out.imag])
+    waves = np.empty((HARMONICS, len(q)), dtype=complex)
+    waves[0] = np.exp(1j * q)
+    count = 1
+    while count < HARMONICS:
+        more = min(count, HARMONICS - count)
+        np.multiply(waves[:more], waves[count - 1], out=waves[count : count + more])
+        count += more
+    return np.concatenate([waves.real, waves.imag])
 
 
 def curve_value(q: Array, coefficients: Array) -> Array:
     """Curve (n,) [rad] at joint values (n,), or curves (k, n) at (k, n), by Estrin's scheme."""
-    if q.shape[-1] > _ROWS:
-        parts = (q[..., i : i + _ROWS] for i in range(0, q.shape[-1], _ROWS))
+    rows = q.shape[-1]
+    if rows > _ROWS:
+        parts = [q[..., start : start + _ROWS] for start in range(0, rows, _ROWS)]
         return np.concatenate([curve_value(part, coefficients) for part in parts], axis=-1)
-    c = coefficients[..., :HARMONICS, None] - 1j * coefficients[..., HARMONICS:, None]
-    e = power = np.exp(1j * q)[..., None, :]
-    while c.shape[-2] > 3:  # neighbours in pairs: 48 terms, 24, 12, 6, 3
-        c, power = c[..., ::2, :] + power * c[..., 1::2, :], power * power
-    total = c[..., :1, :] + power * (c[..., 1:2, :] + power * c[..., 2:, :])
-    return np.asarray((total * e)[..., 0, :].real)
+    cosines = coefficients[..., :HARMONICS, None]
+    sines = coefficients[..., HARMONICS:, None]
+    terms = cosines - 1j * sines
+    wave = np.exp(1j * q)[..., None, :]
+    power = wave
+    while terms.shape[-2] > 3:  # neighbours in pairs: 48 terms, 24, 12, 6, 3
+        terms = terms[..., ::2, :] + power * terms[..., 1::2, :]
+        power = power * power
+    total = terms[..., :1, :] + power * (terms[..., 1:2, :] + power * terms[..., 2:, :])
+    return np.asarray((total * wave)[..., 0, :].real)
 
 
 def curve_slope(q: Array, coefficients: Array) -> Array:
     """Derivative [rad/rad] of the curve by the joint value, as `curve_value`."""
-    a, b = coefficients[..., :HARMONICS] * ORDERS, coefficients[..., HARMONICS:] * ORDERS
-    return curve_value(q, np.concatenate([b, -a], axis=-1))
+    by_cosines = coefficients[..., :HARMONICS] * ORDERS
+    by_sines = coefficients[..., HARMONICS:] * ORDERS
+    return curve_value(q, np.concatenate([by_sines, -by_cosines], axis=-1))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,7 +10,7 @@ import numpy as np
 from ..common.arrays import Array
 from .covariance import autocorrelation_time
 from .normal import Factor, with_prior
-from .parameters import Prior
+from .parameters import Hyper, Indices, Prior
 from .rows import Part, Rows
 from .structure import Structure
 
@@ -63,15 +62,21 @@ class Fit:
     def __init__(
         self, structure: Structure, rows: Sequence[Rows], beta: Array, prior: Prior, *, nu: float
     ) -> None:
-        self.structure, self.nu = structure, nu
-        self.active, self.mean, self.known = prior.active, prior.mean, prior.known
+        self.structure = structure
+        self.nu = nu
+        self.active = prior.active
+        self.mean = prior.mean
+        self.known = prior.known
         self.sd = prior.sd[self.active].copy()
         self.beta = np.where(prior.sd > 0, beta, prior.mean)
         place = np.full(len(prior.sd), -1)
         place[self.active] = np.arange(len(self.active))
-        places = [(each, place[each.indices]) for each in prior.hypers]
-        self.hypers = [(each, at) for each, at in places if (at >= 0).all()]
-        self.scales = {each.name: float(each.scale) for each, _ in self.hypers}
+        self.hypers: list[tuple[Hyper, Indices]] = []  # scales, and their parameters among ours
+        for hyper in prior.hypers:
+            index = place[hyper.indices]
+            if (index >= 0).all():
+                self.hypers.append((hyper, index))
+        self.scales = {hyper.name: float(hyper.scale) for hyper, _ in self.hypers}
         blocks = min(BLOCKS, len(rows[0]))
         self.parts = [Part(structure, each, self.beta, nu, blocks) for each in rows]
 
@@ -92,14 +97,15 @@ class Fit:
 
     def beginning(self, rows: Sequence[Rows], prior: Prior) -> Fit:
         """A fit of rows of the same sensors under another prior, from what was found on."""
-        pairs = zip(rows, self.parts, strict=True)
-        rows = [replace(each, noise=part.noise) for each, part in pairs]
-        return Fit(self.structure, rows, self.beta, prior, nu=self.nu)
+        noisy = [
+            replace(each, noise=part.noise) for each, part in zip(rows, self.parts, strict=True)
+        ]
+        return Fit(self.structure, noisy, self.beta, prior, nu=self.nu)
 
     # The posterior.
 
     @property
-    def told(self) -> float:
+    def information_share(self) -> float:
         """Share of the rows' information that is left.
 
         The Student noise loses some, and residuals that are correlated in the order of the log.
@@ -115,7 +121,7 @@ class Fit:
 
     def softer(self, gram: Array) -> Factor:
         """Factor of the precision that is left of rows of information `gram` (k, k), and prior."""
-        return Factor(with_prior(self.told * gram, self.sd, self.known))
+        return Factor(with_prior(self.information_share * gram, self.sd, self.known))
 
     def without(self, blocks: slice) -> Others:
         """The information of all rows but those of some blocks."""
@@ -136,8 +142,10 @@ class Fit:
         steps : most linearisations
         tolerance : a step below this share of the posterior sd ends the search
         """
-        least = 0 if not learn else 3 if self.hypers else 1
-        for it in range(steps):
+        least = 0
+        if learn:
+            least = 3 if self.hypers else 1
+        for step in range(steps):
             self._linearise()
             factor = Factor(self.precision)
             variance = factor.variances()
@@ -148,18 +156,24 @@ class Fit:
             if learn:
                 self._learn(factor, variance)
             settled = (np.abs(delta) / np.sqrt(variance)).max(initial=0.0) <= tolerance
-            if (it >= least and settled) or (damping > 0 and gain <= 0.05):
+            if (step >= least and settled) or (damping > 0 and gain <= 0.05):
                 break
-        self._linearise(kept=True)
-        # rows that err together count once for the time that they do
-        times = [autocorrelation_time(part.residual) for part in self.parts]
-        self.autocorrelation = max(times) if np.isfinite(self.nu) else 1.0
-        wide = 2 * float(np.log(self.sd).sum())
-        if self.known is not None:
-            wide = -Factor(self.known).log_determinant()
-        energy = self._energy(self.beta, [part.residual for part in self.parts])
-        self.evidence = -energy - 0.5 * (wide + Factor(self.precision).log_determinant())
+        self._linearise(by_blocks=True)
+        self.autocorrelation = 1.0
+        if np.isfinite(self.nu):
+            # rows that err together count once for the time that they do
+            self.autocorrelation = max(autocorrelation_time(part.residual) for part in self.parts)
+        self.evidence = self._log_evidence()
         return self
+
+    def _log_evidence(self) -> float:
+        """Laplace approximation of the logarithm of the evidence."""
+        if self.known is None:
+            prior_volume = 2 * float(np.log(self.sd).sum())
+        else:
+            prior_volume = -Factor(self.known).log_determinant()
+        energy = self._energy(self.beta, [part.residual for part in self.parts])
+        return -energy - 0.5 * (prior_volume + Factor(self.precision).log_determinant())
 
     def settle(self, steps: int) -> tuple[Array, float, float]:
         """Damped steps from anywhere, until one is short beside the parameters' own sds.
@@ -188,28 +202,34 @@ class Fit:
         Returns the gain [nats], 0 where none gains, the step (k,) and its damping.
         """
         before = self._energy(self.beta, [part.residual for part in self.parts])
-        damped, delta, damping = self.precision.copy(), np.zeros(len(self.active)), np.inf
+        damped = self.precision.copy()
+        delta = np.zeros(len(self.active))
+        damping = np.inf
         for damping in dampings:
             np.fill_diagonal(damped, (1 + damping) * np.diag(self.precision))
-            with suppress(np.linalg.LinAlgError):
+            try:
                 delta = Factor(damped).solve(self.gradient)
-                full = np.zeros(len(self.beta))
-                full[self.active] = delta
-                with np.errstate(all="ignore"):
-                    beta = self.structure.retract(self.beta, full)
-                residuals = [part.residual_at(beta) for part in self.parts]
-                gain = before - self._energy(beta, residuals)
-                if gain > 0 or (damping == 0 and gain >= -1e-9 * abs(before)):
-                    self.beta = beta
-                    for part, residual in zip(self.parts, residuals, strict=True):
-                        part.residual = residual
-                    return gain, delta, damping
+            except np.linalg.LinAlgError:
+                continue
+            full = np.zeros(len(self.beta))
+            full[self.active] = delta
+            with np.errstate(all="ignore"):
+                beta = self.structure.retract(self.beta, full)
+            residuals = [part.residual_at(beta) for part in self.parts]
+            gain = before - self._energy(beta, residuals)
+            if gain > 0 or (damping == 0 and gain >= -1e-9 * abs(before)):
+                self.beta = beta
+                for part, residual in zip(self.parts, residuals, strict=True):
+                    part.residual = residual
+                return gain, delta, damping
         return 0.0, delta, damping
 
-    def _linearise(self, *, kept: bool = False) -> None:
-        """Set the precision and the gradient; what each block of rows adds may be kept."""
-        size, blocks = len(self.active), len(self.parts[0].edges) - 1 if kept else 1
-        self.grams, self.moments = np.zeros((blocks, size, size)), np.zeros((blocks, size))
+    def _linearise(self, *, by_blocks: bool = False) -> None:
+        """Set the precision and the gradient; what each block of rows adds may stay apart."""
+        size = len(self.active)
+        blocks = len(self.parts[0].edges) - 1 if by_blocks else 1
+        self.grams = np.zeros((blocks, size, size))
+        self.moments = np.zeros((blocks, size))
         for part in self.parts:
             root = part.weigh()
             for k, (rows, x) in enumerate(part.by_blocks(self.beta, self.active)):
@@ -222,17 +242,21 @@ class Fit:
     def _learn(self, factor: Factor, variance: Array) -> None:
         """One step of EM: scales and noise; `variance` (k,) is that of the posterior."""
         away = (self.beta - self.mean)[self.active]
-        held = variance / self.sd**2 if self.known is None else factor.inverse() * self.known
-        used = len(away) - float(held.sum())  # numbers that the rows determine
-        for h, at in self.hypers:
+        if self.known is None:
+            prior_share = float((variance / self.sd**2).sum())
+        else:
+            prior_share = float((factor.inverse() * self.known).sum())
+        determined = len(away) - prior_share  # numbers that the rows determine
+        for hyper, index in self.hypers:
             # MacKay's (1992) fixed point: that of EM, in a third of the steps
-            told = len(at) - float((variance[at] / self.sd[at] ** 2).sum())
-            total = float((away[at] ** 2 / h.shape).sum())
-            scale = np.sqrt((total + h.pseudo * h.scale**2) / (told + h.pseudo))
-            least, most = h.within
-            self.scales[h.name] = h.scale * min(max(float(scale) / h.scale, least), most)
-            self.sd[at] = self.scales[h.name] * np.sqrt(h.shape)
-        share = used / sum(part.z.size for part in self.parts)
+            count = len(index) - float((variance[index] / self.sd[index] ** 2).sum())
+            total = float((away[index] ** 2 / hyper.shape).sum())
+            total += hyper.pseudo * hyper.scale**2
+            scale = float(np.sqrt(total / (count + hyper.pseudo)))
+            least, most = hyper.within
+            self.scales[hyper.name] = hyper.scale * min(max(scale / hyper.scale, least), most)
+            self.sd[index] = self.scales[hyper.name] * np.sqrt(hyper.shape)
+        share = determined / sum(part.z.size for part in self.parts)
         for part in self.parts:
             part.learn_noise(share)
 
@@ -244,7 +268,9 @@ class Fit:
     def _energy(self, beta: Array, residuals: list[Array]) -> float:
         """Negative log posterior of parameters and residuals, up to a constant, or infinite."""
         with np.errstate(all="ignore"):
-            pairs = zip(self.parts, residuals, strict=True)
-            value = sum(part.energy(residual) for part, residual in pairs)
-            value += 0.5 * float((beta - self.mean)[self.active] @ self._pull(beta))
+            value = 0.0
+            for part, residual in zip(self.parts, residuals, strict=True):
+                value += part.energy(residual)
+            away = (beta - self.mean)[self.active]
+            value += 0.5 * float(away @ self._pull(beta))
         return value if np.isfinite(value) else np.inf

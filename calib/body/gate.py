@@ -146,15 +146,17 @@ class Passed:
     """The member that passed the gate, with its held-out predictions."""
 
     name: str
-    free: tuple[str, ...]
+    free: tuple[str, ...]  # blocks
     fit: Fit
     held_out: HeldOut
-    tried: Mapping[str, float]  # log evidence of each member that was tried, up to a constant
+    evidences: Mapping[str, float]  # of each member that was tried, logarithm up to a constant
 
     def against(self, name: str) -> float:
         """Nats of evidence against the best tried member with `name`; 0 where there is none."""
-        other = [evidence for tried, evidence in self.tried.items() if name in tried]
-        return (self.fit.evidence - max(other)) / self.fit.autocorrelation if other else 0.0
+        others = [evidence for member, evidence in self.evidences.items() if name in member]
+        if not others:
+            return 0.0
+        return (self.fit.evidence - max(others)) / self.fit.autocorrelation
 
 
 def _wins(richer: Passed, simpler: Passed) -> bool:
@@ -165,13 +167,14 @@ def _wins(richer: Passed, simpler: Passed) -> bool:
     are too noisy to tell alone; the evidence alone trusts the noise model too much.  Correlated
     residuals count once for their autocorrelation time.
     """
-    new, old = richer.held_out.blockwise(), simpler.held_out.blockwise()
-    known = np.isfinite(new) & np.isfinite(old)
+    new = richer.held_out.blockwise()
+    old = simpler.held_out.blockwise()
+    both = np.isfinite(new) & np.isfinite(old)
     if np.isfinite(new).sum() < np.isfinite(old).sum():
         return False
-    if not known.any():
+    if not both.any():
         return bool(np.isfinite(new).any())
-    gain = (old - new)[known]
+    gain = (old - new)[both]
     evidence = (richer.fit.evidence - simpler.fit.evidence) / richer.fit.autocorrelation
     if gain.mean() <= 0 or evidence <= 0:
         return False
@@ -187,45 +190,52 @@ def pass_gate(start: Start, chain: tuple[str, ...], rows: Sequence[Rows], nu: fl
     nu : degrees of freedom of the Student noise; infinite for Gaussian: samples of a simulation,
         of which nothing richer is tried where they reach their least noise
     """
-    structure, gaussian = start.structure, not np.isfinite(nu)
+    structure = start.structure
+    exact = not np.isfinite(nu)
 
     def fit(free: tuple[str, ...], begin: Array) -> Fit:
-        made = Fit(structure, rows, begin, structure.prior(free), nu=nu)
-        if gaussian:  # exact rows may be far along a curved valley, such as that of a lens
-            made.settle(60)
-        steps, tolerance = (20, 1e-3) if gaussian else (10, SETTLED)
-        return made.maximise(steps=steps, tolerance=tolerance)
+        member = Fit(structure, rows, begin, structure.prior(free), nu=nu)
+        if exact:  # exact rows may be far along a curved valley, such as that of a lens
+            member.settle(60)
+            return member.maximise(steps=20, tolerance=1e-3)
+        return member.maximise(steps=10, tolerance=SETTLED)
 
-    def enough(made: Fit) -> bool:
-        return gaussian and bool((made.noise <= 1.5 * made.parts[0].floor).all())
+    def is_exact(member: Fit) -> bool:
+        return exact and bool((member.noise <= 1.5 * member.parts[0].floor).all())
 
     best: Passed | None = None
-    tried: dict[str, float] = {}
+    evidences: dict[str, float] = {}
     members = structure.members()
     names = {frozenset(groups): name for name, groups in members}
-    seen: list[set[str]] = []
-    for own, groups in members:
-        # What has passed stays: a lens stays beneath the curves.
-        free = groups if best is None else tuple(dict.fromkeys((*best.free, *groups)))
-        if set(free) in seen:
+    tried: list[set[str]] = []
+    for member_name, groups in members:
+        free = groups
+        name = member_name
+        begin = start.beta
+        if best is not None:  # what has passed stays: a lens stays beneath the curves
+            free = tuple(dict.fromkeys((*best.free, *groups)))
+            name = names.get(frozenset(free), f"{best.name} and {member_name}")
+            if set(chain) <= set(best.free):
+                begin = best.fit.beta
+        if set(free) in tried:
             continue
-        seen.append(set(free))
-        name = names.get(frozenset(free), own if best is None else f"{best.name} and {own}")
-        begin = best.fit.beta if best and set(chain) <= set(best.free) else start.beta
+        tried.append(set(free))
         try:
-            made = fit(free, begin)
-            if enough(made) and set(free) != set(groups):
+            member = fit(free, begin)
+            if is_exact(member) and set(free) != set(groups):
                 alone = fit(groups, begin)  # what passed before may have been a makeshift
-                if enough(alone):
-                    name, free, made = own, groups, alone
-            held = leave_blocks_out(made, (BLOCKS,))
+                if is_exact(alone):
+                    name = member_name
+                    free = groups
+                    member = alone
+            held_out = leave_blocks_out(member, (BLOCKS,))
         except np.linalg.LinAlgError:
             continue
-        tried[name] = made.evidence
-        candidate = Passed(name, free, made, held, tried)
+        evidences[name] = member.evidence
+        candidate = Passed(name, free, member, held_out, evidences)
         if best is None or _wins(candidate, best):
             best = candidate
-        if enough(made):
+        if is_exact(member):
             break
     if best is None:
         raise np.linalg.LinAlgError("no member of the body could be fitted")

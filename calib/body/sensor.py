@@ -16,6 +16,7 @@ from ..arm.rotations import cross_matrix, quaternion_of
 from ..common.arrays import Array
 from ..errors import LogError
 from .parameters import Gaussian, Indices
+from .spatial import SpatialStructure
 from .structure import OfStructure, Structure
 
 _SENSOR = ("view.rotation", "view.shift", "view.scale", "lens")
@@ -44,34 +45,47 @@ class SensorPose:
     @staticmethod
     def of(body: OfStructure | None) -> SensorPose | None:
         """The sensor of a body in space; None in the plane, and without a drawing of the arm."""
-        structure: Any = body.structure if body is not None else None
-        if body is None or not getattr(structure, "informed", False):
+        if body is None or not isinstance(body.structure, SpatialStructure):
             return None
-        sensor, based = structure.sensor(body.beta), structure.view == "base"
+        structure = body.structure
+        if not structure.informed:
+            return None
+        sensor = structure.sensor(body.beta)
+        based = structure.view == "base"
         back = sensor.rotation.T
         position = -back @ sensor.shift / sensor.scale
-        index = np.concatenate(
-            [structure.groups[f"view.{part}"] for part in ("rotation", "shift", "scale")]
-        )
-        held = np.flatnonzero(np.isin(index, body.active))
-        rows = np.searchsorted(body.active, index[held])
+        blocks = [structure.groups[f"view.{part}"] for part in ("rotation", "shift", "scale")]
+        index = np.concatenate(blocks)
+        fitted = np.flatnonzero(np.isin(index, body.active))
+        rows = np.searchsorted(body.active, index[fitted])
         # position = -R' t / s, and R turned by d on its left moves it by R' (d x t) / s
         slope = np.zeros((7, 7))
-        slope[:3, :3], slope[:3, 3:6] = -back @ cross_matrix(sensor.shift), -back
+        slope[:3, :3] = -back @ cross_matrix(sensor.shift)
+        slope[:3, 3:6] = -back
         slope[:3] /= sensor.scale
-        slope[:3, 6], slope[3:6, :3] = -position, back
+        slope[:3, 6] = -position
+        slope[3:6, :3] = back
         slope[6] = back[:, 2] @ slope[:3]  # along the line of sight
 
-        def spread(root: Array) -> Array:
-            return np.asarray(np.linalg.norm(slope[:, held] @ root[rows], axis=1))
+        def deviations(root: Array) -> Array:
+            return np.asarray(np.linalg.norm(slope[:, fitted] @ root[rows], axis=1))
 
-        told = 0.0 * body.root
+        whole = deviations(body.root)
+        up_to_gauge = np.zeros(7)
         if not based:
-            told = without_gauge(structure, body, not structure.camera)
-        first = structure.joint_names[0] if not based and structure.revolute[0] else None
-        own, up_to = spread(body.root), spread(told)
+            up_to_gauge = deviations(without_gauge(structure, body, not structure.camera))
+        first: str | None = None
+        if not based and structure.revolute[0]:
+            first = structure.joint_names[0]
         return SensorPose(
-            position, back, own[:3], own[3:6], up_to[:3], up_to[3:6], float(own[6]), first
+            position=position,
+            rotation=back,
+            position_sd=whole[:3],
+            turn_sd=whole[3:6],
+            told_sd=up_to_gauge[:3],
+            told_turn_sd=up_to_gauge[3:6],
+            depth_sd=float(whole[6]),
+            first=first,
         )
 
     @property
@@ -95,11 +109,12 @@ class SensorPose:
 
     def words(self, what: str) -> list[str]:
         """Lines on where it stands; `what` it is."""
-        mm = 1.96e3 * self.position_sd
-        place = ", ".join(f"{v:.4f} ± {half:.1f} mm" for v, half in zip(self.position, mm))  # noqa: B905
+        coordinates: list[str] = []
+        for value, sd in zip(self.position, self.position_sd, strict=True):
+            coordinates.append(f"{value:.4f} ± {1.96e3 * sd:.1f} mm")
         quaternion = ", ".join(f"{v:.5f}" for v in self.quaternion)
         lines = [
-            f"{what} at ({place}) in the base frame [m], turned within "
+            f"{what} at ({', '.join(coordinates)}) in the base frame [m], turned within "
             f"{np.degrees(1.96 * self.turn_sd.max()):.2g} deg, quaternion ({quaternion})"
         ]
         if self.told_sd.max() < 0.8 * self.position_sd.max():
@@ -121,27 +136,27 @@ def doubtful_depth(body: OfStructure, q: Array) -> list[str]:
 
     Raises LogError if the arm is behind the camera.
     """
-    structure: Any = body.structure
+    structure = body.structure
     camera = SensorPose.of(body)
-    if camera is None:
+    if camera is None or not isinstance(structure, SpatialStructure):
         return []
     places = structure.pose(q, body.beta)[0]
-    seen = (places - camera.position) @ camera.rotation[:, 2]
-    if seen.mean() <= 0:
+    depth = (places - camera.position) @ camera.rotation[:, 2]
+    if depth.mean() <= 0:
         raise LogError(
             "the fit places the arm behind the camera: check that each row's joints and pixels "
             "belong together"
         )
-    if 1.96 * camera.depth_sd <= _UNSURE * seen.mean():
+    if 1.96 * camera.depth_sd <= _UNSURE * depth.mean():
         return []
     return [
-        f"the pixels hardly determine the distance of the camera: {seen.mean():.2f} m, 95 % within "
-        f"{1.96 * camera.depth_sd:.2g} m. The tip moved {np.ptp(seen):.2g} m along the view: add "
-        "poses nearer to the camera and further from it, or give a calibrated `lens`"
+        f"the pixels hardly determine the distance of the camera: {depth.mean():.2f} m, 95 % "
+        f"within {1.96 * camera.depth_sd:.2g} m. The tip moved {np.ptp(depth):.2g} m along the "
+        "view: add poses nearer to the camera and further from it, or give a calibrated `lens`"
     ]
 
 
-def without_gauge(structure: Any, belief: Gaussian, size: bool) -> Array:
+def without_gauge(structure: SpatialStructure, belief: Gaussian, size: bool) -> Array:
     """Root (k, r) of a belief's covariance without motions of the tip that no reading tells.
 
     Of all parameters that readings cannot tell apart, those nearest to the belief's stand for them:
@@ -149,13 +164,16 @@ def without_gauge(structure: Any, belief: Gaussian, size: bool) -> Array:
     one factor is left out too.
     """
     base, beta = without_sensor(structure, belief.beta)
-    own = ~np.isin(belief.active, sensor_of(structure))
+    of_arm = ~np.isin(belief.active, sensor_of(structure))
     q = np.random.default_rng(0).uniform(-2.0, 2.0, (_POSES, base.dof))
-    position, x = base.linearise(q, beta, belief.active[own])
-    axis, arm = base.chain.axes[0], position - base.chain.points[0]
-    motions = [np.cross(axis, arm), np.broadcast_to(axis, arm.shape), *([] if size else [arm])]
+    position, x = base.linearise(q, beta, belief.active[of_arm])
+    axis = base.chain.axes[0]
+    arm = position - base.chain.points[0]
+    motions = [np.cross(axis, arm), np.broadcast_to(axis, arm.shape)]
+    if not size:
+        motions.append(arm)
     wanted = np.stack([motion.ravel() for motion in motions], axis=1)
-    columns = x.reshape(len(wanted), -1) @ belief.root[own]  # of independent standard normals
+    columns = x.reshape(len(wanted), -1) @ belief.root[of_arm]  # of independent standard normals
     ways = np.linalg.lstsq(columns, wanted, rcond=1e-9)[0]
     residual = np.linalg.norm(columns @ ways - wanted, axis=0) / np.linalg.norm(wanted, axis=0)
     ways, _ = np.linalg.qr(ways[:, residual < _ALIKE])
@@ -167,9 +185,10 @@ def sensor_of(structure: Structure) -> Indices:
     return np.concatenate([structure.groups[name] for name in _SENSOR])
 
 
-def without_sensor(structure: Any, beta: Array) -> tuple[Any, Array]:
+def without_sensor(structure: SpatialStructure, beta: Array) -> tuple[SpatialStructure, Array]:
     """The arm alone: its structure in the base frame [m], and parameters (d,)."""
     base = structure.with_view("base", unit="m", metre=1.0, extent=structure.chain.reach)
-    return base, np.where(
-        np.isin(np.arange(len(beta)), sensor_of(structure)), structure.neutral(), beta
-    )
+    alone = beta.copy()
+    sensor = sensor_of(structure)
+    alone[sensor] = structure.neutral()[sensor]
+    return base, alone

@@ -2,12 +2,58 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections import defaultdict
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 
 import numpy as np
 
 from ..common.arrays import Array
 from .structure import Structure
+
+_DIGITS_OF_GAIN = 8  # a gain is not shown with more decimals
+
+
+@dataclass(frozen=True)
+class _Kind:
+    """Parameters of one kind of a joint, and their values."""
+
+    group: str  # the block that they are of
+    unit: str
+    values: Array
+    away: Array  # from the prior's mean
+    half: Array  # half widths of 95 % intervals
+
+    @property
+    def size(self) -> float:
+        """Length of their deviation."""
+        return float(np.linalg.norm(self.away))
+
+    @property
+    def width(self) -> float:
+        """Root mean square of the intervals' half widths."""
+        return float(np.sqrt((self.half**2).mean()))
+
+    def words(self) -> str:
+        """Return what it says of the joint."""
+        if self.group == "offset":
+            if self.unit == "rad" and self.width >= np.pi:
+                return "offset not told apart from the tool's turn"
+            return _interval(float(self.away[0]), self.width, self.unit, "+")
+        if self.group == "gain":
+            digits = min(_digits(self.width), _DIGITS_OF_GAIN)
+            return f"gain {self.values[0]:.{digits}f}"
+        if self.group == "elastic":
+            return f"bends by {1e3 * self.size:.2f} mrad under load"
+        if self.group == "payload":
+            return f"bends by {1e3 * self.size:.2f} mrad under a payload"
+        if self.group == "coupling":
+            moved = _interval(1e3 * float(self.values[0]), 1e3 * self.width, "1", "+")
+            return f"moves by {moved} mrad for each rad of the joint before it"
+        if self.group == "length":
+            return f"length {_interval(float(self.values[0]), self.width, self.unit)}"
+        verb = "origin moved" if self.unit == "m" else "turned"
+        return f"{verb} {_interval(self.size, self.width, self.unit)}"
 
 
 def words_of(structure: Structure, beta: Array, sd: Array) -> tuple[str, ...]:
@@ -21,61 +67,75 @@ def words_of(structure: Structure, beta: Array, sd: Array) -> tuple[str, ...]:
 
 def _of_joints(structure: Structure, beta: Array, half: Array) -> Iterator[str]:
     """What each joint has of its own, `half` (d,) half widths of intervals."""
-    away = beta - structure.neutral()
-    ways = dict(zip(structure.joint_names, structure.directions, strict=True))
-    joints: dict[str, dict[tuple[str, str], list[int]]] = {}
-    for i, (group, joint, _, unit) in enumerate(structure.labels):
-        if joint and half[i] > 0:
-            own = joints.setdefault(joint, {})
-            own.setdefault((group.partition(".")[0], unit), []).append(i)
-    curves = []
-    for joint, kinds in joints.items():
-        parts = []
-        for (group, unit), at in kinds.items():
-            size, width = float(np.linalg.norm(away[at])), float(np.sqrt((half[at] ** 2).mean()))
-            if group == "offset" and unit == "rad" and width >= np.pi:
-                parts.append("offset not told apart from the tool's turn")
-            elif group == "offset":
-                parts.append(_interval(float(away[at[0]]), width, unit, "+"))
-            elif group == "gain":
-                parts.append(f"gain {beta[at[0]]:.{min(_digits(width), 8)}f}")
-            elif group == "elastic":
-                parts.append(f"bends by {1e3 * size:.2f} mrad under load")
-            elif group == "curve":
-                curves.append(f"joint curve of {joint} {1e3 * size / np.sqrt(2):.2f} mrad rms")
+    directions = dict(zip(structure.joint_names, structure.directions, strict=True))
+    curves: list[str] = []
+    for joint, kinds in _kinds_of_joints(structure, beta, half).items():
+        words: list[str] = []
+        for kind in kinds:
+            if kind.group == "curve":
+                rms = 1e3 * kind.size / np.sqrt(2)
+                curves.append(f"joint curve of {joint} {rms:.2f} mrad rms")
             else:
-                moved = {"m": "origin moved", "rad": "turned"}[unit] if group != "length" else group
-                value = float(beta[at[0]]) if group == "length" else size
-                parts.append(f"{moved} {_interval(value, width, unit)}")
-        parts += ["turns against its log"] * (ways.get(joint, 1) < 0)
-        if parts:
-            yield f"{joint}: {', '.join(parts)}"
+                words.append(kind.words())
+        if directions.get(joint, 1) < 0:
+            words.append("turns against its log")
+        if words:
+            yield f"{joint}: {', '.join(words)}"
     yield from curves
+
+
+def _kinds_of_joints(structure: Structure, beta: Array, half: Array) -> Mapping[str, list[_Kind]]:
+    """Fitted parameters by joint, those of one kind together."""
+    indices: dict[str, dict[tuple[str, str], list[int]]] = defaultdict(lambda: defaultdict(list))
+    for index, label in enumerate(structure.labels):
+        if label.joint is not None and half[index] > 0:
+            group = label.group.partition(".")[0]
+            indices[label.joint][group, label.unit].append(index)
+    away = beta - structure.neutral()
+    return {
+        joint: [
+            _Kind(group, unit, beta[some], away[some], half[some])
+            for (group, unit), some in groups.items()
+        ]
+        for joint, groups in indices.items()
+    }
 
 
 def _interval(value: float, half: float, unit: str, sign: str = "") -> str:
     """A value with its interval, angles in degrees and metres in mm."""
+    suffix = "" if unit == "1" else f" {unit}"
     if unit == "rad":
-        value, half = np.degrees((value + np.pi) % (2 * np.pi) - np.pi), np.degrees(half)
-    if unit == "m":
-        value, half = 1e3 * value, 1e3 * half
-    shown, digits = {"rad": " deg", "m": " mm", "1": ""}.get(unit, f" {unit}"), _digits(half)
-    return f"{value:{sign}.{digits}f} ± {half:.{digits}f}{shown}"
+        value = float(np.degrees((value + np.pi) % (2 * np.pi) - np.pi))
+        half = float(np.degrees(half))
+        suffix = " deg"
+    elif unit == "m":
+        value *= 1e3
+        half *= 1e3
+        suffix = " mm"
+    digits = _digits(half)
+    return f"{value:{sign}.{digits}f} ± {half:.{digits}f}{suffix}"
 
 
 def _digits(width: float) -> int:
     """Decimals that show an interval of this half width with two digits."""
-    return int(np.clip(1 - np.floor(np.log10(width)), 0, 10)) if width > 0 else 4
+    if width <= 0:
+        return 4
+    return int(np.clip(1 - np.floor(np.log10(width)), 0, 10))
 
 
 def _of_sensor(structure: Structure, beta: Array, half: Array) -> Iterator[str]:
     """What is at the tip, and the lens; `SensorPose` says where a sensor in space stands."""
-    tool, lens = structure.groups.get("tool"), structure.groups["lens"]
-    if tool is not None and half[tool].any():
-        shown = ", ".join(f"{1e3 * v:.1f}" for v in beta[tool])
-        width = 1e3 * float(np.sqrt((half[tool] ** 2).mean()))
-        yield f"tool ({shown}) ± {width:.2f} mm from the tip"
+    for group, place in (("tool", "the tip"), ("marker", "the first sensor's marker")):
+        index = structure.groups.get(group)
+        if index is not None and half[index].any():
+            shift = ", ".join(f"{1e3 * value:.1f}" for value in beta[index])
+            width = 1e3 * float(np.sqrt((half[index] ** 2).mean()))
+            yield f"{group} ({shift}) ± {width:.2f} mm from {place}"
+    lens = structure.groups["lens"]
     if half[lens].any():
-        labels = structure.labels
-        own = (f"{labels[k].name[5:]} {_interval(beta[k], half[k], labels[k].unit)}" for k in lens)
-        yield f"lens: {', '.join(own)}"
+        words: list[str] = []
+        for k in lens:
+            label = structure.labels[k]
+            name = label.name.rpartition("lens.")[2]
+            words.append(f"{name} {_interval(float(beta[k]), half[k], label.unit)}")
+        yield f"lens: {', '.join(words)}"

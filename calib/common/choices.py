@@ -43,6 +43,7 @@ FRAMES: tuple[str, ...] = get_args(FrameWord)
 LOG_FRAMES: tuple[str, ...] = get_args(LogFrameWord)
 CAUSES: tuple[str, ...] = get_args(CauseWord)
 EYES: tuple[str, ...] = get_args(Eye)
+ROTATIONS = ("xyzw", "wxyz", "vector", "rpy", "kuka", "fanuc", "matrix")  # of flange poses
 METHODS: tuple[str, ...] = get_args(MethodWord)
 
 DICTIONARY = "apriltag_36h11"  # of tags, if none is named

@@ -22,18 +22,16 @@ from ..maps.association import Association, check_readout
 from ..maps.linear_models import LinearModels
 from ..maps.local_models import NO_MODELS, LocalModels
 from ..maps.map import Map
-from ..maps.node_bounds import blend_nodes
 from ..maps.predictor import BodyInBox, Predictor
 from .about import About, Photo, Rows
 from .baseline import Baseline, Seen
+from .bounds import MOST_BLENDED, PositionBound
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
 
 MOST_SHARE = 0.1  # of the reach: where the bound on the position exceeds it, there is no answer
-MOST_BLENDED = 3  # joints up to which bounds are blended between the motor map's nodes
-STEEP = 2.0  # extents of the workspace that a position may change by over the range of a joint
 # of a joint's range by which values beyond it are answered: an encoder at its stop reads a hair
 # beyond the limit
 ROUNDED = 1e-5
@@ -74,29 +72,32 @@ class Parts:
         if np.array_equal(self.bounds, self.model_bounds):  # one answer is enough
             object.__setattr__(self, "model_bounds", self.bounds)
 
-    def __getstate__(self) -> dict[str, Any]:
+    def __getstate__(self) -> dict[str, object]:
         """What was compiled for single queries stays behind when a model is pickled."""
-        kept = {"kernel", "remembered"}
-        return {name: value for name, value in vars(self).items() if name not in kept}
+        left_behind = ("kernel", "remembered")
+        return {name: value for name, value in vars(self).items() if name not in left_behind}
 
     def __repr__(self) -> str:
         """Say in three lines what it is a model of, what it has learned and how well."""
         about = self.about
         errors = about.errors.get(self.default_readout, {}).get("forward", {})
-        error = errors.get("distance", {}).get("mean")
-        known = "unknown" if error is None else f"{error:.3g} {about.unit}"
+        mean = errors.get("distance", {}).get("mean")
+        error = "unknown" if mean is None else f"{mean:.3g} {about.unit}"
         title = f"Model of {about.robot or 'a log'}: {', '.join(about.joint_names)}"
-        return one_line(title) + (
-            f"\n  {about.samples:,} samples ({about.source}), maps: {self.size_in_words}"
-            f"\n  mean error {known}, {len(self.history)} earlier states"
+        return (
+            f"{one_line(title)}\n"
+            f"  {about.samples:,} samples ({about.source}), maps: {self.size_in_words}\n"
+            f"  mean error {error}, {len(self.history)} earlier states"
         )
 
     @property
     def size_in_words(self) -> str:
         """The lattices, such as `motor 70x70, sensory 70x70`."""
-        maps = (self.motor, self.sensory)
-        motor, sensory = ("x".join(map(str, part.lattice.shape)) for part in maps)
-        return f"{motor} nodes" if motor == sensory else f"motor {motor}, sensory {sensory}"
+        motor = "x".join(map(str, self.motor.lattice.shape))
+        sensory = "x".join(map(str, self.sensory.lattice.shape))
+        if motor == sensory:
+            return f"{motor} nodes"
+        return f"motor {motor}, sensory {sensory}"
 
     @property
     def motor(self) -> Map:
@@ -156,14 +157,45 @@ class Parts:
         """Largest bound [unit] with which a position is still an answer."""
         return MOST_SHARE * self.reach
 
-    @property
-    def _seen(self) -> Seen | None:
-        return None if self.baseline is None or self.body is not None else self.baseline.seen
+    @cached_property
+    def reach(self) -> float:
+        """How far the tip can be from the middle of what it reaches [unit]."""
+        if self.body is None:
+            return 0.5 * self.solver.extent
+        structure = self.body.structure
+        return float(structure.extents[: structure.blocks[0]].max())
+
+    @cached_property
+    def position_bound(self) -> PositionBound:
+        """The bound on positions, wherever the joints are."""
+        rows: Seen | None = None
+        if self.baseline is not None and self.body is None:
+            rows = self.baseline.seen
+        return PositionBound(
+            predictor=self.predictor,
+            body=self.body,
+            posterior=self.posterior,
+            play=None if self.approach is None else self.approach.play,
+            rows=rows,
+            extent=self.solver.extent,
+            widest=self.most_bound,
+        )
+
+    @cached_property
+    def posterior(self) -> CompactPosterior | None:
+        """What bounds positions of more than three joints; None where nodes' bounds are blended."""
+        if self.body is None or self.motor.units.shape[1] <= MOST_BLENDED:
+            return None
+        try:
+            return CompactPosterior.of(self.body, self.about.lower, self.about.upper)
+        except OptionError:
+            return None
 
     @cached_property
     def everywhere(self) -> bool:
         """Whether there is an answer wherever joints are within their range."""
-        return self._seen is None and bool((self.model_bounds <= self.most_bound).all())
+        within = bool((self.model_bounds <= self.most_bound).all())
+        return within and self.position_bound.rows is None
 
     def in_range(self, q: Array) -> Mask:
         """Which joint values (n, dof) [rad or m] are within the joints' range.
@@ -181,42 +213,22 @@ class Parts:
         covered = np.asarray(self.in_range(q).all(axis=1))
         if not self.everywhere and covered.any():
             u = self.motor.scale.to_unit(q[covered])
-            bound = self.blended(self.model_bounds, u, noise=False)
+            bound = self.position_bound.blended(u, self.model_bounds, noise=False)
             covered[covered] = bound <= self.most_bound
         return covered
 
-    def blended(self, bounds: Array, u: Array, *, noise: bool) -> Array:
-        """Bounds (n,) at points of the unit box (n, dof), from those of the nodes (nodes,).
+    def bound_at(self, u: Array, which: str = "bounds", *, side_known: Mask | None = None) -> Array:
+        """95 % bound (n,) [unit] at points of the unit box (n, dof): `bounds` or `model_bounds`.
 
-        `noise` says whether they count the noise of a single reading.
+        side_known : (n,), see `PositionBound.at`
         """
-        blended, scale = blend_nodes(self.motor, bounds, u), self.motor.scale
-        wide = blended > self.most_bound
-        if self.body is not None and wide.any():
-            # beside a joint that hardly moved the posterior widens within less than a node's
-            # spacing: a blended bound would refuse the measured rows themselves
-            there = self.body.bound(scale.from_unit(u[wide]), noise=noise)
-            blended[wide] = np.minimum(blended[wide], there)
-        if self._seen is not None:
-            blended = blended + STEEP * self.solver.extent * self._seen.beside(scale, u)
-        return blended
-
-    @cached_property
-    def posterior(self) -> CompactPosterior | None:
-        """What bounds positions of more than three joints; None where nodes' bounds are blended."""
-        if self.body is None or self.motor.units.shape[1] <= MOST_BLENDED:
-            return None
-        try:
-            return CompactPosterior.of(self.body, self.about.lower, self.about.upper)
-        except OptionError:
-            return None
-
-    @cached_property
-    def reach(self) -> float:
-        """How far the tip can be from the middle of what it reaches [unit]."""
-        if self.body is not None:
-            return float(self.body.structure.extents[: self.body.structure.blocks[0]].max())
-        return 0.5 * self.solver.extent
+        if which == "model_bounds":
+            nodes = self.model_bounds
+            noise = False
+        else:
+            nodes = self.bounds
+            noise = self.about.bound_of == "sensor reading"
+        return self.position_bound.at(u, nodes, noise=noise, side_known=side_known)
 
     @property
     def axes(self) -> tuple[str, ...]:
@@ -233,8 +245,9 @@ class Parts:
         """Readouts that differ, the default first."""
         if self.default_readout == "linear":
             return MAP_READOUTS
-        smooth = self.body is not None and self.predictor.models.degree >= 0
-        return ("local", *(("body",) if smooth else ()), *MAP_READOUTS)
+        if self.body is not None and self.predictor.models.degree >= 0:
+            return ("local", "body", *MAP_READOUTS)
+        return ("local", *MAP_READOUTS)
 
     def predicted(self, u: Array, readout: str) -> Array:
         """Positions (n, m) that a readout answers at points (n, dof) of the unit box [unit]."""
@@ -244,37 +257,11 @@ class Parts:
             return self.body_solver.predictor.value(u)
         return self.sensory.scale.from_unit(self.association.forward(u, readout))
 
-    def bound_at(self, u: Array, which: str = "bounds", *, side_known: Mask | None = None) -> Array:
-        """95 % bound (n,) [unit] at points of the unit box (n, dof): `bounds` or `model_bounds`.
-
-        side_known : (n,), whether `u` is where the joints stand; by default it is where they read,
-            and they may stand anywhere within their play
-        """
-        bound = self._bound_without_play(u, which)
-        if self.approach is None:
-            return bound
-        if side_known is None:
-            side_known = np.zeros(len(u), dtype=bool)
-        return bound + np.where(side_known, 0.0, self._play_reach(u))
-
-    def _play_reach(self, u: Array) -> Array:
-        """How far the tip may be (n,) [unit] with all joints at the worst side of their play."""
-        slope = self.predictor.value_and_slope(u)[1] / self.motor.scale.span
-        play = np.zeros(u.shape[1]) if self.approach is None else self.approach.play
-        return np.asarray(np.linalg.norm(slope * play, axis=1).sum(axis=1))
-
-    def _bound_without_play(self, u: Array, which: str) -> Array:
-        # of more than three joints a lattice covers too little of their box to blend between
-        noise = which == "bounds" and self.about.bound_of == "sensor reading"
-        if self.posterior is not None:
-            return self.posterior.bound(self.motor.scale.from_unit(u), noise=noise)
-        if self.body is not None and u.shape[1] > MOST_BLENDED:
-            return self.body.bound(self.motor.scale.from_unit(u), noise=noise)
-        return self.blended(getattr(self, which), u, noise=noise)
-
     def _readout(self, name: str | None) -> str:
         """The readout that answers; ``local`` where the predictor does."""
         check_readout(name or "local")
         if name == "local" and self.default_readout == "linear":
             raise OptionError("readout 'local': the model has no body, choose 'linear'")
-        return "local" if name in (None, self.default_readout) else str(name)
+        if name is None or name == self.default_readout:
+            return "local"
+        return name

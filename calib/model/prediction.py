@@ -54,7 +54,7 @@ class Prediction:
     @property
     def value(self) -> Array:
         """Readings (n, m) [unit] of the model's default readout."""
-        return self.read(self.model.default_readout)
+        return self.read("local")
 
     @property
     def bound(self) -> Array:
@@ -93,7 +93,7 @@ class Prediction:
         The bounds hold for the default readout; another one is further off by at most this
         (triangle inequality).
         """
-        if readout == self.model.default_readout:
+        if readout in ("local", self.model.default_readout):
             return np.zeros(len(self.motion))
         return np.asarray(np.linalg.norm(self.read(readout) - self.value, axis=1))
 

@@ -9,18 +9,19 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..arm.rotations import cross_matrix, quaternion_of
-from ..common.arrays import Array, Index
+from ..common.arrays import Array, Index, Mask
 from ..common.wording import listed
 from ..errors import LogError, OptionError
 from ..samples.samples import Samples
-from .board import LEAST_CORNERS, Board, BoardFinder
+from .board import LEAST_CORNERS, BoardFinder, Chessboard, Pattern, parse_board
+from .flange_table import FlangeTable
 from .joint_table import JointTable, read_joints, read_shots
 from .lens import Lens, calibrate_lens
 from .lerobot import is_dataset, read_dataset
 from .pictures import Picture
 from .reference import Pose, find_pose, turns_and_shifts
 
-LEAST = 6
+LEAST = 4
 """Pictures of the board that tell where it is."""
 
 _LOOKED = 4  # pictures in which another board, or a mirrored one, is looked for
@@ -35,7 +36,7 @@ Source = str | os.PathLike[str] | Sequence[Picture]
 class BoardPictures:
     """Corners that pictures show, and the joints at which they were taken."""
 
-    board: Board
+    board: Pattern
     joint_names: tuple[str, ...]
     names: tuple[str, ...]  # of the pictures
     q: Array  # (p, dof) [rad or m]
@@ -44,12 +45,21 @@ class BoardPictures:
     count: int  # pictures, with those that do not show the board
     notes: tuple[str, ...]
     episodes: Index | None = None  # (p,), the series that each is of
+    rows: Index | None = None  # (p,), the row of joints or poses that each is of
 
     @property
     def points(self) -> list[Array]:
         """The corners that each picture shows (n, 3), in OpenCV's frame of the board [m]."""
-        world = np.asarray(self.board.opencv().getChessboardCorners(), float)
-        return [world[list(found)] for found in self.corners]
+        world = self.board.points()
+        return [world[list(shown)] for shown in self.corners]
+
+    def turned(self, others: Mask) -> BoardPictures:
+        """The pictures with the board of some (p,) numbered from its other end."""
+        last = len(self.board.points()) - 1
+        corners = list(self.corners)
+        for k in np.flatnonzero(others):
+            corners[k] = {last - number: place for number, place in corners[k].items()}
+        return replace(self, corners=tuple(corners))
 
     def poses(self, lens: Lens) -> list[Pose]:
         """Where the board is before the camera in each picture."""
@@ -69,12 +79,13 @@ class BoardPictures:
         The point that it tells is ahead of the camera, or in the middle of the board.
         """
         poses, (width, height) = self.poses(lens), self.board.size
+        middle = self.board.points().mean(axis=0)
         turns, shift = held_poses(poses, in_hand)
         if in_hand:
             at = np.array([0.0, 0.0, _AHEAD * float(np.hypot(width, height))])
             sign, back, arm = -1.0, turns, at - np.array([pose.shift for pose in poses])
         else:
-            at = np.array([width / 2, height / 2, 0.0])
+            at = middle
             sign, back, arm = 1.0, np.eye(3), turns @ at
         # a small turn and a shift of the board, in the camera's axes, move and turn what is told
         change = np.zeros((len(turns), 6, 6))
@@ -104,8 +115,8 @@ def held_poses(poses: Sequence[Pose], in_hand: bool) -> tuple[Array, Array]:
 
 def find_board(
     pictures: Source,
-    joints: str | os.PathLike[str] | JointTable | None,
-    board: Board | str,
+    joints: str | os.PathLike[str] | JointTable | FlangeTable | None,
+    board: Pattern | str,
     names: Sequence[str] | None = None,
     *,
     camera: str | None = None,
@@ -119,12 +130,12 @@ def find_board(
     camera : of a dataset with several
     Raises LogError if too few pictures show the board; what they show instead is told.
     """
-    board, notes = Board.parse(board), list[str]()
+    board, notes = parse_board(board), list[str]()
     if is_dataset(pictures):
         joints, pictures, notes = read_dataset(str(pictures), names, camera)
     elif joints is None:
         raise OptionError("pictures need the joints beside them: expected `joints`")
-    if not isinstance(joints, JointTable):
+    if not isinstance(joints, (JointTable, FlangeTable)):
         joints = read_joints(joints, names, degrees=degrees, prismatic=prismatic)
     rows = list(range(len(joints.q)))
     if isinstance(pictures, (str, os.PathLike)):
@@ -134,35 +145,63 @@ def find_board(
         frames = zip(rows, known, pictures, strict=True)
     else:
         raise LogError(f"{len(pictures)} pictures and {len(rows)} rows of joints: expected as many")
-    finder, looked, size = BoardFinder(board), list[Picture](), (0, 0)
-    seen = list[tuple[str, int, dict[int, Array]]]()
+    finder = BoardFinder(board)
+    looked: list[Picture] = []
+    seen: list[tuple[str, int, dict[int, Array]]] = []
+    size = (0, 0)
     for number, name, grey in frames:
-        seen.append((name, rows[number], finder.find(grey)))
+        corners = finder.find(grey)
+        seen.append((name, rows[number], corners))
         size = (grey.shape[1], grey.shape[0])
-        if len(seen[-1][2]) < LEAST_CORNERS and len(looked) < _LOOKED:
+        if len(corners) < LEAST_CORNERS and len(looked) < _LOOKED:
             looked.append(grey)
-    found = [each for each in seen if len(each[2]) >= LEAST_CORNERS]
-    if len(found) < LEAST:
+    enough = [picture for picture in seen if len(picture[2]) >= LEAST_CORNERS]
+    few = [name for name, _, corners in seen if 0 < len(corners) < LEAST_CORNERS]
+    none = [name for name, _, corners in seen if not corners]
+    if len(enough) < LEAST:
+        most = max((len(corners) for *_, corners in seen), default=0)
         raise LogError(
-            f"the board is in {len(found)} of {len(seen)} pictures, expected {LEAST} with "
-            f"{LEAST_CORNERS} corners or more (at most {max(len(c) for *_, c in seen)} found): "
-            f"{_instead(looked, board)}"
+            f"the board is in {len(enough)} of {len(seen)} pictures, expected {LEAST} with "
+            f"{LEAST_CORNERS} corners or more (at most {most} found; {len(few)} show fewer, "
+            f"{len(none)} none): {_instead(looked, board)}"
         )
-    if missing := [name for name, _, corners in seen if len(corners) < LEAST_CORNERS]:
-        notes.append(f"no board in {len(missing)} pictures, left out: {listed(missing)}")
-    shown, kept, corners = zip(*found, strict=True)
+    if few:
+        less = f"fewer than {LEAST_CORNERS} corners of the board"
+        notes.append(f"{less} in {len(few)} pictures, left out: {listed(few)}")
+    if none:
+        notes.append(f"no board in {len(none)} pictures, left out: {listed(none)}")
+    kept = np.array([row for _, row, _ in enough])
     return BoardPictures(
-        board, joints.names, shown, joints.q[list(kept)], corners, size, len(seen), tuple(notes),
-        None if joints.episodes is None else joints.episodes[list(kept)],
-    )  # fmt: skip
+        board=board,
+        joint_names=joints.names,
+        names=tuple(name for name, *_ in enough),
+        q=joints.q[kept],
+        corners=tuple(corners for *_, corners in enough),
+        size=size,
+        count=len(seen),
+        notes=tuple(notes),
+        episodes=joints.episodes[kept] if joints.episodes is not None else None,
+        rows=kept,
+    )
 
 
-def _instead(looked: Sequence[Picture], board: Board) -> str:
+def _instead(looked: Sequence[Picture], board: Pattern) -> str:
     """What pictures without the board show."""
-    turned = replace(board, columns=board.rows, rows=board.columns)
-    if any(len(BoardFinder(turned).find(grey)) >= LEAST_CORNERS for grey in looked):
+
+    def shown(other: Pattern, pictures: Sequence[Picture]) -> bool:
+        return any(len(other.find(grey)) >= LEAST_CORNERS for grey in pictures)
+
+    if isinstance(board, Chessboard):
+        more = replace(board, columns=board.columns + 1, rows=board.rows + 1)
+        if shown(more, looked):
+            return (
+                f"they show {board.columns}x{board.rows} corners, which are {more.columns}x"
+                f"{more.rows} squares: give `board={more.text!r}`"
+            )
+        return "check the board's columns and rows of squares, that it is whole and in focus"
+    turned = replace(board, columns=board.rows, rows=board.columns)  # type: ignore[type-var]
+    if shown(turned, looked):
         return f"they show a board of {turned.columns}x{turned.rows} squares"
-    finder, flipped = BoardFinder(board), [np.ascontiguousarray(grey[:, ::-1]) for grey in looked]
-    if any(len(finder.find(grey)) >= LEAST_CORNERS for grey in flipped):
+    if shown(board, [np.ascontiguousarray(grey[:, ::-1]) for grey in looked]):
         return "the pictures are mirrored: turn that off in the camera's settings"
     return "check the board's columns, rows and dictionary"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
@@ -83,8 +84,21 @@ def read_joints(
     return JointTable(source.label, tuple(names), q, time, pictures, dropped, episodes)
 
 
+class Table(Protocol):
+    """What was recorded beside pictures, one row for each."""
+
+    @property
+    def label(self) -> str: ...  # noqa: D102
+    @property
+    def q(self) -> Array: ...  # noqa: D102
+    @property
+    def pictures(self) -> tuple[str, ...] | None: ...  # noqa: D102
+    @property
+    def dropped(self) -> int: ...  # noqa: D102
+
+
 def read_shots(
-    table: JointTable, source: str | os.PathLike[str] | Sequence[str]
+    table: Table, source: str | os.PathLike[str] | Sequence[str]
 ) -> tuple[list[int], Iterator[Frame], list[str]]:
     """Rows of the joints (p), in their order, the picture of each, and what is left out.
 

@@ -17,7 +17,7 @@ from ..common.arrays import Array
 from ..common.atomic import atomic_write
 from ..errors import LogError, OptionError
 from ..samples.camera import bent
-from .board import LEAST_CORNERS, Board, BoardFinder
+from .board import LEAST_CORNERS, BoardFinder, Pattern
 from .pictures import list_pictures, opencv, read_series
 
 _LEAST_PICTURES = 4  # of a board that a calibration needs
@@ -95,7 +95,7 @@ class Lens:
 
 
 def calibrate_lens(
-    corners: Sequence[Mapping[int, Array]], board: Board, size: tuple[int, int]
+    corners: Sequence[Mapping[int, Array]], board: Pattern, size: tuple[int, int]
 ) -> tuple[Lens, tuple[str, ...]]:
     """Fit a lens to pictures of a board held at different angles; notes say what makes it doubtful.
 
@@ -167,7 +167,7 @@ def _covariance(
 
 def load_lens(
     path: str | os.PathLike[str],
-    board: Board | None = None,
+    board: Pattern | None = None,
     output: str | os.PathLike[str] | None = None,
 ) -> tuple[Lens, tuple[str, ...]]:
     """Read the `lens.json` of an earlier run, or calibrate by a folder or pattern of pictures.

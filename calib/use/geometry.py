@@ -340,11 +340,11 @@ def _geometry(
     x = structure.linearise(fit.parts[0].q, fit.beta, both)[1].reshape(len(root), -1)
     x = x * root[:, None]
     gram = x.T @ x
-    precision = fit.told * gram
+    precision = fit.information_share * gram
     precision[np.ix_(own, own)] = with_prior(precision[np.ix_(own, own)], fit.sd, fit.known)
     precision[~own, ~own] += usual[both[~own]] ** -2.0
     spread = Factor(precision).inverse()[np.ix_(~own, ~own)]
-    mean = spread @ (fit.told * (x.T @ (root * fit.residual.ravel()))[~own])
+    mean = spread @ (fit.information_share * (x.T @ (root * fit.residual.ravel()))[~own])
     bent = Factor(fit.precision).solve(gram[np.ix_(own, ~own)])
     sd[active] = np.sqrt(np.diag(fit.covariance + bent @ (spread + np.outer(mean, mean)) @ bent.T))
     positions = slice(structure.blocks[0])

@@ -2,47 +2,76 @@
 
 from __future__ import annotations
 
-import math
 from typing import Annotated, Any
 
 from typer import Argument, Option
 
-from calib.common.choices import EYES, Eye
+from calib.common.choices import EYES, ROTATIONS
 
 from .. import options as opt
 from ..camera import need_joints
 from ..output import Outcome, note, say
-from ..parsing import check_file
+from ..parsing import BadOption, check_file
 from ..samples import Selection
 
 
 def handeye(
-    robot: opt.RobotFile,
-    pictures: Annotated[str, Argument(metavar="PICTURES", help="Folder, pattern, LeRobotDataset.")],
-    board: Annotated[
-        str,
-        Option(
-            "--board", metavar="COLSxROWS:SQUARE:MARKER:DICT", help="Such as 7x5:24mm:18mm:5x5_100."
+    names: Annotated[
+        list[str],
+        Argument(
+            metavar="[ROBOT] PICTURES",
+            help="A URDF or a bundled robot, unless --poses-file is given; then a folder or "
+            "pattern, a folder with a folder for each camera, or a LeRobotDataset.",
         ),
     ],
+    board: Annotated[str, Option("--board", metavar="BOARD", help=opt.BOARD)],
     eye: Annotated[
-        Eye, opt.word("--eye", EYES, "hand: the camera is on the arm; base: it stands still.")
+        str,
+        Option(
+            "--eye",
+            metavar="hand|base",
+            help="hand: the camera is on the arm; base: it stands still; of several cameras "
+            "left=hand,right=base.",
+        ),
     ],
     joints_file: opt.JointsFile = None,
+    poses_file: Annotated[
+        str | None,
+        Option(
+            "--poses-file", metavar="FILE", help="Flange poses of a controller, as it has them."
+        ),
+    ] = None,
     camera: opt.DatasetCamera = None,
     joints: opt.JointNames = None,
     tip: opt.Tip = None,
     lock: opt.Lock = None,
     lens: Annotated[
-        str | None, Option("--lens", metavar="SHOTS|lens.json", help="Default: fitted.")
+        str | None,
+        Option(
+            "--lens",
+            metavar="SHOTS|FILE",
+            help="Pictures of the board, a file of calib, ROS or OpenCV, or a model (default: "
+            "fitted).",
+        ),
     ] = None,
     output: Annotated[
         str | None, Option("--output", "-o", metavar="MODEL", help="Learn a model, too.")
     ] = None,
     transform: Annotated[
-        str | None, Option("--transform", metavar="FILE", help="Both as static transforms.")
+        str | None, Option("--transform", metavar="FILE", help="All as static transforms.")
     ] = None,
     degrees: opt.Degrees = False,
+    unit: Annotated[
+        str | None, Option("--unit", metavar="m|mm|..", help="Of the poses (default: found).")
+    ] = None,
+    rotation: Annotated[
+        str | None,
+        Option(
+            "--rotation",
+            metavar="KIND",
+            help=f"Of the poses: {', '.join(ROTATIONS)}, or axes such as ZYZ (default: found).",
+        ),
+    ] = None,
     as_json: opt.Json = False,
     verbose: opt.Verbose = False,
     quiet: opt.Quiet = False,
@@ -54,48 +83,69 @@ def handeye(
     check_file(output, (".calib",), option="-o")
     check_file(transform, (".json",), option="--transform")
     import calib
-    from calib.recording.board import Board
+    from calib.recording.board import parse_board
     from calib.recording.lens import load_lens
 
-    arm = Selection(joints=joints, tip=tip, lock=lock, degrees=degrees).load(robot)
-    need_joints(pictures, joints_file)
+    arm = None
+    pictures = names[-1]
+    if poses_file is not None:
+        if len(names) != 1 or joints_file is not None or output is not None:
+            raise BadOption(
+                "--poses-file takes PICTURES alone: no ROBOT, no --joints-file, and no -o, since a "
+                "model needs joints"
+            )
+    else:
+        if len(names) != 2:
+            raise BadOption(
+                f"{len(names)} names: expected ROBOT PICTURES, or PICTURES with --poses-file"
+            )
+        arm = Selection(joints=joints, tip=tip, lock=lock, degrees=degrees).load(names[0])
+        need_joints(pictures, joints_file)
     known = None
     if lens is not None:
-        known, said = load_lens(lens, Board.parse(board))
-        say(said)
-    found = calib.handeye(
-        arm, pictures, joints_file, board, eye, lens=known, degrees=degrees, camera=camera
+        known, notes = load_lens(lens, parse_board(board))
+        say(notes)
+    rig = calib.handeye(
+        arm,
+        pictures,
+        joints_file,
+        board,
+        _eyes(eye),
+        poses=poses_file,
+        lens=known,
+        degrees=degrees if arm is not None else degrees or None,
+        camera=camera,
+        unit=unit,
+        rotation=rotation,
     )
-    say(found.notes)
-    carried, standing = ("camera", "board") if eye == "hand" else ("board", "camera")
-    if output is not None:
-        calib.train(found.poses).save(output)
+    say(rig.notes)
+    if output is not None and rig.poses is not None:
+        calib.train(rig.poses).save(output)
     if transform is not None:
+        from calib.arm.urdf import parse_urdf
         from calib.common.atomic import atomic_write
-        from calib.use.formats import hand_eye_transforms
+        from calib.recording.transforms import transform_files
 
-        text = hand_eye_transforms(arm.urdf, arm.tip, eye, found.hand, found.base)
-        atomic_write(transform, text.encode())
-        note(f"where {carried} and {standing} are is in {transform}")
-    reprojection = found.reprojection
-    lines = [
-        _place(f"{carried} in the frame of {arm.tip}", found.hand),
-        _place(f"{standing} in the base frame", found.base),
-        f"corners are predicted to {reprojection['mean']:.2g} px (largest "
-        f"{reprojection['max']:.2g}); {found.used} of {found.pictures} pictures",
-        f"lens: focal length {found.lens['focal']:.1f} ± {found.lens['focal_95']:.2g} px",
-        f"limited by {found.limited_by}",
-    ]
-    document: Any = found.to_json()
-    document["units"] = {"position": "m", "rotation": "rad", "reprojection": "px"}
-    return Outcome(document, lines)
+        frames = ("base", "flange") if arm is None else (parse_urdf(arm.urdf).root, arm.tip)
+        for path, text in transform_files(rig, *frames, transform).items():
+            atomic_write(path, text.encode())
+            note(f"where all is stands in {path}")
+    document: Any = rig.to_json()
+    document["units"] = {
+        "position": "m",
+        "rotation": "rad",
+        "reprojection": "px",
+        "held_out": "px",
+        "square": "m",
+    }
+    return Outcome(document, rig.lines("the flange" if arm is None else arm.tip))
 
 
-def _place(what: str, found: dict[str, Any]) -> str:
-    at = ", ".join(
-        f"{1e3 * value:.2f} ± {1e3 * half:.2g}"
-        for value, half in zip(found["position"], found["position_95_up_to_gauge"], strict=True)
-    )
-    quaternion = ", ".join(f"{value:.5f}" for value in found["quaternion"])
-    turn = math.degrees(max(found["rotation_95_up_to_gauge"]))
-    return f"{what}: ({at}) mm, quaternion ({quaternion}) ± {turn:.2g} deg"
+def _eyes(text: str) -> str | dict[str, str]:
+    """Where the camera is, or each of several."""
+    if "=" not in text:
+        if text not in EYES:
+            raise BadOption(f"--eye {text!r}: expected {' or '.join(EYES)}")
+        return text
+    pairs = [pair.partition("=") for pair in text.split(",")]
+    return {name.strip(): eye.strip() for name, _, eye in pairs}

@@ -62,6 +62,7 @@ def lerobot(
     say(notes)
     rig = calib.handeye(arm, frames, table, board, eye)
     say(rig.notes)
+    assert rig.poses is not None  # noqa: S101 - of joints there is a log
     learned = calib.train(rig.poses)
     offsets = zeros(learned)
     text, ticks = homed(calibration, {name: zero.offset for name, zero in offsets.items()})

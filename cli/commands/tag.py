@@ -29,13 +29,13 @@ def tag(
 ) -> Outcome:
     """Write a tag for the arm's tip, or a board for the desk, to print at its true size (SVG)."""
     from calib.common.atomic import atomic_write
-    from calib.recording.board import Board, parse_length, print_board, print_tag
+    from calib.recording.board import parse_board, parse_length, print_board, print_tag
 
     if (number is None) == (board is None):
         raise BadOption("expected the ID of a tag, or --board, and not both")
     check_file(output, (".svg",), stream=True)
     if board is not None:
-        made = Board.parse(board)
+        made = parse_board(board)
         page = print_board(made)
         width, height = (1e3 * side for side in made.size)
         what = f"a board of {width:g} x {height:g} mm"

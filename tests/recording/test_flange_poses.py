@@ -1,0 +1,207 @@
+"""Hand-eye from a controller's flange poses: conventions, boards, cameras, what is not known."""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+import calib
+from calib.errors import LogError, OptionError
+from calib.recording.board import parse_board
+from calib.recording.board_pictures import BoardPictures
+from calib.recording.flange_table import FlangeTable, read_flange_poses
+
+SIZE = (1280, 720)
+LENS = np.array([900.0, 903.0, 645.0, 352.0, -0.1, 0.05, 5e-4, -4e-4, 0.0])
+MATRIX = np.array([[900.0, 0.0, 645.0], [0.0, 903.0, 352.0], [0.0, 0.0, 1.0]])
+
+
+def motion(turn, shift):
+    """A rigid motion (4, 4)."""
+    out = np.eye(4)
+    out[:3, :3] = turn.as_matrix()
+    out[:3, 3] = shift
+    return out
+
+
+@dataclass
+class World:
+    """A camera, a board and an arm that repeats to .3 mm and .02 deg."""
+
+    seed: int = 0
+    in_hand: bool = True
+    count: int = 16
+    board: str = "10x7:22mm"
+    printed: float = 1.0  # true size over the said one
+    shift: float = 3e-4  # [m], of the arm's poses
+    turn: float = np.radians(0.02)
+    spread: float = 25.0  # of the turns [deg]
+    axes: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    second: bool = False  # whether another camera sees the same
+
+    def __post_init__(self):
+        rng = np.random.default_rng(self.seed)
+        self.pattern = parse_board(self.board)
+        points = self.pattern.points()
+        near, far = rng.normal(0.0, 0.06, 3), rng.normal(0.0, 0.6, 3)
+        one = Rotation.random(random_state=self.seed)
+        other = Rotation.random(random_state=self.seed + 1000)
+        self.camera = motion(one, near if self.in_hand else far)
+        self.placed = motion(other, far if self.in_hand else near)
+        self.apart = motion(Rotation.from_rotvec([0.0, 0.1, 0.02]), [0.08, 0.0, 0.0])
+        cameras = [self.camera]
+        if self.second:
+            cameras.append(self.camera @ self.apart)
+        self.flange = []
+        self.corners = [[] for _ in cameras]
+        while len(self.flange) < self.count:
+            vector = np.radians(self.spread) * np.array(self.axes) * rng.uniform(-1.5, 1.5, 3)
+            turn = Rotation.from_rotvec(vector)
+            place = rng.uniform([-0.12, -0.07, 0.3], [0.12, 0.07, 0.6])
+            seen = motion(turn, place - turn.apply(points.mean(axis=0)))
+            moved = self.camera @ seen @ np.linalg.inv(self.placed)
+            pictures = []
+            for camera in cameras:
+                there = np.linalg.inv(camera) @ moved @ self.placed
+                at = self.printed * points @ there[:3, :3].T + there[:3, 3]
+                pictures.append(
+                    cv2.projectPoints(at, np.zeros(3), np.zeros(3), MATRIX, LENS[4:])[0]
+                )
+            pixels = np.squeeze(pictures, axis=2) if self.second else np.squeeze(pictures)[None]
+            if (pixels < 10).any() or (pixels > np.array(SIZE) - 10).any():
+                continue
+            flange = np.linalg.inv(moved) if self.in_hand else moved
+            said = flange @ motion(Rotation.from_rotvec(rng.normal(0.0, self.turn, 3)), np.zeros(3))
+            said[:3, 3] += rng.normal(0.0, self.shift, 3)
+            self.flange.append(said)
+            for own, seen_at in zip(self.corners, pixels, strict=True):
+                own.append(seen_at + rng.normal(0.0, 0.15, seen_at.shape))
+        self.flange = np.array(self.flange)
+
+    @property
+    def eye(self):
+        return "hand" if self.in_hand else "base"
+
+    def shots(self, number=0, turned=()):
+        """The corners as if they were found in pictures, some from the board's other end."""
+        found = []
+        for k, corners in enumerate(self.corners[number]):
+            corners = corners[::-1] if k in turned else corners
+            found.append(dict(enumerate(corners)))
+        names = tuple(f"{k:02d}.png" for k in range(self.count))
+        none = np.zeros((self.count, 0))
+        return BoardPictures(self.pattern, (), names, none, tuple(found), SIZE, self.count, ())
+
+    def solve(self, table=None, turned=(), **options):
+        table = self.flange if table is None else table
+        return calib.handeye(
+            pictures=self.shots(turned=turned), poses=table, eye=self.eye, **options
+        )
+
+
+def misses(place, true):
+    """Errors of a place over its intervals (6,): shift and turn."""
+    shift = np.subtract(place["position"], true[:3, 3]) / place["position_95"]
+    turn = Rotation.from_quat(place["quaternion"]) * Rotation.from_matrix(true[:3, :3]).inv()
+    return np.abs(np.concatenate([shift, turn.as_rotvec() / place["rotation_95"]]))
+
+
+@pytest.mark.parametrize("in_hand", [True, False])
+def test_camera_board_and_lens_are_found_with_intervals_that_hold(in_hand):
+    inside = []
+    for seed in range(4):
+        world = World(seed, in_hand)
+        turned = (1, 4, 5) if seed % 2 else ()  # a board that looks the same from its other end
+        rig = world.solve(turned=turned)
+        hand, base = (world.camera, world.placed) if in_hand else (world.placed, world.camera)
+        inside.append(np.concatenate([misses(rig.hand, hand), misses(rig.base, base)]) < 1.0)
+        assert rig.used == world.count
+        assert rig.convention["rotation"] == "matrix"
+        assert not rig.convention["inverse"]
+        assert 1e-4 < rig.repeatability["position"] < 6e-4
+        assert abs(rig.lens["focal"] - 901.5) < 2.0 * rig.lens["focal_95"] + 0.5
+        assert rig.held_out["rms"] < 3.0
+    assert np.mean(inside) > 0.85
+
+
+CONVENTIONS = {
+    "xyzw": lambda turns: turns.as_quat(),
+    "wxyz": lambda turns: np.roll(turns.as_quat(), 1, axis=1),
+    "vector": lambda turns: turns.as_rotvec(degrees=True),
+    "rpy": lambda turns: turns.as_euler("xyz"),
+    "kuka": lambda turns: turns.as_euler("ZYX", degrees=True),
+    "ZYZ": lambda turns: turns.as_euler("ZYZ", degrees=True),
+    "transposed": lambda turns: np.swapaxes(turns.as_matrix(), 1, 2).reshape(-1, 9),
+}
+
+
+@pytest.mark.parametrize("rotation", list(CONVENTIONS))
+def test_what_a_table_means_is_found(rotation):
+    number = list(CONVENTIONS).index(rotation)
+    world = World(20 + number, in_hand=number % 2 == 0, count=12)
+    unit, factor = (("mm", 1000.0), ("m", 1.0), ("in", 1 / 0.0254))[number % 3]
+    told = np.linalg.inv(world.flange) if number % 2 else world.flange
+    turns = CONVENTIONS[rotation](Rotation.from_matrix(told[:, :3, :3]))
+    table = FlangeTable("flange.csv", np.column_stack([factor * told[:, :3, 3], turns]), None)
+    rig = world.solve(table)
+    found = rig.convention
+    tied = any("not told apart" in note for note in rig.notes)
+    assert tied or (found["rotation"], found["unit"]) == (rotation, unit)
+    assert tied or found["inverse"] == bool(number % 2)
+    assert found["ratio"] > 1.3 or tied
+    # what is said is taken
+    again = world.solve(table, rotation=rotation, unit=unit)
+    assert again.convention["rotation"] == rotation
+    with pytest.raises(OptionError, match="rotation"):
+        world.solve(table, rotation="other")
+
+
+def test_a_square_of_another_size_is_measured():
+    world = World(3, printed=0.98)
+    rig = world.solve()
+    low, high = rig.square["interval"]
+    assert rig.square["said"] == 0.022
+    assert low < 0.98 * 0.022 < high < 0.022
+    assert any("squares measure 21." in note for note in rig.notes)
+    assert (misses(rig.hand, world.camera) < 1.5).all()
+
+
+def test_rows_that_are_wrong_are_left_out_and_a_late_table_is_refused():
+    world = World(4)
+    wrong = world.flange.copy()
+    wrong[3, :3, 3] += (0.02, -0.01, 0.03)
+    rig = world.solve(wrong)
+    assert rig.left_out == ("03.png",)
+    assert "03.png" in " ".join(rig.notes)
+    with pytest.raises(LogError, match=r"row late|row early|not those of the pictures"):
+        world.solve(np.roll(world.flange, 1, axis=0))
+
+
+def test_tables_are_read_as_controllers_write_them(tmp_path):
+    path = tmp_path / "flange.csv"
+    path.write_text("picture,x,y,z,A,B,C\nshots/1.png,100,200,300,10,20,30\n,1,2,3,4,5,nan\n")
+    table = read_flange_poses(path)
+    assert table.pictures == ("1.png",)
+    assert table.named == "kuka"
+    assert table.dropped == 1
+    path.write_text("1,2,3,0,0,0\n4,5,6,0,0,1\n")
+    assert read_flange_poses(path).numbers.tolist() == [[1, 2, 3, 0, 0, 0], [4, 5, 6, 0, 0, 1]]
+    rows = " ".join(map(str, motion(Rotation.identity(), [7, 8, 9]).ravel()))
+    path.write_text(f"{rows}\n{rows}\n")
+    assert read_flange_poses(path).numbers[0, :3].tolist() == [7, 8, 9]
+    path.write_text("x,y,z,yaw1,b,c\n1,2,3,4,5,6\n")
+    with pytest.raises(LogError, match=r"roll\.\.yaw"):
+        read_flange_poses(path)
+    path.write_text("x,y,z,qx,qy,qz,qw\n1,2,3,4,5,6,7\n")
+    with pytest.raises(LogError, match="quaternion of length"):
+        read_flange_poses(path)
+
+
+def test_the_python_call_wants_poses_or_an_arm():
+    world = World(5, count=6)
+    with pytest.raises(OptionError, match="either an arm"):
+        calib.handeye(pictures=world.shots())
+    with pytest.raises(OptionError, match=r"expected \(n, 4, 4\)"):
+        world.solve(np.zeros((3, 7)))
