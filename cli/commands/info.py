@@ -55,8 +55,9 @@ def info(
         about_it["earlier states"] = str(len(loaded.history))
     width = max(map(len, about_it))
     lines = [f"{name:<{width}}  {as_typed(text)}" for name, text in about_it.items()]
-    body_lines = [] if loaded.body is None else loaded.body.describe()
-    lines += ["", "body", *(f"  {printable(line)}" for line in body_lines)] if body_lines else []
+    if loaded.body is not None:
+        body_lines = loaded.body.describe(about.lower, about.upper)
+        lines += ["", "body", *(f"  {printable(line)}" for line in body_lines)]
     if not about.errors:
         return Outcome(document, lines)
     accuracy_line = accuracy(
