@@ -29,6 +29,7 @@ from .conventions import Convention, Reading, Seen, Start, choose, readings, sol
 from .flange_table import FlangeTable
 from .joint_motions import JointMotions
 from .lens import Lens
+from .lens_files import UNSTATED
 from .readings import refuse_readings
 from .reference import turns_and_shifts
 
@@ -60,6 +61,8 @@ class View:
     @staticmethod
     def of(name: str, shots: BoardPictures, in_hand: bool, known: Lens | None) -> View:
         """The view, its lens calibrated by its own pictures where it is not known."""
+        if known is not None and tuple(known.size) == UNSTATED:
+            known = replace(known, size=shots.size)
         if known is not None and tuple(known.size) != tuple(shots.size):
             given = "{}x{}".format(*known.size)
             size = "{}x{}".format(*shots.size)
