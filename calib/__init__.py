@@ -27,6 +27,8 @@ if TYPE_CHECKING:
     from .change.check import check as check
     from .change.check import recognise as recognise
     from .change.follow import follow as follow
+    from .change.judge import Verdict as Verdict
+    from .change.judge import judge as judge
     from .change.monitor import Monitor as Monitor
     from .change.monitor import monitor as monitor
     from .errors import CalibError as CalibError
@@ -77,6 +79,7 @@ _NAMES = {
     "change.adapt": "Adaptation adapt",
     "change.check": "Drift Recognition check recognise",
     "change.follow": "follow",
+    "change.judge": "Verdict judge",
     "change.monitor": "Monitor monitor",
     "errors": "CalibError LogError ModelError OptionError QueryError RobotError",
     "maps.association": "Association",

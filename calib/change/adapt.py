@@ -20,16 +20,18 @@ from ..model.about import Rows
 from ..model.alignment import Alignment
 from ..model.baseline import Seen, learn_baseline
 from ..model.model import Model
+from ..model.prediction import predict
 from ..samples.samples import Samples
 from ..training.evaluate import error_sizes, evaluate_residuals, summarise
 from ..training.learn import Progress
-from .causes import find_causes, frame_between
-from .comparison import Comparison, compare, comparing
+from .causes import frame_between
+from .evidence import Evidence
 from .follow import BLOCK, HORIZON, OnlineAdapter
-from .hypotheses import GROUPS, Cause, is_framed
+from .hypotheses import GROUPS, Cause, Hypothesis, is_framed
+from .judge import Verdict, judge, plain_numbers
 from .rebuild import rebuilt
 from .settings import LEAST_OWN, TAIL
-from .update import update
+from .update import Update
 
 _CONSISTENT = 1.2  # of the held-out error that the rows of an adaptation may be missed by
 _WIDE = 0.5  # least spread of rows in any direction, over that of the learned range
@@ -69,6 +71,8 @@ class Adaptation:
         Whether the rows span the learned range; otherwise `improved` speaks of their own region.
     left_out : int
         Rows of the log that are wrong, or outside of what the model has learned.
+    verdict : Verdict or None
+        What the log says of the old model.
     """
 
     model: Model
@@ -84,6 +88,7 @@ class Adaptation:
     notes: tuple[str, ...] = ()
     everywhere: bool = True
     left_out: int = 0
+    verdict: Verdict | None = None
 
     def __repr__(self) -> str:
         """Say in two lines whether it helped, and what was corrected."""
@@ -131,113 +136,169 @@ def adapt(
     if method not in METHODS:
         raise OptionError(f"method {method!r} is unknown, choose one of {', '.join(METHODS)}")
     report = progress or (lambda *_: None)
-    with comparing():
-        found = compare(model, log, cause)
-        if method == "online":
-            return _online(found, report)
-        if model.body is None:
+    if method == "online":
+        verdict = judge(model, log, cause=cause, learn=False)
+        with plain_numbers():
+            return _online(verdict, report)
+    report(0.0, "hypotheses", float("nan"))
+    verdict = judge(model, log, cause=cause)
+    with plain_numbers():
+        if verdict.update is None or verdict.evidence is None:
+            missed = verdict.rows.missed
             told = "maps without a body learn from a stream alone: give method 'online'"
-            return _old_model(found, found.missed, found.missed, "nothing", told)
-        report(0.0, "hypotheses", float("nan"))
-        return _few_shot(found, report)
+            return _old_model(verdict, missed, missed, "nothing", told)
+        return _few_shot(verdict, verdict.evidence, verdict.update, report)
 
 
-def _few_shot(found: Comparison, report: Progress) -> Adaptation:
-    model, made, (factor, name) = found.model, update(found), for_people(found.unit)
-    before, after = found.missed[made.rows], np.linalg.norm(made.residual, axis=1)
-    best = made.explanation
-    hypothesis = best.hypothesis if found.changed else ()
+def _few_shot(
+    verdict: Verdict, evidence: Evidence, learned: Update, report: Progress
+) -> Adaptation:
+    """The belief of the verdict as a model, where held-out rows say that it is better."""
+    rows = verdict.rows
+    model = rows.model
+    before, after = learned.before, np.linalg.norm(learned.residual, axis=1)
+    hypothesis = learned.explanation.hypothesis if evidence.attributed else ()
     # what nobody may miss: another unit, a mirror, a joint that turns round or not at all
-    loud = [cause.words for cause in found.reference.causes] if found.explained else []
-    why = "nothing changed" if found.score <= 1.0 else "no single change explains the log"
-    added = ", rows added" * (made.improved or found.score > 1.0)
-    correction = best.name if found.changed else why + added
-    told = _old_model(found, before, after, correction, *loud)
-    if found.changed:
-        left = {g for g, ix in found.reference.structure.groups.items() if len(ix)}
-        left -= {group.partition(":")[0] for group in hypothesis}
-        if len(found.reference.sizes) >= 3:  # a tracker has no lens
-            left.discard("lens")
-        told = replace(told, kept=tuple(w.kept for g, w in GROUPS.items() if g in left and w.kept))
-    if not found.explained and not made.improved:
-        return replace(told, notes=(*told.notes, found.why_not()))
+    loud = [cause.words for cause in evidence.reference.causes] if evidence.explained else []
+    made = _old_model(verdict, before, after, _correction(evidence, learned), *loud)
+    if evidence.attributed:
+        made = replace(made, kept=_kept(evidence, hypothesis))
+    if not evidence.explained and not learned.improved:
+        return replace(made, notes=(*made.notes, evidence.why_not()))
     report(0.8, "maps", float("nan"))
-    fresh = rebuilt(model, found.body, made.body, found.u)
-    if not made.improved:
-        # noise alone is no error of the model: then rows miss evenly
-        missed, bound = found.missed[found.kept], model.expected_error(found.q[found.kept])
-        uneven = float(np.quantile(missed, 0.95)) > TAIL * float(np.median(missed))
-        beyond = uneven and np.mean(missed > bound) > 0.5
-        return _doubted(found, told, fresh) if beyond or found.score > 1.0 else told
-    if not np.isfinite(fresh.expected_error(found.q)).any():
+    fresh = rebuilt(model, rows.body, learned.body, rows.u)
+    if not learned.improved:
+        return _wider(verdict, made, fresh) if _is_doubtful(verdict, evidence) else made
+    if not np.isfinite(fresh.expected_error(rows.logged)).any():
         wide = "the new bound is a tenth of the reach or more at every row: measure more"
-        return replace(told, notes=(*told.notes, wide))
-    learned = np.linalg.norm(found.x - fresh.predictor.value(found.u), axis=1)[made.rows]
-    rounding = LEAST_OWN * float(found.reference.structure.extents[0])
-    if float(learned.mean()) > _CONSISTENT * float(after.mean()) + rounding:
-        # the equations are linear and the model is not: what is written has to keep the promise
+        return replace(made, notes=(*made.notes, wide))
+    # the equations are linear and the model is not: what is written has to keep the promise
+    error = np.linalg.norm(rows.x - predict(fresh, rows.motion).value, axis=1)[learned.rows]
+    rounding = LEAST_OWN * float(evidence.reference.structure.extents[0])
+    if not float(error.mean()) < _CONSISTENT * float(after.mean()) + rounding:
         inconsistent = "the model that would be written misses these rows by more than it promises"
-        return replace(told, notes=(*told.notes, inconsistent))
-    told = replace(told, improved=True)
-    if not told.everywhere:
-        known = factor * float(np.median(fresh.model_bounds))
+        return replace(made, notes=(*made.notes, inconsistent))
+    made = replace(made, improved=True)
+    if not made.everywhere:
+        factor, name = for_people(rows.unit)
+        bound = factor * float(np.median(fresh.model_bounds))
         where = (
-            f"improved at the rows, {100 * told.coverage:.0f} % of the learned range: unknown "
-            f"elsewhere, where the position is known to {known:.3g} {name} (median of the bound)"
+            f"improved at the rows, {100 * made.coverage:.0f} % of the learned range: unknown "
+            f"elsewhere, where the position is known to {bound:.3g} {name} (median of the bound)"
         )
-        told = replace(told, notes=(*told.notes, where))
-    frame = frame_between(found, made.body.beta) if is_framed(hypothesis) else None
-    report(1.0, "done", told.after["mean"])
-    return _finished(found, told, fresh, found.q[made.rows], made.residual, "few-shot", frame)
+        made = replace(made, notes=(*made.notes, where))
+    frame = frame_between(evidence, learned.body.beta) if is_framed(hypothesis) else None
+    report(1.0, "done", made.after["mean"])
+    judged = rows.logged[learned.rows]
+    return _finished(verdict, made, fresh, judged, learned.residual, "few-shot", frame)
+
+
+def _correction(evidence: Evidence, learned: Update) -> str:
+    """What is corrected, in words."""
+    if evidence.attributed:
+        return learned.explanation.name
+    why = "nothing changed"
+    if evidence.score > 1.0:
+        why = "no single change explains the log"
+    if learned.improved or evidence.score > 1.0:
+        why += ", rows added"
+    return why
+
+
+def _kept(evidence: Evidence, hypothesis: Hypothesis) -> tuple[str, ...]:
+    """What an adaptation leaves as it was, in words."""
+    groups = {name for name, ix in evidence.reference.structure.groups.items() if len(ix)}
+    groups -= {group.partition(":")[0] for group in hypothesis}
+    if len(evidence.reference.sizes) >= 3:  # a tracker has no lens
+        groups.discard("lens")
+    return tuple(row.kept for name, row in GROUPS.items() if name in groups and row.kept)
+
+
+def _is_doubtful(verdict: Verdict, evidence: Evidence) -> bool:
+    """Whether the rows contradict the model; noise alone is no error of it: rows miss evenly."""
+    if evidence.score > 1.0:
+        return True
+    missed = verdict.rows.missed[evidence.sound]
+    bound = verdict.rows.bound[evidence.sound]
+    uneven = float(np.quantile(missed, 0.95)) > TAIL * float(np.median(missed))
+    return uneven and float(np.mean(missed > bound)) > 0.5
 
 
 def _old_model(
-    found: Comparison, before: Array, after: Array, correction: str, *notes: str
+    verdict: Verdict, before: Array, after: Array, correction: str, *notes: str
 ) -> Adaptation:
     """An adaptation that keeps the old model, of distances (k,) from held-out rows [unit]."""
-    causes, told = find_causes(found)
-    # share of the learned range that rows visit: of cells of a fifth, over pairs of joints
-    cells = (np.clip(found.u, 0.0, 1.0 - 1e-12) * _CELLS).astype(int)
-    some = combinations(range(cells.shape[1]), min(cells.shape[1], 2))
-    shares = [len(np.unique(cells[:, ix], axis=0)) / _CELLS ** len(ix) for ix in some]
-    # whether they vary in every direction of the joints: of uniform rows the variance is 1 / 12
-    least = float(np.linalg.eigvalsh(np.atleast_2d(np.cov(found.u.T)))[0])
+    rows = verdict.rows
     return Adaptation(
-        found.model, False, int(np.count_nonzero(found.kept)), found.wrong + found.strays,
-        error_sizes(before), error_sizes(after), correction,
-        tuple(c for c in causes if c.group != "noise"), ("the arm and the sensor",),
-        float(np.mean(shares)), (*found.notes, *notes, *told), least > _WIDE**2 / 12.0,
-        found.lost + found.strays,
-    )  # fmt: skip
+        model=rows.model,
+        improved=False,
+        samples=len(rows) - verdict.outliers + rows.wrong,
+        outliers=verdict.outliers,
+        before=error_sizes(before),
+        after=error_sizes(after),
+        correction=correction,
+        changed=tuple(c for c in verdict.causes if c.group != "noise"),
+        kept=("the arm and the sensor",),
+        coverage=_coverage(rows.u),
+        notes=(*rows.notes, *notes, *verdict.notes[len(rows.notes) :]),
+        everywhere=_is_everywhere(rows.u),
+        left_out=verdict.left_out,
+        verdict=verdict,
+    )
 
 
-def _doubted(found: Comparison, made: Adaptation, fresh: Model) -> Adaptation:
+def _coverage(u: Array) -> float:
+    """Share of the learned range that rows visit: of cells of a fifth, over pairs of joints."""
+    cells = (np.clip(u, 0.0, 1.0 - 1e-12) * _CELLS).astype(int)
+    joints = cells.shape[1]
+    shares = []
+    for pair in combinations(range(joints), min(joints, 2)):
+        visited = np.unique(cells[:, pair], axis=0)
+        shares.append(len(visited) / _CELLS ** len(pair))
+    return float(np.mean(shares))
+
+
+def _is_everywhere(u: Array) -> bool:
+    """Whether rows vary in every direction of the joints."""
+    # of uniform rows the variance is 1 / 12
+    least = float(np.linalg.eigvalsh(np.atleast_2d(np.cov(u.T)))[0])
+    return least > _WIDE**2 / 12.0
+
+
+def _wider(verdict: Verdict, made: Adaptation, fresh: Model) -> Adaptation:
     """The old model with wider bounds, where the rows contradict its own and nothing mends it.
 
     fresh : what the rows made of the model, although it is no better at them
     """
-    model, missed = found.model, found.missed[found.kept]
-    u, (factor, name) = np.clip(model.motor.units, 0.0, 1.0), for_people(found.unit)
+    rows = verdict.rows
+    model = rows.model
+    assert verdict.evidence is not None  # noqa: S101 - of a body
+    missed = rows.missed[verdict.evidence.sound]
+    u = np.clip(model.motor.units, 0.0, 1.0)
     apart = np.linalg.norm(fresh.predictor.value(u) - model.predictor.value(u), axis=1)
     apart = np.maximum(apart + fresh.model_bounds, float(np.quantile(missed, 0.95)))
-    bounds, model_bounds = (np.maximum(b, apart) for b in (model.bounds, model.model_bounds))
-    body = model.body
-    if body is not None:  # bounds at more than three joints are the body's own
-        size = float(np.median(apart)) / float(radius_95(np.eye(found.x.shape[1])[None])[0])
-        body = replace(body, residual=np.maximum(body.residual, size))
-    wider = replace(model, body=body, bounds=bounds, model_bounds=model_bounds)
-    known = float(np.nanmedian(wider.model_error(found.q)))
-    told = (
-        f"the rows are missed by {factor * float(missed.mean()):.3g} {name} on average but do not "
-        f"show why: the prediction stays, known to {factor * known:.3g} {name} only"
+    # bounds at more than three joints are the body's own
+    size = float(np.median(apart)) / float(radius_95(np.eye(rows.x.shape[1])[None])[0])
+    wider = replace(
+        model,
+        body=replace(rows.body, residual=np.maximum(rows.body.residual, size)),
+        bounds=np.maximum(model.bounds, apart),
+        model_bounds=np.maximum(model.model_bounds, apart),
     )
-    return replace(made, model=wider, notes=(*made.notes, told))
+    factor, name = for_people(rows.unit)
+    bound = factor * float(np.nanmedian(wider.model_error(rows.logged)))
+    words = (
+        f"the rows are missed by {factor * float(missed.mean()):.3g} {name} on average but do not "
+        f"show why: the prediction stays, known to {bound:.3g} {name} only"
+    )
+    return replace(made, model=wider, notes=(*made.notes, words))
 
 
-def _online(found: Comparison, report: Progress) -> Adaptation:
+def _online(verdict: Verdict, report: Progress) -> Adaptation:
     """Show a log to the online rule, again and again where it is short."""
-    model, kept = found.model, found.kept
-    u, q, x = found.u[kept], found.q[kept], found.x[kept]
+    rows = verdict.rows
+    model, sound = rows.model, verdict.sound
+    u, q, x = rows.u[sound], rows.q[sound], rows.x[sound]
     # every tenth block is kept apart to judge by
     held = np.concatenate(blocks(len(u), max(10, len(u) // BLOCK))[4::10])
     learned = np.setdiff1d(np.arange(len(u)), held)
@@ -248,30 +309,33 @@ def _online(found: Comparison, report: Progress) -> Adaptation:
         report(0.9 * min(1.0, shown / HORIZON), "online", step.error)
     fresh = adapter.model()
     residual = x[held] - fresh.predictor.value(u[held])
-    before, after = found.missed[kept][held], np.linalg.norm(residual, axis=1)
+    before = rows.missed[sound][held]
+    after = np.linalg.norm(residual, axis=1)
     again = f"{len(learned)} samples were shown {shown // len(learned)} times"
     done = "maps and Hebbian links trained online"
-    made = _old_model(found, before, after, done, *[again] * (shown > len(learned)))
+    made = _old_model(verdict, before, after, done, *[again] * (shown > len(learned)))
     made = replace(made, kept=())
     known = float(np.isfinite(fresh.expected_error(q[held])).mean())
     if not better(after, before) or known <= 0.5:
         return made
     bounds = learn_bounds(fresh.motor, u[held], after)
     fresh = replace(fresh, bounds=bounds, model_bounds=bounds)
-    return _finished(found, replace(made, improved=True), fresh, q[held], residual, "online")
+    return _finished(verdict, replace(made, improved=True), fresh, q[held], residual, "online")
 
 
 def _finished(
-    found: Comparison, made: Adaptation, fresh: Model, held: Array, residual: Array, method: str,
+    verdict: Verdict, made: Adaptation, fresh: Model, held: Array, residual: Array, method: str,
     frame: Alignment | None = None,
 ) -> Adaptation:  # fmt: skip
     """The adaptation with the new model, its facts, its baseline and the history of the old one.
 
     held, residual : (k, dof) and (k, m) [unit], joints and residuals of held-out rows
     """
-    old, readout, after = found.model, fresh.default_readout, np.linalg.norm(residual, axis=1)
-    some = thinned(len(found.q), _EVALUATED)
-    errors = summarise(evaluate_residuals(fresh, found.q[some], found.x[some], None))
+    rows, sound = verdict.rows, verdict.sound
+    old, readout = rows.model, fresh.default_readout
+    after = np.linalg.norm(residual, axis=1)
+    some = thinned(len(rows), _EVALUATED)
+    errors = summarise(evaluate_residuals(fresh, rows.q[some], rows.x[some], None))
     # rows that were held out tell the error of the default readout, and how it keeps its bound
     errors = {name: each for name, each in errors.items() if name != "body" or name == readout}
     parts = dict(zip("xyz", residual.T, strict=False)) | {"distance": after}
@@ -292,19 +356,24 @@ def _finished(
         },
     }
     about = old.about.measured(
-        samples=made.samples, unit=found.unit_seen, errors=errors, notes=made.notes,
+        samples=made.samples, unit=verdict.unit_seen, errors=errors, notes=made.notes,
         tested=len(after), left_out=made.left_out,
         within={"p95": float(np.quantile(after, 0.95)), "covered": float(covered)},
     )  # fmt: skip
-    points = np.random.default_rng(0).random((_BASELINE, found.q.shape[1]))
+    points = np.random.default_rng(0).random((_BASELINE, rows.q.shape[1]))
     baseline = learn_baseline(fresh.association, points, fresh.predictor.value(points), after)
     # a camera that was moved sees another picture
     photo = old.photo if method == "few-shot" and frame is None else None
-    rows = Rows.of(found.q[found.kept], found.x[found.kept])
-    if len(residual) == len(rows):  # of all rows that are kept
-        rows = replace(rows, held_out=residual)
+    kept_rows = Rows.of(rows.logged[sound], rows.x[sound])
+    if len(residual) == len(kept_rows):  # of all rows that are kept
+        kept_rows = replace(kept_rows, held_out=residual)
     if fresh.body is None:  # maps that followed these rows know no others
         scale = fresh.motor.scale
-        baseline = replace(baseline, seen=Seen.of(scale, scale.to_unit(rows.q)))
-    facts: dict[str, Any] = {"about": about, "baseline": baseline, "rows": rows, "photo": photo}
+        baseline = replace(baseline, seen=Seen.of(scale, scale.to_unit(kept_rows.q)))
+    facts: dict[str, Any] = {
+        "about": about,
+        "baseline": baseline,
+        "rows": kept_rows,
+        "photo": photo,
+    }
     return replace(made, model=replace(fresh, **facts, history=(*old.history, event)))

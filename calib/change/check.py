@@ -14,14 +14,12 @@ from ..errors import LogError, OptionError
 from ..maps.map import Map, search_tree
 from ..model.model import Model
 from ..samples.samples import Samples
-from .causes import find_causes
-from .comparison import Comparison, compare, comparing
 from .hypotheses import Cause
+from .judge import judge
+from .rows import LogRows
 from .score import GroupTest, fired
-from .settings import BEYOND, FALSE_ALARM
-from .update import update
+from .settings import FALSE_ALARM
 
-_NO_BODY = "the model has no body: its rows are compared with its bound alone"
 _MOST = 1000  # rows that distortions are measured on
 
 
@@ -75,8 +73,12 @@ class Drift:
         Rows of the log that are wrong, or outside of what the model has learned.
     bound_holds : bool
         Whether no more rows than usual are beyond the model's own 95 % bound.
+    covered : float
+        Share of the rows within that bound.
     too_few : bool
         Whether rows are too few to show a change of ten times the noise.
+    unit : str
+        Unit of the positions; "sensor" where their scale shows that it is not the model's.
     """
 
     drifted: bool | None
@@ -93,8 +95,10 @@ class Drift:
     usual_noise: float
     causes: tuple[Cause, ...]
     notes: tuple[str, ...]
-    bound_holds: bool = True
-    too_few: bool = False
+    bound_holds: bool
+    covered: float
+    too_few: bool
+    unit: str
 
     def __repr__(self) -> str:
         """The verdict in a few lines, as `calib check` ends."""
@@ -125,7 +129,7 @@ class Drift:
         """What `calib check --json` prints."""
         plain = ("drifted", "samples", "outliers", "left_out", "score", "smallest", "tolerance")
         return {
-            **{name: getattr(self, name) for name in (*plain, "adapts", "bound_holds")},
+            **{name: getattr(self, name) for name in (*plain, "adapts", "bound_holds", "covered")},
             "threshold": 1,
             "distortion": {name: asdict(signal) for name, signal in self.distortion.items()},
             "fired": list(self.fired),
@@ -162,53 +166,62 @@ def check(
     LogError
         If the log is not of this arm, too short, or looks wrong.
     """
-    with comparing():
-        found = compare(model, log, cause)
-        score, tested, adapts = found.score, found.tested, False
-        causes, told = find_causes(found)
-        smallest, (far, beyond) = tested.smallest, found.bound_test
-        if model.body is None:
-            smallest, told = float(np.median(model.expected_error(found.q))), (_NO_BODY,)
-        else:
-            score = max(score, found.tool.score)
-            adapts = score > 1.0 and update(found).improved
-        drifted: bool | None = score > 1.0
-        too_few = model.body is not None and not drifted and tested.too_few
-        if too_few or (not drifted and tolerance is not None and smallest > tolerance):
-            drifted = None
-        bound_holds = far <= BEYOND and beyond.score <= 1.0
-        if not bound_holds:
-            noisier = "" if drifted else "a noisier sensor or encoder, "
-            words = f"{100 * far:.0f} % of the rows are further from the prediction than its bound"
-            told = (*told, f"{words}, where 5 % should be: {noisier}the bound does not hold")
-        return Drift(
-            drifted, len(found.q), found.wrong + found.strays, found.lost + found.strays, score,
-            smallest, tolerance, adapts, (*tested.groups, beyond), _distortions(found),
-            tested.noise, tested.usual, causes, (*found.notes, *told), bound_holds, too_few,
-        )  # fmt: skip
+    verdict = judge(model, log, cause=cause, learn=False)
+    drifted = verdict.changed
+    too_few = drifted is None
+    if drifted is False and tolerance is not None and verdict.smallest > tolerance:
+        drifted = None
+    return Drift(
+        drifted=drifted,
+        samples=len(verdict.rows),
+        outliers=verdict.outliers,
+        left_out=verdict.left_out,
+        score=verdict.score,
+        smallest=verdict.smallest,
+        tolerance=tolerance,
+        adapts=verdict.improves,
+        groups=(*verdict.tests.groups, verdict.bound.test),
+        distortion=_distortions(verdict.rows),
+        noise=verdict.tests.noise,
+        usual_noise=verdict.tests.usual,
+        causes=verdict.causes,
+        notes=verdict.notes,
+        bound_holds=verdict.bound_holds,
+        covered=verdict.covered,
+        too_few=too_few,
+        unit=verdict.unit_seen,
+    )
 
 
-def _distortions(found: Comparison) -> dict[str, Signal]:
+def _distortions(rows: LogRows) -> dict[str, Signal]:
     """How the rows lie on the maps (eq. 9), beside what is usual there."""
-    model, baseline = found.model, found.model.baseline
-    assert baseline is not None  # noqa: S101 - checked by the comparison
-    some, sensory = slice(None, None, math.ceil(len(found.q) / _MOST)), model.sensory
-    seen, said = (sensory.scale.to_unit(x[some]) for x in (found.x, found.predicted))
-    usual = np.nan_to_num(model.expected_error(found.q[some]), nan=0.0)
-
-    def zeta(network: Map, points: Array, expected: Array) -> Signal:
-        distance, winner = (part[:, 0] for part in network.nearest(points))
-        return Signal(float(np.mean(distance**2)), float(expected[winner].mean()))
-
-    here, there = (sensory.units[sensory.nearest(points)[1][:, 0]] for points in (seen, said))
-    away = search_tree(np.unique(here, axis=0), sensory.scale).query(there)[0]
-    gap, least = (float(np.sqrt(np.mean(v**2))) for v in (found.missed[some], usual))
+    model, baseline = rows.model, rows.model.baseline
+    assert baseline is not None  # noqa: S101 - checked where the rows are read
+    some = slice(None, None, math.ceil(len(rows) / _MOST))
+    sensory = model.sensory
+    measured = sensory.scale.to_unit(rows.x[some])
+    predicted = sensory.scale.to_unit(rows.predicted[some])
+    nodes = sensory.units[sensory.nearest(measured)[1][:, 0]]
+    nodes_predicted = sensory.units[sensory.nearest(predicted)[1][:, 0]]
+    away = search_tree(np.unique(nodes, axis=0), sensory.scale).query(nodes_predicted)[0]
+    usual = np.where(np.isfinite(rows.bound[some]), rows.bound[some], 0.0)
     return {
-        "motor": zeta(model.motor, found.u[some], baseline.motor),
-        "sensory": zeta(sensory, seen, baseline.sensory),
+        "motor": _zeta(model.motor, rows.u[some], baseline.motor),
+        "sensory": _zeta(sensory, measured, baseline.sensory),
         "reverse": Signal(float(np.mean(np.asarray(away) ** 2)), sensory.spacing**2),
-        "links": Signal(gap, least),
+        "links": Signal(_root_mean_square(rows.missed[some]), _root_mean_square(usual)),
     }
+
+
+def _zeta(network: Map, points: Array, expected: Array) -> Signal:
+    """Distortion (eq. 9) of points (n, p) in the unit box, beside the winners' own (nodes,)."""
+    distance, winner = network.nearest(points)
+    usual = expected[winner[:, 0]]
+    return Signal(float(np.mean(distance[:, 0] ** 2)), float(usual.mean()))
+
+
+def _root_mean_square(values: Array) -> float:
+    return float(np.sqrt(np.mean(values**2)))
 
 
 @dataclass(frozen=True)
@@ -278,17 +291,14 @@ def recognise(models: Sequence[Model], log: Samples) -> Recognition:
     found: list[ModelFit] = []
     why = None
     for index, model in enumerate(models):
-        too_few = False
         try:
-            with comparing():
-                compared = compare(model, log)
-                score, distance = compared.score, float(np.median(compared.missed))
-                if model.body is not None:
-                    score = max(score, compared.tool.score)
-                    too_few = compared.tested.too_few
+            verdict = judge(model, log, learn=False)
         except LogError as error:  # outside of what this one has learned
-            why, score, distance = error, np.inf, np.inf
-        found.append(ModelFit(index, score <= 1.0 and not too_few, score, distance))
+            why = error
+            found.append(ModelFit(index, False, np.inf, np.inf))
+            continue
+        distance = float(np.median(verdict.rows.missed))
+        found.append(ModelFit(index, verdict.changed is False, verdict.score, distance))
     found.sort(key=lambda f: (not f.fits, f.distance))
     if why is not None and found[0].distance == np.inf:
         raise why

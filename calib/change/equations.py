@@ -47,7 +47,7 @@ class Log:
         return Log(self.q[rows], self.z[rows], self.shared)
 
 
-def sound(reference: Reference, q: Array, z: Array, cause: str | None) -> Mask:
+def sound_rows(reference: Reference, q: Array, z: Array, cause: str | None) -> Mask:
     """Which rows (n, dof), (n, m) are near a robust fit in which all may have changed."""
     body, structure = reference.body, reference.structure
     sd = np.hypot(freedom(body, hypotheses_of(structure, cause)[-1], cause), creep(body))
@@ -174,6 +174,12 @@ def shared_columns(reference: Reference, log: Log, seen: Array) -> Array:
     structure = reference.structure
     places = seen[:, : structure.blocks[0]]
     return log.shared * affine_columns(places / structure.extents[0], log.z.shape[1])
+
+
+def shared_variance(reference: Reference, log: Log) -> Array:
+    """Variance (n,) of an axis [unit^2] of what all rows share: two frames, bent and shifted."""
+    columns = shared_columns(reference, log, log.z)
+    return np.asarray((columns**2).sum(axis=(1, 2)) / log.z.shape[1])
 
 
 def affine_columns(x: Array, outputs: int | None = None) -> Array:

@@ -34,7 +34,8 @@ class Cause:
 
     # ``"sensor"``, ``"offset:JOINT"``, ``"length:JOINT"``, ``"gain:JOINT"``, ``"elastic:JOINT"``,
     # ``"curve:JOINT"``, ``"curve"`` of all joints, ``"scale"``, ``"tilt"``, ``"lens"``,
-    # ``"mirror"``, ``"sign:JOINT"``, ``"lost:JOINT"``, ``"noise"`` or ``"unknown"``
+    # ``"mirror"``, ``"sign:JOINT"``, ``"lost:JOINT"``, ``"backlash:JOINT"``, ``"noise"``,
+    # ``"noise:JOINT"`` or ``"unknown"``
     cause: str
     group: str  # group of parameters: ``"view.rotation"``, ``"offset"``, ``"length"``,
     words: str  # the same in words
@@ -111,6 +112,7 @@ _CAMERA = ("view.scale", "view.shear", "view.tilt")
 _SENSOR = ((), ("view.scale",), _CAMERA, ("view.scale", "view.shear", "lens"))
 _GEOMETRY = ("offset", "length", "gain", "placement")
 _EVERY = (*_GEOMETRY, "elastic", "tool")
+_PAIR = ("offset", "length")
 _ARM = (
     ("offset",),
     ("length",),
@@ -118,10 +120,19 @@ _ARM = (
     ("elastic",),
     ("payload",),
     ("tool",),
+    _PAIR,
     _GEOMETRY,
     _EVERY,
 )
-_BOTH = (("offset",), ("length",), (*_EVERY, "curve", *_CAMERA, "lens"))
+_SCALED = ("offset", "view.scale")
+_BOTH = (("offset",), ("length",), _SCALED, (*_EVERY, "curve", *_CAMERA, "lens"))
+
+
+def check_cause(cause: str | None) -> None:
+    """Refuse what nobody can know of a change."""
+    if cause is not None and cause not in CAUSES:
+        hint = f"choose one of {', '.join(CAUSES)}"
+        raise OptionError(f"cause {cause!r} is unknown", hint=hint, parameter="cause", value=cause)
 
 
 def hypotheses_of(structure: Structure, cause: str | None = None) -> tuple[Hypothesis, ...]:
@@ -129,9 +140,6 @@ def hypotheses_of(structure: Structure, cause: str | None = None) -> tuple[Hypot
 
     cause : {"sensor", "joints"}, if the user knows that only the one or the other may have
     """
-    if cause is not None and cause not in CAUSES:
-        hint = f"choose one of {', '.join(CAUSES)}"
-        raise OptionError(f"cause {cause!r} is unknown", hint=hint, parameter="cause", value=cause)
     sensor = (*_SENSOR, *_BOTH) if cause is None else _SENSOR * (cause == "sensor")
     arm = _ARM * (cause != "sensor")
     sets = ((), *arm, *((*FRAME, *more) for more in sensor))

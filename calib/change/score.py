@@ -7,7 +7,7 @@ of one joint's encoder.  So what a group explains has the chance of an F test.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import product
 
@@ -16,13 +16,21 @@ import numpy as np
 from ..body.belief import Body
 from ..body.covariance import autocorrelation_time
 from ..body.parameters import Indices
-from ..common.arrays import Array
+from ..common.arrays import Array, Mask
 from .equations import Equations, Log, Noisy, own_columns
 from .frame import Reference
 from .hypotheses import FRAME, TESTED, freedom, indices_of
-from .settings import CREPT, FALSE_ALARM, JOINT_NOISES, LARGE, NOISIER
+from .rows import LogRows
+from .settings import (
+    BEYOND,
+    CREPT,
+    FALSE_ALARM,
+    JOINT_NOISES,
+    LARGE,
+    NOISIER,
+    TEST_ROWS,
+)
 
-_ROWS = 300  # their power grows with the rows, their work with the rows too
 _FINER = (0.5, 0.7, 1.0, 1.4, 2.0)  # times the noise of an encoder, once one is found
 _POWER = 0.9  # share of logs in which the smallest change that is told would be found
 _LARGEST = 1e8  # statistic beyond which no size of a change is computed
@@ -67,16 +75,41 @@ class Tested:
         """Largest score of a group."""
         return max((g.score for g in self.groups), default=0.0)
 
+    def bent_link(self, joint_names: Sequence[str]) -> str | None:
+        """The placement that the tests name first: a link was bent or exchanged.
+
+        The first joint's origin is the sensor's frame.
+        """
+        first = [group.name for group in fired(self.groups)[:1]]
+        links = [f"placement:{name}" for name in joint_names[1:]]
+        return first[0] if first and first[0] in links else None
+
     @property
     def too_few(self) -> bool:
-        """Whether the rows could not show even a large change of half of the groups."""
+        """Whether the rows could not show a large change of any group."""
         sizes = [g.smallest for g in self.groups if g.smallest > 0.0]
-        return not sizes or float(np.median(sizes)) > LARGE * max(self.noise, self.usual)
+        return min(sizes, default=np.inf) > LARGE * max(self.noise, self.usual)
 
     @property
     def smallest(self) -> float:
         """Displacement [unit] that any single cause would have shown."""
         return max((g.smallest for g in self.groups if g.smallest > 0.0), default=np.inf)
+
+
+@dataclass(frozen=True)
+class BoundTest:
+    """The rows that are beyond the model's own 95 % bound."""
+
+    beyond: float  # share of them
+    test: GroupTest  # the chance of so many by noise
+
+    def words(self, *, noisier: bool) -> str:
+        """The share in words; `noisier` if noise may be all there is to it."""
+        cause = "a noisier sensor or encoder, " if noisier else ""
+        return (
+            f"{100 * self.beyond:.0f} % of the rows are further from the prediction than its "
+            f"bound, where 5 % should be: {cause}the bound does not hold"
+        )
 
 
 def fired(groups: Iterable[GroupTest]) -> tuple[GroupTest, ...]:
@@ -111,7 +144,7 @@ def groups_of(body: Body) -> dict[str, Indices]:
     return {name: ix for name, ix in found.items() if len(ix)}
 
 
-class _Noise:
+class RichNoise:
     """The noise of one shape that is most likely where every group may have changed."""
 
     def __init__(
@@ -140,28 +173,28 @@ def group_tests(reference: Reference, log: Log, probes: Array) -> Tested:
     """
     from scipy.special import chdtrc, chndtrinc, fdtrc, fdtri
 
-    log = log.some(_ROWS)
+    log = log.some(TEST_ROWS)
     structure, groups, beta = reference.structure, groups_of(reference.body), reference.beta
     every = np.unique(np.concatenate(list(groups.values())))
     predicted, x = structure.linearise(log.q, beta, every)
     residual = structure.residual(log.z, predicted)
     moves = structure.linearise(probes, beta, every)[1][:, : structure.blocks[0]]
     moves = np.sqrt((moves**2).sum(axis=1).mean(axis=0))
-    noise, noisier = _Noise(reference, log, residual), False
+    noise, noisier = RichNoise(reference, log, residual), False
     if noise.size > NOISIER * noise.equations.usual and not len(reference.forgotten):
         slope = structure.slope(log.q, beta) / reference.sizes[:, None]
         lengths = np.sqrt((slope**2).sum(axis=1).mean(axis=0))
         joints = np.flatnonzero(lengths > 0.0).tolist()
         # so that at the tip both are alike
         shapes = [(k, times / lengths[k]) for k, times in product(joints, JOINT_NOISES)]
-        tried = [noise, *(_Noise(reference, log, residual, shape) for shape in shapes)]
+        tried = [noise, *(RichNoise(reference, log, residual, shape) for shape in shapes)]
         best = max(tried, key=lambda n: n.likelihood)
         gains = 2.0 * (best.likelihood - np.array([noise.usual, noise.likelihood]))
         chance = chdtrc([2, 1], np.maximum(gains / noise.temper, 0.0)) * (1 + len(joints))
         noisier = bool(chance[0] < FALSE_ALARM)
         if best.shape is not None and chance[1] < FALSE_ALARM:
             k, ratio = best.shape
-            finer = [_Noise(reference, log, residual, (k, ratio * times)) for times in _FINER]
+            finer = [RichNoise(reference, log, residual, (k, ratio * times)) for times in _FINER]
             noise = max(finer, key=lambda n: n.likelihood)
     e = Equations(reference, log, crept=CREPT, noisy=noise.shape)
     y, x = e.whiten(residual), e.whiten(x)
@@ -205,6 +238,43 @@ def group_tests(reference: Reference, log: Log, probes: Array) -> Tested:
     if noise.shape is not None:
         noisy = noise.shape[0], noise.shape[1] * noise.size
     return Tested(tuple(found), now, float(reference.body.noise[0]), noisy, noisier)
+
+
+def bound_test(
+    rows: LogRows, sound: Mask, limit: Array, shared: Array | float, tests: Tested
+) -> BoundTest:
+    """Count the rows beyond the 95 % bound, beside what a noisier sensor or encoder would do.
+
+    sound : (n,), rows that do not contradict all others; k of them
+    limit : (n,), the bound of each row [unit]
+    shared : (k,), variance of what all rows share [unit^2]
+    """
+    from scipy.special import bdtrc, chdtri
+
+    index = np.flatnonzero(sound)
+    away = (rows.x - rows.predicted)[index]
+    bound = limit[index]
+    square = (away**2).sum(axis=1)
+    outputs = away.shape[1]
+    radius = float(chdtri(outputs, 0.05))  # squared, of 95 % of a Gaussian, in deviations
+    # half of the rows of a noisier sensor are nearer than its median
+    noise = max(tests.noise**2, float(np.median(square)) / float(chdtri(outputs, 0.5)))
+    noise = max(noise - tests.usual**2, 0.0)
+    if noise and alike(index, rows.u[index], away) * radius > float(np.median(bound)) ** 2:
+        noise = 0.0
+    variance = np.full(len(index), noise)
+    if tests.noisy is not None:
+        joint, sd = tests.noisy
+        slope = rows.body.structure.slope(rows.q[index], rows.body.beta)[..., joint]
+        variance += sd**2 * (slope**2).sum(axis=1)
+    over = square > bound**2 + radius * (shared + variance)
+    # rows that err together count once
+    time = autocorrelation_time(over[:, None].astype(float)) if over.any() else 1.0
+    count = int(over.sum() / time)
+    independent = math.ceil(len(over) / time)
+    p = float(bdtrc(count - 1, independent, BEYOND)) if count else 1.0
+    test = GroupTest("bound", p, -2.0 * math.log(max(p, 1e-300)))
+    return BoundTest(float(np.mean(square > bound**2 + radius * shared)), test)
 
 
 def alike(rows: Indices, u: Array, residual: Array) -> float:

@@ -5,6 +5,7 @@ from __future__ import annotations
 # Share of undisturbed logs for which `check` may call anything changed, after Bonferroni
 FALSE_ALARM = 1e-3
 OUTLIER = 5.0  # noises from which a row contradicts all others
+TEST_ROWS = 300  # of tests: their power grows with the rows, their work with the rows too
 PSEUDO = 4.0  # observations that the old noise counts for
 # Noise of one encoder over that of the sensor, at the tip: a factor of four is .4 nats at most
 JOINT_NOISES = (0.5, 2.0, 8.0, 32.0)
@@ -13,8 +14,8 @@ JOINT_NOISES = (0.5, 2.0, 8.0, 32.0)
 NOISIER = 1.5
 # Least residual of one log, of the extents; 1e-4 hid a sensor that was moved by .1 mm
 LEAST_OWN = 1e-6
-# Times the noise of a change that rows have to be able to show: of 10 rows of two and six joints
-# hardly a direction is left that tells the noise, from 12 on it is .6 to 6 times
+# Times the noise of a change that rows have to be able to show: 10 rows of two joints, which hardly
+# tell the noise, show those of 11 to 37 times on, 12 rows 4 times
 LARGE = 10.0
 # Share of rows beyond a 95 % bound that fails for sure: halves of A and C have 13 % at most
 BEYOND = 0.2

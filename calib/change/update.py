@@ -16,8 +16,8 @@ from ..body.normal import Factor
 from ..body.parameters import Indices
 from ..common.arrays import Array
 from ..common.rows import thinned
-from .comparison import Comparison
 from .equations import Log, own_columns, prior_columns, shared_columns
+from .evidence import Evidence
 from .explain import Explanation, weighed
 from .frame import Reference
 from .settings import CHANGED, CREEP, REFINED, SIMULATED_KAPPA, SURE
@@ -26,56 +26,71 @@ _ROWS = 600  # that an update takes: linear in them
 _BLOCKS = 5  # contiguous ones that are held out in turn, each of which tells a gain
 _STEPS = 12
 _NOTHING_LEFT = 1e-3  # nats by which a step must better the fit
+_DAMPED = 6  # times a step is shortened at most
+_SHORTER = 0.3  # by which
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Update:
     """What the rows of a log make of a belief."""
 
     body: Body
     explanation: Explanation  # that the belief is under
-    rows: Indices  # (k,), rows of the comparison by which it was judged
-    residual: Array  # (k, m) [unit], of these rows where they were held out
+    rows: Indices  # (k,), rows of the log by which it was judged
+    before: Array  # (k,), their distances from the model [unit]
+    residual: Array  # (k, m), residuals of these rows where they were held out [unit]
     improved: bool  # whether they are predicted better than before
 
 
-def update(found: Comparison) -> Update:
-    """Update the body of a model by the rows of a comparison.
-
-    `check` asks here too, so that the one promises what `adapt` does.
-    """
-    some, log = found.explanations, found.log.some(_ROWS)
-    if not found.changed:  # rows that no change explains widen the bound, or are added
-        some = tuple(e for e in some if not e.hypothesis) or some
-        # with free waves 40 rows of another mounting made an error 1.2 times as large elsewhere
-        if found.score <= 1.0 and not found.belief.simulated:
-            some = tuple(e for e in some if e.waves <= CREEP) or some
-    chosen = weighed(some)
-    body, held = _mixed(found.reference, chosen, log)
-    rows = np.flatnonzero(found.kept)
+def update(evidence: Evidence) -> Update:
+    """Update a belief by the rows of a log."""
+    changed = evidence.score > 1.0
+    data = evidence.data.some(_ROWS)
+    chosen = weighed(_hypotheses_to_update_by(evidence))
+    body, held = _mixed(evidence.reference, chosen, data)
+    rows = np.flatnonzero(evidence.sound)
     rows = rows[thinned(len(rows), _ROWS)]
-    gain = found.missed[rows] - np.linalg.norm(held, axis=1)
-    parts = np.array([part.mean() for part in np.array_split(gain, _BLOCKS)])
-    chance = SURE * float(parts.std(ddof=1)) / np.sqrt(_BLOCKS)
-    before = float(found.missed[rows].mean())
-    share = CHANGED if found.score > 1.0 else REFINED
-    improved = found.explained and float(parts.mean()) > max(chance, (1.0 - share) * before)
-    if found.score <= 1.0:
+    before = evidence.rows.missed[rows]
+    gain = before - np.linalg.norm(held, axis=1)
+    gains = np.array([block.mean() for block in np.array_split(gain, _BLOCKS)])
+    chance = SURE * float(gains.std(ddof=1)) / np.sqrt(_BLOCKS)
+    share = CHANGED if changed else REFINED
+    needed = max(chance, (1.0 - share) * float(before.mean()))
+    improved = evidence.explained and float(gains.mean()) > needed
+    if not changed:
         # rows of an arm that did not change made a model of half of series A worse by 1.15
-        improved = improved and found.tested.noisy is None and _surer(found, body)
-    if found.tool.score > 1.0:
+        improved = improved and evidence.tests.noisy is None and _is_surer(evidence, body)
+    tool = evidence.tool
+    if tool.score > 1.0:
         if not improved:  # the tool alone
-            body, held = found.belief, (found.x - found.predicted)[rows]
-        body, improved = found.tool_beside(body.structure, body.beta).of(body), True
-    return Update(body, chosen[0][1], rows, held, bool(improved))
+            body = evidence.prior
+            held = (evidence.rows.x - evidence.rows.predicted)[rows]
+        body = evidence.tool_beside(body.structure, body.beta).of(body)
+        improved = True
+    return Update(body, chosen[0][1], rows, before, held, bool(improved))
 
 
-def _surer(found: Comparison, body: Body) -> bool:
+def _hypotheses_to_update_by(evidence: Evidence) -> tuple[Explanation, ...]:
+    """Those of the change; where nothing is blamed those of none, which widen the bound."""
+    findings = evidence.findings
+    if evidence.attributed:
+        return findings
+    findings = tuple(e for e in findings if not e.hypothesis) or findings
+    # with free waves 40 rows of another mounting made an error 1.2 times as large elsewhere
+    if evidence.score <= 1.0 and not evidence.prior.simulated:
+        findings = tuple(e for e in findings if e.waves <= CREEP) or findings
+    return findings
+
+
+def _is_surer(evidence: Evidence, body: Body) -> bool:
     """Whether a belief expects errors of itself that are smaller than those of the old one."""
-    old = found.belief
-    spreads = (np.trace(b.spread(found.probes), axis1=1, axis2=2).mean() for b in (body, old))
-    new, usual = (s * old.kappa**2 + (old.tau**2 + old.noise**2).sum() for s in spreads)
-    return bool(new < REFINED**2 * usual)
+    old = evidence.prior
+    probes = evidence.rows.probes
+    variances = []
+    for belief in (body, old):
+        spread = np.trace(belief.spread(probes), axis1=1, axis2=2).mean()
+        variances.append(float(spread) * old.kappa**2 + float((old.tau**2 + old.noise**2).sum()))
+    return variances[0] < REFINED**2 * variances[1]
 
 
 def _mixed(

@@ -64,7 +64,7 @@ def check(
     drift = calib.check(loaded, log, cause=cause, tolerance=tolerance)
     say(drift.notes)
     rescaled = any(cause.cause == "scale" and cause.interval is None for cause in drift.causes)
-    unit_seen = "sensor" if rescaled else loaded.about.unit
+    unit_seen = drift.unit
     document = {
         "model": model,
         **drift.to_json(),
@@ -96,10 +96,11 @@ def check(
         lines = ["TOO COARSE: these rows could not have shown a change of the tolerated size"]
         lines += ["what to do: give more rows, or rows of less noise", limit]
     else:
-        lines = [drift.verdict.upper(), *drift.explanations, limit]
-        if drift.bound_holds:
-            lines[0] = drift.verdict
-
+        head = "still calibrated"
+        if not drift.bound_holds:
+            share = f"{100 * drift.covered:.0f} %"
+            head = f"THE BOUND DOES NOT HOLD: {share} of the rows are within it, 95 % should be"
+        lines = [head, *drift.explanations, limit]
     for each in bumped:
         told = (*each["explanations"], "its cause is unknown")[0]
         lines.append(f"episode {each['episode']}: DRIFTED: {told}")

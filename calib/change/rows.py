@@ -1,0 +1,185 @@
+"""Rows: those of a log that count beside a model, with what the model predicts of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from ..body.belief import Body, knows_orientation
+from ..common.arrays import Array
+from ..errors import LogError, ModelError
+from ..model.model import Model
+from ..model.prediction import predict
+from ..samples.diagnosis import diagnose, readings, refuse_mistakes
+from ..samples.motion import Motion
+from ..samples.samples import Samples
+from ..training.sound_rows import sound_log
+from ..training.touched import as_positions
+
+_LEAST_ROWS = 10  # fewest different rows that a judgement or a correction can rest on
+_MISREAD = ("exchanged", "turns")
+_CORNER = 0.5  # share of a joint's range below which it is said how little was covered
+_PROBES = 120  # joints all over the learned range at which predictions are compared
+_SQUARED = 1e100  # positions beyond overflow where they are squared
+
+
+@dataclass(frozen=True, eq=False)
+class LogRows:
+    """Rows of a log beside a model; repeated rows count once."""
+
+    model: Model
+    cause: str | None  # {"sensor", "joints"} or None, what is known about the change
+    logged: Array  # (n, dof), joints as the log has them [rad or m]
+    q: Array  # (n, dof), where they stand: with the play that the model knows taken up [rad or m]
+    side: Array  # (n, dof), sign of each joint's last motion
+    x: Array  # (n, m) [unit]
+    orientation: Array | None  # (n, 4), qx, qy, qz, qw, where the log has them
+    unit: str  # unit of the log's positions
+    shared: float  # standard deviation that all positions share [unit]
+    predicted: Array  # (n, m), positions that the model predicts [unit]
+    bound: Array  # (n,), 95 % bound on each row as the model tells it, infinite for none [unit]
+    wrong: int  # rows that contradict their neighbours and were left out
+    lost: int  # these, and rows outside of what the model has learned
+    notes: tuple[str, ...]
+
+    def __len__(self) -> int:
+        return len(self.q)
+
+    @property
+    def body(self) -> Body:
+        """The belief of the model, where it has one."""
+        assert self.model.body is not None  # noqa: S101 - maps alone are compared with their bound
+        return self.model.body
+
+    @property
+    def motion(self) -> Motion:
+        """Their motion, as the log has it."""
+        return Motion(self.logged, self.side)
+
+    @property
+    def u(self) -> Array:
+        """Joints (n, dof) in the unit box."""
+        return self.model.motor.scale.to_unit(self.q)
+
+    @property
+    def missed(self) -> Array:
+        """Distance of the rows from their prediction, (n,) [unit]."""
+        return np.asarray(np.linalg.norm(self.x - self.predicted, axis=1))
+
+    @property
+    def added(self) -> Array:
+        """What the maps add to the body, (n, m) [unit]."""
+        return np.asarray(self.predicted - self.body.predict(self.q))
+
+    @cached_property
+    def probes(self) -> Array:
+        """Joints (p, dof) all over the learned range [rad or m]."""
+        about = self.model.about
+        u = np.random.default_rng(0).random((_PROBES, len(about.joint_names)))
+        return np.asarray(about.lower + u * (about.upper - about.lower))
+
+
+def rows_of(model: Model, log: Samples) -> LogRows:
+    """Put a log of at least ten different rows of the same arm beside a model.
+
+    Raises LogError if the log is not of this arm, too short, or looks wrong.
+    Raises ModelError if the model keeps no baseline.
+    """
+    if model.baseline is None:
+        raise ModelError("the model has no baseline of its distortions: train it again")
+    notes: list[str] = []
+    cause = None
+    if log.touch is not None:  # which no sensor saw
+        cause = "joints"
+        log, notes = as_positions(model, log)
+    rows_in_file = log.left_out + len(log)
+    left_out_before = log.left_out
+    unit, shared = log.unit, log.shared
+    _refuse_degrees(model, log)
+    log, told = sound_log(model, log)
+    notes = [*notes, *told]
+    motion = Motion.of(log)
+    first = np.sort(np.unique(np.hstack([log.q, log.x]), axis=0, return_index=True)[1])
+    repeated = len(log) - len(first)
+    prediction = predict(model, motion.take(first))
+    answered = np.isfinite(prediction.bound)
+    if answered.sum() < _LEAST_ROWS:
+        why = "measure more poses, spread over the joints' ranges"
+        if not answered.all():
+            why = model.outside(log.q[first[~answered][0]]) or why
+        raise LogError(
+            f"{answered.sum()} of the log's {len(first)} different rows lie within what the model "
+            f"has learned, expected at least {_LEAST_ROWS}: {why}"
+        )
+    if repeated:
+        notes.append(f"{repeated} repeated rows count once")
+    if not answered.all():
+        outside = np.count_nonzero(~answered)
+        notes.append(f"{outside} rows outside of what the model has learned are left out")
+    rows = first[answered]
+    q, x = log.q[rows], log.x[rows]
+    turns = None if log.orientation is None else log.orientation[rows]
+    notes += _misreadings(model, q, x, turns)
+    scale = model.motor.scale
+    stands = scale.from_unit(scale.to_unit(prediction.joints[answered]))
+    predicted = prediction.value[answered]
+    alone = predicted if model.body is None else model.body.predict(stands)
+    if not (np.abs([predicted, alone]) < _SQUARED).all():  # as in a forged file
+        raise ModelError("the model predicts no finite positions for this log: train it again")
+    assert motion.side is not None  # noqa: S101 - of a log they are known
+    return LogRows(
+        model=model,
+        cause=cause,
+        logged=q,
+        q=stands,
+        side=motion.side[rows],
+        x=x,
+        orientation=turns,
+        unit=unit,
+        shared=shared,
+        predicted=predicted,
+        bound=np.nan_to_num(prediction.bound[answered], nan=np.inf),
+        wrong=log.left_out - left_out_before,
+        lost=rows_in_file - repeated - len(rows),
+        notes=tuple(notes),
+    )
+
+
+def _misreadings(model: Model, q: Array, x: Array, turns: Array | None) -> list[str]:
+    """Notes on rows that were read wrongly, and on joints that cover little of their range.
+
+    Units, mirrors, signs and clocks are causes that the judgement itself tells.
+    """
+    names = model.about.joint_names
+    findings = diagnose(
+        model.forward,
+        q,
+        x,
+        names,
+        model.about.revolute,
+        unit=model.about.unit,
+        turns=turns,
+        pose=model.pose if knows_orientation(model.body) else None,
+    )
+    notes = refuse_mistakes([finding for finding in findings if finding.kind in _MISREAD])
+    widths = np.ptp(model.motor.scale.to_unit(q), axis=0).tolist()
+    for name, width in zip(names, widths, strict=True):
+        if width < _CORNER:
+            notes.append(
+                f"the log covers {100 * width:.0f} % of the learned range of {name}: the result "
+                "says little about the rest"
+            )
+    return notes
+
+
+def _refuse_degrees(model: Model, log: Samples) -> None:
+    """Refuse a log of joints in another unit, most of which the model has not learned."""
+    q, about = model.about.joints_of(log), model.about
+    if np.isfinite(model.expected_error(q)).mean() > 0.5 or not any(about.revolute):
+        return
+    units, *_ = readings(q, about.joint_names, about.revolute, any_order=False)
+    for q, other in units:
+        if np.isfinite(model.expected_error(q)).mean() > 0.9:
+            raise LogError(f"the log fits the model only if {other.words}", hint=other.hint)
