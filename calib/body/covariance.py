@@ -73,7 +73,8 @@ def root_of(covariance: Array) -> Array:
 
 def pack(root: Array) -> _Packed:
     """Upper triangular root (k (k + 1) / 2,), row by row, of the covariance of a root (k, r)."""
-    upper, k = root.T, len(root)
+    upper = root.T
+    k = len(root)
     if upper.shape != (k, k) or np.tril(upper, -1).any():
         triangle = np.asarray(np.linalg.qr(upper, mode="r"), dtype=float)
         upper = np.zeros((k, k))

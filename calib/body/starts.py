@@ -37,14 +37,23 @@ from .spatial import SpatialStructure
 from .structure import Structure
 
 _TIED = 1e-2  # nats that no evidence tells apart
-_ROWS, _KEPT = 400, 8  # rows that the runs use at most, and runs carried on after six steps
-_GUESSED, _FIRST, _STEPS = 60, 10, 40  # rows and damped steps of guesses, and steps of the best
-_LEAST, _ROWS_ALONE = 10, 150  # rows that tell a chain of which only the joints are known
+_ROWS = 400  # that the runs use at most
+_RUN_STEPS = (6, 40)  # damped steps of all runs, and of the best
+_RUNS = 8  # that are carried on
+_PROBES = 100  # joint values at which arms are compared
+_GUESSED = 60  # rows that guesses of a frame use
+_FIRST = 10  # damped steps of a guess
+_STEPS = 40  # damped steps of the best guess, and of a chain
+_LEAST = 10  # rows that tell a chain of which only the joints are known
+_ROWS_ALONE = 150  # rows that its search uses
 _TOOL = 0.1  # of the reach: tools to each side that the frame is guessed with
-_CHAINS, _AGREE, _SAME = 24, 4, 0.5  # chains to begin at; so many that end alike [nats] are enough
+_CHAINS = 24  # to begin at
+_AGREE = 4  # of them that end alike are enough
+_SAME = 0.5  # [nats] by which they are alike
 # shares of the extents: residuals of a chain that is exact, and of one that explains the rows.  A
 # hobby arm's first four ends were points, alike at .29
-_EXACT, _EXPLAINED = 10 * SIMULATED_FLOOR, 0.05
+_EXACT = 10 * SIMULATED_FLOOR
+_EXPLAINED = 0.05
 
 
 @dataclass(frozen=True)
@@ -65,29 +74,36 @@ def best_starts(structure: Structure, rows: Rows, free: tuple[str, ...]) -> list
 
     free : groups that the runs fit; the gate's chain
     """
-    q, lower, rng = rows.q, rows.q.min(axis=0), np.random.default_rng(0)
-    some = np.sort(np.random.default_rng(0).permutation(len(q))[:_ROWS])
-    ask = lower + rng.random((100, q.shape[1])) * (q.max(axis=0) - lower)
-    q, z = q[some], rows.z[some]
-    runs = [Start(*found) for found in candidates(structure, q, z)]
+    some = np.sort(np.random.default_rng(0).permutation(len(rows))[:_ROWS])
+    q = rows.q[some]
+    z = rows.z[some]
+    runs = [Start(found, beta) for found, beta in candidates(structure, q, z)]
     if len(runs) == 1:  # nothing to choose from: the gate goes on from here
         return runs
-    for steps in (6, 40):
-        for k, run in enumerate(runs):
-            prior = run.structure.prior(free)
-            found = settled(run.structure, q, z, run.beta, prior, steps)
-            runs[k] = Start(run.structure, *found)
-        runs = sorted(runs, key=lambda run: run.cost)[:_KEPT]
+    for steps in _RUN_STEPS:
+        runs = [_run(run, q, z, free, steps) for run in runs]
+        runs = sorted(runs, key=lambda run: run.cost)[:_RUNS]
     # A planar arm that turns the other way, seen from behind, fits as well: the drawing's own way.
     tied = [run for run in runs if not run.cost > runs[0].cost + _TIED]
     best = min(tied, key=lambda run: run.structure.reversals)
-    there = best.structure.predict(ask, best.beta)
+    lower = rows.q.min(axis=0)
+    span = rows.q.max(axis=0) - lower
+    probes = lower + np.random.default_rng(0).random((_PROBES, rows.q.shape[1])) * span
+    there = best.structure.predict(probes, best.beta)
     for run in runs:
-        apart = best.structure.residual(there, run.structure.predict(ask, run.beta))
-        other = np.abs(apart / best.structure.extents).max() > max(APART, 20 * best.noise)
-        if other and run.noise <= RIVAL_START * best.noise and np.isfinite(run.cost):
+        apart = best.structure.residual(there, run.structure.predict(probes, run.beta))
+        share = float(np.abs(apart / best.structure.extents).max())
+        is_other = share > max(APART, 20 * best.noise)
+        if is_other and run.noise <= RIVAL_START * best.noise and np.isfinite(run.cost):
             return [best, run]
     return [best]
+
+
+def _run(start: Start, q: Array, z: Array, free: tuple[str, ...], steps: int) -> Start:
+    """A start carried on by damped steps."""
+    prior = start.structure.prior(free)
+    beta, cost, noise = settled(start.structure, q, z, start.beta, prior, steps)
+    return Start(start.structure, beta, cost, noise)
 
 
 def with_other_sensors(start: Start, rows: Sequence[Rows]) -> Start:
@@ -134,10 +150,12 @@ def candidates(structure: Structure, q: Array, z: Array) -> Sequence[tuple[Struc
     if not structure.informed:
         some = thinned(len(q), _ROWS_ALONE)
         return _free_chains(structure, q[some], z[some])
-    beta, view = frame(structure, q, z), structure.view
-    if view == "base pose" and np.linalg.norm(beta[structure.groups["tool.rotation"]]) > TARGET:
-        view = "base target"
-    return [(replace(structure, view=view), beta)]
+    beta = frame(structure, q, z)
+    if structure.view == "base pose":
+        turn = beta[structure.groups["tool.rotation"]]
+        if np.linalg.norm(turn) > TARGET:
+            return [(replace(structure, view="base target"), beta)]
+    return [(structure, beta)]
 
 
 def settled(
@@ -157,16 +175,19 @@ def frame(structure: SpatialStructure, q: Array, z: Array, arm: Array | None = N
     """
     drawn = arm is None
     groups = [group for group in structure.frame_groups if group != "lens"]
-    sd, some = structure.prior(groups).sd, thinned(len(q), _GUESSED)
-    guesses = _guesses(structure, q, z, structure.neutral() if arm is None else arm)
-    tried = [
-        settled(structure, q[some], z[some], beta, Prior(beta, sd), _FIRST) for beta in guesses
-    ]
-    beta = min(tried, key=lambda found: found[1])[0]
+    sd = structure.prior(groups).sd
+    some = thinned(len(q), _GUESSED)
+    runs: list[tuple[Array, float, float]] = []
+    for guess in _guesses(structure, q, z, structure.neutral() if arm is None else arm):
+        prior = Prior(guess, sd)
+        runs.append(settled(structure, q[some], z[some], guess, prior, _FIRST))
+    beta, _, _ = min(runs, key=lambda run: run[1])
     beta = settled(structure, q, z, beta, Prior(beta, sd), _STEPS)[0]
     if structure.camera and drawn:
         # a camera's pose and its focal length help each other
-        free = [*groups, "offset", *(["lens"] if any(structure.lens_sd) else [])]
+        free = [*groups, "offset"]
+        if any(structure.lens_sd):
+            free.append("lens")
         sd = structure.prior(free).sd
         sd[structure.groups["offset"]] *= 20.0
         beta = settled(structure, q, z, beta, Prior(beta, sd), 60)[0]
@@ -180,7 +201,11 @@ def _refuse_misfit(structure: SpatialStructure, q: Array, z: Array, beta: Array)
     misfit = structure.residual(z, structure.predict(q, beta))
     off = float(np.median(np.linalg.norm(misfit[:, :3], axis=1)))
     size = float(np.linalg.norm(z[:, :3] - np.median(z[:, :3], axis=0), axis=1).max())
-    most, what = (NO_CAMERA, "pixels") if structure.camera else (OTHER_ARM, "positions")
+    most = OTHER_ARM
+    what = "positions"
+    if structure.camera:
+        most = NO_CAMERA
+        what = "pixels"
     if off > most * size:
         raise LogError(
             f"the robot does not explain the {what}: in the best frame half of the rows are more "
@@ -199,33 +224,63 @@ def _refuse_misfit(structure: SpatialStructure, q: Array, z: Array, beta: Array)
 
 def _guesses(structure: SpatialStructure, q: Array, z: Array, arm: Array) -> list[Array]:
     """Rough parameters from which the sensor's place is fitted."""
-    beta, neutral, groups = arm.copy(), structure.neutral(), structure.groups
+    beta = arm.copy()
+    neutral = structure.neutral()
+    groups = structure.groups
     for group in ("view.rotation", "view.shift", "view.scale", "tool", "tool.rotation", "lens"):
         beta[groups[group]] = neutral[groups[group]]
     points, rotations = structure.pose(q, beta)
     if structure.camera:
         return _cameras(structure, points, z, beta)
-    tools = _TOOL * structure.chain.reach * np.vstack([np.zeros(3), np.eye(3), -np.eye(3)])
-    turns = [(tool, *similarity(points + rotations @ tool, z[:, :3])) for tool in tools]
-    if structure.outputs == 6:  # without it 2 of 48 mountings of long tools were not found
-        turns.append((tools[0], _turn_of_poses(rotations, exponential(z[:, 3:])), tools[0], 1.0))
+    return [
+        _with_frame(structure, beta, points + rotations @ tool, rotations, z, tool, turn)
+        for tool, turn in _frames(structure, points, rotations, z)
+    ]
+
+
+def _frames(
+    structure: SpatialStructure, points: Array, rotations: Array, z: Array
+) -> list[tuple[Array, Array]]:
+    """Tools (3,) and turns (3, 3) of the sensor that the frame is guessed with."""
+    nothing = np.zeros(3)
     if structure.based:
-        turns = [(tools[0], np.eye(3), tools[0], 1.0)]
-    guesses = []
-    for tool, turn, shift, factor in turns:
-        guess = beta.copy()
-        guess[groups["tool"]], guess[groups["view.rotation"]] = tool, logarithm(turn)
-        if structure.seen_as.scaled:
-            guess[groups["view.scale"]] = np.log(factor / structure.metre)
-        elif not structure.based:
-            tip = points + rotations @ tool
-            shift = (z[:, :3] - structure.metre * tip @ turn.T).mean(axis=0)
+        return [(nothing, np.eye(3))]
+    frames: list[tuple[Array, Array]] = []
+    aside = _TOOL * structure.chain.reach
+    for tool in (nothing, *(aside * np.eye(3)), *(-aside * np.eye(3))):
+        turn, _, _ = similarity(points + rotations @ tool, z[:, :3])
+        frames.append((tool, turn))
+    if structure.outputs == 6:  # without it 2 of 48 mountings of long tools were not found
+        frames.append((nothing, _turn_of_poses(rotations, exponential(z[:, 3:]))))
+    return frames
+
+
+def _with_frame(
+    structure: SpatialStructure,
+    beta: Array,
+    tip: Array,
+    rotations: Array,
+    z: Array,
+    tool: Array,
+    turn: Array,
+) -> Array:
+    """Parameters (d,) with a tool (3,) and a turn (3, 3) of the sensor, its shift and scale."""
+    guess = beta.copy()
+    groups = structure.groups
+    guess[groups["tool"]] = tool
+    guess[groups["view.rotation"]] = logarithm(turn)
+    if structure.seen_as.scaled:
+        _, shift, factor = similarity(tip, z[:, :3])
+        guess[groups["view.scale"]] = np.log(factor / structure.metre)
         guess[groups["view.shift"]] = shift
-        if structure.outputs == 6:  # A' X' Z of every row, averaged and made a rotation again
-            own = np.swapaxes(turn @ rotations, 1, 2) @ exponential(z[:, 3:])
-            guess[groups["tool.rotation"]] = logarithm(nearest_rotation(own.sum(axis=0)))
-        guesses.append(guess)
-    return guesses
+    elif structure.based:
+        guess[groups["view.shift"]] = 0.0
+    else:
+        guess[groups["view.shift"]] = (z[:, :3] - structure.metre * tip @ turn.T).mean(axis=0)
+    if structure.outputs == 6:  # A' X' Z of every row, averaged and made a rotation again
+        turns = np.swapaxes(turn @ rotations, 1, 2) @ exponential(z[:, 3:])
+        guess[groups["tool.rotation"]] = logarithm(nearest_rotation(turns.sum(axis=0)))
+    return guess
 
 
 def _turn_of_poses(rotations: Array, seen: Array) -> Array:
@@ -242,25 +297,32 @@ def _turn_of_poses(rotations: Array, seen: Array) -> Array:
 
 def _cameras(structure: SpatialStructure, points: Array, z: Array, arm: Array) -> list[Array]:
     """Cameras that an affine fit of pixels to points suggests, at a few focal lengths."""
-    groups, (f, u0, v0, _) = structure.groups, structure.lens
+    groups = structure.groups
+    known_focal = structure.lens[0]
+    principal = np.asarray(structure.lens[1:3])
     middle = points.mean(axis=0)
     centred = points - middle
     ridge = 1e-6 * np.trace(centred.T @ centred) * np.eye(3)
-    rows = np.linalg.solve(centred.T @ centred + ridge, centred.T @ (z - z.mean(axis=0))).T
+    seen = z.mean(axis=0)
+    affine = np.linalg.solve(centred.T @ centred + ridge, centred.T @ (z - seen)).T
     # the rotation nearest to the affine camera's two rows; its third axis looks ahead
-    u, s, vt = np.linalg.svd(rows, full_matrices=False)
+    u, s, vt = np.linalg.svd(affine, full_matrices=False)
     two = u @ vt
-    turn = np.vstack([two, np.cross(two[0], two[1])])
-    guesses = []
-    for focal in (f,) if not structure.lens_sd[0] else (f, 0.7 * f, 1.4 * f):
+    upright = np.vstack([two, np.cross(two[0], two[1])])
+    tilted = exponential([0.6, 0.0, 0.0]) @ upright
+    focals = [known_focal]
+    if structure.lens_sd[0]:
+        focals += [0.7 * known_focal, 1.4 * known_focal]
+    guesses: list[Array] = []
+    for focal in focals:
         depth = focal / max(float(s.mean()), 1e-9)
-        centre = np.array([*((z.mean(axis=0) - (u0, v0)) / focal), 1.0]) * depth
+        centre = np.append((seen - principal) / focal, 1.0) * depth
         # an affine camera does not tell before from behind: also a start from elsewhere, tilted
-        for own in (turn, exponential([0.6, 0.0, 0.0]) @ turn):
+        for turn in (upright, tilted):
             guess = arm.copy()
             guess[groups["lens"][0]] = focal
-            guess[groups["view.rotation"]] = logarithm(own)
-            guess[groups["view.shift"]] = centre - own @ middle
+            guess[groups["view.rotation"]] = logarithm(turn)
+            guess[groups["view.shift"]] = centre - turn @ middle
             guesses.append(guess)
     return guesses
 

@@ -176,7 +176,9 @@ class View:
     def push(self, velocity: Array, angular: Any = 0.0) -> Array:
         """How outputs (..., m, n) move when the tip moves (..., d, n) [m] and turns [rad]."""
         sensor = self.sensor
-        turned = sensor.rotation @ angular if sensor.posed and np.ndim(angular) else 0.0
+        turned: Array | float = 0.0
+        if sensor.posed and np.ndim(angular):
+            turned = sensor.rotation @ angular
         return self._seen(sensor.matrix[:, :-1] @ velocity, turned)
 
     def columns(self) -> Columns:
@@ -189,12 +191,14 @@ class View:
         return self.sensor.whole.look(self.tip) if self.sensor.whole else self
 
     def _by(self, name: str) -> Array:
-        seen, by = self._whole, self._whole.sensor.by[name]()
+        view = self._whole
+        by = view.sensor.by[name]()
         moved = by.matrix[..., :-1] @ self.tip + by.matrix[..., -1:]
-        out = seen._seen(moved, 0.0 if by.turn is None else by.turn[..., None])
-        if by.lens is not None and seen.picture is not None:
-            out = out + np.tensordot(by.lens, seen.picture.refocused(), axes=1)
-        return out
+        turned = 0.0 if by.turn is None else by.turn[..., None]
+        columns = view._seen(moved, turned)
+        if by.lens is not None and view.picture is not None:
+            columns = columns + np.tensordot(by.lens, view.picture.refocused(), axes=1)
+        return columns
 
     def _seen(self, moved: Array, turned: Array | float) -> Array:
         if self.picture is not None:
@@ -222,10 +226,12 @@ class Picture:
     def slope(self) -> Array:
         """Derivative (2, 3, n) by the point."""
         # d pixel / d ideal = f ((1 + k1 r^2) 1 + 2 k1 u u'), d ideal / d point = [1, -u] / depth
-        ideal, slope = self.ideal, np.empty((2, *self.point.shape))
-        across = 2 * self.lens[3] * ideal[:, None] * ideal
-        slope[:, :2] = self.lens[0] / self.point[2] * (across + self.bent * np.eye(2)[..., None])
-        slope[:, 2] = -(slope[:, :2] * ideal).sum(axis=1)
+        focal = self.lens[0]
+        radial = self.lens[3]
+        across = 2 * radial * self.ideal[:, None] * self.ideal
+        slope = np.empty((2, *self.point.shape))
+        slope[:, :2] = focal / self.point[2] * (across + self.bent * np.eye(2)[..., None])
+        slope[:, 2] = -(slope[:, :2] * self.ideal).sum(axis=1)
         return slope
 
     def seen(self, moved: Array) -> Array:
@@ -234,18 +240,20 @@ class Picture:
 
     def refocused(self) -> Array:
         """Derivative (4, 2, n) by focal length, centre and k1."""
-        out = np.zeros((4, *self.ideal.shape))
-        out[0] = self.ideal * self.bent
-        out[1, 0] = out[2, 1] = 1.0
-        out[3] = self.lens[0] * self.ideal * (self.ideal**2).sum(axis=0)
-        return out
+        slope = np.zeros((4, *self.ideal.shape))
+        slope[0] = self.ideal * self.bent
+        slope[1, 0] = 1.0
+        slope[2, 1] = 1.0
+        slope[3] = self.lens[0] * self.ideal * (self.ideal**2).sum(axis=0)
+        return slope
 
 
 def pixels(lens: Array, point: Array) -> Picture:
     """Pixels of points (3, n) through a lens (4,)."""
-    point = np.stack([*point[:2], np.maximum(point[2], LEAST_DEPTH)])
+    point = np.stack([point[0], point[1], np.maximum(point[2], LEAST_DEPTH)])
     ideal = point[:2] / point[2]
-    return Picture(np.asarray(lens), point, ideal, 1 + lens[3] * (ideal**2).sum(axis=0))
+    bent = 1 + lens[3] * (ideal**2).sum(axis=0)
+    return Picture(np.asarray(lens), point, ideal, bent)
 
 
 def compose(first: Array, second: Array) -> Array:
@@ -282,33 +290,46 @@ class InSpace(Measurement):
     def parameters(self) -> tuple[Block, ...]:
         """What the sensor has of its own."""
         unit = "m" if self.camera else self.unit  # a camera stands metres away
-        lens = {"focal": "px", "centre.u": "px", "centre.v": "px", "k1": "1"}
-        turn, shift = ([f"view.{what}.{axis}" for axis in "xyz"] for what in ("rotation", "shift"))
+        turns = [f"view.rotation.{axis}" for axis in "xyz"]
+        shifts = [f"view.shift.{axis}" for axis in "xyz"]
+        lens = (
+            (None, "lens.focal", "px"),
+            (None, "lens.centre.u", "px"),
+            (None, "lens.centre.v", "px"),
+            (None, "lens.k1", "1"),
+        )
         return (
-            Block.of("view.rotation", "rad", turn, 100.0),
-            Block.of("view.shift", unit, shift, FREE * self.size),
+            Block.of("view.rotation", "rad", turns, 100.0),
+            Block.of("view.shift", unit, shifts, FREE * self.size),
             Block.of("view.scale", "1", ["view.scale"], 100.0),
-            Block(
-                "lens", tuple((None, f"lens.{what}", unit) for what, unit in lens.items()),
-                np.asarray(self.lens), np.asarray(self.lens_sd),
-            ),
-        )  # fmt: skip
+            Block("lens", lens, np.asarray(self.lens), np.asarray(self.lens_sd)),
+        )
 
     def placed(self, own: Mapping[str, Array]) -> Placed:
         """The sensor: where it stands, its scale and its lens."""
-        scale = float(np.exp(own["view.scale"][0])) * (1.0 if self.camera else self.metre)
-        turn, eye, none = exponential(own["view.rotation"]), np.eye(3), np.zeros((3, 1))
-        arm = np.hstack([scale * turn, none])
+        scale = float(np.exp(own["view.scale"][0]))
+        if not self.camera:
+            scale *= self.metre
+        eye = np.eye(3)
+        turn = exponential(own["view.rotation"])
+        arm = np.hstack([scale * turn, np.zeros((3, 1))])
         by = {
             "view.rotation": lambda: By(cross_matrix(eye) @ arm, eye),
             "view.shift": lambda: By(eye[:, :, None] * np.eye(4)[3]),
             "view.scale": lambda: By(arm[None]),
         }
+        lens: Array | None = None
         if self.camera:
+            lens = own["lens"]
             by["lens"] = lambda: By(np.zeros((4, 3, 4)), lens=np.eye(4))
-        shift, posed = own["view.shift"], SPATIAL[self.kind].outputs == 6
-        matrix = np.column_stack([arm[:, :3], shift])
-        return Placed(matrix, own["lens"] if self.camera else None, by, posed, turn, scale)
+        return Placed(
+            matrix=np.column_stack([arm[:, :3], own["view.shift"]]),
+            lens=lens,
+            by=by,
+            posed=self.outputs == 6,
+            rotation=turn,
+            scale=scale,
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -333,45 +354,52 @@ class InPlane(Measurement):
 
     def parameters(self) -> tuple[Block, ...]:
         """What the sensor has of its own."""
-        shift, tilt = (["view.shift x", "view.shift y"], ["view.tilt x", "view.tilt y"])
+        shifts = ["view.shift x", "view.shift y"]
+        tilts = ["view.tilt x", "view.tilt y"]
         lens = ["lens.radial", "lens.centre x", "lens.centre y"]
-        wide, known = FREE * self.extent, self.metre * np.asarray(self.shift)
+        place = self.metre * np.asarray(self.shift)
         return (
             Block.of("view.rotation", "rad", ["view.rotation"], 100.0, self.rotation),
             Block.of("view.scale", "1", ["view.log scale"], 100.0),
             Block.of("view.shear", "1", ["view.stretch", "view.shear"], 1.0),
-            Block.of("view.shift", self.unit, shift, wide, known),
-            Block.of("view.tilt", f"1/{self.length}", tilt, self.tilt),
+            Block.of("view.shift", self.unit, shifts, FREE * self.extent, place),
+            Block.of("view.tilt", f"1/{self.length}", tilts, self.tilt),
             Block.of("lens", "1", lens, 0.5),
         )
 
     def placed(self, own: Mapping[str, Array]) -> Placed:
         """The sensor: the plane as a picture, or without tilt and bend positions as they are."""
-        size, eye, (k, *centre) = _LENS * self.extent, np.eye(3), own["lens"]
-        middle, shift = self.centre + size * np.array(centre), own["view.shift"]
-        c, s = np.cos(own["view.rotation"][0]), np.sin(own["view.rotation"][0])
-        turned = self.metre * np.exp(own["view.scale"][0]) * np.array([[c, -s], [s, c]])
-        (a, b), mirror = own["view.shear"], self.mirror
-        linear = turned @ np.array([[1 + a, b * mirror], [b, (1 - a) * mirror]])
-        sides = np.array([[[1, 0], [0, -mirror]], [[0, mirror], [1, 0]]])
+        size = _LENS * self.extent
+        eye = np.eye(3)
+        radial = own["lens"][0]
+        middle = self.centre + size * own["lens"][1:]
+        shift = own["view.shift"]
+        angle = own["view.rotation"][0]
+        turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+        turned = self.metre * np.exp(own["view.scale"][0]) * turn
+        stretch, shear = own["view.shear"]
+        sides = np.array([[1 + stretch, shear], [shear, 1 - stretch]])
+        flip = np.diag([1.0, self.mirror])
+        linear = turned @ sides @ flip
+        by_shear = np.array([[[1.0, 0.0], [0.0, -1.0]], [[0.0, 1.0], [1.0, 0.0]]]) @ flip
         # the matrix is A / size and the product of (t - middle, size) / size with (h, 1)
-        start, tilt = np.append((shift - middle) / size, 1.0), np.append(own["view.tilt"], 1.0)
+        start = np.append((shift - middle) / size, 1.0)
+        tilt = np.append(own["view.tilt"], 1.0)
         across = eye[:2, :, None] * tilt
+        # without a bend its centre is nowhere
+        by_lens = np.concatenate([np.zeros((1, 3, 3)), -across])
+        lens_order = np.diag([1.0, size, size]) @ np.eye(4)[[3, 1, 2]]
         by = {
             "view.rotation": lambda: By(_corner(_QUARTER_TURN @ linear[None]) / size),
             "view.scale": lambda: By(_corner(linear[None]) / size),
-            "view.shear": lambda: By(_corner(turned @ sides) / size),
+            "view.shear": lambda: By(_corner(turned @ by_shear) / size),
             "view.shift": lambda: By(across / size),
             "view.tilt": lambda: By(start[:, None] * eye[:2, None]),
-            # without a bend its centre is nowhere
-            "lens": lambda: By(
-                np.concatenate([np.zeros((1, 3, 3)), -across]),
-                lens=np.diag([1.0, size, size]) @ np.eye(4)[[3, 1, 2]],
-            ),
+            "lens": lambda: By(by_lens, lens=lens_order),
         }
         picture = _corner(linear) / size + np.outer(start, tilt)
-        whole = Placed(picture, np.array([size, *middle, k]), by)
-        if k or tilt[:2].any():
+        whole = Placed(picture, np.array([size, *middle, radial]), by)
+        if radial or own["view.tilt"].any():
             return whole
         return Placed(np.column_stack([linear, shift]), None, by, whole=whole)
 
