@@ -88,6 +88,15 @@ Ranges = Annotated[
 Degrees = Annotated[
     bool, Option("--degrees", help="Joint values typed, read and printed are in deg.")
 ]
+Gravity = Annotated[
+    tuple[float, ...] | None,
+    Option(
+        "--gravity",
+        metavar="X,Y,Z",
+        parser=parsing.direction,
+        help="Where gravity points in the root's frame (default 0,0,-1).",
+    ),
+]
 
 # simulated babbling
 SAMPLES = "How many samples to babble (default 20000)."

@@ -223,6 +223,11 @@ above_zero = parser("a number above zero", finite_number, lambda value: value > 
 not_negative = parser("a number, zero or more", finite_number, lambda value: value >= 0.0)
 count = whole(1)
 reals = parser("numbers with commas between them such as 0.5,-1", numbers)
+direction = parser(
+    "three numbers, not all zero, such as 0,0,-1",
+    numbers,
+    lambda axis: len(axis) == 3 and any(axis),
+)
 sigma = parser("START:END above zero such as 5:0.5 [nodes]", _radius_schedule, _all_positive)
 names = several(parser("names with commas between them such as a,b", str, bool))
 lattice_sides = parser("whole numbers of 2 or more such as 70 or 70x70", _lattice_sides)

@@ -29,6 +29,7 @@ class Selection:
     lock: Sequence[JointValue] | None = None
     ranges: Sequence[JointRange] | None = None
     degrees: bool = False
+    gravity: tuple[float, ...] | None = None
 
     def load(
         self,
@@ -51,6 +52,7 @@ class Selection:
             ranges=in_si("--range", self.ranges, turns, self.degrees),
             planar=self.planar,
             columns=columns,
+            gravity=self.gravity,
         )
 
 

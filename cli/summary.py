@@ -134,7 +134,10 @@ def found_by_body(model: Model) -> list[str]:
         return []
     if model.body is None:
         return ["found: no kinematic body under the maps"]
-    lines = [printable(" ".join(line.split())) for line in model.body.describe()]
+    lines = [
+        printable(" ".join(line.split()))
+        for line in model.body.describe(model.about.lower, model.about.upper)
+    ]
     lines = [line for line in lines if "`expected_error`" not in line]  # calib info tells of bounds
     if not lines:
         return ["found: nothing that differs from the drawing by more than these rows can show"]

@@ -15,6 +15,7 @@ from ..common.rows import checked_rows
 from ..common.scale import TURN
 from ..common.wording import listed, quoted, suggestion
 from ..errors import OptionError
+from .gravity import GRAVITY
 from .plane import Plane
 from .rotations import quaternion_of
 from .spatial_chain import SpatialChain
@@ -55,6 +56,11 @@ class Arm:
         What was assumed or mended, for the user.
     limits : tuple of (float, float) [rad or m]
         What each joint can mechanically reach; `lower` and `upper` lie within.
+    travel : tuple of (float, float) [rad or m]
+        What each joint may be asked for: where that is more than a turn, `lower` to `upper` is one
+        turn of it.
+    gravity : (3,) array [m/s2]
+        Gravity in the root link's frame.
     chain : SpatialChain
         The folded transforms, mimic joints included, in the root link's frame.
     """
@@ -70,7 +76,9 @@ class Arm:
     urdf: str
     notes: tuple[str, ...]
     limits: tuple[Range, ...]
+    travel: tuple[Range, ...]
     chain: SpatialChain
+    gravity: tuple[float, float, float] = GRAVITY
 
     def __post_init__(self) -> None:
         """Freeze the arrays."""
@@ -159,16 +167,18 @@ class Arm:
         Of joints that can turn more than once it is one turn.
         """
         lower, upper = self.lower.copy(), self.upper.copy()
+        travel = list(self.travel)
         turning: dict[str, Range] = {}
         for name, chosen in ranges.items():
             k = self._index(name, "ranges")
             if chosen != self.limits[k]:
                 chosen = checked_range(name, chosen, self.limits[k], self.units_of_joints[k])
+            travel[k] = chosen
             lower[k], upper[k] = one_turn(chosen) if self.revolute[k] else chosen
             if self.revolute[k]:
                 turning[name] = chosen
         notes = (*self.notes, *notes_of_turns(turning))
-        return replace(self, lower=lower, upper=upper, notes=notes)
+        return replace(self, lower=lower, upper=upper, travel=tuple(travel), notes=notes)
 
     def _links(self) -> Array:
         """Vectors (dof, 3) [m] from each active joint to the next, the last to the tip, at zero."""
@@ -281,4 +291,6 @@ def one_turn(chosen: Range) -> Range:
 def notes_of_turns(chosen: Mapping[str, Range]) -> list[str]:
     """Tell of which turning joints' ranges more than rounding is cut to one turn."""
     cut = [repr(name) for name, (low, high) in chosen.items() if high - low > TURN + _ROUNDING]
-    return [f"{listed(cut)} can turn more than once: one turn of each is used"] if cut else []
+    if not cut:
+        return []
+    return [f"{listed(cut)} can turn more than once: one turn of each is learned"]

@@ -15,10 +15,29 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..common.arrays import Array
+from ..errors import OptionError
 from .spatial_chain import Motion, SpatialChain, cross, turned
 
 #: Standard gravity in the root frame of an arm that stands upright [m/s2].
 GRAVITY = (0.0, 0.0, -9.80665)
+
+
+def standard(direction: Sequence[float]) -> tuple[float, float, float]:
+    """Standard gravity (3,) [m/s2] along a direction (3,) of any length.
+
+    Raises OptionError if it is none.
+    """
+    vector = np.asarray(direction, dtype=float)
+    length = float(np.linalg.norm(vector))
+    if vector.shape != (3,) or not (np.isfinite(length) and length > 0.0):
+        raise OptionError(
+            f"gravity {direction!r:.60}: expected three numbers that are not all zero, such as "
+            "(0, 0, -9.81) of an arm that stands upright",
+            parameter="gravity",
+            value=direction,
+        )
+    x, y, z = (9.80665 * vector / length).tolist()
+    return x, y, z
 
 
 @dataclass(frozen=True, eq=False)

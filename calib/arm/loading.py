@@ -1,4 +1,4 @@
-"""Loading: find an arm in a robot and load it, its kinematics computed by Pinocchio.
+"""Loading: find an arm in a robot and load it.
 
 A planar arm is a serial chain whose active revolute axes are all parallel to one normal and
 whose active prismatic axes are all perpendicular to it. Any other serial chain is a spatial
@@ -28,6 +28,7 @@ from .finding import (
     planar_part,
     plane_normal,
 )
+from .gravity import standard
 from .plane import plane_of
 from .posture import Posture, folded, posture_of
 from .robots import resolve_robot
@@ -45,6 +46,7 @@ def load_arm(
     ranges: Mapping[str, Range] | None = None,
     planar: bool = False,
     columns: Collection[str] | None = None,
+    gravity: Sequence[float] | None = None,
 ) -> PlanarArm | SpatialArm:
     """Load an arm from a URDF file or from the bundled robots.
 
@@ -68,6 +70,9 @@ def load_arm(
         Whether to take only the joints that move the tip within one plane.
     columns : collection of str, optional
         Columns of a log: without `joints`, joints that are none of them are locked.
+    gravity : (3,) sequence of float, optional
+        Where gravity points in the root link's frame, of an arm on a wall or a ceiling; of any
+        length. By default along its -z.
 
     Returns
     -------
@@ -88,12 +93,13 @@ def load_arm(
     """
     path = resolve_robot(robot)
     try:
-        return arm_from_urdf(
+        arm = arm_from_urdf(
             read_urdf(path), joints, tip, lock=lock, ranges=ranges, name=path.stem, planar=planar,
             columns=columns,
         )  # fmt: skip
     except RobotError as error:
         raise error.within(path.name) from None
+    return arm if gravity is None else replace(arm, gravity=standard(gravity))
 
 
 def arm_from_urdf(
@@ -176,6 +182,7 @@ def arm_from_urdf(
         "urdf": text,
         "notes": tuple(map(one_line, notes)),
         "limits": tuple(joint.travel for joint in active),
+        "travel": tuple(joint.travel for joint in active),
         "chain": folded(urdf, following, names, tip, posture, weighed=normal is None),
     }
     arm: PlanarArm | SpatialArm = (

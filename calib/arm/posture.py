@@ -1,15 +1,14 @@
-"""Posture: where Pinocchio puts the links, and the chain of few joints that they make."""
+"""Posture: where the links are, and the chain of few joints that they make."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from ..common.arrays import Array
-from ..errors import RobotError
+from .rotations import exponential
 from .spatial_chain import SpatialChain
 from .urdf import Joint, Mimic, Urdf
 
@@ -32,26 +31,37 @@ class Posture:
 def posture_of(urdf: Urdf, told: Mapping[str, float]) -> Posture:
     """Return the posture at joint values [rad or m]; others follow one, or are neutral.
 
-    By Pinocchio's transforms.  Its models give a stranger's names a meaning (the world is
-    `universe`), and their data of 900 joints take 48 GB.
+    They are products of the joints' transforms; Pinocchio, which has no wheel for Windows, is not
+    needed.
     """
-    try:
-        import pinocchio as pin
-    except ImportError as error:
-        raise RobotError(
-            f"robots need Pinocchio, which cannot be imported ({error}): pip install pin"
-        ) from None
     values = urdf.values(told)
-    frames: dict[str, Any] = {urdf.root: pin.SE3.Identity()}
+    frames = {urdf.root: np.eye(4)}
     # a URDF may list a joint before the one that carries it
     for joint in sorted(urdf.joints, key=lambda joint: len(urdf.path(joint.child))):
-        placed = pin.SE3(pin.rpy.rpyToMatrix(*joint.rpy), np.array(joint.xyz))
-        frames[joint.child] = frames[joint.parent] * placed
+        frame = frames[joint.parent] @ origin_of(joint)
         if joint.movable:
-            moved, still = values[joint.name] * _direction(joint), np.zeros(3)
-            turn, shift = (moved, still) if joint.revolute else (still, moved)
-            frames[joint.child] *= pin.SE3(pin.exp3(turn), shift)
-    return Posture({link: frame.homogeneous for link, frame in frames.items()})
+            frame = frame @ _motion(joint, values[joint.name])
+        frames[joint.child] = frame
+    return Posture(frames)
+
+
+def origin_of(joint: Joint) -> Array:
+    """Transform (4, 4) of a joint's origin in its parent link's frame."""
+    frame = np.eye(4)
+    frame[:3, :3] = joint.rotation
+    frame[:3, 3] = joint.xyz
+    return frame
+
+
+def _motion(joint: Joint, value: float) -> Array:
+    """Transform (4, 4) by which a joint at a value [rad or m] moves its child link."""
+    frame = np.eye(4)
+    moved = value * _direction(joint)
+    if joint.revolute:
+        frame[:3, :3] = exponential(moved)
+    else:
+        frame[:3, 3] = moved
+    return frame
 
 
 def _direction(joint: Joint) -> Array:

@@ -1,7 +1,7 @@
 """URDF: read, check and explain a robot description before any library sees it.
 
-Only the standard library's XML parser is used.  Pinocchio gets the joints that pass and never the
-text: harmless gaps do no harm, and real faults are told in one line.
+Only the standard library's XML parser is used: harmless gaps do no harm, and real faults are told
+in one line.
 """
 
 from __future__ import annotations
@@ -29,6 +29,7 @@ _HEAVIEST = 1e5  # [kg]; heavier is a mistake in the file, not an arm's link
 _NUMBER = re.compile(r"[+-]?((\d+\.?\d*|\.\d+)(e[+-]?\d+)?|inf(inity)?)", re.IGNORECASE)
 
 Vector = tuple[float, ...]
+Rows = tuple[Vector, Vector, Vector]
 Range = tuple[float, float]
 
 MOVABLE = ("revolute", "continuous", "prismatic")
@@ -50,8 +51,8 @@ class Joint:
     kind: str
     parent: str
     child: str
-    xyz: Vector
-    rpy: Vector
+    xyz: Vector  # [m], its origin in the parent link's frame
+    rotation: Rows  # rows of that origin's orientation
     axis: Vector
     limits: Range | None
     mimic: Mimic | None
@@ -287,7 +288,20 @@ def _read_joint(node: ET.Element, links: Collection[str], notes: list[str]) -> J
         (multiplier,) = _numbers(node, "mimic", "multiplier", (1.0,), where)
         (offset,) = _numbers(node, "mimic", "offset", (0.0,), where)
         mimic = Mimic(follows.get("joint", ""), multiplier, offset)
-    return Joint(name, kind, parent, child, xyz, rpy, axis, limits, mimic)
+    return Joint(name, kind, parent, child, xyz, _rotation(*rpy), axis, limits, mimic)
+
+
+def _rotation(roll: float, pitch: float, yaw: float) -> Rows:
+    """Rows of the rotation by angles [rad] about the fixed x, y and z axes, in this order."""
+    # without NumPy, whose import takes longer than to list robots
+    cr, sr = math.cos(roll), math.sin(roll)
+    cp, sp = math.cos(pitch), math.sin(pitch)
+    cy, sy = math.cos(yaw), math.sin(yaw)
+    return (
+        (cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr),
+        (sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr),
+        (-sp, cp * sr, cp * cr),
+    )
 
 
 def _end(node: ET.Element, tag: str, where: str, links: Collection[str]) -> str:

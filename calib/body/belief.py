@@ -165,12 +165,20 @@ class Body(OfStructure):
             )
         return tuple(parameters)
 
-    def describe(self) -> tuple[str, ...]:
-        """The body in words, one line for each joint, curve and view."""
-        from .words import words_of  # modules of every kind of arm
+    def describe(self, lower: Array | None = None, upper: Array | None = None) -> tuple[str, ...]:
+        """The body in words, one line for each joint, curve and view.
 
+        lower, upper : (dof,) [rad or m], range within which loads bend the joints; by default
+            a turn
+        """
+        from .words import POSTURES, words_of  # modules of every kind of arm
+
+        postures = None
+        if lower is not None and upper is not None:
+            rng = np.random.default_rng(0)
+            postures = rng.uniform(lower, upper, (POSTURES, len(lower)))
         view = self.structure.view
-        lines = [*words_of(self.structure, self.beta, self.informed_deviations)]
+        lines = [*words_of(self.structure, self.beta, self.informed_deviations, postures)]
         if not self.simulated:  # of a simulation both bounds are of the truth
             repeats = "no pose was repeated: all of the residual counts as the model's"
             if self.repeat:

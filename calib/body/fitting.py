@@ -17,6 +17,7 @@ from .belief import Body, Second
 from .covariance import as_kept
 from .fit import Fit
 from .gate import Passed, leave_blocks_out, pass_gate
+from .gravity import other_direction
 from .parameters import Hyper, Indices, Prior
 from .rows import Rows, view_of
 from .sensors import joined
@@ -119,7 +120,9 @@ def _fitted(structure: Structure, rows: Sequence[Rows], begin: Array | None, see
         second = _second(passed, chain, some)
     root = as_kept(whole.covariance)
     first, *others = [_seen_by(k, passed, whole, second, rows[k], root) for k in range(len(rows))]
-    return replace(first, beside=tuple(others))
+    direction = other_direction(passed, some)
+    notes = first.notes if direction is None else (*first.notes, direction)
+    return replace(first, beside=tuple(others), notes=notes)
 
 
 def _least_noise(structure: Structure, rows: Rows) -> Array:

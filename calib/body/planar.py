@@ -92,6 +92,11 @@ class PlanarStructure(Structure):
     beside: tuple[ViewpointInPlane, ...] = ()
 
     @property
+    def chain_names(self) -> tuple[str, ...]:  # type: ignore[override]
+        """Names of all joints (c,) of the chain."""
+        return self.joint_names
+
+    @property
     def directions(self) -> tuple[int, ...]:
         """How each joint (dof,) moves with its log, 1 or -1."""
         return self.signs

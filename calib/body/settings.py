@@ -34,6 +34,9 @@ without a drawing)."""
 TILT = float(np.radians(3.0))
 """Prior sd of each of two angles of gravity's direction: an arm's base may not stand level."""
 
+OTHER_GRAVITY = 10.0
+"""Nats by which gravity along another axis has to explain rows better before it is told."""
+
 COUPLING = 1e-3
 """A joint's share in the motion of its neighbour's motor, where gears of a wrist hang together."""
 

@@ -339,6 +339,7 @@ def structure_of(
     for i, leader in enumerate(chain.leaders):
         name = arm.joint_names[leader]
         names.append(name if name not in names else f"{name}.mimic{i}")
+    options.setdefault("gravity", tuple(arm.gravity))
     options.setdefault("extent", max(chain.reach, 1e-9) * options.get("metre", 1.0))
     own = tuple(arm.joint_names), tuple(names), tuple(arm.revolute)
     return (kind or SpatialStructure)(chain, *own, view, **options)

@@ -63,6 +63,7 @@ class Structure:
     # rows below which held-out errors scale the second fit's spread
     few_rows: ClassVar[int]
     joint_names: tuple[str, ...]  # names of the joints, base to tip
+    chain_names: tuple[str, ...]  # names of all joints (c,) of the chain
     revolute: tuple[bool, ...]  # which joints turn; the others slide
     view: str  # one of :data:`calib.body.views.PLANAR` or `SPATIAL`
     unit: str  # unit of positions
@@ -238,12 +239,20 @@ class Structure:
         if fixed.bent:  # all at once: of one row each operation costs as much as of a hundred
             own[fixed.bent] += curve_value(logged[fixed.bent], fixed.curves)
         values = self.coupled(own)
+        if fixed.elastic:
+            values += self.bends(q, beta)
+        return values
+
+    def bends(self, q: Array, beta: Array) -> Array:
+        """How much loads bend the chain's joints (c, n) [rad or m] at logged values (n, dof)."""
+        fixed = self.fixed(beta)
+        out = np.zeros((len(self.chain_names), len(q)))
         for block, elastic in fixed.elastic.items():
             levers, joints = self._levers(block, q)
             bends = elastic[:, None] * loads_of(levers, fixed.gravity)
             for joint, bend in zip(joints.tolist(), bends, strict=True):
-                values[joint] += bend
-        return values
+                out[joint] += bend
+        return out
 
     def fixed(self, beta: Array) -> Fixed:
         """What follows from parameters (d,) alone, kept: those of a body are read-only."""

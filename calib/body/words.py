@@ -11,6 +11,12 @@ import numpy as np
 from ..common.arrays import Array
 from .structure import Structure
 
+POSTURES = 500
+"""Postures of which the largest bend is told."""
+
+LEAST_BEND = 5e-6
+"""Largest bend [rad] of a joint that is not told."""
+
 _DIGITS_OF_GAIN = 8  # a gain is not shown with more decimals
 
 
@@ -43,10 +49,6 @@ class _Kind:
         if self.group == "gain":
             digits = min(_digits(self.width), _DIGITS_OF_GAIN)
             return f"gain {self.values[0]:.{digits}f}"
-        if self.group == "elastic":
-            return f"bends by {1e3 * self.size:.2f} mrad under load"
-        if self.group == "payload":
-            return f"bends by {1e3 * self.size:.2f} mrad under a payload"
         if self.group == "coupling":
             moved = _interval(1e3 * float(self.values[0]), 1e3 * self.width, "1", "+")
             return f"moves by {moved} mrad for each rad of the joint before it"
@@ -56,13 +58,24 @@ class _Kind:
         return f"{verb} {_interval(self.size, self.width, self.unit)}"
 
 
-def words_of(structure: Structure, beta: Array, sd: Array) -> tuple[str, ...]:
-    """Lines that say the parameters; `sd` (d,) is zero where nothing was fitted.
+def words_of(
+    structure: Structure, beta: Array, sd: Array, postures: Array | None = None
+) -> tuple[str, ...]:
+    """Lines that say the parameters; intervals are 95 %.
 
-    Intervals are 95 %.
+    sd : (d,), zero where nothing was fitted
+    postures : (n, dof) [rad or m], all over the range in which loads bend the joints; by default
+        all over a turn
     """
     half = 1.96 * sd
-    return (*_of_joints(structure, beta, half), *_of_sensor(structure, beta, half))
+    if postures is None:
+        rng = np.random.default_rng(0)
+        postures = np.pi * rng.uniform(-1.0, 1.0, (POSTURES, structure.dof))
+    return (
+        *_of_joints(structure, beta, half),
+        *_of_gravity(structure, beta, half, postures),
+        *_of_sensor(structure, beta, half),
+    )
 
 
 def _of_joints(structure: Structure, beta: Array, half: Array) -> Iterator[str]:
@@ -90,6 +103,8 @@ def _kinds_of_joints(structure: Structure, beta: Array, half: Array) -> Mapping[
     for index, label in enumerate(structure.labels):
         if label.joint is not None and half[index] > 0:
             group = label.group.partition(".")[0]
+            if group in structure.bending:
+                continue
             indices[label.joint][group, label.unit].append(index)
     away = beta - structure.neutral()
     return {
@@ -99,6 +114,22 @@ def _kinds_of_joints(structure: Structure, beta: Array, half: Array) -> Mapping[
         ]
         for joint, groups in indices.items()
     }
+
+
+def _of_gravity(structure: Structure, beta: Array, half: Array, postures: Array) -> Iterator[str]:
+    """How far loads bend the joints at most, and where gravity points, if the drawing errs."""
+    fitted = [index for block in structure.bending for index in structure.groups[block]]
+    if not half[fitted].any():
+        return
+    largest = np.abs(structure.bends(postures, beta)).max(axis=1)
+    for joint, bend in zip(structure.chain_names, largest.tolist(), strict=True):
+        if bend >= LEAST_BEND:
+            yield f"{joint}: bends by up to {1e3 * bend:.2f} mrad under load"
+    angles = structure.groups.get("gravity", np.zeros(0, dtype=np.intp))
+    tilt = float(np.linalg.norm(beta[angles]))
+    width = float(np.linalg.norm(half[angles]) / np.sqrt(2))
+    if half[angles].any() and tilt > width:
+        yield f"gravity points {_interval(tilt, width, 'rad')} away from the drawing's down"
 
 
 def _interval(value: float, half: float, unit: str, sign: str = "") -> str:

@@ -54,6 +54,8 @@ class About(ReadOnly):
     degrees: bool = False  # whether its log, and so later ones, has turning joints in degrees
     picture: tuple[int, int] | None = None  # [px], width and height of a camera's pictures in space
     frame: str = ""  # the sensor's, as its log names it
+    # [rad or m], what each joint may be asked for where a drawing says it: turns of a periodic one
+    limits: Annotated[Array, Shape("dof", "ends")] | None = None
     sensor: str = ""  # its name, where the arm was seen by several
 
     @property

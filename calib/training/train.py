@@ -10,8 +10,11 @@ from typing import Any
 
 import numpy as np
 
+from ..arm.arm import Arm
 from ..body.approach import Approach
+from ..common.arrays import Array
 from ..common.parallel import one_blas_thread, side_by_side
+from ..common.scale import Scale
 from ..errors import LogError
 from ..maps.local_models import NO_MODELS
 from ..maps.model_selection import select
@@ -29,6 +32,7 @@ from .smooth import find_smooth_part, to_learn
 from .sound_rows import fit_sound_rows
 from .touched import fit_sockets
 
+_UNLIMITED = 1e6  # [rad] of a joint that turns without end
 _LEAST_ROWS = 10  # fewest rows that anything can be learned and checked from
 _TESTED = 20_000  # rows of a log that errors are measured on; more would tell no more
 
@@ -174,6 +178,14 @@ def _learned(samples: Samples, options: TrainingOptions, progress: Progress) -> 
     return replace(model, about=about, baseline=baseline, rows=rows, seconds=seconds)
 
 
+def _limits(samples: Samples, arm: Arm) -> Array:
+    """What each joint (dof, 2) [rad or m] may be asked for: of whole turns what the arm says."""
+    scale = Scale.of_range(samples.lower, samples.upper, samples.revolute)
+    learned = np.column_stack([samples.lower, samples.upper])
+    turns = np.clip(arm.travel, -_UNLIMITED, _UNLIMITED)
+    return np.where(scale.periodic[:, None], turns, learned)
+
+
 def _about(samples: Samples, options: TrainingOptions) -> About:
     """What is known before anything is learned; errors and notes are added later."""
     arm, simulation, source = samples.arm, samples.simulation, samples.source
@@ -182,6 +194,9 @@ def _about(samples: Samples, options: TrainingOptions) -> About:
         how["board"] = dict(source)
     same = ("joint_names", "revolute", "lower", "upper", "unit", "columns", "degrees")
     axes = ("origin", "x", "y")
+    limits = None
+    if arm is not None:
+        limits = _limits(samples, arm)
     return About(
         robot=arm.name if arm else "",
         tip=arm.tip if arm else "",
@@ -196,5 +211,6 @@ def _about(samples: Samples, options: TrainingOptions) -> About:
         simulation=simulation.to_json() if simulation is not None else None,
         picture=samples.camera.size if samples.camera is not None else None,
         frame=str(source.get("frame", "")),
+        limits=limits,
         **{name: getattr(samples, name) for name in same},
     )

@@ -12,6 +12,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
+from ..arm.rotations import quaternion_of
 from ..arm.urdf import parse_urdf
 from ..body.corners import held_of
 from ..body.sensor import SensorPose
@@ -158,13 +159,11 @@ def corrected_arm(model: Model, *, drawn: bool = False) -> tuple[str, dict[str, 
 
 def mjcf_text(urdf: str, tip: str) -> str:
     """Bodies, joints and the tip's site, as a MuJoCo model without shapes."""
-    from scipy.spatial.transform import Rotation
-
     root = ElementTree.Element("mujoco", model="corrected")
     ElementTree.SubElement(root, "compiler", angle="radian", autolimits="true")
     body = ElementTree.SubElement(root, "worldbody")
     for joint in parse_urdf(urdf).path(tip):
-        x, y, z, w = Rotation.from_euler("xyz", joint.rpy).as_quat()
+        x, y, z, w = quaternion_of(joint.rotation).tolist()
         place = {"pos": _text(joint.xyz), "quat": _text((w, x, y, z))}
         body = ElementTree.SubElement(body, "body", {"name": joint.child, **place})
         # a body that moves needs a mass; the true ones belong to the arm's own file

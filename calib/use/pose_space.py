@@ -200,10 +200,13 @@ def hits_itself(
     Links that are joined, and those that meet in nearly all postures, are built so and not
     compared. Meshes are left out: their files are not part of a URDF.
 
-    Returns (n,), None where no two links have collision bodies that could be compared.
+    Returns (n,), None where no two links have collision bodies that could be compared, or where
+    Pinocchio, which compares them, is not installed.
     """
-    import pinocchio as pin
-
+    try:
+        import pinocchio as pin
+    except ImportError:  # it has no wheel for Windows
+        return None
     root = ET.fromstring(urdf)  # noqa: S314 - a URDF was checked when it was read
     for link in root.iter("link"):
         for body in link.findall("collision"):

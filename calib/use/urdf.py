@@ -16,7 +16,7 @@ from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
-from ..arm.posture import posture_of
+from ..arm.posture import origin_of, posture_of
 from ..arm.spatial_chain import move
 from ..arm.urdf import Joint, Urdf, parse_urdf
 from ..common.arrays import Array
@@ -90,7 +90,7 @@ def _origins(geometry: Geometry, urdf: Urdf) -> dict[str, Array]:
         fitted[arm.tip] = _placed(motion.position[:, 0], motion.rotation[:, :, 0])
     origins = {}
     for joint in path:  # a locked joint's own motion stays behind its origin
-        lock = np.linalg.inv(drawn[joint.child]) @ drawn[joint.parent] @ _origin(joint)
+        lock = np.linalg.inv(drawn[joint.child]) @ drawn[joint.parent] @ origin_of(joint)
         origins[joint.name] = np.linalg.inv(fitted[joint.parent]) @ fitted[joint.child] @ lock
     return origins
 
@@ -143,7 +143,7 @@ def _changed(joint: Joint, moved: Array) -> dict[str, Array]:
     change: dict[str, Array] = {}
     if np.abs(moved[:3, 3] - joint.xyz).max() > _TINY:
         change["xyz"] = moved[:3, 3]
-    if np.abs(moved[:3, :3] - _origin(joint)[:3, :3]).max() > _TINY:
+    if np.abs(moved[:3, :3] - origin_of(joint)[:3, :3]).max() > _TINY:
         from scipy.spatial.transform import Rotation
 
         with warnings.catch_warnings():  # at a pitch of 90 deg SciPy sets one of the others to zero
@@ -156,13 +156,6 @@ def _placed(shift: Array, turn: Array) -> Array:
     frame = np.eye(4)
     frame[:3, :3], frame[:3, 3] = turn, shift
     return frame
-
-
-def _origin(joint: Joint) -> Array:
-    from scipy.spatial.transform import Rotation
-
-    # lower-case letters are fixed axes in SciPy, as URDF means roll, pitch and yaw
-    return _placed(np.array(joint.xyz), Rotation.from_euler("xyz", joint.rpy).as_matrix())
 
 
 def check_output(path: str, nominal: str) -> None:

@@ -55,7 +55,9 @@ def info(
         about_it["earlier states"] = str(len(loaded.history))
     width = max(map(len, about_it))
     lines = [f"{name:<{width}}  {as_typed(text)}" for name, text in about_it.items()]
-    told = [] if loaded.body is None else loaded.body.describe()
+    told = []
+    if loaded.body is not None:
+        told = list(loaded.body.describe(about.lower, about.upper))
     lines += ["", "body", *(f"  {printable(line)}" for line in told)] if told else []
     if not about.errors:
         return Outcome(document, lines)

@@ -38,6 +38,7 @@ def train(
     planar: opt.Planar = False,
     lock: opt.Lock = None,
     ranges: opt.Ranges = None,
+    gravity: opt.Gravity = None,
     degrees: opt.Degrees = False,
     map: opt.MapName = None,  # noqa: A002
     size: opt.MapSize = None,
@@ -73,14 +74,20 @@ def train(
     Exit code 3, with the model written, if its own fresh or held-out rows contradict its bound.
     """
     selection = Selection(
-        joints=joints, tip=tip, planar=planar, lock=lock, ranges=ranges, degrees=degrees
+        joints=joints,
+        tip=tip,
+        planar=planar,
+        lock=lock,
+        ranges=ranges,
+        degrees=degrees,
+        gravity=gravity,
     )
     babbling = Babbling(samples=samples, noise=noise, change=change)
     logged = Logged(columns=columns, unit=unit, time_offset=time_offset, prismatic=prismatic)
     sockets = Sockets(distance=distance, plane=plane)
     import calib
 
-    of_logs = {**vars(logged), **vars(sockets), "lens": lens, "photo": photo}
+    of_logs = {**vars(logged), **vars(sockets), "gravity": gravity, "lens": lens, "photo": photo}
     check_sources([robot] if robot else [], data is not None, vars(babbling), of_logs)
     if photo is not None and no_photo:
         raise BadOption("--photo and --no-photo are given: expected one of them")

@@ -1,7 +1,5 @@
 """Which arm of a robot is chosen, and what is told where none can be."""
 
-import sys
-
 import numpy as np
 import pytest
 from chains import NO_TIP, SLIDE, branching, chain_urdf, turning
@@ -153,12 +151,6 @@ def test_an_active_follower_or_leader_is_refused():
     for joints in (["j1", "j2"], None):
         with pytest.raises(RobotError, match=r"'j3' mimics the active 'j2'"):
             arm_from_urdf(text, joints, planar=True)
-
-
-def test_without_pinocchio_the_remedy_is_told(monkeypatch):
-    monkeypatch.setitem(sys.modules, "pinocchio", None)
-    with pytest.raises(RobotError, match="pip install pin"):
-        load_arm("two_link")
 
 
 USUAL = ("tool0", "tcp", "tool", "tip", "ee_link", "ee", "end_effector", "gripper_frame_link")

@@ -61,3 +61,15 @@ def test_a_real_process_from_training_to_a_query(run_real, tmp_path):
     assert batch.err == "row 2 of 2: out of reach\n"
     bad = run_real("query", "inverse", path, "-0.1", "--degrees", "up")
     assert (bad.code, bad.out, bad.err.count("\n")) == (2, "", 1)
+
+
+def test_the_main_job_needs_no_pinocchio(run, tmp_path, monkeypatch):
+    """It has no wheel for Windows: all but collisions works without."""
+    monkeypatch.setitem(sys.modules, "pinocchio", None)
+    for robot, target in (("two_link", "0.3 0.3"), ("six_axis", "0.4 0.1 0.5")):
+        path = tmp_path / f"{robot}.calib"
+        assert run("train", robot, "--size", "8", "-n", "400", "-o", path).code == 0
+        assert run("query", "inverse", path, *target.split(), "--json").document["reachable"]
+    planned = run("plan", "six_axis", "-n", "5", "-o", tmp_path / "poses.csv")
+    assert planned.code == 0
+    assert "collision are not checked" in planned.err

@@ -1,0 +1,111 @@
+"""Arms that sag: with and without masses in the drawing, on a wall, and with coupled wrists."""
+
+import re
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from reference import random_joints
+
+import calib
+from calib.arm.gravity import Loads
+from calib.arm.loading import arm_from_urdf
+from calib.errors import OptionError
+
+TEXT = (Path(__file__).parents[2] / "robots/six_axis.urdf").read_text(encoding="utf-8")
+BARE = re.sub(r"<inertial>.*?</inertial>", "", TEXT, flags=re.DOTALL)
+COMPLIANCE = np.array([0.8, 1.0, 1.2, 4.0, 5.0, 3.0])
+NOISE = 1e-4  # [m]
+FULL = arm_from_urdf(TEXT)
+DOWN = (0.0, 0.0, -9.81)
+
+
+def sagging(q, most, gravity=DOWN):
+    """Positions (n, 3) [m] of an arm whose joints give way so that its tip moves by `most`."""
+    torques = np.einsum("exn,x->ne", Loads.of_masses(FULL.chain).levers(q), gravity)
+    bends = 1e-6 * COMPLIANCE * torques
+    moved = np.linalg.norm(FULL.forward(q + bends) - FULL.forward(q), axis=1).max()
+    return FULL.forward(q + most / moved * bends)
+
+
+def trained(arm, q, x, **options):
+    """A model of rows (n, dof) and what a tracker saw."""
+    named = arm.joint_names, arm.lower, arm.upper, arm.revolute
+    return calib.train(calib.Samples(q, x, *named, arm=arm, unit="m"), size=3, **options)
+
+
+@cache
+def world(half=False):
+    """Rows that are learned, with noise, and others, exact."""
+    q = random_joints(FULL, 1200)
+    x = sagging(q, 3e-3)
+    low = q[:, 1] < (FULL.lower[1] + FULL.upper[1]) / 2 if half else np.arange(len(q)) < 300
+    learned = np.flatnonzero(low)[:300]
+    others = np.flatnonzero(~low)
+    noise = np.random.default_rng(0).normal(0.0, NOISE, (len(learned), 3))
+    return q[learned], x[learned] + noise, q[others], x[others]
+
+
+def errors(model, q, x):
+    """Mean distance [m], and the share of rows within the model's bound."""
+    miss = np.linalg.norm(model.forward(q) - x, axis=1)
+    return float(miss.mean()), float((miss <= model.model_error(q)).mean())
+
+
+def test_an_arm_without_masses_is_as_accurate_as_with_them():
+    q, x, others, truth = world()
+    masses = errors(trained(FULL, q, x), others, truth)[0]
+    model = trained(arm_from_urdf(BARE), q, x)
+    bare = errors(model, others, truth)[0]
+    assert bare < 1.2 * masses < 5e-5
+    said = " ".join(model.body.describe(FULL.lower, FULL.upper))
+    told = float(re.search(r"shoulder_lift: bends by up to ([\d.]+) mrad", said)[1])
+    # the tip, 1 m away, moves by 3 mm, most of it by that joint
+    assert 1.5 < told < 4.0
+
+
+def test_the_other_half_of_a_sagging_arms_range_is_within_the_bound():
+    q, x, others, truth = world(half=True)
+    miss, covered = errors(trained(arm_from_urdf(BARE), q, x), others, truth)
+    assert miss < 1e-4
+    assert covered > 0.85
+
+
+def test_exact_rows_of_an_arm_without_masses_are_learned_to_rounding():
+    arm = arm_from_urdf(BARE)
+    model = calib.train(calib.babble(arm, 300, seed=0), size=3)
+    q = random_joints(arm, 50, seed=1)
+    assert np.abs(model.forward(q) - arm.forward(q)).max() < 1e-9
+
+
+def test_an_arm_on_a_wall_is_told_and_believed():
+    q = random_joints(FULL, 300)
+    x = sagging(q, 3e-3, (9.81, 0.0, 0.0))
+    x = x + np.random.default_rng(0).normal(0.0, NOISE, x.shape)
+    arm = arm_from_urdf(BARE)
+    notes = " ".join(trained(arm, q[:150], x[:150]).about.notes)
+    assert "gravity points along the root's +x" in notes
+    assert "`gravity=1,0,0`" in notes
+    right = trained(replace(arm, gravity=(9.81, 0.0, 0.0)), q[:150], x[:150])
+    assert "gravity" not in " ".join(right.about.notes)
+    assert errors(right, q[150:], x[150:])[0] < 3e-4
+
+
+def test_gravity_of_an_arm_is_a_direction():
+    assert calib.load_arm("six_axis", gravity=(0, 0, 2)).gravity == (0.0, 0.0, 9.80665)
+    with pytest.raises(OptionError, match=r"gravity.*three numbers"):
+        calib.load_arm("six_axis", gravity=(0, 0, 0))
+
+
+def test_a_wrist_that_moves_with_its_neighbours_motor_is_found():
+    q = random_joints(FULL, 500)
+    turned = q.copy()
+    turned[:, 4] += 2e-3 * q[:, 3]
+    x = FULL.forward(turned) + np.random.default_rng(0).normal(0.0, NOISE / 4, (len(q), 3))
+    model = trained(FULL, q[:250], x[:250])
+    assert "coupled" in model.body.member
+    found = model.body.beta[model.body.structure.groups["coupling"]]
+    np.testing.assert_allclose(found, [0, 0, 0, 2e-3, 0], atol=3e-4)
+    assert errors(model, q[250:], FULL.forward(turned[250:]))[0] < 5e-5
