@@ -214,8 +214,10 @@ class PlanarStructure(Structure):
         if PLANAR[viewpoints(self)[0].view].scaled and turning.all():
             length_is_free[0] = False  # the view's scale is the first length
         return (
-            self._block("length", unit, link * turning, sd=2.0 * link * length_is_free),
-            self._block("offset", "rad", 0.0, sd=10.0 * self._offset_is_free),
+            self._block(
+                "length", unit, link * turning, sd=2.0 * link * length_is_free.astype(float)
+            ),
+            self._block("offset", "rad", 0.0, sd=10.0 * self._offset_is_free.astype(float)),
             self._block("gain", "1", 1.0, sd=2 * GAIN),
         )
 
