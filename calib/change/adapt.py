@@ -135,7 +135,19 @@ def adapt(
     """
     if method not in METHODS:
         raise OptionError(f"method {method!r} is unknown, choose one of {', '.join(METHODS)}")
-    report = progress or (lambda *_: None)
+    seen = model.by(log.sensor)
+    adaptation = _adapted(seen, log, method, cause, progress or (lambda *_: None))
+    if not model.others:
+        return adaptation
+    if adaptation.model is seen:
+        return replace(adaptation, model=model)
+    return replace(adaptation, model=model.with_sensor(adaptation.model))
+
+
+def _adapted(
+    model: Model, log: Samples, method: str, cause: str | None, report: Progress
+) -> Adaptation:
+    """The model of the log's sensor, adapted."""
     if method == "online":
         verdict = judge(model, log, cause=cause, learn=False)
         with plain_numbers():

@@ -156,6 +156,7 @@ def judge(model: Model, log: Samples, *, cause: str | None = None, learn: bool =
     """
     check_cause(cause)
     with plain_numbers():
+        model = model.by(log.sensor)
         rows = rows_of(model, log)
         if model.body is None:
             return _of_maps(rows)
