@@ -140,7 +140,8 @@ def adapt(
     if method not in METHODS:
         raise OptionError(f"method {method!r} is unknown, choose one of {', '.join(METHODS)}")
     seen = model.by(log.sensor)
-    adaptation = _adapted(seen, log, method, cause, progress or (lambda *_: None))
+    report = progress or (lambda *_: None)
+    adaptation = _adapted(seen, log, method, cause, free, report)
     if not model.others:
         return adaptation
     if adaptation.model is seen:
@@ -149,7 +150,7 @@ def adapt(
 
 
 def _adapted(
-    model: Model, log: Samples, method: str, cause: str | None, report: Progress
+    model: Model, log: Samples, method: str, cause: str | None, free: str, report: Progress
 ) -> Adaptation:
     """The model of the log's sensor, adapted."""
     if method == "online":
