@@ -48,7 +48,7 @@ def load_arm(
     columns: Collection[str] | None = None,
     gravity: Sequence[float] | None = None,
 ) -> PlanarArm | SpatialArm:
-    """Load an arm from a URDF file or from the bundled robots.
+    """Load an arm from a URDF or MJCF file or from the bundled robots.
 
     Parallel axes make a planar arm, whose positions are x and y in its plane. Any others make a
     spatial arm, whose positions are x, y and z in the root link's frame.
@@ -56,7 +56,7 @@ def load_arm(
     Parameters
     ----------
     robot : str or Path
-        Path to a URDF, or the name of a bundled robot.
+        Path to a URDF or an MJCF, or the name of a bundled robot.
     joints : sequence of str, optional
         Active joints in any order, 2 to 7; by default those of the chain that reaches furthest,
         before its hand.

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..arm.arm import Arm, SpatialArm, checked_range
-from ..arm.urdf import Range, parse_urdf
+from ..arm.urdf import MJCF, Range, parse_urdf
 from ..body.views import is_camera
 from ..common.arrays import Array
 from ..common.rows import each_joint, number_rows
@@ -208,6 +208,8 @@ def hits_itself(
     except ImportError:  # it has no wheel for Windows
         return None
     root = ET.fromstring(urdf)  # noqa: S314 - a URDF was checked when it was read
+    if root.tag == MJCF:
+        return None
     for link in root.iter("link"):
         for body in link.findall("collision"):
             if body.find("geometry/mesh") is not None:
