@@ -15,11 +15,9 @@ from ..errors import CalibError
 from ..model.model import Model
 from ..model.nominal import nominal_in_plane
 from .judged import frame_of
+from .settings import AMOUNTS, LIMITS, Z95
 
 _ORDER = ("length", "offset", "gain", "elastic", "placement")
-_POSTURES = 200
-_SAME = 0.03  # a column is told by others if so little of it (share of its size) is its own
-_Z95 = 1.96
 _WORDS = {
     "offset": "zero",
     "gain": "gain",
@@ -70,7 +68,7 @@ def causes_of(model: Model) -> list[Cause]:
     root = np.zeros((structure.size, body.root.shape[1]))
     root[body.active] = body.root
     values = away[chosen] + share @ away[others]
-    halves = _Z95 * np.linalg.norm(root[chosen] + share @ root[others], axis=1)
+    halves = Z95 * np.linalg.norm(root[chosen] + share @ root[others], axis=1)
     causes = []
     for k, value, half in zip(chosen, values.tolist(), halves.tolist(), strict=True):
         label = structure.labels[k]
@@ -94,10 +92,10 @@ def _columns(model: Model) -> Array:
     """
     assert model.body is not None  # noqa: S101 - the caller has looked
     structure = model.body.structure
-    size = _POSTURES, structure.dof
+    size = AMOUNTS.postures, structure.dof
     q = np.random.default_rng(0).uniform(model.about.lower, model.about.upper, size)
     slope = structure.linearise(q, model.body.beta)[1][:, : structure.blocks[0]]
-    columns = slope.reshape(-1, structure.size) / _POSTURES**0.5
+    columns = slope.reshape(-1, structure.size) / AMOUNTS.postures**0.5
     frame = columns[:, frame_of(model)]
     return np.asarray(columns - frame @ np.linalg.lstsq(frame, columns, rcond=1e-9)[0])
 
@@ -112,7 +110,7 @@ def _independent(columns: Array, parameters: list[int]) -> tuple[list[int], list
         column = columns[:, k]
         rest = column - basis @ (basis.T @ column)
         length = float(np.linalg.norm(rest))
-        if length > max(_SAME * float(np.linalg.norm(column)), 1e-9 * most):
+        if length > max(LIMITS.same * float(np.linalg.norm(column)), 1e-9 * most):
             chosen.append(k)
             basis = np.column_stack([basis, rest / length])
         else:

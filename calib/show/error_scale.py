@@ -9,11 +9,11 @@ from numpy.typing import NDArray
 
 from ..common.arrays import Array
 from ..common.wording import ROUNDED_AWAY, for_people
+from .settings import LIMITS
 
 _IN_MM = 2e-5  # m, errors from which they are shown in mm
 _ROUNDING = 1e-6
 _IN_UM = 2e-8  # m, and in micrometres
-_WIDE = 20.0  # a ratio of errors beyond which the scale is logarithmic
 
 
 @dataclass(frozen=True)
@@ -29,13 +29,13 @@ class ErrorScale:
     @staticmethod
     def of(errors: Array, unit: str, extent: float) -> ErrorScale:
         """Return the scale that shows some errors (n,); `extent` is that of the workspace."""
-        known = errors[np.isfinite(errors)]
+        finite = errors[np.isfinite(errors)]
         least = ROUNDED_AWAY if unit == "m" else ROUNDED_AWAY * extent
-        if not len(known) or known.max() < least:
+        if not len(finite) or finite.max() < least:
             return ErrorScale(0.0, least, log=False, unit=unit, empty=True)
-        low, high = np.maximum(np.quantile(known, [0.01, 0.99]), least / 10).tolist()
+        low, high = np.maximum(np.quantile(finite, [0.01, 0.99]), least / 10).tolist()
         high = max(high, low * 1.000001)
-        log = high / low > _WIDE
+        log = high / low > LIMITS.logarithmic
         # a linear scale starts at nothing where that costs little contrast
         return ErrorScale(0.0 if not log and low < 0.4 * high else low, high, log, unit)
 

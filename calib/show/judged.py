@@ -13,8 +13,8 @@ from ..model.model import Model
 from ..model.nominal import nominal_arm, nominal_behind, nominal_in_plane
 from ..samples.samples import Samples
 from ..training.evaluate import evaluate, simulation_of
+from .settings import AMOUNTS
 
-_FRESH = 1_000  # samples of a simulated arm: they show a mean to a few percent
 _BLOCKS = 10
 _STUDENT_95 = 2.26  # half-width of a 95 % interval of the mean of ten blocks, in standard errors
 
@@ -57,7 +57,7 @@ def rows_of(model: Model, log: Samples | None = None) -> JudgedRows | None:
         rows = _rows_of_log(model, log)
     elif simulation is not None:
         rng = np.random.default_rng(model.about.seed)
-        q = simulation.draw(_FRESH, rng)
+        q = simulation.draw(AMOUNTS.fresh, rng)
         x = simulation.true(q, rng)
         predicted = model.forward(q)
         noise = simulation.noise * rng.standard_normal(x.shape)
@@ -101,7 +101,8 @@ def _rows_of_log(model: Model, log: Samples) -> JudgedRows:
 
 def _as_delivered(model: Model, q: Array, x: Array) -> Array | None:
     """Errors (n, m) [unit] of the URDF's arm, with the frame and the tool that suit it best."""
-    about, body = model.about, model.body
+    about = model.about
+    body = model.body
     try:
         if about.simulation:
             return np.asarray(x - nominal_arm(model).forward(q))
@@ -126,8 +127,8 @@ def frame_of(model: Model) -> Index:
     """Indices of the parameters of a model's body that are not the arm's: sensor and tool."""
     assert model.body is not None  # noqa: S101 - who asks has one
     labels = model.body.structure.labels
-    own = [k for k in model.body.active if labels[k].group.startswith(("view.", "tool"))]
-    return np.array(own, dtype=np.intp)
+    frame = [k for k in model.body.active if labels[k].group.startswith(("view.", "tool"))]
+    return np.array(frame, dtype=np.intp)
 
 
 def bars_of(model: Model, rows: JudgedRows) -> list[Bar]:

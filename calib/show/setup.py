@@ -50,9 +50,9 @@ def things_of(model: Model) -> list[Thing]:
     structure: Any = model.body.structure
     size = 0.15 * float(structure.chain.reach)
     frame = _frame(sensor.rotation, sensor.position)
-    seen = model.about.options.get("board")
-    if isinstance(seen, Mapping) and "eye" in seen:
-        return _hand_eye(model, seen, frame, size)
+    source = model.about.options.get("board")
+    if isinstance(source, Mapping) and "eye" in source:
+        return _hand_eye(model, source, frame, size)
     if is_camera(structure.view):
         focal = float(model.body.beta[structure.groups["lens"]][0])
         picture = model.about.picture or (1280, 720)
@@ -63,7 +63,7 @@ def things_of(model: Model) -> list[Thing]:
     return [Thing(SENSOR, axes, _FRAME, frame)]
 
 
-def _hand_eye(model: Model, seen: Mapping[str, Any], frame: Array, size: float) -> list[Thing]:
+def _hand_eye(model: Model, source: Mapping[str, Any], frame: Array, size: float) -> list[Thing]:
     """Camera and board: the one stands still, the other is carried."""
     body: Any = model.body
     structure = body.structure
@@ -74,13 +74,13 @@ def _hand_eye(model: Model, seen: Mapping[str, Any], frame: Array, size: float) 
     q = np.zeros((1, structure.dof))
     (tool,), (turn,) = base.pose(q, body.beta)
     (tip,), (flange,) = base.pose(q, bare)
-    carried = _frame(flange.T @ turn, flange.T @ (tool - turn @ np.array(seen["point"]) - tip))
-    in_hand = seen["eye"] == "hand"
-    lens = seen["lens"]
+    carried = _frame(flange.T @ turn, flange.T @ (tool - turn @ np.array(source["point"]) - tip))
+    in_hand = source["eye"] == "hand"
+    lens = source["lens"]
     camera_frame = carried if in_hand else frame
     focal = float(np.mean(lens["focal"]))
     camera = _camera("camera", lens["size"], focal, size, camera_frame, carried=in_hand)
-    board = _board(str(seen["board"]), frame if in_hand else carried, carried=not in_hand)
+    board = _board(str(source["board"]), frame if in_hand else carried, carried=not in_hand)
     return [camera] if board is None else [camera, board]
 
 

@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 from ..common.arrays import Array
 from ..maps.map import Map
 from ..model.model import Model
+from .settings import AMOUNTS
 
-_INSIDE, _OVER = 30_000, 0.2  # joint values that are drawn, beyond both ends of the range too
+_OVER = 0.2  # of the range: joint values are drawn beyond both of its ends too
 _CELLS = 120  # cells of the grid along the workspace's longer side
-_FIELD = 2_500  # postures that a field of bounds is drawn with
 _GAP = 1.6  # cells; farther from every reached position is outside
 
 
@@ -45,7 +45,9 @@ def outline(model: Model) -> Array:
     from contourpy import contour_generator
     from scipy.spatial import cKDTree
 
-    drawn = np.random.default_rng(0).uniform(-_OVER, 1 + _OVER, (_INSIDE, len(model.about.lower)))
+    drawn = np.random.default_rng(0).uniform(
+        -_OVER, 1 + _OVER, (AMOUNTS.inside, len(model.about.lower))
+    )
     # clipped ones lie on faces, edges and corners of the range, which reach the border
     reached = model.forward(model.motor.scale.from_unit(drawn.clip(0.0, 1.0)))
     reached = reached[np.isfinite(reached).all(axis=1)]
@@ -65,7 +67,7 @@ def outline(model: Model) -> Array:
 def bound_field(model: Model) -> tuple[Array, Array]:
     """Positions (n, m) all over the learned range, and the bound (n,) on the true one [unit]."""
     about = model.about
-    shape = _FIELD, len(about.lower)
+    shape = AMOUNTS.field, len(about.lower)
     q = np.random.default_rng(0).uniform(about.lower, about.upper, shape)
     x = model.forward(q)
     answered = np.isfinite(x).all(axis=1)

@@ -45,7 +45,7 @@ _TURNED = 1e-4  # a turn of the frame that is worth a word [rad]
 
 _MOVED = (
     "an adaptation found that the sensor's frame turned, which is not corrected; an offset of the "
-    "first joint looks the same: if the sensor stayed, give `cause='joints'`"
+    "first joint looks the same: if the sensor stayed, say so to the adaptation, `cause='joints'`"
 )
 _POSITIONS = (
     "positions alone are corrected; the tool's orientation follows from the smallest change of the "
@@ -165,9 +165,13 @@ class Corrected:
 
 
 def correct(
-    model: Model, q: ArrayLike, *, limit: ArrayLike | None = None, view: str = "auto",
-    cause: str = "sensor", orientation: str = "keep",
-) -> Corrected:  # fmt: skip
+    model: Model,
+    q: ArrayLike,
+    *,
+    limit: ArrayLike | None = None,
+    view: str = "auto",
+    orientation: str = "keep",
+) -> Corrected:
     """Compensate for what the nominal kinematics do not know.
 
     A controller that trusts its URDF commands `q` to bring the tip to a place.  The real
@@ -188,16 +192,13 @@ def correct(
         corrects where not given, at least 0.01.  Rows beyond are marked in `exceeded`.
     view : {"auto", "base"}
         "base" says that the log was in the robot's root frame.
-    cause : {"sensor", "joints"}
-        A sensor that turned about the first joint and an offset of that joint look the same.
-        "joints" says that the sensor stayed, so that the offset is compensated.
     orientation : {"keep", "free"}
         "free" gives the position alone with six joints or more, too: near a singularity of the
         wrist the pose cannot be had.
     """
     if orientation not in ("keep", "free"):
         raise OptionError(f"orientation {orientation!r}: expected 'keep' or 'free'")
-    usual = limit is None and view == "auto" and cause == "sensor" and orientation == "keep"
+    usual = limit is None and view == "auto" and orientation == "keep"
     if model.kernel is not None and usual:
         quick = _quick(model, q)
         if quick is not None:
@@ -207,15 +208,15 @@ def correct(
     check_joint_values(
         rows, about.joint_names, about.lower, about.upper, about.revolute, error=QueryError
     )
-    wanted = _wanted(model, view, cause)
+    wanted = _wanted(model, view)
     if orientation == "free":
         wanted = replace(wanted, keeps_turn=False)
     nearest, reachable = _solved(model, wanted, rows)
     if limit is None:
-        limits = usual_limit(model, view, cause)
+        limits = usual_limit(model, view)
     else:
         limits = each_joint("limit", limit, about.joint_names, zero=False)
-    return Corrected(rows, nearest, reachable, limits, _notes(model, wanted, cause), model, wanted)
+    return Corrected(rows, nearest, reachable, limits, _notes(model, wanted), model, wanted)
 
 
 def _quick(model: Model, q: ArrayLike) -> Corrected | None:
@@ -225,12 +226,12 @@ def _quick(model: Model, q: ArrayLike) -> Corrected | None:
     if kept is None:
         kept = {}
         if kernel.has("correct"):  # it may correct towards another place, such as after adaptations
-            wanted, tried = _wanted(model, "auto", "sensor"), visited_joints(model, _TRIED)
+            wanted, tried = _wanted(model, "auto"), visited_joints(model, _TRIED)
             known = zip(tried, *_solved(model, wanted, tried), strict=True)
             answers = [(kernel.ask("correct", row), near) for row, near, ok in known if ok]
             gaps = [np.abs(found[0] - near).max() for found, near in answers if found[1] == 1]
             if gaps and max(gaps) < _SAME:
-                limit, notes = usual_limit(model), _notes(model, wanted, "sensor")
+                limit, notes = usual_limit(model), _notes(model, wanted)
                 kept = {"reachable": np.ones(1, dtype=bool), "limit": limit, "notes": notes}
                 kept |= {"_model": model, "_wanted": wanted}
         model.remembered["correcting"] = kept
@@ -252,27 +253,34 @@ def nominal_positions(model: Model, q: ArrayLike) -> Array:
     Raises OptionError or RobotError if the model knows no URDF.
     """
     rows, _ = checked_rows(q, model.about.joint_names, "joint values")
-    return _wanted(model, "auto", "sensor").target(_in_range(model, rows))
+    return _wanted(model, "auto").target(_in_range(model, rows))
 
 
-def _notes(model: Model, wanted: _Wanted, cause: str) -> tuple[str, ...]:
-    turned = any(abs(frame.angle) > _TURNED for frame in frames(model, cause))
-    notes = list(frame_notes(model, cause)) if wanted.free else []
-    notes += [_POSITIONS] * (moves_in_space(model) and not wanted.posed)
-    return (*notes, *[_MOVED] * turned)
+def _notes(model: Model, wanted: _Wanted) -> tuple[str, ...]:
+    """Return what was assumed."""
+    notes: list[str] = []
+    if wanted.free:
+        notes += frame_notes(model, "sensor")
+    if moves_in_space(model) and not wanted.posed:
+        notes.append(_POSITIONS)
+    if any(abs(frame.angle) > _TURNED for frame in frames(model)):
+        notes.append(_MOVED)
+    return tuple(notes)
 
 
-def usual_limit(model: Model, view: str = "auto", cause: str = "sensor") -> Array:
+def usual_limit(model: Model, view: str = "auto") -> Array:
     """Return the largest change of each joint that is trusted, (dof,) [rad or m].
 
     Three times the 95 % quantile of what correcting the motor map's own nodes changes; one
     limit for all joints that turn, another for those that slide.  It is found once.
     """
-    key = f"limit {view} {cause}"
+    key = f"limit {view}"
     if key not in model.remembered:
-        q, turns = visited_joints(model, _NODES), np.array(model.about.revolute)
-        nearest, reachable = _solved(model, _wanted(model, view, cause), q)
-        change, limits = np.abs(nearest - q)[reachable], np.full(len(turns), _LEAST)
+        q = visited_joints(model, _NODES)
+        turns = np.array(model.about.revolute)
+        nearest, reachable = _solved(model, _wanted(model, view), q)
+        change = np.abs(nearest - q)[reachable]
+        limits = np.full(len(turns), _LEAST)
         for kind in (turns, ~turns):
             if kind.any() and len(change):
                 usual = float(np.quantile(change[:, kind].max(axis=1), 0.95))
@@ -311,34 +319,37 @@ def _solved(model: Model, wanted: _Wanted, q: Array) -> tuple[Array, NDArray[np.
     return found + np.where(about.revolute, turns, 0.0), reachable & there
 
 
-def _wanted(model: Model, view: str, cause: str) -> _Wanted:
+def _wanted(model: Model, view: str) -> _Wanted:
     """Where the nominal arm would be, fitted once for a model: a controller corrects row by row."""
-    key = f"wanted {view} {cause}"
+    key = f"wanted {view}"
     if key in model.remembered:
         known: _Wanted = model.remembered[key]
         return known
-    free, moved, body = frame_is_free(model, view), frames(model, cause), model.body
+    free = frame_is_free(model, view)
+    moved = frames(model)
+    body = model.body
     own: Any = None if body is None else body.structure
-    in_space, drawn, space = moves_in_space(model), None, None
+    in_space = moves_in_space(model)
+    drawn: Array | None = None
+    space: Space | None = None
     predict: Callable[[Array], Array]
     if isinstance(own, PlanarStructure):
-        if free:
-            # the body knows the sensor's frame as it is after all adaptations; if the sensor
-            # stayed, what they found of its frame is the arm's
-            back = [frame.inverse() for frame in reversed(frames(model))]
-            moved = back if cause == "joints" else []
+        if free:  # the body knows the sensor's frame as it is after all adaptations
+            moved = []
         structure, nominal = nominal_in_plane(model, based=not free)
         predict = partial(structure.predict, beta=frozen(nominal))
     elif not in_space or is_simulated(model):
         predict = nominal_arm(model).forward
-        if free and not in_space and (seen := fit_geometry(model, view=view, cause=cause).frame):
+        seen = fit_geometry(model, view=view).frame if free and not in_space else None
+        if seen is not None:
             moved = [seen, *moved]
     elif body is not None and own.informed and (free or own.view == "base"):
-        drawn, moved = frozen(nominal_behind(own, body.beta)), []
+        drawn = frozen(nominal_behind(own, body.beta))
+        moved = []
         predict = partial(own.predict, beta=drawn)
         space = Space.of(model) if own.dof >= _POSED or own.camera else None
     else:
-        fit = fit_geometry(model, view=view, cause=cause)
+        fit = fit_geometry(model, view=view)
         beta = frozen(nominal_behind(fit.structure, fit.beta))
         predict = partial(fit.structure.predict, beta=beta)
 

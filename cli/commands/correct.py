@@ -21,7 +21,6 @@ def correct(
         Any, Option("--limit", metavar="L", parser=above_zero, help="Largest change (3 x usual).")
     ] = None,
     view: opt.LogView = "auto",
-    cause: opt.FrameOrJoints = "sensor",
     orientation: Annotated[
         Literal["keep", "free"], Option("--orientation", help="Of six joints: the tool's turn.")
     ] = "keep",
@@ -51,7 +50,7 @@ def correct(
     batch, valid = query.read(joints.names)
     factors = np.array(joints.typed)
     most: Any = None if limit is None else limit / factors
-    how: dict[str, Any] = {"view": view, "cause": cause, "orientation": orientation}
+    how: dict[str, Any] = {"view": view, "orientation": orientation}
     found = calib.correct(loaded, batch.values[valid] / factors, limit=most, **how)
     say(found.notes)
     table = dict(zip(joints.names, (found.q * factors).T, strict=True))

@@ -9,7 +9,7 @@ from typer import Option
 
 from .. import options as opt
 from ..camera import Drawn
-from ..output import Outcome
+from ..output import Outcome, progress_bar
 from ..parsing import BadOption, check_file
 
 
@@ -53,7 +53,8 @@ def report(
 
     lines = []
     if output is not None:
-        lines.append(calib.report(loaded, output, log))
+        with progress_bar() as progress:
+            lines.append(calib.report(loaded, output, log, progress=progress))
         lines.append(_page(output))
     for kind, folder in (("png", png), ("svg", figures)):
         if folder is None:

@@ -294,7 +294,7 @@ def test_a_log_of_board_pictures_is_learned_from_like_any_other(folder, run):
 
 
 def test_a_dataset_of_lerobot_is_read_as_pictures_and_joints(tmp_path, run):
-    _, pictures, joints = shots(True)
+    rig, pictures, joints = shots(True)
     rest, fps = 9, 30  # frames that the arm rests at each picture
     video = tmp_path / "videos" / "observation.images.wrist" / "chunk-000"
     for path in (video, tmp_path / "data" / "chunk-000", tmp_path / "meta/episodes/chunk-000"):
@@ -336,6 +336,25 @@ def test_a_dataset_of_lerobot_is_read_as_pictures_and_joints(tmp_path, run):
     assert made.columns[:6] == list(joints.names)
     assert made["episode"].to_list() == [0] * 5 + [1] * 5
     assert np.allclose(made[:, :6].to_numpy(), joints.q)
+    # the horn of the elbow's servo sits three degrees off
+    q[:, 2] -= 3.0
+    table = tmp_path / "data/chunk-000/file-000.parquet"
+    polars.read_parquet(table).with_columns(
+        polars.Series("observation.state", np.column_stack([q, np.zeros(len(q))]).tolist())
+    ).write_parquet(table)
+    motor = {"homing_offset": 7, "range_min": 0, "range_max": 4095}
+    motors = {name: motor for name in joints.names}  # noqa: C420 - RUF024 would be the next
+    (tmp_path / "calibration.json").write_text(json.dumps(motors))
+    urdf = tmp_path / "arm.urdf"
+    urdf.write_text(rig.arm.urdf)
+    words = ("--calibration", tmp_path / "calibration.json", "--robot", urdf, "--board", SPEC)
+    done = run("lerobot", tmp_path, *words, "-o", tmp_path / "new.json", "--json")
+    assert done.code == 0, done.err
+    elbow = done.document["offsets"][joints.names[2]]
+    assert np.degrees(elbow["offset"]) == pytest.approx(3.0, abs=0.3)
+    new = json.loads((tmp_path / "new.json").read_text())
+    assert new[joints.names[2]]["homing_offset"] == pytest.approx(7 - 34, abs=4)
+    assert new[joints.names[0]]["homing_offset"] == 7
     (video / "file-000.mp4").write_bytes(b"none")
     done = run("log", tmp_path, "--board", SPEC, "--eye", "hand", "-o", log)
     assert done.code == 1

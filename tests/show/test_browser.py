@@ -1,5 +1,6 @@
 """Pages in a real browser: what is drawn, where, and that nothing else is asked for."""
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -150,3 +151,25 @@ def test_a_report_answers_on_its_first_screen_without_overlaps(tmp_path: Path, s
     # verdict, answers, bars, and the first causes
     assert max(seen["bottoms"][:3]) < size[1]
     assert seen["bottoms"][3] < size[1] + 150
+
+
+COUNT = """<script>setTimeout(() => {
+  document.querySelectorAll("#calib-layers input").forEach((box) => box.checked || box.click());
+  setTimeout(() => {
+    const boxes = [...document.querySelectorAll("#calib-labels span")]
+      .map((node) => node.getBoundingClientRect()).filter((box) => box.width);
+    const over = boxes.filter((a, i) => boxes.slice(i + 1).some((b) => a.left < b.right
+      && b.left < a.right && a.top < b.bottom && b.top < a.bottom));
+    console.log(`labels ${boxes.length} overlaps ${over.length}`);
+  }, 800);
+}, 1500);</script></body>"""
+
+
+@pytest.mark.parametrize("size", [(390, 844), (900, 700)])
+def test_labels_of_a_preview_do_not_collide_with_all_layers_on(tmp_path: Path, size):
+    page = tmp_path / "page.html"
+    page.write_text(page_of(in_space()).replace("</body>", COUNT), encoding="utf-8")
+    (line,) = look(page, tmp_path, size=size).console
+    labels, overlaps = (int(word) for word in re.findall(r"\d+", line)[:2])
+    assert labels > 0
+    assert overlaps == 0

@@ -14,15 +14,13 @@ from ...common.arrays import Array, Index, Mask
 from ...common.wording import for_people
 from ...model.model import Model
 from ..error_scale import ErrorScale, colours, number
+from ..settings import AMOUNTS
 from ..workspace import drawn_edges, extent, node_errors
 from .canvas import Canvas, packed
 from .placement import Placement
 
 _LINK = "#2f9e44"
 _FRAME = "#8b97a3"
-_LINKS = 120_000  # in all
-_FEWEST = 6  # of one node
-_MOST = 24
 _OFF = 0.06  # of the panel's side, from its edge to the words
 
 
@@ -36,11 +34,11 @@ class Panel:
     @staticmethod
     def beside(frame: Array, points: Array, size: float, dof: int) -> Panel:
         """A panel of side `size` at the right of points (n, 3), in a plane of `frame` (3, 3)."""
-        seen = points @ frame.T
-        low = seen.min(axis=0)
-        high = seen.max(axis=0)
+        flat = points @ frame.T
+        low = flat.min(axis=0)
+        high = flat.max(axis=0)
         middle = (low[1] + high[1] - size) / 2
-        corner = np.array([high[0] + 0.22 * size, middle, np.median(seen[:, 2])])
+        corner = np.array([high[0] + 0.22 * size, middle, np.median(flat[:, 2])])
         return Panel(corner @ frame, size * frame[: min(dof, 3)])
 
     def lift(self, u: Array) -> Array:
@@ -99,7 +97,7 @@ def links_of(model: Model, among: NDArray[np.intp]) -> dict[str, Any]:
     there are fewer, "node" is the one of `among` whose partners spread the furthest.
     """
     links = model.links.T.tocsr()
-    width = min(_MOST, max(_FEWEST, _LINKS // links.shape[0]))
+    width = min(AMOUNTS.most, max(AMOUNTS.fewest, AMOUNTS.links // links.shape[0]))
     partners = np.full((links.shape[0], width), -1, dtype=np.int64)
     for row, (start, end) in zip(partners, pairwise(links.indptr), strict=True):
         best = np.argsort(-links.data[start:end], kind="stable")[:width]

@@ -58,7 +58,8 @@ class Placement:
 
 def place_model(model: Model, arm: Robot | None) -> Placement:
     """Find where a model's positions are in space."""
-    about, plane = model.about, model.about.plane
+    about = model.about
+    plane = about.plane
     up = -1.0 if about.unit == "px" else 1.0
     # where positions say that they are, in the root link's frame
     axes, origin = np.eye(3)[: len(model.axes)], np.zeros(3)
@@ -68,9 +69,10 @@ def place_model(model: Model, arm: Robot | None) -> Placement:
         return Placement(origin, axes * np.array([[1.0], [up], [1.0]])[: len(axes)], up)
     nodes = model.motor.scale.from_unit(np.clip(model.motor.units[model.visited], 0.0, 1.0))
     nodes = nodes[thinned(len(nodes), 300)]
-    seen = model.forward(nodes)
-    known = np.isfinite(seen).all(axis=1)
-    tips, seen = arm.tips(nodes[known]), seen[known]
+    x = model.forward(nodes)
+    answered = np.isfinite(x).all(axis=1)
+    x = x[answered]
+    tips = arm.tips(nodes[answered])
     sensor, body = SensorPose.of(model.body), model.body
     if sensor is not None and body is not None:  # the body knows where the sensor stands
         structure: Any = body.structure
@@ -82,11 +84,11 @@ def place_model(model: Model, arm: Robot | None) -> Placement:
             return Placement(corner, axes, -1.0, _PICTURE)
         axes = sensor.rotation.T / structure.sensor(body.beta).scale
         return Placement(sensor.position, axes, up, "" if structure.view == "base" else _KNOWN)
-    told = origin + seen @ axes
-    far = np.sqrt(np.mean(np.sum((told - tips) ** 2, axis=1)))
+    stated = origin + x @ axes
+    far = np.sqrt(np.mean(np.sum((stated - tips) ** 2, axis=1)))
     if about.unit != "m" or far > _TRUSTED * float(np.ptp(tips, axis=0).max()):
         # points of a plane need no mirror: a half turn about a line in it is one
-        turn, shift, factor = similarity(told, tips)
+        turn, shift, factor = similarity(stated, tips)
         return Placement(factor * turn @ origin + shift, factor * axes @ turn.T, up, _FITTED)
     return Placement(origin, axes, up)
 
@@ -97,7 +99,8 @@ def camera_onto(points: Array, frame: Array) -> dict[str, Any]:
     Returns "target", middle of the picture, "direction", unit vector from there to the camera,
     "half", half the extent of what is shown along right, up and depth, "fov" and "margin".
     """
-    normal, up = frame[2], np.array([0.0, 0.0, 1.0])
+    normal = frame[2]
+    up = np.array([0.0, 0.0, 1.0])
     towards = up
     if abs(normal @ up) > _UPRIGHT:  # from above, y leading up the screen
         normal, towards = normal * math.copysign(1.0, normal @ up), -frame[1]
@@ -106,8 +109,9 @@ def camera_onto(points: Array, frame: Array) -> dict[str, Any]:
     right = np.cross(up, direction)
     right = right / np.linalg.norm(right)
     axes = np.stack([right, np.cross(direction, right), direction])
-    seen = points @ axes.T
-    low, high = seen.min(axis=0), seen.max(axis=0)
+    box = points @ axes.T
+    low = box.min(axis=0)
+    high = box.max(axis=0)
     parts = {"target": (low + high) / 2 @ axes, "direction": direction, "half": (high - low) / 2}
-    told = {name: values.tolist() for name, values in parts.items()}
-    return {**told, "fov": _FIELD_OF_VIEW, "margin": _MARGIN}
+    plain = {name: values.tolist() for name, values in parts.items()}
+    return {**plain, "fov": _FIELD_OF_VIEW, "margin": _MARGIN}

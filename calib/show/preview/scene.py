@@ -22,6 +22,7 @@ from ...training.evaluate import simulation_of
 from ..error_scale import STOPS, ErrorScale, colours, number, unit_for
 from ..judged import JudgedRows, rows_of
 from ..robot import Robot
+from ..settings import AMOUNTS
 from ..setup import things_of
 from ..workspace import bound_field, extent, node_errors, outline
 from .canvas import LAYER, Canvas, draw_robot
@@ -32,10 +33,6 @@ _BORDER = "#2a9d8f"
 _TARGET = "#1c7ed6"
 _REACHED = "#e8590c"
 _THING = "#0c8599"
-_MOST_ROWS = 3_000
-_PLAYED = 60  # rows that Play goes through
-_STEP = 15  # frames from one to the next
-_FRAMES = 180  # of a loop
 _SWINGS = (0.36, 0.25, 0.15, 0.08)  # of the joints about their middle, of their range
 
 
@@ -77,15 +74,15 @@ class Scene:
         """Through the rows of the log in their order, else along a loop by the inverse map."""
         if self.rows is None:
             return self._loop()
-        some = thinned(len(self.rows.q), _PLAYED)
+        some = thinned(len(self.rows.q), AMOUNTS.played)
         q = self.rows.q[some]
-        return Motion(q, self.rows.x[some], self.model.forward(q), _STEP)
+        return Motion(q, self.rows.x[some], self.model.forward(q), AMOUNTS.step)
 
     def _loop(self) -> Motion:
         """Joints that the inverse map answers with on a closed path."""
         model = self.model
         dof = len(model.about.joint_names)
-        t = np.linspace(0.0, 2 * np.pi, _FRAMES + 1)[:, None]
+        t = np.linspace(0.0, 2 * np.pi, AMOUNTS.frames + 1)[:, None]
         k = np.arange(dof)
         # cosines and sines of one and two turns: a closed loop in which no joint follows another
         wave = np.cos((1 + k // 2) * t - (k % 2) * np.pi / 2 + 0.7 * k)
@@ -121,7 +118,9 @@ class Scene:
     @cached_property
     def data(self) -> dict[str, Any]:
         """Plain data for the page: what is drawn, legend, labels, links, camera and notes."""
-        model, placement, robot = self.model, self.placement, self.robot
+        model = self.model
+        placement = self.placement
+        robot = self.robot
         flat = len(model.axes) == 2
         canvas = Canvas()
         size = extent(model) * float(np.linalg.norm(placement.axes[0]))
@@ -131,8 +130,8 @@ class Scene:
         poses = {} if robot is None else robot.poses(self.motion.q)
         corners = self._corners_of_photo()
         # what the picture has to show: rows or the reach, the arm, what stands around it, the photo
-        seen = reach if flat or self.rows is None else placement.lift(self.rows.x)
-        around = [seen, border, corners, *(frames[:, :3, 3] for frames in poses.values())]
+        places = reach if flat or self.rows is None else placement.lift(self.rows.x)
+        around = [places, border, corners, *(frames[:, :3, 3] for frames in poses.values())]
         for thing in things_of(model):
             if not thing.carried:
                 around.append(thing.points + thing.frame[:3, 3])
@@ -247,7 +246,7 @@ class Scene:
         rows = self.rows
         if rows is None:
             return
-        some = thinned(len(rows.x), _MOST_ROWS)
+        some = thinned(len(rows.x), AMOUNTS.points)
         text = f"{len(some):,} of {len(rows.x):,}, in the colour of their errors"
         canvas.layer("Rows", "scale", text)
         tints = colours(scale.share(rows.distance[some]))

@@ -19,11 +19,11 @@ from ...common.wording import for_people, length_in_words
 from ...errors import CalibError, OptionError
 from ...model.model import Model
 from ...samples.samples import Samples
+from ..settings import AMOUNTS
 from .scene import Scene
 
 _ADDRESS = "127.0.0.1"  # no other computer can reach it
 _LONGEST = 10_000  # bytes of a question
-_MOST = 12  # branches that are drawn
 _NONSENSE = (ValueError, TypeError, KeyError, AttributeError, CalibError, ArithmeticError)
 
 
@@ -144,7 +144,8 @@ class _Handler(BaseHTTPRequestHandler):
 
     def do_POST(self) -> None:
         """Answer a question of the page."""
-        scene, length = self.server.scene, self.headers.get("Content-Length", "")
+        scene = self.server.scene
+        length = self.headers.get("Content-Length", "")
         small = length.isascii() and length.isdigit() and int(length[:9]) <= _LONGEST
         if self.path != f"{self.server.place}ask" or scene is None or not small:
             self._send(404, "text/plain", b"not here")
@@ -165,7 +166,9 @@ class _Handler(BaseHTTPRequestHandler):
     def _send(self, status: int, kind: str, data: bytes) -> None:
         # against DNS rebinding: a page of another name, led here, asks in the user's browser
         if self.headers.get("Host", "").split(":")[0] not in (_ADDRESS, "localhost"):
-            status, kind, data = 404, "text/plain", b"not here"
+            status = 404
+            kind = "text/plain"
+            data = b"not here"
         self.send_response(status)
         self.send_header("Content-Type", kind)
         self.send_header("Content-Length", str(len(data)))
@@ -181,16 +184,20 @@ def _answer(scene: Scene, question: dict[str, Any]) -> dict[str, Any]:
     Returns "reachable", "words", "target" (the point in the plane) and "branches", each
     with "joints" in the motor map's unit box, and transforms of "links".
     """
-    model, placement, robot = scene.model, scene.placement, scene.robot
+    model = scene.model
+    placement = scene.placement
+    robot = scene.robot
     point = checked_rows(question["at"], ("x", "y", "z"), "at")[0][0]
     # the plane's axes span two of three dimensions: least squares drops the third
     x = (point - placement.origin) @ np.linalg.pinv(placement.axes)
-    found, about = model.solve_all(x[None])[0], model.about
-    lines, branches = [f"{len(found.q)} ways to reach it"], []
-    if not found.reachable.any():
-        off = length_in_words(float(found.distance[0]), about.unit)
+    about = model.about
+    solutions = model.solve_all(x[None])[0]
+    lines = [f"{len(solutions.q)} ways to reach it"]
+    branches = []
+    if not solutions.reachable.any():
+        off = length_in_words(float(solutions.distance[0]), about.unit)
         lines = [f"out of reach, the nearest point is {off} away"]
-    for q, error in zip(found.q[:_MOST], found.expected_error, strict=False):
+    for q, error in zip(solutions.q[: AMOUNTS.branches], solutions.expected_error, strict=False):
         joints = zip(about.joint_names, q, map(for_people, about.units_of_joints), strict=True)
         lines.append(", ".join(f"{n} {f * v:.2f} {unit}" for n, v, (f, unit) in joints))
         lines.append(f"expected error {length_in_words(float(error), about.unit)}")
@@ -202,7 +209,7 @@ def _answer(scene: Scene, question: dict[str, Any]) -> dict[str, Any]:
             }
         )
     return {
-        "reachable": bool(found.reachable.any()),
+        "reachable": bool(solutions.reachable.any()),
         "words": "\n".join(lines),
         "target": placement.lift(x[None])[0].tolist(),
         "branches": branches,

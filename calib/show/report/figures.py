@@ -18,6 +18,7 @@ from ..causes import Cause, causes_of
 from ..error_scale import ErrorScale, number, unit_for
 from ..judged import Bar, JudgedRows, bars_of, rows_of
 from ..robot import Robot
+from ..settings import AMOUNTS, LIMITS, Z95
 from ..setup import SENSOR, things_of
 from ..workspace import bound_field, extent
 from .drawing import (
@@ -35,16 +36,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-_MOST_CAUSES = 7
-_SMALL = 0.01  # of the largest effect
-_MOST_DOTS = 1_000
-_ARROWS = 250
-_LONG = 0.08  # of the picture's width, the longest arrows
 _FLAT = ((0, 1),)
 _IN_SPACE = ((0, 1), (0, 2), (1, 2))
-_LEVER = 0.3  # of a joint's longest lever: with less, a row says little of the joint
-_WINDOW = 15  # rows of a running median
-_Z95 = 1.96
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,7 +65,7 @@ class Study:
     @property
     def certain(self) -> list[Cause]:
         """Causes whose intervals exclude nothing, but for those that hardly move the tip."""
-        least = _SMALL * max((cause.effect for cause in self.causes), default=0.0)
+        least = LIMITS.small * max((cause.effect for cause in self.causes), default=0.0)
         return [cause for cause in self.causes if cause.certain and cause.effect > least]
 
     @property
@@ -108,7 +101,7 @@ def accuracy(study: Study) -> Figure | None:
 
 def causes(study: Study) -> Figure | None:
     """What is off: each cause by how far it moves the tip, with its interval."""
-    largest = study.certain[:_MOST_CAUSES]
+    largest = study.certain[: AMOUNTS.causes]
     if not largest:
         return None
     factor, unit = unit_for(largest[0].effect, study.model.about.unit)
@@ -128,7 +121,8 @@ def cause_words(cause: Cause) -> str:
     """A cause with its value and interval: "elbow: zero +0.56 ± 0.003 deg"."""
     factor, unit = for_people(cause.unit)
     if cause.unit == "1":
-        factor, unit = 100.0, "%"
+        factor = 100.0
+        unit = "%"
     value = number(abs(factor * cause.value))
     if not cause.half:
         return f"{cause.name} {value} {unit}"
@@ -202,7 +196,7 @@ def coverage(study: Study) -> Figure | None:
     if study.rows is None:
         return None
     u = model.motor.scale.to_unit(study.rows.q)
-    u = u[thinned(len(u), _MOST_DOTS)]
+    u = u[thinned(len(u), AMOUNTS.dots)]
     names = model.about.joint_names
     figure, (ax,) = panels(1, 0.45 + 0.36 * len(names))
     shade = max(0.08, min(1.0, 60.0 / len(u)))
@@ -228,10 +222,11 @@ def coverage(study: Study) -> Figure | None:
 
 def joints(study: Study) -> Figure | None:
     """What rows say of each joint's error, with the learned error curve and its band."""
-    model, rows = study.model, study.rows
+    model = study.model
+    rows = study.rows
     if rows is None or model.body is None or model.body.structure.dof != model.motor.units.shape[1]:
         return None
-    some = thinned(len(rows.q), _MOST_DOTS)
+    some = thinned(len(rows.q), AMOUNTS.dots)
     structure = model.body.structure
     turning = np.flatnonzero(structure.revolute)
     figure, axes = panels(len(turning), 0.4 + 1.15 * len(turning))
@@ -241,19 +236,21 @@ def joints(study: Study) -> Figure | None:
     for ax, k in zip(axes, turning.tolist(), strict=True):
         lever = levers[:, :, k]
         length = np.linalg.norm(lever, axis=1)
-        says = length > _LEVER * length.max()
+        says = length > LIMITS.lever * length.max()
         angle = (rows.held_out[some] * lever).sum(axis=1)[says] / length[says] ** 2
         q = rows.q[some][says, k]
         grid = np.linspace(model.about.lower[k], model.about.upper[k], 200)
         curve, half = _curve(model, k, grid)
-        seen = angle + np.interp(q, grid, curve)
-        ax.plot(np.degrees(q), 1e3 * seen, ".", color=GREY, markersize=3, rasterized=True)
+        readings = angle + np.interp(q, grid, curve)
+        ax.plot(np.degrees(q), 1e3 * readings, ".", color=GREY, markersize=3, rasterized=True)
         ax.fill_between(
             np.degrees(grid), 1e3 * (curve - half), 1e3 * (curve + half), color=ACCENT, alpha=0.3
         )
         ax.plot(np.degrees(grid), 1e3 * curve, color=ACCENT, linewidth=1.2)
-        most = float(np.quantile(np.abs(seen), 0.97)) + float(np.abs(curve).max()) + 1e-12
+        most = float(np.quantile(np.abs(readings), 0.97)) + float(np.abs(curve).max()) + 1e-12
         ax.set(ylim=(-1.2e3 * most, 1.2e3 * most))
+        ax.locator_params(axis="x", nbins=4)
+        ax.locator_params(axis="y", nbins=3)
         ax.set_title(plain_text(structure.joint_names[k]), loc="left")
     axes[-1].set_xlabel("joint value [deg]")
     figure.supylabel("error of the joint [mrad]", fontsize=8.5)
@@ -268,7 +265,7 @@ def _curve(model: Model, joint: int, q: Array) -> tuple[Array, Array]:
         return np.zeros(len(q)), np.zeros(len(q))
     waves = waves_of(q).T
     root = body.root[np.searchsorted(body.active, indices)]
-    return waves @ body.beta[indices], _Z95 * np.linalg.norm(waves @ root, axis=1)
+    return waves @ body.beta[indices], Z95 * np.linalg.norm(waves @ root, axis=1)
 
 
 def order(study: Study) -> Figure | None:
@@ -280,9 +277,9 @@ def order(study: Study) -> Figure | None:
     errors = factor * rows.distance
     figure, (ax,) = panels(1, 1.7)
     ax.plot(np.arange(1, len(errors) + 1), errors, ".", color=GREY, markersize=3, rasterized=True)
-    if len(errors) >= 2 * _WINDOW:
-        windows = np.lib.stride_tricks.sliding_window_view(errors, _WINDOW)
-        middle = np.arange(len(windows)) + _WINDOW // 2 + 1
+    if len(errors) >= 2 * AMOUNTS.window:
+        windows = np.lib.stride_tricks.sliding_window_view(errors, AMOUNTS.window)
+        middle = np.arange(len(windows)) + AMOUNTS.window // 2 + 1
         ax.plot(middle, np.median(windows, axis=1), color=ACCENT, linewidth=1.2)
     ax.set(xlabel="row of the log", ylabel=f"error [{plain_text(unit)}]", ylim=(0.0, None))
     return figure
@@ -290,15 +287,16 @@ def order(study: Study) -> Figure | None:
 
 def arrows(study: Study) -> Figure | None:
     """Held-out errors in space, as arrows from the predicted to the measured position."""
-    model, rows = study.model, study.rows
+    model = study.model
+    rows = study.rows
     if rows is None:
         return None
-    some = thinned(len(rows.q), _ARROWS)
+    some = thinned(len(rows.q), AMOUNTS.arrows)
     x = rows.x[some]
     error = rows.held_out[some]
     sides = np.maximum(np.ptp(x, axis=0), 1e-9)
     length = max(float(np.quantile(np.linalg.norm(error, axis=1), 0.95)), 1e-12)
-    times = float(f"{max(_LONG * sides.max() / length, 1.0):.0e}")
+    times = float(f"{max(LIMITS.arrow * sides.max() / length, 1.0):.0e}")
     views = study.views[:2]
     factor = for_people(model.about.unit)[0]
     heights = [min(sides[up] / sides[across], 1.3) for across, up in views]
@@ -323,7 +321,8 @@ def trust(study: Study) -> Figure | None:
     """Share of rows within the p % bound against p; a bound that holds follows the diagonal."""
     from scipy.special import chdtri
 
-    model, rows = study.model, study.rows
+    model = study.model
+    rows = study.rows
     if rows is None or model.about.simulation is not None:
         return None
     bound = model.expected_error(rows.q)
@@ -332,7 +331,7 @@ def trust(study: Study) -> Figure | None:
     radius = np.sqrt(chdtri(outputs, 1.0 - p) / chdtri(outputs, 0.05))
     ratio = rows.distance / np.maximum(bound, 1e-300)
     share = (ratio[:, None] <= radius).mean(axis=0)
-    chance = _Z95 * np.sqrt(p * (1.0 - p) / len(ratio))
+    chance = Z95 * np.sqrt(p * (1.0 - p) / len(ratio))
     figure, (ax,) = panels(1, 2.4)
     ax.fill_between(100 * p, 100 * (p - chance), 100 * (p + chance), color=GREY, alpha=0.3)
     ax.plot([0, 100], [0, 100], color=GREY, linewidth=0.8)
@@ -373,7 +372,7 @@ def name_axes(ax: Axes, model: Model, view: tuple[int, int] = (0, 1)) -> None:
         ylabel=label(up, model.about.unit)[1],
         aspect="equal",
     )
-    ax.locator_params(nbins=5)
+    ax.locator_params(nbins=4)
     if model.about.unit == "px":  # a picture's y runs down
         ax.invert_yaxis()
 
@@ -388,7 +387,7 @@ def _above(ax: Axes, row: int, words: str) -> None:
 def _rows_from_the_top(ax: Axes, count: int) -> None:
     """Make room for rows of bars with words above, the first on top, without a frame."""
     ax.set(ylim=(count - 0.6, -0.75), yticks=[])
-    ax.locator_params(axis="x", nbins=5)
+    ax.locator_params(axis="x", nbins=4)
     ax.spines[["left", "right", "top"]].set_visible(False)
 
 
@@ -407,7 +406,7 @@ def _smooth(points: Array, share: Array) -> tuple[Any, Array]:
     sums = np.histogram2d(x, y, cells, box.tolist(), weights=share[finite])[0]
     weight = gaussian_filter(counts, 2.6)
     total = gaussian_filter(sums, 2.6)
-    thin = weight < 0.05 * np.median(weight[counts > 0])
+    thin = weight < LIMITS.thin * np.median(weight[counts > 0])
     grid = np.ma.masked_where(thin, total / np.maximum(weight, 1e-12))
     return grid.T, box.ravel()
 
@@ -416,7 +415,7 @@ def _dots(
     ax: Axes, rows: JudgedRows, view: tuple[int, int], factor: float, scale: ErrorScale
 ) -> None:
     """Draw rows in the colour of their errors, and crosses for those that were left out."""
-    some = thinned(len(rows.x), _MOST_DOTS)
+    some = thinned(len(rows.x), AMOUNTS.dots)
     ax.scatter(
         factor * rows.x[some, view[0]],
         factor * rows.x[some, view[1]],

@@ -12,6 +12,7 @@ from ...common.wording import length_in_words
 from ...maps.association import Association
 from ...maps.map import Map
 from ..error_scale import ErrorScale, number
+from ..settings import AMOUNTS, LIMITS
 from ..workspace import drawn_edges, extent, node_errors, outline
 from .drawing import GREY, SECOND, colour_bar, draw_lattice, error_bar, panels
 from .figures import Study
@@ -21,9 +22,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _BORDER = "#12b886"
-_FAR = 5.0  # times the median edge: longer ones lead across what the arm does not reach
-_ARROWS = 300
-_LONG = 0.06  # of the picture's width, the longest arrows
 _CELLS: dict[str, Any] = {"origin": "lower", "aspect": "auto", "interpolation": "nearest"}
 
 
@@ -154,20 +152,22 @@ def photo(study: Study) -> Figure | None:
     edges = drawn_edges(model.sensory)
     scale = ErrorScale.of(errors, model.about.unit, extent(model))
     long = np.linalg.norm(np.diff(nodes[edges], axis=1)[:, 0], axis=1)
-    edges = edges[np.isfinite(errors[edges]).all(axis=1) & (long < _FAR * np.median(long))]
+    edges = edges[
+        np.isfinite(errors[edges]).all(axis=1) & (long < LIMITS.long_edge * np.median(long))
+    ]
     lines = draw_lattice(ax, nodes, edges, errors, scale, linewidths=0.8, alpha=0.85)
     ax.set(xlim=(left, right), ylim=(low, high), xticks=[], yticks=[])
     border = LineCollection(list(outline(model)), colors=_BORDER, linewidths=2.2)
     ax.add_collection(border, autolim=False)
     if study.rows is not None:
-        some = thinned(len(study.rows.q), _ARROWS)
-        seen = study.rows.x[some]
+        some = thinned(len(study.rows.q), AMOUNTS.arrows)
+        x = study.rows.x[some]
         error = study.rows.held_out[some]
         length = max(float(np.quantile(np.linalg.norm(error, axis=1), 0.95)), 1e-9)
-        times = float(f"{max(_LONG * (right - left) / length, 1.0):.0e}")
-        tips = seen - times * error
-        ax.plot(*np.stack([seen, tips], axis=1).transpose(2, 1, 0), color=SECOND, linewidth=0.9)
-        ax.plot(*seen.T, "o", ms=2.5, mfc="#ffffff", mec="#1d2730")
+        times = float(f"{max(LIMITS.arrow * (right - left) / length, 1.0):.0e}")
+        tips = x - times * error
+        ax.plot(*np.stack([x, tips], axis=1).transpose(2, 1, 0), color=SECOND, linewidth=0.9)
+        ax.plot(*x.T, "o", ms=2.5, mfc="#ffffff", mec="#1d2730")
         mean = length_in_words(float(study.rows.distance.mean()), model.about.unit)
         ax.set_title(f"errors ({mean} on average) drawn {number(times)} times as long", fontsize=8)
     error_bar(figure, lines, [ax], scale, "expected error")

@@ -20,6 +20,7 @@ from ...model.facts import facts
 from ...model.model import Model
 from ...samples.samples import Samples
 from ...training.evaluate import evaluate
+from ...training.learn import Progress
 from ..error_scale import unit_for
 from . import figures as draw
 from . import maps as draw_maps
@@ -77,7 +78,13 @@ _SECTIONS = {
 }
 
 
-def report(model: Model, path: str | os.PathLike[str], log: Samples | None = None) -> str:
+def report(
+    model: Model,
+    path: str | os.PathLike[str],
+    log: Samples | None = None,
+    *,
+    progress: Progress | None = None,
+) -> str:
     """Write a report of a model, figures and words, as one HTML file that needs no network.
 
     Parameters
@@ -88,6 +95,8 @@ def report(model: Model, path: str | os.PathLike[str], log: Samples | None = Non
     log : Samples, optional
         A log to judge the model by.  Without it a simulated model is judged by fresh exact
         samples, and a model of a log by its own rows, each predicted from the others.
+    progress : callable, optional
+        Called with the share of the work done, the section and NaN.
 
     Returns
     -------
@@ -111,7 +120,9 @@ def report(model: Model, path: str | os.PathLike[str], log: Samples | None = Non
     }
     verdict = words.verdict(study)
     sections = []
-    for heading, names in _SECTIONS.items():
+    for k, (heading, names) in enumerate(_SECTIONS.items()):
+        if progress is not None:
+            progress((k + 1) / (len(_SECTIONS) + 1), heading, float("nan"))
         maps = heading == "The maps"
         if maps and not _maps_answer(model):
             continue
@@ -185,12 +196,12 @@ def figures(
     }
 
 
-def _check_names(names: Sequence[str] | None, known: Mapping[str, Any]) -> None:
+def _check_names(names: Sequence[str] | None, drawn: Mapping[str, Any]) -> None:
     for name in names or ():
-        if name not in known:
+        if name not in drawn:
             raise OptionError(
                 f"`names`: {quoted(name)} is no figure",
-                hint=suggestion(name, known),
+                hint=suggestion(name, drawn),
                 parameter="names",
                 value=name,
             )

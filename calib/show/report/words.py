@@ -6,12 +6,8 @@ import numpy as np
 
 from ...common.wording import clipped, one_line
 from ..error_scale import number, unit_for
+from ..settings import AMOUNTS, LIMITS
 from .figures import Study, cause_words
-
-_FEW_ROWS = 1.5  # held-out errors over learned ones, from which more rows help most
-_MISSED = 0.15  # share of rows beyond a 95 % bound, and two rows more: it does not hold
-_CHANCE = 2.0
-_MOST_NAMES = 12
 
 
 def verdict(study: Study) -> str:
@@ -63,7 +59,8 @@ def still_true(study: Study) -> str:
 
 def next_step(study: Study) -> str:
     """The one thing that helps most."""
-    model, rows = study.model, study.rows
+    model = study.model
+    rows = study.rows
     if rows is not None and rows.fresh and not _holds(study):
         return "`calib check` says what changed, `calib adapt` takes it over."
     if model.about.simulation is not None:
@@ -71,7 +68,7 @@ def next_step(study: Study) -> str:
     if rows is not None and not rows.fresh and model.rows is not None:
         learned = float(np.linalg.norm(rows.learned, axis=1).mean())
         unseen = float(rows.distance.mean())
-        if unseen > _FEW_ROWS * learned:
+        if unseen > LIMITS.few_rows * learned:
             ratio = number(float(f"{unseen / learned:.2g}"))
             return (
                 f"Rows that it has not seen are missed {ratio} times as far as its own: "
@@ -85,8 +82,8 @@ def uncertain(study: Study) -> str:
     names = [clipped(cause.name) for cause in study.causes if not cause.certain]
     if not names:
         return ""
-    more = f" and {len(names) - _MOST_NAMES} more" if len(names) > _MOST_NAMES else ""
-    return f"Not told apart from nothing: {', '.join(names[:_MOST_NAMES])}{more}."
+    more = f" and {len(names) - AMOUNTS.names} more" if len(names) > AMOUNTS.names else ""
+    return f"Not told apart from nothing: {', '.join(names[: AMOUNTS.names])}{more}."
 
 
 def _inside(study: Study) -> np.ndarray:
@@ -98,4 +95,4 @@ def _inside(study: Study) -> np.ndarray:
 def _holds(study: Study) -> bool:
     """Whether a 95 % bound covers as many rows as it should, but for chance."""
     beyond = int(np.count_nonzero(~_inside(study)))
-    return beyond <= _MISSED * len(_inside(study)) + _CHANCE
+    return beyond <= LIMITS.missed * len(_inside(study)) + LIMITS.chance
