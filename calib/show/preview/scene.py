@@ -162,7 +162,10 @@ class Scene:
             pairs = np.arange(len(border)).reshape(-1, 2)
             canvas.add("Workspace border/line", "lines", _BORDER, border + front, pairs)
         else:
-            canvas.layer("Reach", "scale", "bound on the true position, over all postures")
+            # dots of the whole reach would hide a camera and its board
+            alone = not any(thing.faces for thing in things_of(model))
+            text = "bound on the true position, over all postures"
+            canvas.layer("Reach", "scale", text, shown=alone)
             tints = colours(scale.share(bound))
             canvas.add("Reach/points", "points", tints, reach, size=0.005 * size)
         self._draw_rows(canvas, scale, front, size)
