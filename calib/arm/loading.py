@@ -18,6 +18,7 @@ import numpy as np
 from ..common.wording import listed, one_line, quoted, suggestion
 from ..errors import OptionError, RobotError
 from .arm import PlanarArm, SpatialArm
+from .description import parse_robot
 from .finding import (
     MOST_JOINTS,
     TIP_NAMES,
@@ -32,7 +33,7 @@ from .gravity import standard
 from .plane import plane_of
 from .posture import Posture, folded, posture_of
 from .robots import resolve_robot
-from .urdf import Joint, Mimic, Range, Urdf, parse_urdf, read_urdf
+from .urdf import Joint, Mimic, Range, Urdf, read_urdf
 
 __all__ = ["PlanarArm", "SpatialArm", "arm_from_urdf", "load_arm"]
 
@@ -117,7 +118,7 @@ def arm_from_urdf(
 
     `name` is used where the URDF gives its robot none.
     """
-    urdf = parse_urdf(text, name)
+    urdf = parse_robot(text, name)
     lock, ranges = dict(lock or {}), dict(ranges or {})
     for held, value in lock.items():
         if not np.isfinite(value):

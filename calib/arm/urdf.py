@@ -191,17 +191,12 @@ def read_urdf(path: Path) -> str:
     return text
 
 
-def parse_urdf(text: str, name: str = "robot") -> Urdf:
-    """Check the text of a URDF, or of an MJCF, and return its links and joints.
+def read_urdf_tree(robot: ET.Element, name: str = "robot") -> Urdf:
+    """Check the root element of a URDF and return its links and joints.
 
     name : name to use where the URDF gives its robot none
     Raises RobotError: what is wrong, what was expected and what to do.
     """
-    robot = parse_xml(text)
-    if robot.tag == MJCF:
-        from .mjcf import read_mjcf  # of which a URDF needs nothing
-
-        return read_mjcf(robot, name).tree
     notes: list[str] = []
     own_name = robot.get("name", "").strip()
     links, joint_names = _names(robot, "link"), _names(robot, "joint")

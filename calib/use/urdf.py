@@ -16,10 +16,11 @@ from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
+from ..arm.description import parse_robot
 from ..arm.mjcf import read_mjcf
 from ..arm.posture import origin_of, posture_of
 from ..arm.spatial_chain import move
-from ..arm.urdf import MJCF, Joint, Urdf, parse_urdf, parse_xml
+from ..arm.urdf import MJCF, Joint, Urdf, parse_xml
 from ..common.arrays import Array
 from ..common.wording import for_people
 from ..errors import OptionError, RobotError
@@ -56,7 +57,7 @@ def corrected_urdf(geometry: Geometry) -> str:
             hint="check the joints, the tip and the unit of the log; a log in the robot's root "
             "frame needs `view='base'`, one in a sensor's frame must not have it",
         )
-    urdf = parse_urdf(geometry.arm.urdf)
+    urdf = parse_robot(geometry.arm.urdf)
     origins = _origins(geometry, urdf)
     path = urdf.path(geometry.arm.tip)
     root = parse_xml(geometry.arm.urdf)
