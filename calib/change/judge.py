@@ -169,7 +169,8 @@ def judge(
     if free == "offsets":
         cause = free
     with plain_numbers():
-        rows = rows_of(model.by(log.sensor), log)
+        model = model.by(log.sensor)
+        rows = rows_of(model, log)
         if model.body is None:
             return _of_maps(rows)
         return _of_body(rows, cause or rows.cause, learn)
