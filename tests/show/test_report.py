@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from models import babbled, in_pixels, in_space, log, measured, trained
+from models import babbled, in_pixels, in_space, log, measured, no_arm, trained
 from touching import World
 
 import calib
@@ -113,6 +113,8 @@ def test_the_first_words_are_what_changed_and_what_to_do():
 @pytest.mark.usefixtures("unrendered")
 def test_words_of_other_models():
     assert "rows held out" in report(measured())
+    assert "below 1 nm" in report(trained("two_link", n=3000, size=20))
+    assert report(calib.train(no_arm(300), size=4))
     maps = calib.train(calib.babble(calib.load_arm("two_link"), 400, seed=0), size=4, body="none")
     assert {"lattices", "u_matrices"} <= set(Reader(report(maps)).names)
     assert Reader(report(trained("three_link", n=400, size=8))).headings
