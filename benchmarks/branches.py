@@ -85,11 +85,16 @@ def coverage(robot: str, noise: float) -> dict[str, Any]:
     return row
 
 
-def real_robots() -> Iterator[dict[str, Any]]:
-    """Answers on real URDFs: how far from the target, and how many are reached."""
+def shared_robots() -> Path:
+    """Folder of the package example-robot-data."""
     import pinocchio
 
-    folder = Path(pinocchio.__file__).parents[4] / "share/example-robot-data/robots"
+    return Path(pinocchio.__file__).parents[4] / "share/example-robot-data/robots"
+
+
+def real_robots() -> Iterator[dict[str, Any]]:
+    """Answers on real URDFs: how far from the target, and how many are reached."""
+    folder = shared_robots()
     for name, file, joints in REAL:
         arm = calib.load_arm(folder / file, joints=joints.split(","))
         model = calib.train(calib.babble(arm, 20_000, seed=0))

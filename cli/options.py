@@ -36,6 +36,15 @@ Data = Annotated[
         help="A measured log: CSV or Parquet with the joints' columns and x, y.",
     ),
 ]
+DataOfSensors = Annotated[
+    list[str] | None,
+    Option(
+        "--data",
+        metavar="LOG",
+        help="A measured log: CSV or Parquet with the joints' columns and x, y; several, or a "
+        "column `sensor`, of several sensors.",
+    ),
+]
 NewLog = Annotated[
     str,
     Option(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from .output import say
@@ -146,12 +147,14 @@ def measured_samples(
     logged: Logged,
     seed: int = 0,
     lens: str | None = None,
+    sensor: str = "",
 ) -> Samples:
     """Read a log, for the robot where there is one, and say what was assumed."""
     import calib
     from calib.samples.tables import open_source
 
-    arm, glass = None, None
+    arm = None
+    glass = None
     turns = {name: name not in (logged.prismatic or ()) for name in selection.joints or ()}
     source = open_source(path)  # once: it may be a pipe
     if robot is not None:
@@ -175,8 +178,29 @@ def measured_samples(
         lens=glass,
         time_offset=logged.time_offset,
     )
-    say(log.notes)
+    if sensor:
+        log = replace(log, sensor=sensor)
+        say(f"{sensor}: {note}" for note in log.notes)
+    else:
+        say(log.notes)
     return log
+
+
+def measured_by_sensors(
+    robot: str | None,
+    selection: Selection,
+    paths: Sequence[str],
+    logged: Logged,
+    seed: int = 0,
+    lens: str | None = None,
+) -> list[Samples]:
+    """Read the log of each sensor, a file each or by a column `sensor`; see `measured_samples`."""
+    from calib.samples.sensors import sources_by_sensor
+
+    return [
+        measured_samples(robot, selection, source, logged, seed, lens, sensor)
+        for sensor, source in sources_by_sensor(paths).items()
+    ]
 
 
 def _arm_of_log(
@@ -215,8 +239,10 @@ def log_for(model: Model, path: str, reading: Compared) -> Samples:
     from calib.samples.joint_values import check_joint_values
     from calib.samples.tables import open_source
 
-    about = model.about
     source = open_source(path)  # once: it may be a pipe
+    sensor = sensor_of_log(model, source)
+    model = model.by(sensor)
+    about = model.about
     unit = reading.unit or source.unit
     # pixels and metres have no factor between them, and the plane of a camera model is another
     if unit is not None and (unit == "px") != (about.unit == "px"):
@@ -236,6 +262,8 @@ def log_for(model: Model, path: str, reading: Compared) -> Samples:
         unit=unit or about.unit,
         prismatic=[n for n, t in zip(about.joint_names, about.revolute, strict=True) if not t],
     )
+    if sensor:
+        log = replace(log, sensor=sensor)
     say(log.notes)
     ranges = (about.joint_names, about.lower, about.upper, about.revolute)
     check_joint_values(log.q, *ranges, degrees=degrees, label=path)
@@ -246,6 +274,26 @@ def log_for(model: Model, path: str, reading: Compared) -> Samples:
         shared = {"noise_of_reference": log.shared * factor}
         log = replace(log, x=log.x * factor, unit=about.unit, source={**log.source, **shared})
     return log
+
+
+def sensor_of_log(model: Model, source: Source) -> str:
+    """Name the sensor of a log among a model's: by its column `sensor`, or the file's name.
+
+    It is the first one's where neither says another.
+    """
+    from calib.errors import LogError
+    from calib.samples.sensors import names_of_sensors
+
+    if len(model.sensors) == 1:
+        return ""
+    names = names_of_sensors(source) or (Path(source.label).stem,)
+    measured = [name for name in names if name in model.sensors]
+    if len(measured) > 1:
+        raise LogError(
+            f"{source.label} has rows of {', '.join(measured)}: expected a log of one sensor",
+            hint="write the rows of each sensor to a file of its own",
+        )
+    return measured[0] if measured else model.sensors[0]
 
 
 def log_of(model: Model, path: str | None, reading: Compared) -> Samples | None:

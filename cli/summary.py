@@ -55,7 +55,32 @@ def summary(
         "units": units_of(about),
         "bound_of": about.bound_of,
         "bound_holds": about.bound_holds,
+        "sensors": [_sensor(model.by(name)) for name in model.sensors],
         "errors": errors,
+    }
+
+
+def _sensor(model: Model) -> dict[str, Any]:
+    """Return what a sensor is as JSON: its name, kind, unit, view, noise and rows."""
+    about = model.about
+    kind = "space" if len(model.axes) == 3 else "plane"
+    view = None
+    noise = None
+    if model.body is not None:
+        view = model.body.structure.view
+        noise = float(model.body.noise[0])
+    if about.unit == "px":
+        kind = "pixels"
+    elif view is not None and "pose" in view:
+        kind = "pose"
+    rows = about.samples
+    return {
+        "name": about.sensor,
+        "kind": kind,
+        "unit": about.unit,
+        "view": view,
+        "noise": noise,
+        "rows": rows,
     }
 
 

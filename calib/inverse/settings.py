@@ -38,3 +38,33 @@ class SearchSettings:
 
 
 SEARCH = SearchSettings()
+
+
+@dataclass(frozen=True)
+class StepSettings:
+    """How NumPy steps: lengths are shares of the joints' ranges."""
+
+    rounding: float = 1e-15  # of the extent: a target is met as well as numbers allow
+    most: int = 40  # steps
+    chunk: int = 4096  # rows at once: what belongs to them fits into the cache
+    # Damping, as a share of the Jacobian's power.
+    first_damping: float = 1e-9  # nearly Gauss-Newton: a start is close to its answer
+    least_damping: float = 1e-12
+    damping_after_failure: float = 1e-6  # at least
+    most_damping: float = 1e3  # ends a search
+    easier: float = 30.0  # factor on the damping after a step
+    calm: float = 1e-3  # of a single step of a servo
+    slow: float = 1e-9  # of the residual: a step that gains less is the last
+    # Slides of redundant joints along their self-motion.
+    slides: int = 25
+    settled: float = 1e-6  # a slide that is shorter is the last
+    slack: float = 2e-6  # a slide that has come so close to a limit is there
+    # Nearest points out of reach.
+    probe: float = 1e-4  # step of second derivatives
+    far: float = 0.2  # longest step
+    still: float = 1e-10  # a step that is shorter is the last
+    least_share: float = 1e-6  # of a step
+    flat: float = 1e-6  # of the largest curvature, which every direction has at least
+
+
+STEPS = StepSettings()

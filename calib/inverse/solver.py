@@ -12,14 +12,13 @@ from ..common.arrays import Array, Index
 from ..common.scale import Scale
 from ..maps.association import Association
 from ..maps.predictor import Predictor
-from .newton import CLOSE, Newton, Positions, shortened
-from .starts import FOLDED, Starts, distinct, drawn, place_of, twins
+from .newton import Newton, shortened
+from .settings import SEARCH
+from .starts import Starts, distinct, drawn, rank_within, twins
+from .task import Positions
 
-_SAME = 1e-5  # of the joints' range: solutions that are closer are one
 _SHORT = 0.03  # of the joints' range: after a first step so short the start is the joints given
-_BESIDE = 0.005  # of the joints' range: an answer so near is on the same branch
 _ALIKE = 4.0  # node spacings: solutions of redundant joints that are about as close
-_ACROSS = 0.3  # as `twins` has it
 _MANY, _DRAWN = 3, 128  # spare joints of which no lattice holds all families: starts are drawn
 # joints from which what was missed is tried again; what is drawn so far beyond a limit is at it
 _AGAIN, _BEYOND = 32, 0.2
@@ -80,8 +79,8 @@ class Solver:
         if len(beside):
             u[beside], distance[beside] = self.newton.settle(u[beside], x[beside], near[beside])
         away = np.linalg.norm(self.scale.difference(u, near), axis=1)
-        alike = _ALIKE * self.association.motor.spacing if self.redundant else _BESIDE
-        rows = np.flatnonzero((distance > CLOSE * self.extent) | (away > alike))
+        alike = _ALIKE * self.association.motor.spacing if self.redundant else SEARCH.beside
+        rows = np.flatnonzero((distance > SEARCH.close * self.extent) | (away > alike))
         if len(rows):  # where that misses or leads far away, from the links
             start, folded = self.starts.of(x[rows])
             away = np.linalg.norm(self.scale.difference(start, near[rows, None]), axis=2)
@@ -91,15 +90,15 @@ class Solver:
             owner, column = np.nonzero(close & np.isfinite(away))
             self._try(u, distance, x, near, rows[owner], start[owner, column])
             if len(rows := rows[folded]):
-                owner, across = twins(self.newton, u[rows], FOLDED, _ACROSS)
+                owner, across = twins(self.newton, u[rows])
                 self._try(u, distance, x, near, rows[owner], across)
-        missed = np.flatnonzero(distance > CLOSE * self.extent)
+        missed = np.flatnonzero(distance > SEARCH.close * self.extent)
         if len(missed):  # and from more places
             owner, wider = self.starts.propose(x[missed], _WIDE)
             everywhere = np.tile(drawn(_AGAIN, u.shape[1], _BEYOND), (len(missed), 1))
             owner = np.append(missed[owner], np.repeat(missed, _AGAIN))
             self._try(u, distance, x, near, owner, np.concatenate([wider, everywhere]))
-            missed = np.flatnonzero(distance > CLOSE * self.extent)
+            missed = np.flatnonzero(distance > SEARCH.close * self.extent)
             u[missed], distance[missed] = self.newton.closest(u[missed], x[missed])
         return u, distance
 
@@ -139,16 +138,16 @@ class Solver:
             u = np.concatenate([u, np.tile(drawn(_DRAWN, u.shape[1]), (len(x), 1))])
         u, distance = self.newton.refine(u, x[target])
         if not self.redundant:  # where branches meet they change much between neighbouring nodes
-            row, across = twins(self.newton, u, FOLDED, _ACROSS)
+            row, across = twins(self.newton, u)
             folded = np.unique(target[row])
             owner, wide = self.starts.propose(x[folded], _WIDE)
             owner, more = np.append(target[row], folded[owner]), np.concatenate([across, wide])
             more, left = self.newton.refine(more, x[owner])
             target, u = np.append(target, owner), np.concatenate([u, more])
             distance = np.append(distance, left)
-        met = distance <= CLOSE * self.extent
+        met = distance <= SEARCH.close * self.extent
         target, u, distance = self._by_middle(target[met], u[met], distance[met])
-        keep = distinct(self.scale, target, u, _SAME)
+        keep = distinct(self.scale, target, u, SEARCH.same)
         return target[keep], u[keep], distance[keep]
 
     def _by_middle(self, target: Index, u: Array, distance: Array) -> tuple[Index, Array, Array]:
@@ -177,7 +176,7 @@ def _representatives(newton: Newton, target: Index, u: Array, x: Array) -> tuple
             break
         # the shortest ways out of each group
         order = other[np.lexsort((gap[other], label[a[other]]))]
-        first = order[place_of(label[a[order]]) < 2**round_]
+        first = order[rank_within(label[a[order]]) < 2**round_]
         met = first[_walk(newton, u[a[first]], u[b[first]], x[target[a[first]]])]
         ways = np.hstack([ways, np.array([a[met], b[met]])])
         graph = coo_array((np.ones(ways.shape[1]), tuple(ways)), shape=(len(u), len(u)))
@@ -189,7 +188,7 @@ def _representatives(newton: Newton, target: Index, u: Array, x: Array) -> tuple
     chosen = np.sort(order[np.append(True, np.diff(label[order]) > 0)])
     target, u = target[chosen], u[chosen]
     settled, distance = newton.settle(u, x[target], middle[chosen], longest=_STEP)
-    return target, np.where((distance <= CLOSE * newton.extent)[:, None], settled, u)
+    return target, np.where((distance <= SEARCH.close * newton.extent)[:, None], settled, u)
 
 
 def _pairs(newton: Newton, target: Index, u: Array) -> tuple[Index, Index, Array]:
@@ -218,10 +217,10 @@ def _walk(newton: Newton, start: Array, goal: Array, x: Array) -> NDArray[np.boo
             break
         move = newton.tangent(u, wish)
         length = np.linalg.norm(move, axis=1)
-        trial, distance = newton.refine(u + shortened(move, _STEP), x[rows], CLOSE)
+        trial, distance = newton.refine(u + shortened(move, _STEP), x[rows], SEARCH.close)
         moved = np.linalg.norm(newton.scale.difference(trial, u), axis=1)
         now = np.linalg.norm(newton.scale.difference(goal[rows], trial), axis=1)
-        going = (length > _STUCK * ahead) & (distance <= CLOSE * newton.extent)
+        going = (length > _STUCK * ahead) & (distance <= SEARCH.close * newton.extent)
         going &= (moved < 2 * _STEP) & (now < ahead)
         rows, u = rows[going], trial[going]
     return arrived

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,20 +11,29 @@ from numpy.typing import NDArray
 from ..common.arrays import Array, Index
 from ..common.scale import Scale
 from ..maps.association import Association
-from .newton import CLOSE, Newton, shortened
+from .newton import Newton, shortened
+from .settings import SEARCH
 
-_SENSORY = 3  # sensory nodes whose partners are looked at
-_REACH = 2.0  # a node's first step is at most so many node spacings long
-_MOST = 60  # proposals of a target
-_CELL = 1.5  # proposals closer than so many node spacings count as one
-_APART = 0.3  # solutions of two joints closer than so many spacings are one
-_MISSED = 2.0  # a start may miss its sensory node by so many of its spacings
-_WIDTH, _WIDEST = 8, 32  # most starts of a sensory node, and of redundant arms
-_AHEAD = 48  # sensory nodes that a single query makes known
-FOLDED = 0.05  # share of the Jacobian's sum of squares of the least direction beside a fold
-_FLAT = 1e-2  # of the largest singular value: directions below are left out of a first step
 
-_PROBE = 1e-4  # of the joints' range: step of the derivative of the least singular value
+@dataclass(frozen=True)
+class StartSettings:
+    """How links are followed: lengths are node spacings of the motor map unless said."""
+
+    sensory: int = 3  # sensory nodes whose partners are looked at
+    step: float = 2.0  # longest first step of a node
+    most: int = 60  # proposals of a target
+    unlikely: int = 3  # proposals where none is likely: out of reach, or in a singular pose
+    cell: float = 1.5  # proposals that are closer count as one
+    apart: float = 0.3  # solutions of two joints that are closer are one
+    missed: float = 2.0  # spacings of the sensory map by which a start may miss its node
+    width: int = 8  # most starts of a sensory node
+    spare_width: int = 32  # the same, of redundant arms
+    ahead: int = 48  # sensory nodes that a single query makes known
+    flat: float = 1e-2  # of the largest singular value: less is left out of a first step
+    probe: float = 1e-4  # of the joints' range: step of the derivative of a singular value
+
+
+STARTS = StartSettings()
 
 
 class Starts:
@@ -35,13 +44,17 @@ class Starts:
     """
 
     def __init__(self, association: Association, newton: Newton) -> None:
-        self.association, self.newton = association, newton
-        nodes, dof = association.sensory.size, association.motor.units.shape[1]
-        self._redundant = dof > association.sensory.units.shape[1]
+        self.association = association
+        self.newton = newton
+        nodes = association.sensory.size
+        dof = association.motor.units.shape[1]
+        outputs = association.sensory.units.shape[1]
+        self._redundant = dof > outputs
+        self._width = STARTS.spare_width if self._redundant else STARTS.width
         self._known = np.zeros(nodes, dtype=bool)
-        self._u = np.full((nodes, _WIDEST if self._redundant else _WIDTH, dof), np.nan)
-        self._value = np.zeros((*self._u.shape[:2], association.sensory.units.shape[1]))
-        self._inverse = np.zeros((*self._u.shape, self._value.shape[2]))
+        self._u = np.full((nodes, self._width, dof), np.nan)
+        self._value = np.zeros((nodes, self._width, outputs))
+        self._inverse = np.zeros((nodes, self._width, dof, outputs))
         self._folded = np.zeros(nodes, dtype=bool)
 
     def of(self, x: Array) -> tuple[Array, NDArray[np.bool_]]:
@@ -52,75 +65,89 @@ class Starts:
         sensory = self.association.sensory
         node = sensory.nearest(sensory.scale.to_unit(x))[1][:, 0]
         missing = node[~self._known[node]]
-        if 0 < len(missing) < _AHEAD:  # single queries follow each other: their neighbours, too
-            around = sensory.nearest(sensory.units[missing], min(_AHEAD, sensory.size))[1]
+        if 0 < len(missing) < STARTS.ahead:  # single queries follow each other: neighbours, too
+            around = sensory.nearest(sensory.units[missing], min(STARTS.ahead, sensory.size))[1]
             missing = around[~self._known[around]]
         if len(missing):
             self._learn(np.unique(missing))
         step = _linear(self._inverse[node], x[:, None] - self._value[node])
-        u = self._u[node].reshape(-1, self._u.shape[2])
-        u = u + shortened(step.reshape(u.shape), _REACH * self.association.motor.spacing)
+        longest = STARTS.step * self.association.motor.spacing
+        dof = step.shape[2]
+        u = self._u[node].reshape(-1, dof) + shortened(step.reshape(-1, dof), longest)
         return self.newton.clip(u).reshape(step.shape), self._folded[node]
 
     def _learn(self, nodes: Index) -> None:
         """Refine what the links propose for sensory nodes, the best of each branch."""
-        motor, sensory = self.association.motor, self.association.sensory
+        motor = self.association.motor
+        sensory = self.association.sensory
         x = sensory.scale.from_unit(sensory.units[nodes])
         target, u = self.propose(x)
-        u, missed = self.newton.refine(u, x[target], CLOSE)
-        order = np.lexsort((missed, target))
-        target, u, missed = target[order], u[order], missed[order]
-        near = missed <= _MISSED * sensory.spacing * float(sensory.scale.span.mean())
-        near |= place_of(target) == 0
-        target, u, hit = target[near], u[near], missed[near] <= CLOSE * self.newton.extent
-        apart = np.where(hit, _CELL if self._redundant else _APART, 1.0) * motor.spacing
-        keep = distinct(motor.scale, target, u, apart)
-        target, u = target[keep], u[keep]
-        place = place_of(target)
-        fits = place < self._u.shape[1]
-        at, u = (nodes[target[fits]], place[fits]), u[fits]
-        self._u[at] = u
-        self._value[at], slope = self.newton.task.value_and_slope(u)
-        self._inverse[at] = np.linalg.pinv(slope, rcond=_FLAT)
+        u, distance = self.newton.refine(u, x[target], SEARCH.close)
+        order = np.lexsort((distance, target))
+        target = target[order]
+        u = u[order]
+        distance = distance[order]
+        near = distance <= STARTS.missed * sensory.spacing * float(sensory.scale.span.mean())
+        near |= rank_within(target) == 0
+        target = target[near]
+        u = u[near]
+        met = distance[near] <= SEARCH.close * self.newton.extent
+        apart = STARTS.cell if self._redundant else STARTS.apart
+        single = distinct(motor.scale, target, u, np.where(met, apart, 1.0) * motor.spacing)
+        target = target[single]
+        u = u[single]
+        place = rank_within(target)
+        fits = place < self._width
+        place = place[fits]
+        node = nodes[target[fits]]
+        u = u[fits]
+        value, slope = self.newton.task.value_and_slope(u)
+        self._u[node, place] = u
+        self._value[node, place] = value
+        self._inverse[node, place] = np.linalg.pinv(slope, rcond=STARTS.flat)
         if not self._redundant:
             size = np.asarray(np.linalg.svd(slope, compute_uv=False), dtype=float)
-            self._folded[at[0][folded(size, FOLDED)]] = True
+            self._folded[node[folded(size)]] = True
         self._known[nodes] = True
 
-    def propose(self, x: Array, sensory_nodes: int = _SENSORY) -> tuple[Index, Array]:
-        """What the links say of targets `x` (n, m): joints (k, dof), and of which target (k,).
+    def propose(self, x: Array, sensory_nodes: int = STARTS.sensory) -> tuple[Index, Array]:
+        """What the links say of targets `x` (n, m): of which target (k,), and joints (k, dof).
 
         Joints are in the unit box, one node's linear step towards the target, unrefined; targets
         ascend.
         """
-        motor, sensory = self.association.motor, self.association.sensory
-        seen = sensory.nearest(sensory.scale.to_unit(x), min(sensory_nodes, sensory.size))[1]
-        found = self.association.partners.take(seen.ravel())
-        pair = np.unique(found.rows // seen.shape[1] * motor.size + found.indices)
-        target, node = np.divmod(pair, motor.size)
+        motor = self.association.motor
+        sensory = self.association.sensory
+        nodes = min(sensory_nodes, sensory.size)
+        nearest = sensory.nearest(sensory.scale.to_unit(x), nodes)[1]
+        partners = self.association.partners.take(nearest.ravel())
+        pairs = np.unique(partners.rows // nodes * motor.size + partners.indices)
+        target, node = np.divmod(pairs, motor.size)
         value, inverse = self._nodes
         step = _linear(inverse[node], x[target] - value[node])
         length = np.linalg.norm(step, axis=1) / motor.spacing
-        u = self.newton.clip(motor.units[node] + shortened(step, _REACH * motor.spacing))
+        step = shortened(step, STARTS.step * motor.spacing)
+        u = self.newton.clip(motor.units[node] + step)
         # one proposal per cell: the one with the shortest step
-        cell = np.floor(u / (_CELL * motor.spacing)).astype(np.int64)
+        cell = np.floor(u / (STARTS.cell * motor.spacing)).astype(np.int64)
         order = np.lexsort((length, *cell.T, target))
         key = np.column_stack([target, cell])[order]
-        keep = order[np.append(True, np.any(key[1:] != key[:-1], axis=1))[: len(order)]]
-        # where none is likely (a target out of reach, a singular pose) the best three
-        keep = keep[np.lexsort((length[keep], target[keep]))]
-        close, owner = length[keep] <= _REACH, target[keep]
+        first_of_cell = np.append(True, np.any(key[1:] != key[:-1], axis=1))[: len(order)]
+        rows = order[first_of_cell]
+        rows = rows[np.lexsort((length[rows], target[rows]))]
+        owner = target[rows]
+        close = length[rows] <= STARTS.step
         likely = np.bincount(owner, close, minlength=len(x))[owner] > 0
-        most = np.where(likely, _MOST, 3)
-        keep = keep[(close | ~likely) & (place_of(owner) < most)]
-        return target[keep], u[keep]
+        most = np.where(likely, STARTS.most, STARTS.unlikely)
+        rows = rows[(close | ~likely) & (rank_within(owner) < most)]
+        return target[rows], u[rows]
 
     @cached_property
     def _nodes(self) -> tuple[Array, Array]:
         """Position (nodes, m) and inverse Jacobian (nodes, dof, m) of each node."""
         units = np.clip(self.association.motor.units, 0.0, 1.0)
         value, slope = self.newton.task.value_and_slope(units)
-        return value, np.asarray(np.linalg.pinv(slope, rcond=_FLAT), dtype=float)
+        return value, np.asarray(np.linalg.pinv(slope, rcond=STARTS.flat), dtype=float)
 
 
 def _linear(inverse: Array, gap: Array) -> Array:
@@ -128,9 +155,9 @@ def _linear(inverse: Array, gap: Array) -> Array:
     return np.asarray((inverse * gap[..., None, :]).sum(axis=-1))
 
 
-def folded(size: Array, share: float) -> NDArray[np.bool_]:
-    """Whether the least of singular values (n, m) tells a fold (n,): its share of their squares."""
-    return np.asarray(size[:, -1] ** 2 <= share * (size * size).sum(axis=1))
+def folded(size: Array) -> NDArray[np.bool_]:
+    """Whether the least of singular values (n, m) tells a fold nearby (n,)."""
+    return np.asarray(size[:, -1] ** 2 <= SEARCH.folded * (size * size).sum(axis=1))
 
 
 def drawn(n: int, dof: int, beyond: float = 0.0) -> Array:
@@ -139,43 +166,41 @@ def drawn(n: int, dof: int, beyond: float = 0.0) -> Array:
     return np.clip(u * (1.0 + 2.0 * beyond) - beyond, 0.0, 1.0)
 
 
-def place_of(owner: Index) -> Index:
-    """The how many-eth of its owner each row is, of owners (n,) that ascend."""
+def rank_within(owner: Index) -> Index:
+    """Index of each row within those of its owner, of owners (n,) that ascend."""
     return np.arange(len(owner)) - np.searchsorted(owner, owner)
 
 
-def distinct(scale: Scale, target: Index, u: Array, apart: Any) -> NDArray[np.bool_]:
+def distinct(scale: Scale, target: Index, u: Array, apart: Array | float) -> NDArray[np.bool_]:
     """Which joints (n, dof), sorted by target, are `apart` from all earlier ones that stay."""
-    keep, apart = np.ones(len(u), dtype=bool), np.broadcast_to(apart, len(u))
+    stays = np.ones(len(u), dtype=bool)
+    apart = np.broadcast_to(apart, len(u))
     for lag in range(1, int(np.bincount(target).max(initial=0))):
         later = np.flatnonzero(target[lag:] == target[:-lag]) + lag
         gap = np.abs(scale.difference(u[later], u[later - lag])).max(axis=1)
         same = gap < np.minimum(apart[later], apart[later - lag])
-        keep[later[same & keep[later - lag]]] = False
-    return keep
+        stays[later[same & stays[later - lag]]] = False
+    return stays
 
 
-def twins(newton: Newton, u: Array, share: float, far: Any) -> tuple[Index, Array]:
-    """Starts (m, dof) for the solutions across a nearby fold of `u` (n, dof), and of which rows.
+def twins(newton: Newton, u: Array) -> tuple[Index, Array]:
+    """Rows (m,) of `u` (n, dof) near a fold, and starts (m, dof) for the solutions across it.
 
-    At a fold, where the Jacobian loses a direction, two solutions meet. Along the direction that
+    At a fold, where the Jacobian loses a direction, two solutions meet.  Along the direction that
     hardly moves the tip its least singular value falls linearly to zero, and the other solution
-    lies about as far beyond as this one lies before: no more than `far` (n,). Folds are looked for
-    where that direction has no more than a `share` of the Jacobian's sum of squares.
+    lies about as far beyond as this one lies before.
     """
     slope = newton.task.value_and_slope(u)[1]
-    sides, size, ways = np.linalg.svd(slope, full_matrices=False)
-    rows = np.flatnonzero(folded(size, share))
+    sides, size, directions = np.linalg.svd(slope, full_matrices=False)
+    rows = np.flatnonzero(folded(size))
     if not len(rows):
         return rows, u[:0]
-    side, flat = sides[rows, :, -1], ways[rows, -1]
-    ahead, behind = (
-        np.einsum(
-            "nm,nmd,nd->n", side, newton.task.value_and_slope(u[rows] + probe * flat)[1], flat
-        )
-        for probe in (_PROBE, -_PROBE)
-    )
-    rate = (ahead - behind) / (2 * _PROBE)
+    side = sides[rows, :, -1]
+    flat = directions[rows, -1]
+    shift = STARTS.probe * flat
+    ahead = newton.task.value_and_slope(u[rows] + shift)[1]
+    behind = newton.task.value_and_slope(u[rows] - shift)[1]
+    rate = np.einsum("nm,nmd,nd->n", side, ahead - behind, flat) / (2 * STARTS.probe)
     reach = -2.0 * size[rows, -1] / np.where(rate == 0.0, np.inf, rate)
-    near = (np.abs(reach) < np.broadcast_to(far, len(u))[rows]) & (reach != 0.0)
+    near = (np.abs(reach) < SEARCH.beyond) & (reach != 0.0)
     return rows[near], newton.clip(u[rows[near]] + reach[near, None] * flat[near])

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..common.arrays import Array, Index
-from .newton import CLOSE
+from .settings import SEARCH
 from .solver import Solver
 
 _SMOOTH = 0.05  # of the joints' range: joints that move by more are looked at closely
@@ -111,8 +111,8 @@ class _Follower:
             solver, x = self._solver, self._x[row : row + 1]
             start, _ = solver.starts.of(x)
             u = start[~np.isnan(start[..., 0])]
-            left = solver.newton.refine(u, np.repeat(x, len(u), axis=0), CLOSE)[1]
-            self._reached[row] = (left <= CLOSE * solver.extent).any()
+            left = solver.newton.refine(u, np.repeat(x, len(u), axis=0), SEARCH.close)[1]
+            self._reached[row] = (left <= SEARCH.close * solver.extent).any()
         return bool(self._reached[row])
 
     def _step(self, u: Array, x: Array) -> tuple[Array, NDArray[np.bool_], NDArray[np.bool_]]:
@@ -127,12 +127,12 @@ class _Follower:
             longest = _DRIFT * np.linalg.norm(step, axis=1)
             share = longest / np.maximum(np.linalg.norm(free, axis=1), 1e-300)
             start = u + step + free * np.minimum(_WISHED, share)[:, None]
-            trial, distance = newton.refine(start, targets, CLOSE, _FEW)
-            met = distance <= CLOSE * newton.extent
+            trial, distance = newton.refine(start, targets, SEARCH.close, _FEW)
+            met = distance <= SEARCH.close * newton.extent
             rest = np.flatnonzero(self._moved(trial, u) > _SMOOTH)
         if len(rest):
-            trial[rest], distance = newton.refine(u[rest], targets[rest], CLOSE, _FEW)
-            met[rest] = distance <= CLOSE * newton.extent
+            trial[rest], distance = newton.refine(u[rest], targets[rest], SEARCH.close, _FEW)
+            met[rest] = distance <= SEARCH.close * newton.extent
         return trial, self._moved(trial, u) <= _SMOOTH, met
 
     def _moved(self, u: Array, before: Array) -> Array:

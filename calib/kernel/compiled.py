@@ -44,7 +44,8 @@ _MOST_JOINTS = 16
 _ASKED, _PART, _FOUND, _SIZE = 16, 4, 32, 128
 NOTHING = 3  # flag of a position that nothing reaches
 _SHARED_ROWS = 1000  # rows from which two threads answer: one takes a millisecond or more for them
-_MOST_WAYS = 32  # ways of a position or a pose: six joints have 16 at most
+_MOST_WAYS = 32  # ways of a pose: six joints have 16 at most
+_MOST_BRANCHES = 8  # ways of a position without spare joints
 
 _CHOICE = re.compile(
     r"^#if @(\w+)@\n((?:(?!#if @|#endif\n|#else\n).*\n)*)(?:#else\n((?:(?!#if @|#endif\n).*\n)*))?"
@@ -222,8 +223,8 @@ class Compiled:
 
     def inverse_all(self, x: Array) -> tuple[Array, Array]:
         """All ways (n, most, dof) to positions (n, m), and how many there are (n,)."""
-        q = np.empty((len(x), _MOST_WAYS, self._dof))
-        return q, self._rows("inverse_all", len(x), x, _MOST_WAYS, q)
+        q = np.empty((len(x), _MOST_BRANCHES, self._dof))
+        return q, self._rows("inverse_all", len(x), x, _MOST_BRANCHES, q)
 
     def inverse_poses(
         self, p: Array, rotation: Array, near: Array, free: int = -1, *, far: bool

@@ -29,6 +29,7 @@ class NumpyCost:
 
 
 COST = NumpyCost()
+CHUNK = 20_000  # positions at once: their branches fit into the processor's cache
 
 
 def prepare(model: Parts, kind: Kind, rows: int) -> Compiled | None:
@@ -80,10 +81,19 @@ def all_rows(model: Parts, x: Array) -> list[Array] | None:
     kernel = None if model.solver.redundant else prepare(model, "inverse", len(x))
     if kernel is None:
         return None
+    ways: list[Array] = []
+    for first in range(0, len(x), CHUNK):
+        ways += _branches_of(model, kernel, x[first : first + CHUNK])
+    return ways
+
+
+def _branches_of(model: Parts, kernel: Compiled, x: Array) -> list[Array]:
     q, count = kernel.inverse_all(x)
+    several = np.flatnonzero(count > 1)
     scale = model.motor.scale
-    away = np.linalg.norm(scale.difference(scale.to_unit(q), np.full(q.shape, 0.5)), axis=2)
-    away[np.arange(q.shape[1]) >= count[:, None]] = np.inf
+    u = scale.to_unit(q[several])
+    away = np.linalg.norm(scale.difference(u, np.full(u.shape, 0.5)), axis=2)
+    away[np.arange(q.shape[1]) >= count[several, None]] = np.inf
     order = np.argsort(away, axis=1, kind="stable")
-    q = np.take_along_axis(q, order[:, :, None], axis=1)
+    q[several] = np.take_along_axis(q[several], order[:, :, None], axis=1)
     return [rows[:k] for rows, k in zip(q, count.tolist(), strict=True)]

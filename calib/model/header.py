@@ -51,7 +51,7 @@ SINGLE = Precision("float", calm=1e-7, enough=1e-6, close=1e-4)
 class TableSizes:
     """How many starts of positions a header holds: its source grows by 20 bytes a number."""
 
-    cells: int = 256  # cells of the workspace, of arms without spare joints
+    cells: int = 576  # cells of the workspace, of arms without spare joints
     postures: int = 128  # postures, of arms with spare joints
 
 
@@ -277,6 +277,7 @@ class Header:
         most = c_number(self.model.most_bound, single)
         refused = f" || !(calib_blended(calib_position_bound, q) <= {most})"
         return {
+            "bounded": int(not self.small),
             "plays": plays,
             "posterior": posterior is not None,
             "waved": posterior is not None and bool(posterior.waved.any()),

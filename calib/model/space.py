@@ -25,11 +25,12 @@ from ..common.rows import checked_rows
 from ..common.scale import Scale
 from ..errors import QueryError
 from ..inverse.closed_form import ClosedForm
-from ..inverse.newton import Newton, Positions
-from ..inverse.pose import TOLERANCE, Joints, Poses, refined_ways, searched_ways
+from ..inverse.newton import Newton
+from ..inverse.pose import TOLERANCE, Joints, refined_ways, searched_ways
 from ..inverse.settings import SEARCH
 from ..inverse.solver import free_directions
 from ..inverse.starts import drawn
+from ..inverse.task import Poses, Positions
 from .parts import Parts
 
 _STEPS = 40  # of a search whose residual stays
@@ -331,11 +332,8 @@ class Space:
 
     @cached_property
     def _placing(self) -> Newton:
-        def value_and_slope(u: Array) -> tuple[Array, Array]:
-            place, _, slope = self.evaluate(self._scale.from_unit(u))
-            return place, slope[:, :3] * self._scale.span
-
-        return Newton(Positions(value_and_slope), self._scale, self.length)
+        task = Positions.in_base(self.evaluate, self._scale)
+        return Newton(task, self._scale, self.length)
 
     @cached_property
     def _posing(self) -> Newton:

@@ -78,13 +78,7 @@ def _unwound_joint(q: Array, lower: float, upper: float, start: float) -> tuple[
     before = start
     while first < len(track):
         nearest = round((before - track[first]) / TURN)
-        least = (
-            nearest if math.isinf(lower) else math.ceil((lower - track[first] - _ROUNDED) / TURN)
-        )
-        most = (
-            nearest if math.isinf(upper) else math.floor((upper - track[first] + _ROUNDED) / TURN)
-        )
-        turns = np.arange(least, max(least, most) + 1)
+        turns = _possible_turns(float(track[first]), lower, upper, nearest)
         # of the turns on which a joint gets furthest the nearest
         ends = [first + _run(track[first:] + TURN * turn, lower, upper) for turn in turns]
         best = min(zip(ends, turns, strict=True), key=lambda way: (-way[0], abs(way[1] - nearest)))

@@ -226,6 +226,20 @@ def directions(q: Array) -> Array:
     return np.take_along_axis(sign, latest, axis=0)
 
 
+_SAME = 6  # decimals [rad or m] to which joints at one pose read the same
+
+
+def pose_index(q: Array) -> Index:
+    """Number of the pose of each row (n,), counted in the order in which joints (n, dof) show them.
+
+    However often it is read, a pose is one measurement of the arm.
+    """
+    _, first, index = np.unique(q.round(_SAME), axis=0, return_index=True, return_inverse=True)
+    order = np.empty(len(first), dtype=np.intp)
+    order[np.argsort(first)] = np.arange(len(first))
+    return order[index.ravel()]
+
+
 def joints_at(when: Array, time: Array, q: Array) -> Array:
     """Interpolate joints q (m, joints), recorded at times (m,), to times `when` (n,) [s]."""
     return np.stack([np.interp(when, time, column) for column in q.T], axis=1)

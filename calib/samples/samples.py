@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -11,10 +12,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..arm.arm import Arm
 from ..arm.plane import Plane
-from ..common.arrays import Array
+from ..common.arrays import Array, Index
 from ..common.rows import LARGEST, column_names, number_rows, whole
 from ..errors import LogError, OptionError
 from .camera import Camera
+from .joint_values import pose_index
 from .simulation import Change, Simulation, parse_changes
 from .sockets import Touches
 
@@ -129,6 +131,16 @@ class Samples:
     def dof(self) -> int:
         """Number of joints."""
         return len(self.joint_names)
+
+    @cached_property
+    def pose_index(self) -> Index:
+        """Number of the pose that each row stands at, (n,): rows at one pose share it."""
+        return pose_index(self.q)
+
+    @property
+    def poses(self) -> int:
+        """Number of poses: repeated rows count once."""
+        return int(self.pose_index.max()) + 1
 
     @property
     def axes(self) -> tuple[str, ...]:

@@ -38,7 +38,7 @@ def screen(samples: Samples) -> tuple[Mask, list[str]]:
         ]
         return reduce(lambda a, b: (a[:, :, None] * b[:, None]).reshape(len(q), -1), parts)
 
-    if settings.ROWS_PER_TERM * terms <= len(rows) and terms <= settings.TERMS:
+    if settings.ROWS_PER_TERM * terms <= min(samples.poses, len(rows)) and terms <= settings.TERMS:
         coefficients = robust_solve(features(samples.q[rows]), samples.x[rows])
         pieces = np.array_split(samples.q, 1 + n // 50_000)  # that are held at once
         predicted = np.concatenate([features(q) @ coefficients for q in pieces])

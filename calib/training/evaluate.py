@@ -11,16 +11,18 @@ import numpy as np
 from ..arm.loading import arm_from_urdf
 from ..arm.rotations import logarithm, matrix_of, similarity
 from ..body.belief import knows_orientation
-from ..common.arrays import Array
+from ..common.arrays import Array, Mask
 from ..common.choices import MAP_READOUTS
 from ..common.parallel import side_by_side
 from ..common.wording import for_people
 from ..errors import LogError, OptionError
+from ..model.about import holds
 from ..model.answers import unit_joints
 from ..model.model import Model
 from ..model.prediction import predict
 from ..model.space import Space
 from ..samples.motion import Motion
+from ..samples.repeats import at_poses
 from ..samples.samples import Samples
 from ..samples.simulation import Simulation
 from .learn import TrainingOptions, associate
@@ -31,6 +33,7 @@ from .touched import NOT_LEARNED, in_sockets
 EVALUATED = ("kept", "free")
 _PLACED = 10  # rows that tell where a frame is
 _FAR_NEARER = 0.5  # of the median error: a frame that moved explains so much
+_FRESH = 10  # rows that were not learned, from which on errors are told
 _SAMPLES = 10_000
 # rows that errors are measured on, of maps and of a body; more would tell no more
 _TESTED, _ANSWERED = 5_000, 1_000
@@ -51,6 +54,7 @@ class Residuals:
     joint_names: tuple[str, ...]
     left_out: int = 0  # rows that lie outside of what was learned
     turned: Array | None = None  # (n,) [rad], errors of the orientation, which the body predicts
+    side: Array | None = None  # (n, dof), from which side joints came, where that is known
 
     @staticmethod
     def of(
@@ -82,21 +86,34 @@ class Residuals:
 
 
 def evaluate_residuals(
-    model: Model, q: Array, x: Array, truth: Callable[[Array], Array] | None = None
+    model: Model,
+    q: Array,
+    x: Array,
+    truth: Callable[[Array], Array] | None = None,
+    side: Array | None = None,
 ) -> Residuals:
-    """Residuals of all readouts in both directions, of the answer nearest to the true joints."""
-    scale, readouts = model.motor.scale, model.readouts
-    known = model.covers(q)
-    if not known.any():
+    """Residuals of all readouts in both directions, of the answer nearest to the true joints.
+
+    side : (n, dof), from which side the joints came, where that is known
+    """
+    scale = model.motor.scale
+    readouts = model.readouts
+    answered = model.covers(q)
+    if not answered.any():
         raise LogError(NOT_LEARNED)
-    left_out, q, x = int(np.count_nonzero(~known)), q[known], x[known]
-    prediction = predict(model, Motion(q))
+    motion = Motion(q, side).take(answered)
+    x = x[answered]
+    prediction = predict(model, motion)
+    near = model.solver.clip(scale.to_unit(motion.q))
     # the answers' bounds, of which `Model.solve` takes most of the time, are not asked for
     forward, answers = side_by_side(
-        lambda: {r: prediction.read(r) - x for r in readouts},
-        lambda: unit_joints(model, x, model.solver.clip(scale.to_unit(q)), readouts),
+        lambda: {readout: prediction.read(readout) - x for readout in readouts},
+        lambda: unit_joints(model, x, near, readouts),
     )
-    return Residuals.of(model, q, x, forward, answers, truth, left_out=left_out)
+    left_out = int(np.count_nonzero(~answered))
+    return Residuals.of(
+        model, motion.q, x, forward, answers, truth, left_out=left_out, side=motion.side
+    )
 
 
 def held_out_residuals(
@@ -167,7 +184,8 @@ def error_sizes(error: Array) -> dict[str, float]:
 
 def answered_within(model: Model, residuals: Residuals) -> dict[str, float]:
     """What 95 % of a model's answers are within [unit], and what share within its own bound."""
-    errors, bound = residuals.errors[model.default_readout], model.expected_error(residuals.q)
+    errors = residuals.errors[model.default_readout]
+    bound = predict(model, Motion(residuals.q, residuals.side)).bound
     covered = np.mean(errors <= bound + 1e-12)  # of an exact arm both are rounding
     return {"p95": float(np.quantile(errors, 0.95)), "covered": float(covered)}
 
@@ -197,6 +215,8 @@ class Evaluation:
         stated and predicted "distances" [m]. Empty for other samples.
     residuals : Residuals or None
         The errors row by row; None for those of the training.
+    learned : int
+        Rows of the log that the model has learned, and which tell nothing of its errors.
     """
 
     errors: dict[str, Any]
@@ -207,6 +227,12 @@ class Evaluation:
     notes: tuple[str, ...] = ()
     touch: dict[str, Any] = field(default_factory=dict)
     residuals: Residuals | None = None
+    learned: int = 0
+
+    @property
+    def bound_holds(self) -> bool:
+        """Whether the rows agree with the model's own bound."""
+        return holds(self.within, self.rows)
 
     def __repr__(self) -> str:
         """Say in a line how well each readout predicts."""
@@ -239,27 +265,82 @@ def evaluate(model: Model, samples: Samples | None = None, *, frame: str = "kept
     """
     if frame not in EVALUATED:
         raise OptionError(f"frame {frame!r}: expected one of {', '.join(EVALUATED)}")
-    simulation, about = simulation_of(model), model.about
-    notes, touched = list[str](), dict[str, Any]()
-    if samples is not None:
-        given, source = len(samples) + samples.left_out, "measured rows of the log"
-        if samples.touch is not None:
-            samples, touched = in_sockets(model, samples, samples.touch)
-        else:
-            samples, notes = sound_log(model, samples)
-            samples, told = _in_frame(model, samples, free=frame == "free")
-            notes += told
+    if samples is None:
+        simulation = simulation_of(model)
+        if simulation is None:
+            return _of_training(model)
+        residuals = fresh_residuals(model, simulation)
+        rows_given = len(residuals.q) + residuals.left_out
+        return _evaluation(model, residuals, rows_given, "fresh exact samples")
+    model = model.by(samples.sensor)
+    rows_given = len(samples) + samples.left_out
+    source = "measured rows of the log"
+    if samples.touch is not None:
+        samples, touch = in_sockets(model, samples, samples.touch)
         residuals = evaluate_residuals(model, samples.q, samples.x)
         residuals = replace(residuals, turned=_turned(model, samples))
-    elif simulation is not None:
-        residuals, source = fresh_residuals(model, simulation), "fresh exact samples"
-        given = len(residuals.q) + residuals.left_out
-    else:
-        source, within = "rows held out in contiguous blocks", dict(about.within)
-        return Evaluation(dict(about.errors), about.tested, about.left_out, source, within)
-    tested, within = len(residuals.q), answered_within(model, residuals)
-    errors, left_out, said = summarise(residuals), given - tested, tuple(notes)
-    return Evaluation(errors, tested, left_out, source, within, said, touched, residuals)
+        return replace(_evaluation(model, residuals, rows_given, source), touch=touch)
+    learned = learned_rows(model, samples)
+    count = int(np.count_nonzero(learned))
+    notes: list[str] = []
+    if count:
+        if len(samples) - count < _FRESH:
+            note = (
+                f"the model has learned {count} of these {len(samples)} rows, so that they do not "
+                "tell its errors: those of rows that were held out while it was trained follow"
+            )
+            training = _of_training(model)
+            left_out = training.left_out + rows_given - count
+            return replace(training, notes=(note,), learned=count, left_out=left_out)
+        notes.append(f"{count} of these rows were learned by the model and tell nothing of it")
+        samples = samples.take(~learned)
+        rows_given -= count
+        source = "measured rows of the log that were not learned"
+    samples, more = sound_log(model, samples)
+    notes += more
+    samples, more = _in_frame(model, samples, free=frame == "free")
+    notes += more
+    side = Motion.of(samples).side
+    residuals = evaluate_residuals(model, samples.q, samples.x, side=side)
+    residuals = replace(residuals, turned=_turned(model, samples))
+    evaluation = _evaluation(model, residuals, rows_given, source)
+    return replace(evaluation, notes=tuple(notes), learned=count)
+
+
+def _of_training(model: Model) -> Evaluation:
+    """The errors on rows of its log that were held out while a model was trained."""
+    about = model.about
+    source = "rows held out in contiguous blocks"
+    return Evaluation(dict(about.errors), about.tested, about.left_out, source, dict(about.within))
+
+
+def _evaluation(model: Model, residuals: Residuals, rows_given: int, source: str) -> Evaluation:
+    """The evaluation that residuals tell."""
+    tested = len(residuals.q)
+    return Evaluation(
+        errors=summarise(residuals),
+        rows=tested,
+        left_out=rows_given - tested,
+        source=source,
+        within=answered_within(model, residuals),
+        residuals=residuals,
+    )
+
+
+def learned_rows(model: Model, samples: Samples) -> Mask:
+    """Whether each row of a log (n,) is one that a model has learned.
+
+    A reading has so many digits that no other row has the same.
+    """
+    rows = model.rows
+    if rows is None or samples.unit != model.about.unit or samples.x.shape[1] != rows.x.shape[1]:
+        return np.zeros(len(samples), dtype=bool)
+    readings = {reading.tobytes() for reading in rows.x}
+    pose_is_learned = np.array([x.tobytes() in readings for x in at_poses(samples).x])
+    learned = pose_is_learned[samples.pose_index]
+    if model.about.samples > len(rows) and pose_is_learned.sum() > len(rows) // 2:
+        return np.ones(len(samples), dtype=bool)  # of a long log a model keeps some rows alone
+    return np.asarray(learned)
 
 
 def _in_frame(model: Model, samples: Samples, *, free: bool) -> tuple[Samples, list[str]]:

@@ -13,9 +13,11 @@ from ..body.belief import Body
 from ..common.rows import thinned
 from ..errors import LogError
 from ..model.model import Model
+from ..model.prediction import predict
 from ..samples.delays import Delay, Trajectory, estimate_delay
 from ..samples.diagnosis import aligned, rows_behind
 from ..samples.joint_values import directions
+from ..samples.motion import Motion
 from ..samples.samples import Samples
 from ..samples.settings import FAR_BETTER, FEWEST_ROWS
 from ..samples.wrong_rows import contradicting_corner, contradictions
@@ -98,7 +100,7 @@ def sound_log(model: Model, samples: Samples) -> tuple[Samples, list[str]]:
     notes: list[str] = []
     if model.body is not None:
         samples, _, notes = _without_delay(samples, Trajectory.of(samples), model.body)
-    predicted = model.forward(samples.q)
+    predicted = predict(model, Motion.of(samples)).value
     residual = samples.x - predicted
     known = np.asarray(np.isfinite(predicted).all(axis=1))
     if known.sum() < FEWEST_ROWS:

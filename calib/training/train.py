@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from dataclasses import replace
-from functools import partial
 from itertools import pairwise
 from typing import Any
 
@@ -16,29 +16,26 @@ from ..common.arrays import Array
 from ..common.parallel import one_blas_thread, side_by_side
 from ..common.scale import Scale
 from ..errors import LogError
+from ..maps.association import Association
 from ..maps.local_models import NO_MODELS
 from ..maps.model_selection import select
 from ..model.about import About, Rows
-from ..model.baseline import Seen, learn_baseline
+from ..model.baseline import Baseline, Seen, learn_baseline
 from ..model.model import Model
-from ..samples.joint_values import directions
-from ..samples.moved import moved_words
 from ..samples.samples import Samples
-from ..samples.wrong_rows import screen
-from .bounds import node_bounds, play_of, play_words, simulated_bounds
-from .evaluate import answered_within, fresh_residuals, held_out_residuals, summarise
+from .bounds import node_bounds, simulated_bounds
+from .evaluate import Residuals, answered_within, fresh_residuals, held_out_residuals, summarise
 from .learn import Progress, TrainingOptions, associate, resolved, unit_box
-from .smooth import find_smooth_part, to_learn
-from .sound_rows import fit_sound_rows
-from .touched import fit_sockets
+from .preparation import Prepared, logs_by_sensor, prepare, prepare_several
+from .smooth import to_learn
 
 _UNLIMITED = 1e6  # [rad] of a joint that turns without end
-_LEAST_ROWS = 10  # fewest rows that anything can be learned and checked from
+_LEAST_ROWS = 10  # fewest poses that anything can be learned and checked from
 _TESTED = 20_000  # rows of a log that errors are measured on; more would tell no more
 
 
 def train(
-    samples: Samples,
+    samples: Samples | Sequence[Samples],
     options: TrainingOptions | None = None,
     *,
     progress: Progress | None = None,
@@ -48,8 +45,9 @@ def train(
 
     Parameters
     ----------
-    samples : Samples
-        Joint values and positions.
+    samples : Samples or sequence of Samples
+        Joint values and positions; or a log of each sensor that measured one arm, each with a
+        frame, a unit and a noise of its own, and poses of its own.
     options : TrainingOptions, optional
         How; or its attributes by name, as in `calib.train(log, size=40, map="som")`.
     progress : callable, optional
@@ -58,11 +56,12 @@ def train(
     Returns
     -------
     Model
+        Of several sensors it answers as the first one; `model.by(name)` answers as another.
 
     Raises
     ------
     LogError
-        If there are too few samples.
+        If there are too few samples, or logs that are not of one arm.
     OptionError
         If an option is out of range.
 
@@ -75,107 +74,163 @@ def train(
     True
     """
     options = replace(options or TrainingOptions(), **named)
-    if not isinstance(samples, Samples):
-        raise LogError(f"samples {samples!r:.40}: expected what `calib.read_log` returns")
-    if len(samples) < _LEAST_ROWS:
-        raise LogError(
-            f"{len(samples)} sample{'s are' if len(samples) != 1 else ' is'} too few to learn from:"
-            f" give at least {_LEAST_ROWS}"
-        )
+    logs = [samples] if isinstance(samples, Samples) else [*samples]
+    if not logs:
+        raise LogError("no samples: expected those of one sensor or more")
+    for log in logs:
+        _refuse_few(log)
+    clock = _Clock(progress or (lambda *_: None))
     # a BLAS that splits sums over threads would change the last bits
     with one_blas_thread():
-        return _learned(samples, options, progress or (lambda *_: None))
+        clock.begin(0.0, "body")
+        if len(logs) == 1:
+            return _learned(prepare(logs[0], options), options, clock)
+        several = prepare_several(logs_by_sensor(logs, options), options)
+        first, *others = (_learned(prepared, options, clock) for prepared in several.values())
+        return replace(first, others=tuple(others))
 
 
-def _learned(samples: Samples, options: TrainingOptions, progress: Progress) -> Model:
-    """The steps of a training in the order of the data flow."""
-    marks: list[tuple[str, float]] = []
+class _Clock:
+    """Times of the stages of a training, which tells how far it is."""
 
-    def begin(share: float, stage: str) -> None:
-        marks.append((stage, time.perf_counter()))
-        progress(share, stage, float("nan"))
+    def __init__(self, progress: Progress) -> None:
+        self.progress = progress
+        self.marks: list[tuple[str, float]] = []
 
-    begin(0.0, "body")
-    given, simulation = len(samples) + samples.left_out, samples.simulation
-    notes, part, play = list[str](), None, None
-    if simulation is None and samples.touch is None:
-        kept, notes = screen(samples)
-        samples = samples if kept.all() else samples.take(kept)
-    options, told = resolved(samples, options)
-    notes += told
-    if samples.touch is not None:
-        samples, part, told = fit_sockets(samples, options.seed)
-        notes += told
-    elif options.body != "none":
-        fit = partial(find_smooth_part, view=options.view, seed=options.seed)
-        samples, part, told = fit_sound_rows(samples, fit)
-        notes += told
-        play = play_of(samples, part)
-        if play is not None:  # where the joints stood, rather than what they read
-            samples = replace(samples, q=samples.q - play * directions(samples.q))
-            part = fit(samples)
-            notes.append(play_words(samples, play))
-        if simulation is None:
-            notes += moved_words(samples, part.fit.body.predict(samples.q))
-    notes += part.fit.notes if part is not None else ()
+    def begin(self, share: float, stage: str) -> None:
+        """Begin a stage, with the share of the work that is done."""
+        self.marks.append((stage, time.perf_counter()))
+        self.progress(share, stage, float("nan"))
 
-    begin(0.1, "maps")
+    @property
+    def seconds(self) -> dict[str, float]:
+        """How long each stage took, and all."""
+        seconds: dict[str, float] = {}
+        for (stage, start), (_, end) in pairwise(self.marks):
+            seconds[stage] = seconds.get(stage, 0.0) + end - start
+        seconds["total"] = sum(seconds.values())
+        return seconds
+
+
+def _refuse_few(samples: Samples) -> None:
+    """Refuse what are no samples, or samples of too few poses."""
+    if not isinstance(samples, Samples):
+        raise LogError(f"samples {samples!r:.40}: expected what `calib.read_log` returns")
+    poses = samples.poses
+    if poses >= _LEAST_ROWS:
+        return
+    verb = "is" if poses == 1 else "are"
+    plural = "" if poses == 1 else "s"
+    if poses == len(samples):
+        told = f"{poses} sample{plural} {verb}"
+    else:
+        told = f"{len(samples)} samples of {poses} pose{plural} are"
+    raise LogError(f"{told} too few to learn from: give at least {_LEAST_ROWS}")
+
+
+def _learned(prepared: Prepared, options: TrainingOptions, clock: _Clock) -> Model:
+    """Learn maps, links and local models on a body, and measure the errors of them all."""
+    samples = prepared.samples
+    part = prepared.part
+    options, size_notes = resolved(samples, options)
+
+    clock.begin(0.1, "maps")
     scale = unit_box(samples)
-    seen_u, seen_x, wrong = to_learn(samples, part, options)
-    association = associate(
-        scale, seen_u, seen_x, options, wrong,
-        lambda done, stage, error: progress(0.1 + 0.6 * done, stage, error),
-    )  # fmt: skip
+    mapped_u, mapped_x, wrong = to_learn(samples, part, options)
 
-    begin(0.7, "local models")
-    motor, u = association.motor, scale.to_unit(samples.q)
-    body, local, left = None, NO_MODELS, None
+    def tell(done: float, stage: str, error: float) -> None:
+        clock.progress(0.1 + 0.6 * done, stage, error)
+
+    association = associate(scale, mapped_u, mapped_x, options, wrong, tell)
+
+    clock.begin(0.7, "local models")
+    motor = association.motor
+    u = scale.to_unit(samples.q)
+    model = _without_bounds(prepared, options, association, u)
+    held_out = None
     if part is not None:
-        own = u[part.rows], samples.x[part.rows]
-        chosen, left = select(motor, *own, part.smooth, part.fit.held_out)
-        body, local = part.fit.body, chosen.models
+        learned_u, learned_x = u[part.rows], samples.x[part.rows]
+        predictor, held_out = select(motor, learned_u, learned_x, part.smooth, part.fit.held_out)
+        model = replace(model, local=predictor.models, body=part.fit.body)
 
-    begin(0.8, "evaluation")
-    empty, visited = np.zeros(motor.size), np.zeros(motor.size, dtype=bool)
+    clock.begin(0.8, "evaluation")
+    model, tested, baseline_u, baseline_x = _with_bounds(model, prepared, held_out, options)
+    within = answered_within(model, tested)
+    if prepared.play is not None:
+        model = replace(model, approach=Approach(prepared.play))
+        if samples.simulation is not None:
+            within = answered_within(model, tested)
+    about = replace(
+        model.about,
+        errors=summarise(tested),
+        within=within,
+        tested=len(tested.q),
+        left_out=tested.left_out + prepared.rows_given - len(samples),
+        notes=(*size_notes, *prepared.notes),
+    )
+    baseline = _baseline(model, prepared, association, baseline_u, baseline_x)
+    rows = _remembered_rows(prepared, held_out)
+    clock.begin(1.0, "done")
+    return replace(model, about=about, baseline=baseline, rows=rows, seconds=clock.seconds)
+
+
+def _without_bounds(
+    prepared: Prepared, options: TrainingOptions, association: Association, u: Array
+) -> Model:
+    """A model of maps and links alone, whose bounds are not known yet."""
+    motor = association.motor
+    nothing = np.zeros(motor.size)
+    visited = np.zeros(motor.size, dtype=bool)
     visited[motor.nearest(u)[1][:, 0]] = True
-    about = _about(samples, options)
-    model = Model(about, association, local, empty, empty, visited, body)
+    about = _about(prepared.samples, options)
+    return Model(about, association, NO_MODELS, nothing, nothing, visited, None)
+
+
+def _with_bounds(
+    model: Model, prepared: Prepared, held_out: Array | None, options: TrainingOptions
+) -> tuple[Model, Residuals, Array, Array]:
+    """The model with its bounds, and the residuals that its errors are told from.
+
+    Also joints (k, dof) in the unit box and positions (k, m) that were not learned.
+    """
+    simulation = prepared.samples.simulation
     if simulation is not None:
         seed = options.stream("bounds")
-        (reading, known_u, known_x), tested = side_by_side(
-            lambda: simulated_bounds(model, simulation, play, seed),
+        (reading, u, x), tested = side_by_side(
+            lambda: simulated_bounds(model, simulation, prepared.play, seed),
             lambda: fresh_residuals(model, simulation),
         )
-        position = reading
-    else:  # by blocks of the log's rows that were held out
-        tested = held_out_residuals(model, samples, part, left, options)
-        known_u, known_x = scale.to_unit(tested.q), tested.x
-        reading, position = node_bounds(model, known_u, tested.errors[model.default_readout])
-    model = replace(model, bounds=reading, model_bounds=position)
+        return replace(model, bounds=reading, model_bounds=reading), tested, u, x
+    # by blocks of the log's rows that were held out
+    tested = held_out_residuals(model, prepared.samples, prepared.part, held_out, options)
+    u = model.motor.scale.to_unit(tested.q)
+    reading, position = node_bounds(model, u, tested.errors[model.default_readout])
+    return replace(model, bounds=reading, model_bounds=position), tested, u, tested.x
+
+
+def _baseline(
+    model: Model, prepared: Prepared, association: Association, u: Array, x: Array
+) -> Baseline:
+    """What an undisturbed arm's distortions look like."""
+    samples = prepared.samples
     some = slice(None, None, max(1, len(samples) // _TESTED))
-    miss = np.linalg.norm(model.predictor.value(u[some]) - samples.x[some], axis=1)
-    baseline = learn_baseline(association, known_u, known_x, miss)
-    if part is None and simulation is None:
-        baseline = replace(baseline, seen=Seen.of(scale, known_u))
-    if play is not None:
-        model = replace(model, approach=Approach(play))
-    begin(1.0, "done")
-    about = replace(
-        about,
-        errors=summarise(tested),
-        within=answered_within(model, tested),
-        tested=len(tested.q),
-        left_out=tested.left_out + given - len(samples),
-        notes=tuple(notes),
-    )
-    rows = None
-    if simulation is None and part is not None:
-        rows = Rows.of(samples.q[part.rows], samples.x[part.rows], left)
-    elif simulation is None:
-        rows = Rows.of(samples.q, samples.x)
-    seconds = {stage: end - start for (stage, start), (_, end) in pairwise(marks)}
-    seconds["total"] = sum(seconds.values())
-    return replace(model, about=about, baseline=baseline, rows=rows, seconds=seconds)
+    predicted = model.predictor.value(model.motor.scale.to_unit(samples.q[some]))
+    miss = np.linalg.norm(predicted - samples.x[some], axis=1)
+    baseline = learn_baseline(association, u, x, miss)
+    if prepared.part is None and samples.simulation is None:
+        baseline = replace(baseline, seen=Seen.of(model.motor.scale, u))
+    return baseline
+
+
+def _remembered_rows(prepared: Prepared, held_out: Array | None) -> Rows | None:
+    """Rows of a log that are kept with its model; None of a simulation."""
+    samples = prepared.samples
+    if samples.simulation is not None:
+        return None
+    if prepared.part is None:
+        return Rows.of(samples.q, samples.x)
+    rows = prepared.part.rows
+    return Rows.of(samples.q[rows], samples.x[rows], held_out)
 
 
 def _limits(samples: Samples, arm: Arm) -> Array:
@@ -188,29 +243,37 @@ def _limits(samples: Samples, arm: Arm) -> Array:
 
 def _about(samples: Samples, options: TrainingOptions) -> About:
     """What is known before anything is learned; errors and notes are added later."""
-    arm, simulation, source = samples.arm, samples.simulation, samples.source
-    plane, how = samples.plane or getattr(arm, "plane", None), options.to_json()
+    arm = samples.arm
+    simulation = samples.simulation
+    source = samples.source
+    plane = samples.plane or getattr(arm, "plane", None)
+    axes = None
+    if plane is not None:
+        axes = {name: tuple(getattr(plane, name).tolist()) for name in ("origin", "x", "y")}
+    how = options.to_json()
     if source.get("source") == "board":  # later pictures are read with its board and lens
         how["board"] = dict(source)
-    same = ("joint_names", "revolute", "lower", "upper", "unit", "columns", "degrees")
-    axes = ("origin", "x", "y")
-    limits = None
-    if arm is not None:
-        limits = _limits(samples, arm)
     return About(
         robot=arm.name if arm else "",
         tip=arm.tip if arm else "",
+        joint_names=samples.joint_names,
+        revolute=samples.revolute,
+        lower=samples.lower,
+        upper=samples.upper,
         locked=dict(arm.locked) if arm else {},
-        urdf=arm.urdf if arm else "",
-        plane=plane and {name: tuple(getattr(plane, name).tolist()) for name in axes},
-        bound_of="true position" if simulation is not None else "sensor reading",
-        source="simulation" if simulation is not None else "log",
+        plane=axes,
+        unit=samples.unit,
+        bound_of="sensor reading" if simulation is None else "true position",
+        source="log" if simulation is None else "simulation",
         samples=len(samples),
         seed=int(options.seed),
         options=how,
-        simulation=simulation.to_json() if simulation is not None else None,
-        picture=samples.camera.size if samples.camera is not None else None,
+        simulation=None if simulation is None else simulation.to_json(),
+        urdf=arm.urdf if arm else "",
+        columns=samples.columns,
+        degrees=samples.degrees,
+        picture=None if samples.camera is None else samples.camera.size,
         frame=str(source.get("frame", "")),
-        limits=limits,
-        **{name: getattr(samples, name) for name in same},
+        sensor=samples.sensor,
+        limits=None if arm is None else _limits(samples, arm),
     )

@@ -29,18 +29,22 @@ from .geometry import fit_geometry
 from .urdf import corrected_urdf
 
 
-def c_header(model: Model, *, prefix: str = "calib_", single: bool = False) -> tuple[str, int]:
+def c_header(
+    model: Model, *, prefix: str = "calib_", single: bool = False, small: bool = False
+) -> tuple[str, int]:
     """One C99 header (also valid C++) that answers as the model does, and its tables' bytes.
 
     model : with a body, planar or spatial
     prefix : starts every name
     single : ``float`` instead of ``double``, for microcontrollers
+    small : the body alone, without tables of bounds, local models and starts: joints are found
+        near to others, and there is no expected error
     Raises OptionError if the model has no body, or the prefix is no C name.
     """
     if not re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]{0,40}", prefix):
         raise OptionError(f"prefix {prefix!r}: expected a C name such as 'calib_'")
     with one_blas_thread():  # the same bytes on any number of cores
-        header = Header.of(model)
+        header = Header.of(model, small=small)
         if header.nominal is not None:
             header = replace(header, limit=usual_limit(model))
     about = model.about

@@ -56,6 +56,8 @@ def evaluate(
     document = summary(loaded, model, result.errors, seconds)
     document["evaluated"] = fields(result, "source rows left_out")
     document["left_out"] = result.left_out
+    document["learned"] = result.learned
+    document["bound_holds"] = result.bound_holds
     standard = _iso9283(loaded, log) if iso else None
     if standard is not None:
         document["iso9283"] = standard.to_json()

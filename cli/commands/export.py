@@ -29,6 +29,9 @@ def export(
         str | None, Option("--output", "-o", metavar="FILE", help="C header; JSON of --lerobot.")
     ] = None,
     single: Annotated[bool, Option("--float", help="Single precision.")] = False,
+    small: Annotated[
+        bool, Option("--small", help="No tables of bounds and starts, for little memory.")
+    ] = False,
     prefix: Annotated[
         str, Option("--prefix", metavar="NAME", help="Prefix of every name in C.")
     ] = "calib_",
@@ -89,7 +92,7 @@ def export(
             made["output"] = text, f"homing offsets moved by {document['ticks']} ticks"
             say(["the ends of the motors' ranges move with their zeros: drive to them with care"])
     if output is not None and lerobot is None:
-        text, tables = formats.c_header(loaded, prefix=prefix, single=single)
+        text, tables = formats.c_header(loaded, prefix=prefix, single=single, small=small)
         document |= {"bytes": len(text), "table_bytes": tables}
         size = f"tables of {tables / 1024:.1f} kB, {len(text) / 1e3:.0f} kB text"
         made["output"] = text, f"{'float' if single else 'double'}, {size}"

@@ -16,18 +16,18 @@ from ..output import NO, Outcome, progress_bar, say
 from ..parsing import BadOption, check_file
 from ..samples import Babbling, Logged, Selection, Sockets, check_sources
 from ..samples import babbled_samples as babbled
-from ..samples import measured_samples as measured
+from ..samples import measured_by_sensors as measured
 from ..summary import accuracy, advice, contradicted, error_table, found_by_body, summary
 
 if TYPE_CHECKING:
-    from calib import Samples
+    from calib import Model, Samples
 
 
 def train(
     robot: Annotated[
         str | None, Argument(metavar="ROBOT", help="A URDF or a bundled robot.")
     ] = None,
-    data: opt.Data = None,
+    data: opt.DataOfSensors = None,
     output: Annotated[
         str | None,
         Option("--output", "-o", metavar="MODEL", help="Default ROBOT.calib, LOG.calib."),
@@ -88,30 +88,32 @@ def train(
     import calib
 
     of_logs = {**vars(logged), **vars(sockets), "gravity": gravity, "lens": lens, "photo": photo}
-    check_sources([robot] if robot else [], data is not None, vars(babbling), of_logs)
+    check_sources([robot] if robot else [], bool(data), vars(babbling), of_logs)
     if photo is not None and no_photo:
         raise BadOption("--photo and --no-photo are given: expected one of them")
     check_file(output, ())
-    if data is None:
-        log = babbled(robot, selection, babbling, seed)
+    if not data:
+        logs = [babbled(robot, selection, babbling, seed)]
     else:
-        log = sockets.of(measured(robot, selection, data, logged, seed, lens))
-    safe = re.sub(r"[^\w.+-]+", "_", Path(str(robot or data)).stem).lstrip(".")
-    path = output or ("log.calib" if (robot or data) == "-" else f"{safe or 'robot'}.calib")
+        logs = [sockets.of(log) for log in measured(robot, selection, data, logged, seed, lens)]
+    log = logs[0]
+    origin = robot or (data or ["robot"])[0]
+    safe = re.sub(r"[^\w.+-]+", "_", Path(origin).stem).lstrip(".")
+    path = output or ("log.calib" if origin == "-" else f"{safe or 'robot'}.calib")
     check_file(path, ())
     if output is None and not force:
         _check_same_origin(path, log)
     sizes = (size, motor_size, sensory_size)
     how = calib.TrainingOptions(*sizes, map, rule, epochs, sigma, body=body, view=view, seed=seed)
     with progress_bar() as progress:
-        model = calib.train(log, how, progress=progress)
+        model = calib.train(logs if len(logs) > 1 else log, how, progress=progress)
     say(model.about.notes)
     if no_rows:
         model = replace(model, rows=None)
     if photo is not None:
         model = with_photo(model, photo, log)
-    elif data is not None and not no_photo:
-        model = photo_of_log(model, log, data)
+    elif data and not no_photo:
+        model = photo_of_log(model, log, data[0])
     model.save(path)
     about = model.about
     simulated = about.source == "simulation"
@@ -119,17 +121,25 @@ def train(
     what = "fresh exact samples" if simulated else "rows held out in blocks of the log"
     learned = f"{about.samples} {'samples' if simulated else 'rows'}"
     cost = f"{model.seconds['total']:.2f} s, {Path(path).stat().st_size / 1e6:.2f} MB"
-    warning = contradicted(about)
+    sensors = [model.by(name) for name in model.sensors]
+    warnings = [line for seen in sensors for line in contradicted(seen.about)]
     lines = [
-        *warning,
-        accuracy(model, about.errors, about.within, f"{about.tested} {what}", about.left_out),
+        *warnings,
+        *(_accuracy_of_sensor(seen, what) for seen in sensors),
         *found_by_body(model),
         *advice(model, about.errors, stated),
         f"{path}: {about.options['map']}, {model.size_in_words}, {learned}, {cost}",
     ]
     table = error_table(model, about.errors, f"errors on {what}")
     document = summary(model, path, about.errors, model.seconds)
-    return Outcome(document, lines, [table], code=NO if warning else 0)
+    return Outcome(document, lines, [table], code=NO if warnings else 0)
+
+
+def _accuracy_of_sensor(model: Model, what: str) -> str:
+    """Return in one line how accurate a model is, as one of its sensors sees the arm."""
+    about = model.about
+    line = accuracy(model, about.errors, about.within, f"{about.tested} {what}", about.left_out)
+    return f"{about.sensor}: {line}" if about.sensor else line
 
 
 def _check_same_origin(path: str, log: Samples) -> None:

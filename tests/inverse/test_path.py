@@ -1,12 +1,14 @@
 """Paths: one branch where there is one, no jumps, and told where one cannot be avoided."""
 
 import itertools
+from dataclasses import replace
 
 import numpy as np
 import pytest
-from models import draw, trained, two_link, two_link_inverse
+from models import draw, trained, turning, two_link, two_link_inverse
 
 import calib
+from calib.common.scale import TURN
 
 SQUARE = [[0.30, 0.30], [0.25, 0.35], [0.15, 0.30], [0.30, 0.30]]
 
@@ -169,3 +171,19 @@ def test_a_waypoint_far_away_is_left_out_and_told(tmp_path, run):
     path = model.path(x)
     np.testing.assert_array_equal(np.flatnonzero(path.held), held)
     assert (path.q[held] == path.q[held[0] - 1]).all()
+
+
+def test_a_joint_goes_on_over_the_seam_where_it_can_and_is_told_where_it_turns_round():
+    corners = two_link(np.array([[3.0, 1.0], [3.3, 1.0]]))
+    model = turning()
+    path = model.path(corners, step=0.01)
+    assert len(path.jumps) == 1  # its log knows one turn
+    row = path.jumps[0]
+    assert abs(abs(path.q[row, 0] - path.q[row - 1, 0]) - TURN) < 0.1
+    wide = replace(model)
+    wide.remembered["limits"] = np.array([[-TURN, TURN], [0.3, 2.5]])
+    path = wide.path(corners, step=0.01)
+    assert len(path.jumps) == 0
+    assert np.abs(np.diff(path.q[:, 0])).max() < 0.1
+    near = [path.q[-1, 0], 1.0]
+    assert abs(wide.inverse(corners[1], near=near)[0] - near[0]) < 1.0

@@ -6,8 +6,9 @@ from models import six
 from calib.arm.loading import load_arm
 from calib.arm.rotations import exponential, logarithm
 from calib.common.scale import Scale
-from calib.inverse.newton import Newton, Positions
-from calib.inverse.pose import Joints, Poses, searched_ways
+from calib.inverse.newton import Newton
+from calib.inverse.pose import Joints, searched_ways
+from calib.inverse.task import Poses, Positions
 from calib.model.space import Space
 
 

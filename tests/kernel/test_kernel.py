@@ -12,11 +12,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from models import in_pixels, in_plane, in_space, measured, six, trained, turning
+from models import draw, in_pixels, in_plane, in_space, measured, six, trained, turning
 
 import calib
-from calib.errors import QueryError
+from calib.arm.rotations import exponential, matrix_of, quaternion_of
+from calib.errors import OptionError, QueryError
+from calib.inverse.pose import Joints, searched_ways
+from calib.inverse.task import Poses
+from calib.model import batches
 from calib.model.header import Header
+from calib.model.poses import solve_poses
+from calib.model.space import Space
 
 needs_compiler = pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler here")
 
@@ -152,6 +158,118 @@ def test_one_pose_is_that_of_the_batch():
         place, turned = model.pose(alone)
         np.testing.assert_allclose(place, x[k], rtol=0, atol=1e-9)
         assert abs(abs(turned @ turns[k]) - 1.0) < 1e-12
+
+
+@needs_compiler
+@pytest.mark.parametrize("kind", ["two_link", "six", "measured"])
+def test_a_batch_is_that_of_numpy(kind):
+    model, fast = both(kind)
+    q = np.vstack([poses(model, 20), np.full(len(model.about.lower), 1e9)])
+    atol = 1e-9 * model.reach
+    for name in ("forward", "expected_error", "model_error"):
+        together = getattr(fast, name)(q)
+        np.testing.assert_allclose(together, getattr(model, name)(q), rtol=0, atol=atol)
+        assert np.isnan(together[-1]).all()
+    x = model.forward(q[:20])
+    for nearest in (False, True):
+        joints = fast.inverse(np.vstack([x, 1e3 + x[:1]]), nearest=nearest)
+        np.testing.assert_allclose(model.forward(joints[:20]), x, rtol=0, atol=atol)
+        assert np.isnan(joints[-1]).all() != nearest
+
+
+@needs_compiler
+def test_the_batch_names_every_branch_of_a_position_once():
+    model = trained("two_link_full")
+    fast = pickle.loads(pickle.dumps(model))
+    fast.warm_up()
+    x = model.forward(draw(model, 300, seed=2))
+    for compiled, expected in zip(fast.inverse_all(x), model.inverse_all(x), strict=True):
+        np.testing.assert_allclose(compiled, expected, atol=1e-6)
+
+
+@needs_compiler
+@pytest.mark.parametrize("compiled", [True, False])
+def test_every_branch_of_a_pose_and_the_nearest_of_them(compiled):
+    model = both("six")[compiled]
+    q = draw(model, 8, seed=5, margin=0.05)
+    position, turn = model.pose(q)
+    near = draw(model, 8, seed=6)
+    ways = solve_poses(model, position, turn, near, every=True, bounded=False)
+    target = Poses.target(*Space.of(model).evaluate(q)[:2])
+    joints = Joints(model.about.lower, model.about.upper, model.about.revolute)
+    space = Space.of(model)
+    searched = searched_ways(space.evaluate, target, joints, space.length, starts=q)
+    scale = model.motor.scale
+    for k, expected in enumerate(searched):
+        found = ways.q[ways.target == k]
+        gap = scale.difference(scale.to_unit(found)[:, None], scale.to_unit(expected))
+        apart = np.abs(gap).max(axis=2)
+        assert found.shape == expected.shape
+        assert apart.min(axis=0).max() < 1e-5
+    nearest = model.inverse_pose(position, turn, near)
+    away = np.linalg.norm(scale.difference(scale.to_unit(nearest), scale.to_unit(near)), axis=1)
+    for k in range(len(q)):
+        found = scale.to_unit(ways.q[ways.target == k])
+        gap = scale.difference(found, scale.to_unit(near[k : k + 1]))
+        assert away[k] <= np.linalg.norm(gap, axis=1).min() + 1e-6
+
+
+@needs_compiler
+@pytest.mark.parametrize("compiled", [True, False])
+def test_a_free_axis_leaves_the_turn_about_it_open(compiled):
+    model = both("six")[compiled]
+    q = draw(model, 6, seed=7, margin=0.1)
+    position, turn = model.pose(q)
+    spun = quaternion_of(matrix_of(turn) @ exponential([0.0, 0.0, 1.0])[None])
+    joints = model.inverse_pose(position, spun, q, free="z")
+    place, reached = model.pose(joints)
+    np.testing.assert_allclose(place, position, atol=1e-7)
+    axes = matrix_of(reached)[:, :, 2]
+    np.testing.assert_allclose(axes, matrix_of(turn)[:, :, 2], atol=1e-7)
+    assert np.abs(joints - q).max() < 0.3  # as the turn is free, they hardly have to move
+    with pytest.raises(QueryError, match="axis of the tip"):
+        model.inverse_pose(position, spun, q, free="w")
+
+
+@needs_compiler
+def test_a_strict_model_says_why_it_has_no_answer_and_stays_so():
+    model = pickle.loads(pickle.dumps(six()))
+    model.warm_up(strict=True)
+    q = (model.about.lower + model.about.upper) / 2 + 0.2
+    position, turn = model.pose(q)
+    assert np.isfinite(model.inverse_pose(position, turn, q)).all()
+    assert model.unanswered is None
+    assert np.isnan(model.inverse_pose(position + 9.0, turn, q)).all()
+    assert "bounded search" in model.unanswered
+    again = pickle.loads(pickle.dumps(model))
+    assert again.warm
+    assert again.strict
+
+
+def test_strict_needs_a_compiler(monkeypatch):
+    monkeypatch.setenv("CALIB_NO_CC", "1")
+    model = pickle.loads(pickle.dumps(trained("two_link", 600, 6)))
+    with pytest.raises(OptionError, match="CALIB_NO_CC"):
+        model.warm_up(strict=True)
+    assert not model.warm
+
+
+def test_a_large_batch_without_a_compiler_says_so_once(monkeypatch):
+    monkeypatch.setenv("CALIB_NO_CC", "1")
+    monkeypatch.setattr(batches, "COST", batches.NumpyCost(compiler=1.0))
+    model = pickle.loads(pickle.dumps(trained("two_link", 600, 6)))
+    q = draw(model, 100)
+    with pytest.warns(RuntimeWarning, match="CALIB_NO_CC is set; large batches take longer"):
+        x = model.forward(q)
+    assert np.isfinite(model.inverse(x)).all()
+
+
+@needs_compiler
+def test_a_large_batch_is_compiled_by_itself(monkeypatch):
+    monkeypatch.setattr(batches, "COST", batches.NumpyCost(compiler=1.0))
+    model = pickle.loads(pickle.dumps(trained("two_link", 600, 6)))
+    model.forward(draw(model, 100))
+    assert model.warm
 
 
 @needs_compiler

@@ -22,4 +22,4 @@ def test_rows_that_are_picked_keep_their_side():
 
 
 def test_rows_at_one_pose_share_its_number():
-    assert Motion.of(SAMPLES).pose_index.tolist() == [0, 1, 2, 0, 0]
+    assert SAMPLES.pose_index.tolist() == [0, 1, 2, 0, 0]

@@ -51,7 +51,7 @@ static inline int calib_expected_error(const calib_real q[CALIB_DOF], calib_real
   if (!calib_in_range(q)@trusted@) return 0;
   calib_wrapped(q, inside);
   *bound = @bound@;
-  return 1;
+  return @bounded@;
 }
 
 /* 95 % bound on the true position: without the noise of a single reading. */
@@ -61,7 +61,7 @@ static inline int calib_model_error(const calib_real q[CALIB_DOF], calib_real *b
   if (!calib_in_range(q)@trusted@) return 0;
   calib_wrapped(q, inside);
   *bound = @model_bound@;
-  return 1;
+  return @bounded@;
 }
 
 /* Position, and the tip's orientation in the sensor's frame: a matrix, row by row. */

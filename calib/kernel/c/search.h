@@ -182,9 +182,10 @@ static inline int calib_twin(const calib_task *task, const calib_real q[CALIB_DO
 }
 
 /* Rows of the table of starts that may lead to a position: those of its cell and, after them, of
- * the cells beside; without cells those that are near to it and to joints.  Returns how many. */
+ * the cells beside; without cells those that are near to it and to joints.  Returns how many;
+ * those from `likely` on, all over the table, are for what the first lead to nowhere. */
 static inline int calib_starting(const calib_real x[CALIB_OUT], const calib_real near[CALIB_DOF],
-                                 int row[CALIB_TRIES]) {
+                                 int row[CALIB_TRIES], int *likely) {
 #if @gridded@
   int cell[CALIB_OUT], found = 0, around = 1, i, n, ring;
   (void)near;
@@ -206,6 +207,9 @@ static inline int calib_starting(const calib_real x[CALIB_OUT], const calib_real
       for (i = calib_cell[place]; i < calib_cell[place + 1] && found < CALIB_TRIES; ++i)
         row[found++] = i;
     }
+  *likely = found;
+  for (i = 0; i < CALIB_STARTS && found < CALIB_TRIES; i += 1 + CALIB_STARTS / CALIB_TRIES)
+    row[found++] = i;
   return found;
 #else
   calib_real far[CALIB_TRIES];
@@ -227,6 +231,7 @@ static inline int calib_starting(const calib_real x[CALIB_OUT], const calib_real
     far[k] = d;
     row[k] = n;
   }
+  *likely = found < CALIB_TRIES / 3 ? found : CALIB_TRIES / 3;
   return found;
 #endif
 }
@@ -253,7 +258,7 @@ static inline int calib_search(const calib_task *task, const calib_real x[CALIB_
   const int spare = CALIB_DOF > calib_rows(task);
   const int sure = task->kind == CALIB_POSITION && !spare;
   calib_real from[CALIB_DOF], trial[CALIB_DOF], away, best = 0, now;
-  int row[CALIB_TRIES], i, k, count = CALIB_TRIES, found = 0;
+  int row[CALIB_TRIES], i, k, count = CALIB_TRIES, likely = CALIB_TRIES, found = 0;
   *left = calib_not_a_number();
   for (k = 0; k < CALIB_DOF; ++k) q[k] = calib_not_a_number();
   for (k = 0; k < CALIB_DOF; ++k) {
@@ -263,8 +268,8 @@ static inline int calib_search(const calib_task *task, const calib_real x[CALIB_
   }
   calib_clipped(from);
   for (i = -1; i < count; ++i) { /* from `near`, then from the table */
-    if (i == 0 && !(count = calib_starting(x, from, row))) break;
-    if (!sure && i > CALIB_TRIES / 3) break; /* no other is nearer, most likely */
+    if (i == 0 && !(count = calib_starting(x, from, row, &likely))) break;
+    if (i >= likely && (found || !sure)) break;
     if (i >= 0) {
       const calib_real *start = calib_start_q[row[i]];
       away = calib_apart(start, from, 0);
@@ -318,12 +323,12 @@ static inline int calib_add_way(const calib_task *task, const calib_real start[C
 static inline int calib_inverse_all(const calib_real x[CALIB_OUT], int most,
                                     calib_real q[][CALIB_DOF]) {
   calib_task task;
-  int row[CALIB_TRIES], i, count, found = 0;
+  int row[CALIB_TRIES], i, count, likely, found = 0;
   task.kind = CALIB_POSITION;
   for (i = 0; i < CALIB_OUT; ++i) task.x[i] = x[i];
-  count = calib_starting(x, calib_start_q[0], row);
-  for (i = 0; i < count && found < most; ++i)
-    if (!calib_beside(calib_start_q[row[i]], q[0], found, @margin@ / 2))
+  count = calib_starting(x, calib_start_q[0], row, &likely);
+  for (i = 0; i < (found ? likely : count) && found < most; ++i)
+    if (!calib_beside(calib_start_q[row[i]], q[0], found, @margin@))
       found = calib_add_way(&task, calib_start_q[row[i]], CALIB_STEPS, most, q, found);
   return found;
 }

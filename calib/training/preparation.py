@@ -1,0 +1,143 @@
+"""Preparation: a log as it is learned from, with the body that its rows tell."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..common.arrays import Array
+from ..errors import LogError, OptionError
+from ..samples.joint_values import directions
+from ..samples.moved import moved_words
+from ..samples.repeats import at_poses, reading_noise
+from ..samples.samples import Samples
+from ..samples.wrong_rows import screen
+from .bounds import play_of, play_words
+from .learn import TrainingOptions
+from .smooth import SmoothPart, find_smooth_part, find_smooth_parts
+from .sound_rows import fit_sound_rows
+from .touched import fit_sockets
+
+
+@dataclass(frozen=True, eq=False)
+class Prepared:
+    """What is learned from: sound rows of one sensor, in time, and the body under the maps."""
+
+    samples: Samples
+    rows_given: int  # rows of the log before any was left out
+    notes: tuple[str, ...]
+    part: SmoothPart | None = None
+    play: Array | None = None  # (dof,), half the play of each joint, which the samples are freed of
+    readings: Samples | None = None  # of the same poses, each as often as it was read
+
+
+def prepare(samples: Samples, options: TrainingOptions) -> Prepared:
+    """Leave wrong rows out, bring clocks together, and fit the body; a row a pose is left."""
+    rows_given = len(samples) + samples.left_out
+    if samples.touch is not None:
+        samples, part, notes = fit_sockets(samples, options.seed)
+        return Prepared(samples, rows_given, (*notes, *part.fit.notes), part)
+    notes = []
+    if samples.simulation is None:
+        sound, notes = screen(samples)
+        if not sound.all():
+            samples = samples.take(sound)
+    if options.body == "none":
+        return Prepared(at_poses(samples), rows_given, tuple(notes))
+
+    def fit(rows: Samples) -> SmoothPart:
+        return find_smooth_part(at_poses(rows), view=options.view, seed=options.seed)
+
+    samples, part, more = fit_sound_rows(samples, fit)
+    notes += more
+    play = play_of(samples, part)
+    if play is not None:
+        samples = without_play(samples, play)
+        part = fit(samples)
+        notes.append(play_words(samples, play))
+    if samples.simulation is None:
+        notes += moved_words(samples, part.fit.body.predict(samples.q))
+    notes += part.fit.notes
+    part = _of_single_readings(part, samples)
+    return Prepared(at_poses(samples), rows_given, tuple(notes), part, play, samples)
+
+
+def prepare_several(logs: Mapping[str, Samples], options: TrainingOptions) -> dict[str, Prepared]:
+    """Prepare the log of each sensor by itself, then fit one body to all of them."""
+    alone = {name: prepare(samples, options) for name, samples in logs.items()}
+    plays = [prepared.play for prepared in alone.values() if prepared.play is not None]
+    play = np.mean(plays, axis=0) if plays else None
+    sound: dict[str, Samples] = {}
+    for name, prepared in alone.items():
+        samples = prepared.readings or prepared.samples
+        if play is not None:  # the arm's, whichever sensors have shown it
+            shown = np.zeros_like(play) if prepared.play is None else prepared.play
+            samples = without_play(samples, play - shown)
+        sound[name] = samples
+    at_rest = {name: at_poses(samples) for name, samples in sound.items()}
+    parts = find_smooth_parts(at_rest, view=options.view, seed=options.seed)
+    together: dict[str, Prepared] = {}
+    for name, prepared in alone.items():
+        part = _of_single_readings(parts[name], sound[name])
+        fit_alone = prepared.part
+        notes = [note for note in prepared.notes if fit_alone and note not in fit_alone.fit.notes]
+        notes += part.fit.notes
+        together[name] = replace(
+            prepared, samples=at_rest[name], part=part, play=play, notes=tuple(notes)
+        )
+    return together
+
+
+def _of_single_readings(part: SmoothPart, samples: Samples) -> SmoothPart:
+    """The smooth part with the noise of single readings, where it was fitted to medians of them."""
+    repeat, hidden = reading_noise(samples)
+    if not hidden or samples.simulation is not None:
+        return part
+    body = part.fit.body
+    noise = body.noise.copy()
+    axes = slice(samples.x.shape[1])
+    noise[axes] = np.hypot(noise[axes], hidden)
+    body = replace(body, noise=noise, repeat=repeat)
+    if body.second is not None:
+        second_noise = body.second.noise.copy()
+        second_noise[axes] = np.hypot(second_noise[axes], hidden)
+        body = replace(body, second=replace(body.second, noise=second_noise))
+    fit = replace(part.fit, body=body)
+    return replace(part, fit=fit, smooth=replace(part.smooth, body=body))
+
+
+def without_play(samples: Samples, play: Array) -> Samples:
+    """Return the samples with the joints where they stood, rather than what they read."""
+    return replace(samples, q=samples.q - play * directions(samples.q))
+
+
+def logs_by_sensor(logs: Sequence[Samples], options: TrainingOptions) -> dict[str, Samples]:
+    """Name the logs of several sensors by these; all get one range of the joints.
+
+    Raises LogError or OptionError if they are not of one arm that several sensors measured.
+    """
+    if options.body == "none":
+        raise OptionError("several sensors share a body: expected `body='auto'`", parameter="body")
+    first = logs[0]
+    names = [log.sensor or f"sensor {k}" for k, log in enumerate(logs, start=1)]
+    if len({*names}) < len(names):
+        raise LogError(f"sensors {', '.join(names)}: expected a name of its own for each log")
+    for log in logs:
+        if log.simulation is not None or log.touch is not None:
+            raise LogError(
+                "one of several logs is of a simulation or of touches: expected measured "
+                "positions; touches beside positions stand in one log"
+            )
+        if (log.joint_names, log.revolute) != (first.joint_names, first.revolute):
+            raise LogError(
+                f"the logs have the joints {', '.join(first.joint_names)} and "
+                f"{', '.join(log.joint_names)}: expected the same ones in one order"
+            )
+    lower = np.min([log.lower for log in logs], axis=0)
+    upper = np.max([log.upper for log in logs], axis=0)
+    return {
+        name: replace(log, sensor=name, lower=lower, upper=upper)
+        for name, log in zip(names, logs, strict=True)
+    }

@@ -1,0 +1,98 @@
+"""Several sensors of one arm: files or a column, and poses that are read more than once."""
+
+import numpy as np
+import polars as pl
+import pytest
+from models import built
+
+import calib
+from calib.errors import LogError
+
+NOISE = 1e-4  # [m]
+
+
+def log_of(sensor, rows, seed, shift):
+    """What a tracker that stands at `shift` [m] reads of the arm, and the arm's truth for it."""
+    arm, structure, beta, _ = built()
+    rng = np.random.default_rng(seed)
+    beta = beta.copy()
+    beta[structure.groups["view.shift"]] += shift
+    q = rng.uniform(arm.lower, arm.upper, (rows, arm.dof))
+    x = structure.predict(q, beta) + NOISE * rng.standard_normal((rows, 3))
+    limits = arm.lower, arm.upper
+    log = calib.Samples(q, x, arm.joint_names, *limits, arm.revolute, arm=arm, sensor=sensor)
+    return log, lambda joints: structure.predict(joints, beta)
+
+
+@pytest.fixture(scope="module")
+def logs():
+    return [log_of("left", 40, 1, 0.0), log_of("right", 60, 2, 0.5)]
+
+
+def test_files_and_a_column_make_the_same_model_of_two_sensors(logs, run, tmp_path):
+    files = []
+    tables = []
+    for log, _ in logs:
+        path = tmp_path / f"{log.sensor}.csv"
+        calib.write_log(log, path)
+        files += ["--data", path]
+        tables.append(pl.read_csv(path).with_columns(sensor=pl.lit(log.sensor)))
+    both = tmp_path / "both.csv"
+    pl.concat(tables).write_csv(both)
+    common = ["--size", "3", "--json", "-o"]
+    done = run("train", "spatial_three", *files, *common, tmp_path / "two.calib")
+    assert done.code == 0, done.err
+    sensors = [(each["name"], each["rows"]) for each in done.document["sensors"]]
+    assert sensors == [("left", 40), ("right", 60)]
+    assert run("train", "spatial_three", "--data", both, *common, tmp_path / "one.calib").code == 0
+    assert (tmp_path / "two.calib").read_bytes() == (tmp_path / "one.calib").read_bytes()
+    learned = run("evaluate", tmp_path / "two.calib", "--data", tmp_path / "right.csv", "--json")
+    assert learned.document["learned"] == 60
+    fresh, _ = log_of("right", 30, 3, 0.5)
+    calib.write_log(fresh, tmp_path / "right.csv")
+    done = run("evaluate", tmp_path / "two.calib", "--data", tmp_path / "right.csv", "--json")
+    assert done.document["learned"] == 0
+    assert done.document["bound_holds"]
+
+
+def test_a_second_sensor_helps_the_first_and_both_bounds_hold(logs):
+    alone = calib.train(logs[0][0], size=3)
+    together = calib.train([log for log, _ in logs], size=3)
+    q = np.random.default_rng(9).uniform(alone.about.lower, alone.about.upper, (300, 3))
+
+    def miss(model, truth):
+        return np.linalg.norm(model.forward(q) - truth(q), axis=1)
+
+    assert miss(together, logs[0][1]).mean() < 0.9 * miss(alone, logs[0][1]).mean()
+    for log, truth in logs:
+        seen = together.by(log.sensor)
+        assert np.mean(miss(seen, truth) <= seen.model_error(q)) > 0.9
+
+
+def test_logs_of_several_sensors_that_are_not_of_one_arm_are_refused(logs):
+    log = logs[0][0]
+    with pytest.raises(LogError, match="a name of its own"):
+        calib.train([log, log])
+    other = calib.babble(calib.load_arm("two_link"), 50)
+    with pytest.raises(LogError, match="simulation"):
+        calib.train([log, other])
+
+
+def test_poses_that_are_read_again_are_no_new_poses(logs):
+    log, _ = logs[0]
+    with pytest.raises(LogError, match="160 samples of 8 poses are too few"):
+        calib.train(log.take(np.tile(np.arange(8), 20)))
+    once = calib.train(log, size=3)
+    twice = calib.train(log.take(np.tile(np.arange(40), 2)), size=3)
+    assert twice.about.errors == once.about.errors
+    assert twice.about.samples == 40
+
+
+def test_a_row_that_was_learned_tells_nothing_of_the_model(logs):
+    log, _ = logs[0]
+    fresh, _ = log_of("left", 20, 3, 0.0)
+    model = calib.train(log, size=3)
+    known = calib.evaluate(model, log)
+    assert known.learned == 40
+    assert known.errors == model.about.errors
+    assert calib.evaluate(model, fresh).learned == 0
