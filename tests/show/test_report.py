@@ -106,7 +106,7 @@ def test_the_first_words_are_what_changed_and_what_to_do():
     assert re.search(r"elbow is .* longer", lead[1])
     assert lead[1].index("longer") < lead[1].index("predicted")
     assert "is simulated" in report(trained("two_link", n=3000, size=20))
-    assert "of this log: it holds" in report(measured(), log(300, 1e-3))
+    assert "of this log: it holds" in report(measured(), log(300, 1e-3, seed=7))
     assert "calib adapt" in report(measured(), changed_log())
 
 

@@ -22,8 +22,8 @@ def verdict(study: Study) -> str:
     factor, name = unit_for(max(most, before), unit)
     rounding = ROUNDED_AWAY if unit == "m" else ROUNDED_AWAY * extent(study.model)
     if most < rounding:
-        few = "below 1 nm" if unit == "m" else "by rounding alone"
-        sentences = [f"The tip is missed {few} on {study.rows.source}."]
+        few = "rounding, below 1 nm," if unit == "m" else "rounding"
+        sentences = [f"The tip is predicted to {few} on {study.rows.source}."]
     else:
         mean = number(factor * float(study.rows.distance.mean()))
         sentences = [
