@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 from ablation_cases import Array, Case, measured, simulated
 from tables import table
+from untrained import UNTRAINED, untrained_pair
 
 from calib.common.choices import MAP_READOUTS
 from calib.common.parallel import one_blas_thread
@@ -30,8 +31,7 @@ from calib.maps.predictor import Predictor
 from calib.training.learn import TrainingOptions, associate
 from calib.training.smooth import SmoothPart, find_smooth_part, wrong_around
 
-# the last three are not trained
-NETWORKS = ("vdsom:residual", "vdsom", "vdsom:rho", "som", "gng", "grid", "random", "rows")
+NETWORKS = ("vdsom:residual", "vdsom", "vdsom:rho", "som", "gng", *UNTRAINED)
 CASES = ("exact", "noise", "bump", "ripple", "uneven")
 TARGETS = 200  # of which all branches are asked, and the one nearest to the truth
 FOUND = np.radians(1.0)  # a branch that is further off in a joint was missed
@@ -84,15 +84,19 @@ def train_on(case: Case, ground: Ground, network: str, side: int, seed: int) -> 
     the networks differ by what they make of the same rows.
     """
     samples, scale, part, wrong = case.samples, ground.scale, ground.part, ground.wrong
-    options = TrainingOptions(side, map=network, seed=seed)
     u = scale.to_unit(samples.q)
     started = time.perf_counter()
-    pair = alone = associate(scale, u, samples.x, options, wrong)
+    if network in UNTRAINED:
+        pair = untrained_pair(network, scale, u, samples.x, side, seed)
+    else:
+        options = TrainingOptions(side, map=network, seed=seed)
+        pair = associate(scale, u, samples.x, options, wrong)
+    alone = pair
     seconds, motor = time.perf_counter() - started, pair.motor
     held, seen = u[part.rows], samples.x[part.rows]
     predictor, left = select(motor, held, seen, part.smooth, part.fit.held_out)
     if wrong is not None and network == "vdsom:residual":  # without a body nothing tells that
-        alone = associate(scale, u, samples.x, options)
+        alone = associate(scale, u, samples.x, TrainingOptions(side, map=network, seed=seed))
     predictors = {
         "local": predictor,
         "body": Predictor(motor, part.smooth, NO_MODELS),

@@ -22,8 +22,7 @@ import numpy as np
 
 import calib
 from calib.arm.rotations import logarithm
-from calib.body.corners import fit_corners, held_of
-from calib.body.sensor import SensorPose
+from calib.body.corners import held_of
 from calib.recording.board import Board
 from calib.recording.board_pictures import BoardPictures, held_poses
 from calib.recording.lens import Lens
@@ -61,12 +60,15 @@ def planned(worlds: int) -> None:
                 shown = (
                     np.bincount(rig.rows, inside, len(rig.q)) >= len(rig.corners) / len(rig.q) / 2
                 )
-                keep = inside & shown[rig.rows]
-                rows = np.searchsorted(np.flatnonzero(shown), rig.rows[keep])
-                _, body = fit_corners(
-                    rig.structure, rig.q[shown], rig.poses[shown], rows, rig.corners[keep],
-                    rig.seen[keep], in_hand,
-                )  # fmt: skip
+                numbers = np.flatnonzero(shown)
+                shots = pictures(rig, rig.seen, 0, len(rig.q))
+                shots = replace(
+                    shots,
+                    names=tuple(shots.names[k] for k in numbers),
+                    corners=tuple(dict(enumerate(shots.corners[k].values())) for k in numbers),
+                    q=rig.q[numbers],
+                )
+                body = calib.handeye(rig.arm, shots, eye=eye_of(rig), lens=lens_of(rig)).body
                 found, true = held_of(body), held_of(replace(body, beta=rig.beta))
                 off.append(np.linalg.norm(found.position - true.position))
                 turn = logarithm((found.rotation @ true.rotation.T)[None])
@@ -110,25 +112,25 @@ def one(in_hand: bool, known: bool, worlds: int, more: dict) -> None:
     for seed in range(worlds):
         rig = Rig(in_hand, seed=seed, known=known, last=True, **more)
         began = process_time()
-        _, body = fit_corners(
-            rig.structure, rig.q, rig.poses, rig.rows, rig.corners, rig.seen, in_hand
-        )
+        shots = pictures(rig, rig.seen, 0, len(rig.q))
+        lens = lens_of(rig) if known else None
+        answer = calib.handeye(rig.arm, shots, eye=eye_of(rig), lens=lens)
         seconds = process_time() - began
-        found, true = held_of(body), held_of(replace(body, beta=rig.beta))
+        found, true = held_of(answer.body), held_of(replace(answer.body, beta=rig.beta))
         # the drawn tip's frame, with whatever the last joint is off by
         p, _ = rig.hand(rig.beta)
         off = found.position - true.position
         turned = logarithm((found.rotation @ true.rotation.T)[None])[0]
-        half = 1.96 * body.kappa
-        sensor = SensorPose.of(body)
+        hand = {name: np.array(value) for name, value in answer.hand.items()}
         rows.append([
             1e3 * np.linalg.norm(off), np.degrees(np.linalg.norm(turned)),
-            np.mean(np.abs(off) < half * found.told_sd),
-            np.mean(np.abs(turned) < half * found.told_turn_sd),
-            1e3 * half * found.told_sd.max(), np.degrees(half * found.told_turn_sd.max()),
-            np.mean(np.abs(found.position - p) < half * found.position_sd),
-            1e3 * half * found.position_sd.max(),
-            1e3 * np.linalg.norm(sensor.position - rig.base[0]), seconds,
+            np.mean(np.abs(off) < hand["position_95_up_to_gauge"]),
+            np.mean(np.abs(turned) < hand["rotation_95_up_to_gauge"]),
+            1e3 * hand["position_95_up_to_gauge"].max(),
+            np.degrees(hand["rotation_95_up_to_gauge"].max()),
+            np.mean(np.abs(found.position - p) < hand["position_95"]),
+            1e3 * hand["position_95"].max(),
+            1e3 * np.linalg.norm(np.subtract(answer.base["position"], rig.base[0])), seconds,
         ])  # fmt: skip
         if known and not more:
             for name, miss in opencv(rig, true).items():
@@ -153,6 +155,11 @@ def pictures(rig: Rig, seen: np.ndarray, first: int, last: int) -> BoardPictures
     board = Board.parse("7x5:24mm:18mm:5x5_100")
     q = rig.q[first:last]
     return BoardPictures(board, rig.arm.joint_names, names, q, found, SIZE, len(names), ())
+
+
+def eye_of(rig: Rig) -> str:
+    """Where its camera is."""
+    return "hand" if rig.in_hand else "base"
 
 
 def lens_of(rig: Rig) -> Lens:

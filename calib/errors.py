@@ -6,7 +6,7 @@ parameters in backquotes, such as `degrees=True`, which the command line turns i
 
 from __future__ import annotations
 
-from typing import Any, TypeVar
+from typing import TypeVar
 
 from .common.wording import one_line
 
@@ -40,17 +40,18 @@ class CalibError(Exception):
         *,
         hint: str | None = None,
         parameter: str | None = None,
-        value: Any = None,
+        value: object = None,
     ) -> None:
         self.message = one_line(message)
         self.hint = None if hint is None else one_line(hint)
-        self.parameter, self.value = parameter, value
+        self.parameter = parameter
+        self.value = value
         super().__init__(self.message if self.hint is None else f"{self.message}; {self.hint}")
 
-    def __reduce__(self) -> tuple[Any, ...]:
+    def __reduce__(self) -> tuple[object, ...]:
         """Pickle with all fields, as process pools do."""
-        fields = {"hint": self.hint, "parameter": self.parameter, "value": self.value}
-        return _remade, (type(self), self.message, fields)
+        fields = (type(self), self.message, self.hint, self.parameter, self.value)
+        return _restored, fields
 
     def within(self: _E, label: str) -> _E:
         """Return the same error with the place of what is wrong, such as a file, before it."""
@@ -59,8 +60,10 @@ class CalibError(Exception):
         )
 
 
-def _remade(kind: type[_E], message: str, fields: dict[str, Any]) -> _E:
-    return kind(message, **fields)
+def _restored(
+    kind: type[_E], message: str, hint: str | None, parameter: str | None, value: object
+) -> _E:
+    return kind(message, hint=hint, parameter=parameter, value=value)
 
 
 class RobotError(CalibError):

@@ -39,8 +39,11 @@ class Query:
             of_many = {"output": asking.output, "columns": asking.columns}
             refuse(of_many, "is for many queries: expected --input FILE too")
         check_file(asking.output, TABLES, stream=True)
-        self.model, self.frame, self.asking = calib.load(path), frame, asking
-        about, base = self.model.about, frame == "base"
+        self.model = calib.load(path)
+        self.frame = frame
+        self.asking = asking
+        about = self.model.about
+        base = frame == "base"
         self.joints = JointFormat(about, asking.degrees)
         self.positions = PositionFormat(about, frame, asking.unit)
         self.axes = ("x", "y", "z") if base else self.model.axes
@@ -57,7 +60,7 @@ class Query:
         return {"joints": dict(zip(self.joints.names, q, strict=True)), **quantities}
 
     def table(
-        self, found: Sequence[Mapping[str, Any]], quantities: Sequence[str], title: str = ""
+        self, answers: Sequence[Mapping[str, Any]], quantities: Sequence[str], title: str = ""
     ) -> TextTable:
         """Return answers, one line each, an angle in deg, all else in the positions' unit."""
         length = (self.positions.factor, self.positions.shown)
@@ -70,7 +73,7 @@ class Query:
                 *(fixed(value * length[0], 4) for value in answer["position"]),
                 *(fixed(answer[name] * size, 4) for name, (size, _) in by.items()),
             ]
-            for answer in found
+            for answer in answers
         ]
         return TextTable(header, rows, title, left=0)
 
@@ -92,7 +95,7 @@ class Query:
         n: int | None = None,
         key: str = "answers",
         lines: Sequence[str] = (),
-        **told: Any,
+        **facts: Any,
     ) -> Outcome:
         """Write a table of answers, None for no table, and say which rows fail.
 
@@ -104,10 +107,11 @@ class Query:
             say_rows(list(numbers), n, why)
         failed = {name: list(numbers) for name, (numbers, _) in failures.items()}
         code = 1 if batch.invalid else NO if any(failed.values()) else 0
-        output, by = self.asking.output, self.positions.typed
+        output = self.asking.output
+        by = self.positions.typed
         to_file = output not in (None, "-")
         document: dict[str, Any] = {"output": (columns and output) if to_file else None, "rows": n}
-        document |= {"invalid": batch.invalid, **failed, **told, **self.meaning}
+        document |= {"invalid": batch.invalid, **failed, **facts, **self.meaning}
         if columns is None:
             return Outcome(document, lines, code=code)
         written = {
@@ -125,12 +129,12 @@ class Query:
 def beside(batch: Batch, valid: NDArray[np.bool_], added: Mapping[str, Any]) -> dict[str, Any]:
     """Columns of a table of queries with answers of rows that are `valid` (n,), else NaN or 0."""
     say(batch.notes(list(added)))
-    found: dict[str, NDArray[Any]] = {}
+    answers: dict[str, NDArray[Any]] = {}
     for name, column in added.items():
         truths = name == "reachable"
-        found[name] = np.full(len(valid), 0 if truths else np.nan, int if truths else float)
-        found[name][valid] = column
-    return batch.answered(found)
+        answers[name] = np.full(len(valid), 0 if truths else np.nan, int if truths else float)
+        answers[name][valid] = column
+    return batch.answered(answers)
 
 
 def say_rows(numbers: Sequence[int], of: int, what: str) -> None:
@@ -149,9 +153,9 @@ def up_to_scale(model: calib.Model, q: ArrayLike) -> dict[str, Any]:
     return {UP_TO_SCALE: space.bound(q, size=False)} if space.camera else {}
 
 
-def say_size(told: Mapping[str, Any]) -> None:
+def say_size(bounds: Mapping[str, Any]) -> None:
     """Say what of a bound in the base frame of a camera is the arm's size."""
-    if np.isfinite(bound := told.get(UP_TO_SCALE, np.nan)):
+    if np.isfinite(bound := bounds.get(UP_TO_SCALE, np.nan)):
         note(
             "one camera cannot tell the size of the arm: but for it, the expected error is "
             f"{1e3 * bound:.2g} mm"

@@ -17,7 +17,6 @@ from .samples import Compared, log_of
 
 if TYPE_CHECKING:
     from calib.model.model import Model
-    from calib.recording.lens import Lens
     from calib.recording.setting import Setup
     from calib.samples.samples import Samples
 
@@ -139,7 +138,6 @@ def record_board(
     **of_joints: Any,
 ) -> Samples:
     """Make a log of pictures of a board; `lens` is a lens, its file or its pictures, or None."""
-    import calib
     from calib.recording.board_pictures import find_board
     from calib.recording.lens import load_lens
 
@@ -147,9 +145,7 @@ def record_board(
         raise BadOption("--eye needs --board COLSxROWS:SQUARE:MARKER:DICT, which is seen")
     need_joints(source, joints_file)
     shots = find_board(source, joints_file, board, joints, camera=camera, **of_joints)
-    if isinstance(lens, str) and lens.endswith(".calib"):
-        lens = _lens_of(calib.load(lens))
-    elif isinstance(lens, str):
+    if isinstance(lens, str):
         lens, told = load_lens(lens, shots.board)
         say(told)
     lens, doubts = shots.lens(lens)
@@ -163,12 +159,13 @@ def log_of_pictures(
     model: Model, source: str, joints_file: str | None, camera: str | None, degrees: bool | None
 ) -> Iterator[str]:
     """A log as typed; or one of pictures, read as the model's own were."""
+    from calib.recording.lens import lens_of_model
     from calib.samples.logs import write_log
 
     if joints_file is None and not Path(source).is_dir():
         yield source
         return
-    about, lens = model.about, _lens_of(model)
+    about, lens = model.about, lens_of_model(model)
     known, kinds = about.options["board"], zip(about.joint_names, about.revolute, strict=True)
     sliding = [name for name, turns in kinds if not turns]
     made = record_board(
@@ -180,19 +177,6 @@ def log_of_pictures(
         path = str(Path(folder) / f"{Path(source).name}.csv")
         write_log(made, path)
         yield path
-
-
-def _lens_of(model: Model) -> Lens:
-    """The lens that a model of pictures of a board was made with."""
-    from calib.recording.lens import Lens
-
-    known: Any = model.about.options.get("board")
-    try:
-        return Lens.from_json(known["lens"])
-    except (KeyError, TypeError, ValueError):
-        raise BadOption(
-            "the model is not of pictures of a board: make a log of these by calib log --eye"
-        ) from None
 
 
 def photo_of_log(model: Model, log: Samples, data: str) -> Model:

@@ -86,19 +86,27 @@ class TextTable:
     def lines(self) -> list[str]:
         """Return the table as plain text, its columns aligned; too wide a line for each cell."""
         # names from a file may hold control characters
-        cells = [[printable(cell) for cell in row] for row in (self.header, *self.rows)]
-        left, columns = self.left, list(zip(*cells, strict=True))
-        if sum(2 + max(map(len, column)) for column in columns) > _WIDTH:
-            left, names = 2, cells[0]
-            cells = [[*pair] for row in cells[1:] for pair in zip(names, row, strict=True)]
-            columns = list(zip(*cells, strict=True))
-        forms = [f"{'<' if k < left else '>'}{max(map(len, c))}" for k, c in enumerate(columns)]
-        lines = [
-            "  ".join(format(*pair) for pair in zip(row, forms, strict=True)).rstrip()
-            for row in cells
-        ]
+        header = [printable(cell) for cell in self.header]
+        cells = [[printable(cell) for cell in row] for row in self.rows]
+        lines = _aligned([header, *cells], self.left)
+        if max(map(len, lines)) > _WIDTH:
+            pairs = [[*pair] for row in cells for pair in zip(header, row, strict=True)]
+            lines = _aligned(pairs, 2)
         title = [printable(self.title)] if self.title else []
         return [*title, *lines, *textwrap.wrap(printable(self.foot), _WIDTH)]
+
+
+def _aligned(cells: Sequence[Sequence[str]], words: int) -> list[str]:
+    """Return rows of cells as lines; the first columns hold words, which begin at the left."""
+    widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
+    lines = []
+    for row in cells:
+        padded = [
+            cell.ljust(width) if k < words else cell.rjust(width)
+            for k, (cell, width) in enumerate(zip(row, widths, strict=True))
+        ]
+        lines.append("  ".join(padded).rstrip())
+    return lines
 
 
 _Line = str | TextTable

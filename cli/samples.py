@@ -35,7 +35,7 @@ class Selection:
     def load(
         self,
         robot: str | None,
-        held: Mapping[str, float] | None = None,
+        locked: Mapping[str, float] | None = None,
         columns: Collection[str] | None = None,
     ) -> Arm:
         """Load the arm; `held` are further locked joints [rad or m], `columns` those of a log."""
@@ -49,7 +49,7 @@ class Selection:
             robot,
             list(self.joints) if self.joints else None,
             self.tip,
-            lock={**(held or {}), **in_si("--lock", self.lock, turns, self.degrees)},
+            lock={**(locked or {}), **in_si("--lock", self.lock, turns, self.degrees)},
             ranges=in_si("--range", self.ranges, turns, self.degrees),
             planar=self.planar,
             columns=columns,
@@ -136,7 +136,8 @@ def babbled_samples(
         changes = parse_changes(babbling.change or (), degrees=turning * selection.degrees)
     except OptionError as error:
         raise BadOption(f"--{error}") from None
-    n, noise = babbling.samples or _SAMPLES, babbling.noise or 0.0
+    n = babbling.samples or _SAMPLES
+    noise = babbling.noise or 0.0
     return calib.babble(arm, n, seed=seed, noise=noise, changes=changes)
 
 
@@ -216,12 +217,12 @@ def _arm_of_log(
         say([f"positions are taken as those of {arm.tip}; `tip` names the frame that was measured"])
     others = {*arm.locked} - {joint for joint, _ in selection.lock or ()}
     turns = kinds_of_joints(robot) if others else {}
-    held, told = locked_from_log(
+    locked, notes = locked_from_log(
         source, [name for name in arm.locked if name in others], columns=columns,
         degrees=selection.degrees, prismatic=[n for n in others if not turns.get(n, True)],
     )  # fmt: skip
-    say(told)
-    return selection.load(robot, held, header) if held else arm
+    say(notes)
+    return selection.load(robot, locked, header) if locked else arm
 
 
 def refuse(typed: Mapping[str, object], why: str) -> None:
@@ -308,14 +309,15 @@ def log_of(model: Model, path: str | None, reading: Compared) -> Samples | None:
         return None
     log = log_for(model, path, reading)
     predicted = model.forward(log.q)
-    known = np.isfinite(predicted[:, 0])
-    if log.touch is not None or not known.any():
+    answered = np.isfinite(predicted[:, 0])
+    if log.touch is not None or not answered.any():
         return log
     # medians: single wrong rows decide nothing; the bound of an ideal arm is rounding
     gap = float(np.nanmedian(np.linalg.norm(predicted - log.x, axis=1)))
-    bound, size = float(np.nanmedian(model.expected_error(log.q))), spread(predicted)
+    bound = float(np.nanmedian(model.expected_error(log.q)))
+    size = spread(predicted)
     if gap > max(3.0 * bound, 0.02 * size):
-        hint = unit_hint(spread(log.x[known]) / max(size, 1e-300))
+        hint = unit_hint(spread(log.x[answered]) / max(size, 1e-300))
         far = f"{gap / size:.2g} times their spread{hint}; calib check names the cause"
         say([f"the log does not fit the model: measured positions are off by {far}"])
     return log

@@ -124,30 +124,35 @@ def accuracy(
 ) -> str:
     """Return in one line how far predictions are from where the tip is or is measured."""
     unit = model.about.unit
-    told = f"{sized(_best(errors)['forward']['distance']['mean'], unit)} on average"
+    line = f"{sized(_best(errors)['forward']['distance']['mean'], unit)} on average"
     if within:
-        told += f", 95 % within {sized(within['p95'], unit)}"
-        told += f"; the 95 % bound covers {100 * within['covered']:.0f} %"
-    left = f"; {left_out} left out, wrong or outside of what was learned" if left_out else ""
-    return f"{told}, on {rows}{left}"
+        line += f", 95 % within {sized(within['p95'], unit)}"
+        line += f"; the 95 % bound covers {100 * within['covered']:.0f} %"
+    line += f", on {rows}"
+    if left_out:
+        line += f"; {left_out} left out, wrong or outside of what was learned"
+    return line
 
 
 def answers_back(model: Model, errors: Errors) -> str:
     """Return in one line how far the joints of inverse queries are from the right ones."""
-    about, found = model.about, _best(errors)["inverse"]
+    about = model.about
+    inverse = _best(errors)["inverse"]
     joints = zip(about.joint_names, about.units_of_joints, strict=True)
-    off = ", ".join(f"{name} {sized(found[name]['mean'], unit)}" for name, unit in joints)
-    there = sized(found["distance"]["mean"], about.unit)
+    off = ", ".join(f"{name} {sized(inverse[name]['mean'], unit)}" for name, unit in joints)
+    there = sized(inverse["distance"]["mean"], about.unit)
     return f"inverse: {there} from the target on average; {off}"
 
 
 def error_table(model: Model, errors: Errors, title: str) -> TextTable:
     """Return all errors, a line for each readout, direction and quantity."""
     rows = [
-        [readout, direction, name, unit, *map(number, found[readout].values())]
+        [readout, direction, name, unit, *map(number, by_readout[readout].values())]
         for readout in READOUTS
         if readout in errors
-        for direction, name, unit, found in shown_errors(model.about, {readout: errors[readout]})
+        for direction, name, unit, by_readout in shown_errors(
+            model.about, {readout: errors[readout]}
+        )
     ]
     header = ["readout", "direction", "error of", "unit", *STATISTICS]
     return TextTable(header, rows, title, left=4, foot=_TERMS)
@@ -207,11 +212,11 @@ def advice(model: Model, errors: Errors, stated: object = None) -> list[str]:
         if mean < _EXACT * float(np.linalg.norm(model.sensory.scale.span)):
             return ["limited by rounding alone: the model holds all that was simulated"]
         return ["limited by the simulated noise and changes; more samples (-n) help most"]
-    left = f"what rows leave unexplained ({sized(mean, about.unit)})"
+    unexplained = f"what rows leave unexplained ({sized(mean, about.unit)})"
     if isinstance(stated, float) and mean > _UNTOLD * stated:
         read = f"far above the noise of the readings ({sized(stated, about.unit)})"
         moved = "a camera that refocuses, a loose tag, play, or too few rows"
-        return [f"limited by {left}, {read}; look for {moved}"]
+        return [f"limited by {unexplained}, {read}; look for {moved}"]
     q = np.random.default_rng(0).uniform(about.lower, about.upper, (_ASKED, len(about.lower)))
     bound = model.expected_error(q)
     # where there is no answer, the bound is infinite
@@ -222,11 +227,11 @@ def advice(model: Model, errors: Errors, stated: object = None) -> list[str]:
         span = f"{sized(low, about.unit)} to {sized(high, about.unit)}"
         plan = "calib plan MODEL lists where more rows help most"
         return [f"limited by few rows in parts of the range (bound {span}); {plan}"]
-    own = float(np.nanmedian(model.model_error(q)))
-    if own < _NOISY * middle:
-        least = f"the model itself is within {sized(own, about.unit)}"
+    model_bound = float(np.nanmedian(model.model_error(q)))
+    if model_bound < _NOISY * middle:
+        least = f"the model itself is within {sized(model_bound, about.unit)}"
         return [f"limited by noise of the readings: {least}; rows at rest (--still) help most"]
     return [
-        f"limited by {left}, noise of the readings or more; poses measured twice tell which, rows "
-        "at rest (--still) help most"
+        f"limited by {unexplained}, noise of the readings or more; poses measured twice tell "
+        "which, rows at rest (--still) help most"
     ]

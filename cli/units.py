@@ -51,7 +51,8 @@ class JointFormat:
     """How the values of a model's joints are typed and printed."""
 
     def __init__(self, about: About | Arm, degrees: bool) -> None:
-        self.names, self.degrees = about.joint_names, degrees
+        self.names = about.joint_names
+        self.degrees = degrees
         self._about = about
         units = [unit_of_joint(turns, degrees) for turns in about.revolute]
         self.typed = [factor for factor, _ in units]
@@ -85,7 +86,8 @@ class JointFormat:
         """Say which joint of q (dof,) [rad or m] is outside of its learned range, None if none."""
         from calib.model.parts import ROUNDED
 
-        about, turns_round = model.about, model.motor.scale.periodic
+        about = model.about
+        turns_round = model.motor.scale.periodic
         for k, (value, low, high) in enumerate(zip(q, about.lower, about.upper, strict=True)):
             if turns_round[k] or max(low - value, value - high) <= ROUNDED * (high - low):
                 continue
@@ -109,14 +111,14 @@ def in_si(
     option: str, typed: Sequence[tuple[Any, ...]] | None, turns: Mapping[str, bool], degrees: bool
 ) -> dict[str, Any]:
     """Return what was typed for joints, a value or a range each, in SI units by joint."""
-    found: dict[str, Any] = {}
+    values_by_joint: dict[str, Any] = {}
     for joint, *values in typed or ():
-        if joint in found:
+        if joint in values_by_joint:
             raise BadOption(f"{option} {joint!r} is given twice: expected each joint once")
         factor = math.radians(1.0) if degrees and turns.get(joint, True) else 1.0
         scaled = tuple(value * factor for value in values)
-        found[joint] = scaled if len(scaled) > 1 else scaled[0]
-    return found
+        values_by_joint[joint] = scaled if len(scaled) > 1 else scaled[0]
+    return values_by_joint
 
 
 def kinds_of_joints(robot: str) -> dict[str, bool]:

@@ -104,6 +104,7 @@ def adapt(
     *,
     method: str = "few-shot",
     cause: str | None = None,
+    free: str = "all",
     progress: Progress | None = None,
 ) -> Adaptation:
     """Re-calibrate a model; it is left as it was.
@@ -119,6 +120,9 @@ def adapt(
         (eq. 10 to 12), which needs thousands.
     cause : {"sensor", "joints"}, optional
         What is known about the change.
+    free : {"all", "offsets"}
+        With "offsets" the geometry is as the model has it; the joints' zeros and the sensor's
+        frame are fitted.
     progress : callable, optional
         Called with the share of the work done, the stage and the current error.
 
@@ -141,7 +145,7 @@ def adapt(
         with plain_numbers():
             return _online(verdict, report)
     report(0.0, "hypotheses", float("nan"))
-    verdict = judge(model, log, cause=cause)
+    verdict = judge(model, log, cause=cause, free=free)
     with plain_numbers():
         if verdict.update is None or verdict.evidence is None:
             missed = verdict.rows.missed

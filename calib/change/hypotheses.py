@@ -135,14 +135,28 @@ def check_cause(cause: str | None) -> None:
         raise OptionError(f"cause {cause!r} is unknown", hint=hint, parameter="cause", value=cause)
 
 
+def check_free(free: str) -> None:
+    """Refuse what cannot be freed by itself."""
+    if free not in ("all", "offsets"):
+        hint = "choose all or offsets"
+        raise OptionError(f"free {free!r} is unknown", hint=hint, parameter="free", value=free)
+
+
 def hypotheses_of(structure: Structure, cause: str | None = None) -> tuple[Hypothesis, ...]:
     """What may have changed, from simple to rich; the first is nothing.
 
-    cause : {"sensor", "joints"}, if the user knows that only the one or the other may have
+    cause : {"sensor", "joints", "offsets"}, if it is known that only these may have; "offsets"
+        are the joints' zeros and the frame
     """
-    sensor = (*_SENSOR, *_BOTH) if cause is None else _SENSOR * (cause == "sensor")
-    arm = _ARM * (cause != "sensor")
-    sets = ((), *arm, *((*FRAME, *more) for more in sensor))
+    arm: tuple[Hypothesis, ...] = _ARM
+    framed: tuple[Hypothesis, ...] = (*_SENSOR, *_BOTH)
+    if cause == "sensor":
+        arm, framed = (), _SENSOR
+    elif cause == "joints":
+        framed = ()
+    elif cause == "offsets":
+        arm, framed = (("offset",),), ((), ("offset",))
+    sets = ((), *arm, *((*FRAME, *groups) for groups in framed))
     known = (tuple(g for g in groups if len(indices_of(structure, (g,)))) for groups in sets)
     return tuple(dict.fromkeys(known))
 
@@ -215,6 +229,16 @@ def as_built(body: Body) -> Body:
     covariance = np.diag(sd[active] ** 2)
     covariance[np.ix_(*2 * (np.searchsorted(active, body.active),))] += body.covariance
     return replace(body, active=active, root=root_of(covariance), second=None)
+
+
+def as_drawn(body: Body) -> Body:
+    """The belief that all but the joints' zeros and the sensor's frame is as the model has it."""
+    body = as_built(body)
+    structure = body.structure
+    own = [name for name in structure.groups if name == "offset" or is_sensors(name)]
+    open_ = np.flatnonzero(np.isin(body.active, indices_of(structure, own)))
+    root = root_of(body.covariance[np.ix_(open_, open_)])
+    return replace(body, active=body.active[open_], root=root, second=None)
 
 
 def _arms(body: Body) -> tuple[str, ...]:

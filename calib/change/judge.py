@@ -28,7 +28,7 @@ from .equations import Log, shared_variance, sound_rows
 from .evidence import Evidence
 from .explain import explain, is_changed
 from .frame import Reference, carried_offset, reference_of
-from .hypotheses import Cause, as_built, check_cause
+from .hypotheses import Cause, as_built, as_drawn, check_cause, check_free
 from .play import find_play
 from .rows import LogRows, rows_of
 from .score import BoundTest, Tested, bound_test, group_tests
@@ -127,7 +127,14 @@ class Verdict:
         return "\n  ".join([head, *(cause.words for cause in self.causes), *self.notes])
 
 
-def judge(model: Model, log: Samples, *, cause: str | None = None, learn: bool = True) -> Verdict:
+def judge(
+    model: Model,
+    log: Samples,
+    *,
+    cause: str | None = None,
+    free: str = "all",
+    learn: bool = True,
+) -> Verdict:
     """Tell what a log says of a model.
 
     Parameters
@@ -137,6 +144,9 @@ def judge(model: Model, log: Samples, *, cause: str | None = None, learn: bool =
         At least ten different rows of the same arm.
     cause : {"sensor", "joints"}, optional
         What is known about the change.
+    free : {"all", "offsets"}
+        With "offsets" the geometry is as the model has it, the joints' zeros and the sensor's frame
+        are not.
     learn : bool
         Whether rows of an arm that did not change are learned from, too.
 
@@ -155,6 +165,9 @@ def judge(model: Model, log: Samples, *, cause: str | None = None, learn: bool =
     ['offset:elbow']
     """
     check_cause(cause)
+    check_free(free)
+    if free == "offsets":
+        cause = free
     with plain_numbers():
         rows = rows_of(model, log)
         if model.body is None:
@@ -166,7 +179,7 @@ def _of_body(rows: LogRows, cause: str | None, learn: bool) -> Verdict:
     body = rows.body
 
     # The belief that a changed arm starts from, in the frame of the log.
-    prior = as_built(body)
+    prior = as_drawn(body) if cause == "offsets" else as_built(body)
     reference = reference_of(prior, rows.q, rows.x - rows.added, rows.unit)
     z = rows.x - _added_in_frame(rows, reference)
     sound = sound_rows(reference, rows.q, z, cause)

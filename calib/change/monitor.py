@@ -20,6 +20,8 @@ from .settings import FALSE_ALARM, NUISANCE
 _WARM = 20  # samples before the first judgement
 _DIRECTIONS = 8  # strongest displacements; further ones are nearly sums of these
 _COLLINEAR = 1e-3  # directions that are so much weaker than the strongest are left out
+_CHANCE = 3.0  # standard errors from which an autocorrelation is none of chance
+_MOST_ALIKE = 0.99  # autocorrelation from sample to sample that is counted at most
 _CLIP = 8.0  # a residual counts for at most so many times the usual one
 
 
@@ -81,6 +83,9 @@ class Monitor:
         # sums that fade: products; samples, squared weights, zeta over the usual, squared bounds
         self._moments, self._sums = np.zeros((p + 1, p + 1)), np.zeros(4)
         self._state = State(0, False, 0.0, 0.0, 0.0, 0.0, ())
+        self._change = np.zeros(p)  # what explains the sums, by the combined directions
+        # what it left of the last sample; sums that fade of its products with the next, and squares
+        self._rest, self._lagged = np.zeros(axes), np.zeros(2)
 
     def update(self, q: Sequence[float] | Array, x: Sequence[float] | Array) -> State:
         """Take one sample, joints (dof,) [rad or m] and position (2,) or (3,) [unit].
@@ -105,6 +110,9 @@ class Monitor:
         size = max(float(np.sqrt(residual @ residual)), 1e-300)
         residual *= min(1.0, _CLIP * max(usual, self._noise, bound) / size)
         row = np.concatenate([self._moves(unit)[0] @ self._combined, residual[:, None]], axis=1)
+        rest = residual - row[:, :-1] @ self._change
+        self._lagged = self._fade * self._lagged + [rest @ self._rest, rest @ rest]
+        self._rest = rest
         away, winner = model.sensory.nearest(model.sensory.scale.to_unit(x[None]))
         ratio = float(away[0, 0]) ** 2 / float(self._expected[int(winner[0, 0])])
         fade = self._fade  # sums over a window that forgets
@@ -124,17 +132,35 @@ class Monitor:
         weight, square, ratio, bound = self._sums.tolist()
         gram, products = moments[:-1, :-1].copy(), moments[:-1, -1]
         gram[np.diag_indices(p)] += 1e-9 * np.trace(gram) / p + 1e-300
-        explained = max(float(products @ np.linalg.solve(gram, products)), 0.0) / weight
-        independent, seen = weight**2 / square, self._state.samples + 1
+        self._change = np.linalg.solve(gram, products)
+        explained = max(float(products @ self._change), 0.0) / weight
+        seen = self._state.samples + 1
+        independent = weight**2 / square
+        independent = max(independent / self._correlation_time(independent), 1.0)
         left = max(float(moments[-1, -1]) / weight - explained, 0.0) / axes
         left /= max(1.0 - p / (axes * independent), 0.1)
         chance = max(left, self._noise**2) * float(self._chance[int(independent)]) / independent
         own = NUISANCE**2 * bound / weight + self._least**2
         score = math.sqrt(explained / (chance + own)) if seen >= _WARM else 0.0
+        drifted = score > 1.0
         return State(
-            seen, score > 1.0, score, ratio / weight, math.sqrt(explained), math.sqrt(left),
-            ("links",) * (score > 1.0),
-        )  # fmt: skip
+            samples=seen,
+            drifted=drifted,
+            score=score,
+            zeta=ratio / weight,
+            links=math.sqrt(explained),
+            noise=math.sqrt(left),
+            fired=("links",) if drifted else (),
+        )
+
+    def _correlation_time(self, samples: float) -> float:
+        """Samples that count for one, where noise is alike from each to the next."""
+        product, square = self._lagged.tolist()
+        alike = product / max(square, 1e-300)
+        if alike < _CHANCE / math.sqrt(samples):
+            return 1.0
+        alike = min(alike, _MOST_ALIKE)
+        return (1.0 + alike) / (1.0 - alike)
 
     def _moves(self, units: Array) -> Array:
         """Displacements (n, m, k) at joints (n, dof) in the unit box by what may change."""

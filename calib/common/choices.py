@@ -9,9 +9,19 @@ from typing import Literal, get_args
 
 # networks: `calib.maps.density.gain_of` has the gain that each trains with
 MAPS = (
-    "som", "vdsom", "vdsom:residual", "vdsom:border", "vdsom:rho", "vdsom:printed", "vdsom:error",
-    "dsom", "gng", "gng:error", "gng:border", "gas", "grid", "random", "rows",
-)  # fmt: skip
+    "som",
+    "vdsom",
+    "vdsom:residual",
+    "vdsom:border",
+    "vdsom:rho",
+    "vdsom:printed",
+    "vdsom:error",
+    "dsom",
+    "gng",
+    "gng:error",
+    "gng:border",
+    "gas",
+)
 MAP_READOUTS = ("linear", "activity", "winner")  # of maps and links alone
 
 RuleWord = Literal["batch", "online"]

@@ -58,7 +58,7 @@ def number_rows(
     return np.atleast_2d(rows), single
 
 
-def checked_rows(values: Any, names: Sequence[str], what: str) -> tuple[Array, bool]:
+def checked_rows(values: object, names: Sequence[str], what: str) -> tuple[Array, bool]:
     """`number_rows` of finite numbers."""
     rows, single = number_rows(values, names, what)
     if not np.isfinite(rows).all():
@@ -68,7 +68,7 @@ def checked_rows(values: Any, names: Sequence[str], what: str) -> tuple[Array, b
     return rows, single
 
 
-def each_joint(name: str, value: Any, joints: Sequence[str], *, zero: bool = True) -> Array:
+def each_joint(name: str, value: object, joints: Sequence[str], *, zero: bool = True) -> Array:
     """Return a number (dof,) for each joint, from one for all or one each: `zero` or more."""
     try:
         numbers = np.broadcast_to(np.asarray(value, dtype=float), (len(joints),)).copy()
@@ -96,7 +96,7 @@ def column_names(values: Any) -> list[Any]:
     return [] if names == list(range(len(names))) else names
 
 
-def _numbers(values: Any, what: str, error: type[CalibError]) -> Array:
+def _numbers(values: object, what: str, error: type[CalibError]) -> Array:
     """Return a float64 copy of what is an array of plain numbers."""
     if isinstance(values, np.ma.MaskedArray) and np.ma.getmaskarray(values).any():
         raise error(f"{what}: a masked array; leave out its masked entries, no measurements")

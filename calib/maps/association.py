@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property, partial
-from typing import TYPE_CHECKING, Annotated, Any, cast
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 
@@ -15,18 +15,12 @@ from ..errors import OptionError
 from .linear_models import LinearModels, regress
 from .links import WIRINGS, Compressed, Wiring
 from .map import Map, nearest_points
+from .settings import READOUT
 
 if TYPE_CHECKING:
     import os
 
     from scipy.sparse import csr_array
-
-_JOINED = 1.9  # nodes closer than so many spacings belong to one cluster
-_CORE = 6.0  # reach of a cluster around its strongest node [spacings]
-_MOST = 6  # clusters that are kept of each sensory node
-_AT_ONCE = 50_000  # samples whose activities are held together
-_SEEN = 1e-9  # activity below which a node was never active
-_FAR = 6e4  # node spacings: the largest number in half precision is a little more
 
 
 def check_readout(name: str) -> None:
@@ -91,17 +85,28 @@ class Association:
     @staticmethod
     def learn(motor: Map, u: Array, sensory: Map, v: Array, wiring: Wiring) -> Association:
         """Link two maps by samples (n, dof) and (n, 2) in their unit boxes."""
-        maps, together = (motor, sensory), cast("Any", 0)
-        sums = [np.zeros((network.size, network.units.shape[1] + 2)) for network in maps]
-        for first in range(0, len(u), _AT_ONCE):
-            points = u[first : first + _AT_ONCE], v[first : first + _AT_ONCE]
-            ask = (partial(wiring.activity, *one) for one in zip(maps, points, strict=True))
-            active = side_by_side(*ask)
-            together = (active[0].T @ active[1]).tocsr() + together
-            for k, activity in enumerate(active):
-                sums[k] += _sums(maps[k], activity, points[k])
-        links = wiring.link(together, sums[0][:, -1], sums[1][:, -1])
-        return Association(motor, sensory, links, wiring, *map(_shifts, maps, sums))
+        from scipy.sparse import csr_array
+
+        together = csr_array((motor.size, sensory.size))  # sums of a_i a_j
+        motor_sums = np.zeros((motor.size, motor.units.shape[1] + 2))
+        sensory_sums = np.zeros((sensory.size, sensory.units.shape[1] + 2))
+        for first in range(0, len(u), READOUT.samples_at_once):
+            part = slice(first, first + READOUT.samples_at_once)
+            a_i, a_j = side_by_side(
+                partial(wiring.activity, motor, u[part]),
+                partial(wiring.activity, sensory, v[part]),
+            )
+            together = (a_i.T @ a_j).tocsr() + together
+            motor_sums += _sums(motor, a_i, u[part])
+            sensory_sums += _sums(sensory, a_j, v[part])
+        return Association(
+            motor,
+            sensory,
+            wiring.link(together, motor_sums[:, -1], sensory_sums[:, -1]),
+            wiring,
+            _shifts(motor, motor_sums),
+            _shifts(sensory, sensory_sums),
+        )
 
     def predict(self, q: Array, readout: str = "activity") -> Array:
         """Positions (n, m) that a readout gives for joints (n, dof), both in their own units."""
@@ -134,10 +139,13 @@ class Association:
         strongest partner there, ``activity`` with the mean of that cluster of nodes, ``linear``
         with a regression on the sensory nodes' mean activity positions.
         """
-        scale, clusters = self.motor.scale, self.clusters
+        scale = self.motor.scale
+        clusters = self.clusters
         a = self.wiring.activity(self.sensory, v)
-        n, k = len(v), a.nnz // max(len(v), 1)
-        nodes, weight = a.indices.reshape(n, k), a.data.reshape(n, k)
+        n = len(v)
+        k = a.nnz // max(n, 1)
+        nodes = a.indices.reshape(n, k)
+        weight = a.data.reshape(n, k)
         winner = self.sensory.nearest(v)[1][:, 0]
         away = np.linalg.norm(scale.difference(clusters.center[winner], near[:, None]), axis=2)
         branch = np.where(clusters.strength[winner] > 0, away, np.inf).argmin(axis=1)
@@ -145,7 +153,7 @@ class Association:
         gap = scale.difference(clusters.center[nodes], anchor[:, None, None])
         far = np.linalg.norm(gap, axis=3) + np.where(clusters.strength[nodes] > 0, 0.0, np.inf)
         best = far.argmin(axis=2)[..., None]
-        close = np.take_along_axis(far, best, 2)[..., 0] <= _CORE * self.motor.spacing
+        close = np.take_along_axis(far, best, 2)[..., 0] <= READOUT.core * self.motor.spacing
         strength = np.take_along_axis(clusters.strength[nodes], best, 2)[..., 0]
         weight = np.where(close, weight * strength, 0.0)
         weight[:, 0] += 1e-300
@@ -197,7 +205,8 @@ class Association:
         from scipy.sparse import csr_array
         from scipy.sparse.csgraph import connected_components
 
-        links, motor = self.partners, self.motor
+        links = self.partners
+        motor = self.motor
         ns, nm = links.shape
         j = links.rows
         i = links.indices.astype(np.intp)
@@ -218,7 +227,9 @@ class Association:
         first = order[np.append(True, np.diff(label[order]) > 0)]  # strongest link of each cluster
         core = first[label]  # the strongest link of the same cluster
         gap = motor.scale.difference(motor.units[i], motor.units[i[core]])
-        weight = np.where(np.linalg.norm(gap, axis=1) <= _CORE * motor.spacing, links.data, 0.0)
+        weight = np.where(
+            np.linalg.norm(gap, axis=1) <= READOUT.core * motor.spacing, links.data, 0.0
+        )
         total = np.bincount(label, weight)
         shift = np.stack([np.bincount(label, weight * g) for g in gap.T], axis=1)
         center = motor.units[i[first]] + shift / total[:, None]
@@ -226,9 +237,9 @@ class Association:
         rank = np.lexsort((-links.data[first], j[first]))
         owner = j[first][rank]
         column = np.arange(len(owner)) - np.searchsorted(owner, owner)
-        kept = column < _MOST
-        table = np.full((ns, int(column[kept].max()) + 1), -1)
-        table[owner[kept], column[kept]] = rank[kept]
+        strong = column < READOUT.most_clusters
+        table = np.full((ns, int(column[strong].max()) + 1), -1)
+        table[owner[strong], column[strong]] = rank[strong]
         strength = np.where(table >= 0, total[table], 0.0)
         return Clusters(center[table], strength, i[first][table])
 
@@ -244,9 +255,13 @@ def _sums(network: Map, activity: csr_array, u: Array) -> Array:
 
 def _shifts(network: Map, sums: Array) -> Array:
     """Mean offsets (nodes, d) [node spacings]; a node that was never active has none."""
-    share = np.where(sums[:, -2] > _SEEN, 1.0 / np.maximum(sums[:, -2], _SEEN), 0.0)
+    share = np.where(
+        sums[:, -2] > READOUT.active, 1.0 / np.maximum(sums[:, -2], READOUT.active), 0.0
+    )
     shifts = sums[:, :-2] * share[:, None] / network.spacing
-    return np.asarray(np.clip(shifts, -_FAR, _FAR).astype(np.float16), dtype=float)
+    return np.asarray(
+        np.clip(shifts, -READOUT.furthest, READOUT.furthest).astype(np.float16), dtype=float
+    )
 
 
 def _places(network: Map, shifts: Array | None) -> Array:
@@ -258,7 +273,7 @@ def _close_nodes(network: Map) -> tuple[Index, Index]:
     """Nodes of a higher number close to each node: where each one's begin, and all of them."""
     n, dim = network.units.shape
     distance, near = network.nearest(network.units, min(3 ** min(dim, 3), n))
-    one, column = np.nonzero(distance <= _JOINED * network.spacing)
+    one, column = np.nonzero(distance <= READOUT.joined * network.spacing)
     two = near[one, column]
     pair = np.unique(np.minimum(one, two) * n + np.maximum(one, two))
     one, two = np.divmod(pair, n)
@@ -267,11 +282,12 @@ def _close_nodes(network: Map) -> tuple[Index, Index]:
     return np.append(0, np.cumsum(counts)), two[apart]
 
 
-def _linked(own: Map, counts: Index) -> Index:
+def _linked(network: Map, counts: Index) -> Index:
     """Each node of a map, or the nearest linked one in place of a node with no links."""
-    source, linked = np.arange(len(counts)), np.flatnonzero(counts > 0)
+    source = np.arange(len(counts))
+    linked = np.flatnonzero(counts > 0)
     empty = np.flatnonzero(counts == 0)
     if len(empty):
-        found = nearest_points(own.units[linked], own.scale, own.units[empty])[1]
-        source[empty] = linked[found[:, 0]]
+        nearest = nearest_points(network.units[linked], network.scale, network.units[empty])[1]
+        source[empty] = linked[nearest[:, 0]]
     return source

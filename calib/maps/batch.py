@@ -18,18 +18,10 @@ from ..common.arrays import Array, Index
 from .density import Gain, Visit
 from .lattice import REACH, Lattice
 from .map import Epoch, nearest_nodes, search_tree, topographic_error
+from .settings import BATCH
 
 Density = Literal["even", "varying", "growing"]
 """How a gain acts: not, on the full lattice alone, or on the coarse ones too (the default)."""
-
-_CELLS = 65_535  # parts of the unit box by which samples are sorted
-_LAST, _LAST_VARYING = 0.4, 1.5  # last radii of the full lattice [nodes]
-_COARSEST = 64  # nodes of the lattice that is ordered first
-_GROWTH = 10.0  # the next one has at most so many times the nodes
-_PER_NODE = 10  # samples that a coarse lattice is shown per epoch and node
-_STEP = 1.5  # see Stage.step
-_FIRST_GROWING, _EPOCHS_GROWING = 3.0, 5  # first radius [nodes] and epochs of the full lattice
-_GROWN = 0.5  # t / T after the coarse lattices
 
 
 def decay(start: float, end: float, n: int) -> Array:
@@ -64,14 +56,17 @@ def coarse_to_fine(
     whose border the gain holds in place is more accurate than one that follows each sample.  One
     that grows has its gain on the coarse lattices, where an epoch costs little.
     """
-    alone, longest = epochs is not None or sigma is not None, max(lattice.shape)
-    last = _LAST_VARYING if density == "varying" or (alone and density == "growing") else _LAST
+    alone = epochs is not None or sigma is not None
+    longest = max(lattice.shape)
+    last = BATCH.last_radius
+    if density == "varying" or (alone and density == "growing"):
+        last = BATCH.last_radius_varying
     if alone:
         start, end = sigma or (max(longest / 2, last), last)
         return [Stage(lattice, decay(start, end, epochs or 20), progress=(0.0, 1.0))]
-    growth = lattice.size / _COARSEST
-    levels = math.ceil(math.log(growth, _GROWTH)) if growth >= 2 else 0
-    coarse = [shrunk(lattice, _COARSEST * growth ** (k / levels)) for k in range(levels)]
+    growth = lattice.size / BATCH.coarsest
+    levels = math.ceil(math.log(growth, BATCH.growth)) if growth >= 2 else 0
+    coarse = [shrunk(lattice, BATCH.coarsest * growth ** (k / levels)) for k in range(levels)]
     coarse = [small for small in coarse if small.size < lattice.size]
     if not coarse:
         start = max(longest / 2, 1.0)
@@ -79,20 +74,20 @@ def coarse_to_fine(
     if density == "varying":  # so wide a radius comes next that one coarse lattice will do
         coarse = coarse[:1]
     first = Stage(coarse[0], decay(2.0, 0.7, 8))
-    finer = [Stage(small, decay(2.0, 1.5, 6), _STEP) for small in coarse]
+    finer = [Stage(small, decay(2.0, 1.5, 6), BATCH.step) for small in coarse]
     if density == "varying":
         # the gain draws nodes to the border: that takes wide radii and more epochs
         radii = decay(max(2 * last, longest / 5), last, 14)
         return [first, *finer, Stage(lattice, radii, progress=(0.0, 1.0))]
-    finer.append(Stage(lattice, np.array([1.5]), _STEP))
+    finer.append(Stage(lattice, np.array([1.5]), BATCH.step))
     if density == "even":
         return [first, *finer, Stage(lattice, decay(1.0, last, 3), progress=(0.0, 1.0))]
-    share = np.linspace(0.0, _GROWN, len(finer) + 1).tolist()
+    share = np.linspace(0.0, BATCH.grown, len(finer) + 1).tolist()
     finer = [replace(s, progress=part) for s, part in zip(finer, pairwise(share), strict=True)]
     side = lattice.size ** (1 / lattice.dim)
-    last = float(np.clip(_LAST + 0.22 * math.log2(side / 20), _LAST, 0.8))
-    radii = decay(_FIRST_GROWING, last, _EPOCHS_GROWING)
-    return [first, *finer, Stage(lattice, radii, progress=(_GROWN, 1.0))]
+    last = float(np.clip(BATCH.last_radius + 0.22 * math.log2(side / 20), BATCH.last_radius, 0.8))
+    radii = decay(BATCH.first_radius_growing, last, BATCH.epochs_growing)
+    return [first, *finer, Stage(lattice, radii, progress=(BATCH.grown, 1.0))]
 
 
 def shrunk(lattice: Lattice, nodes: float) -> Lattice:
@@ -123,34 +118,48 @@ def learn_batch(
         if stage.lattice != lattice:
             weights = lattice.resample(weights, stage.lattice)
         lattice = stage.lattice
-        drawn, most = np.arange(len(u)), _PER_NODE * lattice.size
+        rows = np.arange(len(u))
+        most = BATCH.samples_per_node * lattice.size
         if lattice != full and most < len(u):
-            drawn = np.sort(rng.choice(len(u), most, replace=False, shuffle=False))
-        some, rows = u[drawn], order[drawn]
-        back = np.argsort(rows)  # a gain sees samples in the log's order, not in that of places
-        wrong = None if residual is None else residual[rows[back]]
+            rows = np.sort(rng.choice(len(u), most, replace=False, shuffle=False))
+        samples = u[rows]
+        log_order = np.argsort(order[rows])  # a gain sees samples in the log's order
+        wrong = None if residual is None else residual[order[rows[log_order]]]
         for k, sigma in enumerate(stage.sigma.tolist()):
-            tree, share = search_tree(weights), (k + 1) / len(stage.sigma)
-            distances, index = nearest_nodes(tree, some)  # eq. 1
-            distance, winner = distances[:, 0], index[:, 0]
-            g = np.ones(len(some))
+            tree = search_tree(weights)
+            distances, winners = nearest_nodes(tree, samples)  # eq. 1
+            distance = distances[:, 0]
+            winner = winners[:, 0]
+            g = np.ones(len(samples))
             if gain is not None and stage.progress is not None:
                 first, last = stage.progress
-                t, by, far = first + (last - first) * share, winner[back], distance[back]
-                per_node = len(u) / full.size
-                g[back] = gain(Visit(t, by, far, weights, lattice, wrong, sigma, per_node))
-            topographic = topographic_error(some, tree, lattice)
-            # of each node: sum of the samples that it won, and their weight
-            columns = [*(g * c for c in some.T), g]
-            won = [np.bincount(winner, c, lattice.size) for c in columns]
-            sums = np.stack(won, axis=1, dtype=float)
+                visit = Visit(
+                    first + (last - first) * ((k + 1) / len(stage.sigma)),
+                    winner[log_order],
+                    distance[log_order],
+                    weights,
+                    lattice,
+                    wrong,
+                    sigma,
+                    per_node=len(u) / full.size,
+                )
+                g[log_order] = gain(visit)  # eq. 7 and 8
+            topographic = topographic_error(samples, tree, lattice)
+            sums = _sums_of_winners(samples, winner, g, lattice.size)
             weights = moved(weights, sums, lattice, sigma, stage.step)
             yield Epoch(weights, lattice, sigma, float(distance.mean()), topographic)
 
 
+def _sums_of_winners(samples: Array, winner: Index, g: Array, nodes: int) -> Array:
+    """Sum of the samples (n, d) that each node won, and of their weights g, (nodes, d + 1)."""
+    columns = [*(g * coordinate for coordinate in samples.T), g]
+    sums = [np.bincount(winner, column, nodes) for column in columns]
+    return np.stack(sums, axis=1, dtype=float)
+
+
 def _by_place(u: Array) -> Index:
     """An order in which close samples follow each other: their winners are found sooner."""
-    per_axis = int(_CELLS ** (1 / u.shape[1]))
+    per_axis = int(BATCH.sorting_cells ** (1 / u.shape[1]))
     cell = np.zeros(len(u), dtype=np.uint16)
     for c in u.T:
         cell = cell * np.uint16(per_axis) + (np.clip(c, 0.0, 0.999) * per_axis).astype(np.uint16)
@@ -194,10 +203,12 @@ def moved(weights: Array, sums: Array, lattice: Lattice, sigma: float, step: flo
     sums : (size, d + 1), sum of the samples that each node won, and their number or weight
     """
     if step is not None:
-        own = sums[:, -1:]
-        sums = np.concatenate([step * (sums[:, :-1] - own * weights), own], axis=1)
+        counts = sums[:, -1:]
+        sums = np.concatenate([step * (sums[:, :-1] - counts * weights), counts], axis=1)
     met = spread(sums, lattice, sigma)
     count = met[:, -1:]
     reached = count > 1e-12 * count.max()
     mean = met[:, :-1] / np.where(reached, count, 1.0)
-    return np.where(reached, mean if step is None else weights + mean, weights)
+    if step is not None:
+        mean = weights + mean
+    return np.where(reached, mean, weights)

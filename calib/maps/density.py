@@ -16,6 +16,7 @@ from ..common.choices import MAPS
 from ..common.wording import one_line
 from ..errors import OptionError
 from .lattice import Graph, Lattice
+from .settings import DENSITY
 
 
 @dataclass(frozen=True, repr=False)
@@ -71,10 +72,6 @@ class Visit:
 Gain = Callable[[Visit], Array]
 
 
-_FULL = 2 / 3  # share of the training after which the gain at the border is full
-_LEAST, _MOST = 0.05, 50.0  # of the residual's share in the gain
-
-
 def border(visit: Visit, share: float = 1.0) -> Array:
     """Gain of nodes "with a small number of neighbors", corners and edges: what the paper means.
 
@@ -87,7 +84,7 @@ def border(visit: Visit, share: float = 1.0) -> Array:
     """
     side = visit.lattice.size ** (1 / getattr(visit.lattice, "dim", 2))
     strength = np.clip(3.0 * np.log2(side / 4.0), 1.5, 9.0) * np.clip(visit.per_node / 4, 0.5, 1.0)
-    ramp = share * min(1.0, visit.progress / _FULL)
+    ramp = share * min(1.0, visit.progress / DENSITY.full)
     lonely = 1.0 - visit.lattice.neighbours()
     return np.asarray(np.exp(strength * ramp * lonely)[visit.winners])
 
@@ -137,25 +134,30 @@ def residual(visit: Visit) -> Array:
     gain = border(visit, 2 / 3)
     if visit.residual is None:
         return gain
-    share = np.clip(visit.residual / max(float(visit.residual.mean()), 1e-300), _LEAST, _MOST)
-    return np.asarray(gain * share ** min(1.0, visit.progress / _FULL))
+    share = np.clip(
+        visit.residual / max(float(visit.residual.mean()), 1e-300),
+        DENSITY.least_residual,
+        DENSITY.most_residual,
+    )
+    return np.asarray(gain * share ** min(1.0, visit.progress / DENSITY.full))
 
 
 def checked_gain(gain: Gain) -> Gain:
     """A user's gain whose answers are checked whenever it is asked."""
 
     def ask(visit: Visit) -> Array:
-        given, shape = gain(visit), visit.winners.shape
+        answer = gain(visit)
+        shape = visit.winners.shape
         try:
-            found = np.asarray(given, dtype=float)
+            factors = np.asarray(answer, dtype=float)
         except (TypeError, ValueError):
-            found = np.zeros(0)
-        if found.shape != shape or not (found >= 0).all() or not 0 < found.sum() < np.inf:
+            factors = np.zeros(0)
+        if factors.shape != shape or not (factors >= 0).all() or not 0 < factors.sum() < np.inf:
             raise OptionError(
-                f"the gain returned {one_line(repr(given))}: expected an array of shape {shape}, a "
-                "factor for each sample, finite, 0 or more and not all 0"
+                f"the gain returned {one_line(repr(answer))}: expected an array of shape {shape}, "
+                "a factor for each sample, finite, 0 or more and not all 0"
             )
-        return found
+        return factors
 
     return ask
 
@@ -178,7 +180,7 @@ def gain_of(name: str) -> Gain | None:
 
 
 def kind_of(network: str | Gain) -> str:
-    """Kind of a network, "som", "dsom", "gng", "gas" or untrained, by its name or gain function."""
+    """Kind of a network, "som", "dsom", "gng" or "gas", by its name or gain function."""
     if not isinstance(network, str):
         return "som"
     gain_of(network)

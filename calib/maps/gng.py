@@ -15,13 +15,7 @@ from ..common.arrays import Array, Index
 from .density import Gain, Visit
 from .lattice import Graph
 from .map import Epoch, nearest_nodes, search_tree
-
-# letters and values of the source: steps towards a sample of the winner and its neighbours, age
-# beyond which an edge is removed, share of the error that the parents of a new node keep
-EPSILON_B, EPSILON_N, A_MAX, ALPHA = 0.1, 0.006, 50, 0.5
-_GROWING = 0.6  # share of the samples during which nodes are inserted
-_BLOCK = 512
-_PER_NODE = 15  # samples per pass and node; more teach a gas little
+from .settings import GROWING
 
 
 @dataclass
@@ -54,17 +48,21 @@ def learn_gng(
     gain : varying density: a factor on the errors that are accumulated
     epochs : passes over the samples, each in another order; a pass ends after 15 per node
     """
-    gas = Gas(u[rng.permutation(len(u))[:2]] + 1e-9 * rng.random((2, u.shape[1])), np.zeros(2))
+    two_samples = u[rng.permutation(len(u))[:2]]
+    gas = Gas(two_samples + 1e-9 * rng.random((2, u.shape[1])), np.zeros(2))
     # the source's decay d = 0.995 remembers 200 samples, too few for thousands of nodes
     decay = 1.0 - 1.0 / (2.0 * max(nodes, 100))
-    shown, done = min(len(u), _PER_NODE * nodes), 0
+    shown = min(len(u), GROWING.samples_per_node * nodes)
+    done = 0
     for _ in range(epochs):
         order = u[rng.permutation(len(u))[:shown]]
-        total, first = 0.0, 0
+        total = 0.0
+        first = 0
         while first < shown:
-            block = order[first : first + max(1, min(_BLOCK, len(gas.weights) // 10))]
-            first, done = first + len(block), done + len(block)
-            progress = min(1.0, done / (_GROWING * epochs * shown))
+            block = order[first : first + max(1, min(GROWING.block, len(gas.weights) // 10))]
+            first += len(block)
+            done += len(block)
+            progress = min(1.0, done / (GROWING.growing * epochs * shown))
             total += present_gng(gas, block, decay, gain, progress)
             while len(gas.weights) < 2 + int((nodes - 2) * progress) and len(gas.pairs):
                 insert(gas)
@@ -79,40 +77,68 @@ def present_gng(
     decay : factor d on every error, per sample
     Returns the sum of the samples' distances to their winners.
     """
-    distance, index = nearest_nodes(search_tree(gas.weights), samples, 2)
-    n, first, second = len(gas.weights), index[:, 0], index[:, 1]
-    square = distance[:, 0] ** 2
+    distances, index = nearest_nodes(search_tree(gas.weights), samples, 2)
+    winner = index[:, 0]
+    second = index[:, 1]
+    error = distances[:, 0] ** 2
     if gain is not None:
-        visit = Visit(progress, first, distance[:, 0], gas.weights, gas.graph)
-        square = square * gain(visit)
-    gas.error = (gas.error + np.bincount(first, square, n)) * decay ** len(samples)
-    wins = np.bincount(first, minlength=n).astype(float)
-    sums = np.stack([np.bincount(first, c, n) for c in samples.T], axis=1)
+        visit = Visit(progress, winner, distances[:, 0], gas.weights, gas.graph)
+        error = error * gain(visit)
+    n = len(gas.weights)
+    gas.error = (gas.error + np.bincount(winner, error, n)) * decay ** len(samples)
+    wins = np.bincount(winner, minlength=n).astype(float)
     a, b = gas.pairs.T
     gas.age = gas.age + wins[a] + wins[b]
+    _move_nodes(gas, samples, winner, wins)
+    _renew_edges(gas, winner, second)
+    _remove_old_edges(gas)
+    return float(distances[:, 0].sum())
+
+
+def _move_nodes(gas: Gas, samples: Array, winner: Index, wins: Array) -> None:
+    """Move each node towards the samples that it and its neighbours won."""
+    n = len(gas.weights)
+    a, b = gas.pairs.T
+    sums = np.stack([np.bincount(winner, c, n) for c in samples.T], axis=1)
     # what many steps add up to: a node keeps (1 - epsilon)^wins of its place
-    own, other = -np.log1p(-EPSILON_B), -np.log1p(-EPSILON_N)
-    rate, pull = own * wins, own * sums
+    rate_winner = -np.log1p(-GROWING.epsilon_b)
+    rate_neighbour = -np.log1p(-GROWING.epsilon_n)
+    rate = rate_winner * wins
+    pull = rate_winner * sums
     for near, far in ((a, b), (b, a)):
-        rate = rate + other * np.bincount(near, wins[far], n)
-        pull = pull + other * np.stack([np.bincount(near, c, n) for c in sums[far].T], axis=1)
+        far_sums = [np.bincount(near, c, n) for c in sums[far].T]
+        rate = rate + rate_neighbour * np.bincount(near, wins[far], n)
+        pull = pull + rate_neighbour * np.stack(far_sums, axis=1)
     moved = np.flatnonzero(rate > 0.0)
     target = pull[moved] / rate[moved, None]
     gas.weights[moved] -= np.expm1(-rate[moved])[:, None] * (target - gas.weights[moved])
-    # the two nearest nodes of each sample are joined by an edge of age 0
-    fresh = np.unique(np.minimum(first, second) * n + np.maximum(first, second))
-    key = gas.pairs[:, 0] * n + gas.pairs[:, 1]
-    # fresh is sorted: a search is sooner than np.isin, which sorts all edges
-    stay = fresh[np.minimum(np.searchsorted(fresh, key), len(fresh) - 1)] != key
-    gas.pairs = np.concatenate([gas.pairs[stay], np.stack(np.divmod(fresh, n), axis=1)])
-    gas.age = np.concatenate([gas.age[stay], np.zeros(len(fresh))])
-    young = gas.age <= A_MAX
-    if not young.all():  # edges that are too old go, and nodes that are left without one
-        gas.pairs, gas.age = gas.pairs[young], gas.age[young]
-        kept = np.bincount(gas.pairs.ravel(), minlength=n) > 0
-        place = np.cumsum(kept) - 1
-        gas.weights, gas.error, gas.pairs = gas.weights[kept], gas.error[kept], place[gas.pairs]
-    return float(distance[:, 0].sum())
+
+
+def _renew_edges(gas: Gas, winner: Index, second: Index) -> None:
+    """Join the two nearest nodes of each sample by an edge of age 0."""
+    n = len(gas.weights)
+    new_keys = np.unique(np.minimum(winner, second) * n + np.maximum(winner, second))
+    keys = gas.pairs[:, 0] * n + gas.pairs[:, 1]
+    # the new keys are sorted: a search is sooner than np.isin, which sorts all edges
+    place = np.minimum(np.searchsorted(new_keys, keys), len(new_keys) - 1)
+    stays = new_keys[place] != keys
+    new_pairs = np.stack(np.divmod(new_keys, n), axis=1)
+    gas.pairs = np.concatenate([gas.pairs[stays], new_pairs])
+    gas.age = np.concatenate([gas.age[stays], np.zeros(len(new_keys))])
+
+
+def _remove_old_edges(gas: Gas) -> None:
+    """Remove edges that are too old, and nodes without any."""
+    young = gas.age <= GROWING.a_max
+    if young.all():
+        return
+    gas.pairs = gas.pairs[young]
+    gas.age = gas.age[young]
+    joined = np.bincount(gas.pairs.ravel(), minlength=len(gas.weights)) > 0
+    new_number = np.cumsum(joined) - 1
+    gas.weights = gas.weights[joined]
+    gas.error = gas.error[joined]
+    gas.pairs = new_number[gas.pairs]
 
 
 def insert(gas: Gas) -> int:
@@ -124,7 +150,7 @@ def insert(gas: Gas) -> int:
         worst = int(gas.pairs[gas.error[gas.pairs].sum(axis=1).argmax(), 0])
         near = gas.neighbours(worst)
     other = int(near[gas.error[near].argmax()])
-    gas.error[[worst, other]] *= ALPHA
+    gas.error[[worst, other]] *= GROWING.alpha
     new = len(gas.weights)
     between = 0.5 * (gas.weights[worst] + gas.weights[other])
     gas.weights = np.concatenate([gas.weights, between[None]])

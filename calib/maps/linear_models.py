@@ -14,12 +14,10 @@ import numpy as np
 from ..common.arrays import Array, Index, ReadOnly
 from .local_models import blend, blend_size
 from .map import Map, nearest_points
+from .settings import READOUT
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
-
-_RIDGE = 1e-2
-"""Of the regressions, as a share of the mean variance of the active nodes' positions."""
 
 
 def regress(place: Array, value: Array, weight: Array) -> tuple[Array, Array, Array]:
@@ -37,7 +35,7 @@ def regress(place: Array, value: Array, weight: Array) -> tuple[Array, Array, Ar
     weighted = np.swapaxes(gap * share[..., None], 1, 2)
     power = weighted @ gap
     diagonal = np.einsum("ndd->nd", power)
-    diagonal += _RIDGE * diagonal.mean(axis=1, keepdims=True) + 1e-300
+    diagonal += READOUT.ridge * diagonal.mean(axis=1, keepdims=True) + 1e-300
     return middle, mean, np.linalg.solve(power, weighted @ (value - mean[:, None]))
 
 
@@ -56,14 +54,14 @@ class LinearModels(ReadOnly):
     def value(self, u: Array) -> Array:
         """Positions (n, o) at the points `u` (n, d) of the unit box."""
         index, weight, _ = blend(self.motor, u, 2 * blend_size(u.shape[1]))
-        return self._said(u, index, weight)[0]
+        return self._blended(u, index, weight)[0]
 
     def value_and_slope(self, u: Array) -> tuple[Array, Array]:
         """Positions (n, o) and their derivatives by the unit coordinates (n, o, d)."""
         index, weight, tilt = blend(self.motor, u, 2 * blend_size(u.shape[1]), slope=True)
-        value, each = self._said(u, index, weight)
+        value, of_nodes = self._blended(u, index, weight)
         slope = np.einsum("nm,nmdo->nod", weight, self.slopes[index])
-        return value, slope + np.einsum("nmd,nmo->nod", tilt, each)
+        return value, slope + np.einsum("nmd,nmo->nod", tilt, of_nodes)
 
     @staticmethod
     def of(
@@ -83,18 +81,19 @@ class LinearModels(ReadOnly):
         place = motor.scale.difference(places[near], motor.units[:, None])
         middle, mean, slope = regress(place, partners[near], weight)
         value = mean - np.einsum("nd,ndo->no", middle, slope)
-        known = (strength > 0.0) & (weight.sum(axis=1) > 0.0)
-        lost, linked = np.flatnonzero(~known), np.flatnonzero(known)
-        if len(lost) and len(linked):  # a node without links: the nearest model goes on
-            at, among = motor.units[lost], motor.units[linked]
-            source = linked[nearest_points(among, motor.scale, at)[1][:, 0]]
-            gap = motor.scale.difference(motor.units[lost], motor.units[source])
-            slope[lost] = slope[source]
-            value[lost] = value[source] + np.einsum("nd,ndo->no", gap, slope[source])
+        has_links = (strength > 0.0) & (weight.sum(axis=1) > 0.0)
+        unlinked = np.flatnonzero(~has_links)
+        linked = np.flatnonzero(has_links)
+        if len(unlinked) and len(linked):  # the nearest model goes on
+            nearest = nearest_points(motor.units[linked], motor.scale, motor.units[unlinked])[1]
+            source = linked[nearest[:, 0]]
+            gap = motor.scale.difference(motor.units[unlinked], motor.units[source])
+            slope[unlinked] = slope[source]
+            value[unlinked] = value[source] + np.einsum("nd,ndo->no", gap, slope[source])
         return LinearModels(motor, value, slope)
 
-    def _said(self, u: Array, index: Index, weight: Array) -> tuple[Array, Array]:
-        """What the nodes say together (n, o), and each of them (n, m, o)."""
+    def _blended(self, u: Array, index: Index, weight: Array) -> tuple[Array, Array]:
+        """Weighted mean (n, o) of the nodes' linear models, and what each predicts (n, m, o)."""
         gap = self.motor.scale.difference(u[:, None], self.motor.units[index])
-        each = self.values[index] + np.einsum("nmd,nmdo->nmo", gap, self.slopes[index])
-        return np.einsum("nm,nmo->no", weight, each), each
+        of_nodes = self.values[index] + np.einsum("nmd,nmdo->nmo", gap, self.slopes[index])
+        return np.einsum("nm,nmo->no", weight, of_nodes), of_nodes

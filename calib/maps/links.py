@@ -11,19 +11,17 @@ from numpy.typing import NDArray
 from ..common.arrays import Array, Index, ReadOnly, Shape
 from ..errors import OptionError
 from .map import Map
+from .settings import LINKS
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
 
-BANDWIDTH = 0.7
-"""Bandwidth of a node's activity (eq. 6) in units of the node spacing."""
+BANDWIDTH = LINKS.bandwidth
+"""Bandwidth of a node's activity (eq. 6) [node spacings]."""
 
-NEAREST = 12
-"""Nodes that are active at a time: further ones are below 1e-3."""
-
-_WEAK = 0.02  # links below this share of the strongest of their node are let go
-_NOTHING = 1e-6  # and those below this share of the strongest of all
+NEAREST = LINKS.nearest
+"""Nodes that are active at a time."""
 
 
 @dataclass(frozen=True)
@@ -87,15 +85,16 @@ def wiring_of(links: str) -> Wiring:
     return WIRINGS[links]
 
 
-def without_weak(links: csr_array | Array) -> Compressed:
+def without_weak(links: csr_array | NDArray[np.floating]) -> Compressed:
     """Links (motor nodes, sensory nodes), sparse or dense, that count for one of their nodes."""
     from scipy.sparse import csr_array
 
     links = csr_array(links)
-    row_max, column_max = (links.max(axis=axis).toarray().ravel() for axis in (1, 0))
+    row_max = links.max(axis=1).toarray().ravel()
+    column_max = links.max(axis=0).toarray().ravel()
     rows = np.repeat(np.arange(links.shape[0]), np.diff(links.indptr))
-    weak = links.data < _WEAK * np.minimum(row_max[rows], column_max[links.indices])
-    weak |= links.data <= _NOTHING * links.data.max(initial=0.0)
+    weak = links.data < LINKS.weak * np.minimum(row_max[rows], column_max[links.indices])
+    weak |= links.data <= LINKS.nothing * links.data.max(initial=0.0)
     links.data[weak] = 0.0
     links.eliminate_zeros()
     links.sort_indices()

@@ -11,16 +11,11 @@ import numpy as np
 
 from ..common.arrays import Array, Index, Mask, ReadOnly, Shape
 from .map import Map, nearest_points
+from .settings import LOCAL
 
-MOST_DEGREE = 5
-"""Largest degree of a local model."""
-
-SILENT, FULL = 0.3, 0.5
-"""Shares of the weight at which speaking nodes are not heard, and in full."""
-
-_RING = 16  # places around a node where its polynomial has to be firm
-_FIRM = 10.0  # variance of an answer there, over that of one sample
-_CHUNK = 20_000_000  # numbers held at once while fitting
+MOST_DEGREE = LOCAL.most_degree
+SILENT = LOCAL.silent
+FULL = LOCAL.full
 
 
 @dataclass(frozen=True)
@@ -49,11 +44,11 @@ def exponents(dim: int, degree: int) -> Index:
 
 def monomials(z: Array, terms: Index) -> Array:
     """Products of powers of `z` (..., d) by their exponents (terms, d), (..., terms)."""
-    found = np.ones((*z.shape[:-1], len(terms)))
+    products = np.ones((*z.shape[:-1], len(terms)))
     for k, column in enumerate(terms.T):
         powers = np.cumprod(np.repeat(z[..., k, None], column.max(initial=0) + 1, axis=-1), axis=-1)
-        found *= np.concatenate([np.ones_like(z[..., :1]), powers], axis=-1)[..., column]
-    return found
+        products *= np.concatenate([np.ones_like(z[..., :1]), powers], axis=-1)[..., column]
+    return products
 
 
 def fit(motor: Map, nodes: Index, u: Array, residual: Array, shape: tuple[int, int]) -> LocalModels:
@@ -66,12 +61,16 @@ def fit(motor: Map, nodes: Index, u: Array, residual: Array, shape: tuple[int, i
     shape : degree of the polynomials and number of samples that each is fitted to
     """
     degree, samples = shape
-    places, scale, dof, outputs = motor.units[nodes], motor.scale, u.shape[1], residual.shape[1]
-    distance, near = nearest_points(u, scale, places, samples + 1)
-    near, radius = near[:, :-1], np.maximum(distance[:, -1:], 1e-12)
+    places = motor.units[nodes]
+    scale = motor.scale
+    dof = u.shape[1]
+    outputs = residual.shape[1]
+    distance, index = nearest_points(u, scale, places, samples + 1)
+    near = index[:, :-1]
+    radius = np.maximum(distance[:, -1:], 1e-12)
     z = scale.difference(u[near], places[:, None]) / radius[..., None]
     kernel = (1.0 - (distance[:, :-1] / radius) ** 2) ** 2
-    away = np.random.default_rng(0).standard_normal((_RING, dof))
+    away = np.random.default_rng(0).standard_normal((LOCAL.ring, dof))
     away *= 0.5 / np.linalg.norm(away, axis=1, keepdims=True)
     ring = places[:, None] + motor.spacings[nodes][:, None, None] * away
     ring = np.where(scale.periodic, ring, np.clip(ring, 0.0, 1.0)) - places[:, None]
@@ -80,18 +79,20 @@ def fit(motor: Map, nodes: Index, u: Array, residual: Array, shape: tuple[int, i
     shaky = np.arange(len(nodes))
     for lower in range(degree, -1, -1):
         terms = exponents(dof, lower)
-        for part in np.array_split(shaky, 1 + len(shaky) * near.shape[1] * len(terms) // _CHUNK):
+        for part in np.array_split(
+            shaky, 1 + len(shaky) * near.shape[1] * len(terms) // LOCAL.numbers_at_once
+        ):
             features = monomials(z[part], terms)
             weighted = np.swapaxes(features * kernel[part, :, None], 1, 2)
             moments = weighted @ features
             # rows on a line leave moments singular; the ring then finds the model shaky
             diagonal = np.einsum("nii->ni", moments)
             diagonal += 1e-9 * diagonal.mean(axis=1, keepdims=True) + 1e-300
-            asked = np.swapaxes(monomials(ring[part], terms), 1, 2)
-            wanted = np.concatenate([weighted @ residual[near[part]], asked], axis=2)
-            solved = np.linalg.solve(moments, wanted)
-            variance = np.einsum("nta,nta->na", asked, solved[..., outputs:])
-            firm = (variance < _FIRM).all(axis=1)
+            on_ring = np.swapaxes(monomials(ring[part], terms), 1, 2)
+            right_side = np.concatenate([weighted @ residual[near[part]], on_ring], axis=2)
+            solved = np.linalg.solve(moments, right_side)
+            variance = np.einsum("nta,nta->na", on_ring, solved[..., outputs:])
+            firm = (variance < LOCAL.firm).all(axis=1)
             coefficients[nodes[part[firm]], : len(terms)] = solved[firm, :, :outputs]
         shaky = shaky[(coefficients[nodes[shaky]] == 0.0).all(axis=(1, 2))]
     reach = np.full(motor.size, motor.spacing)
@@ -139,17 +140,17 @@ def heard(weight: Array, talks: Mask) -> Array:
 
     The edge of a sharp defect then lies between nodes, and neither side dilutes the other.
     """
-    own = np.where(talks, weight, 0.0)
-    share = own.sum(axis=1, keepdims=True)
+    talking = np.where(talks, weight, 0.0)
+    share = talking.sum(axis=1, keepdims=True)
     t = np.clip((share - SILENT) / (FULL - SILENT), 0.0, 1.0)
-    return np.asarray(own * (t * t * (3.0 - 2.0 * t) / np.maximum(share, SILENT)))
+    return np.asarray(talking * (t * t * (3.0 - 2.0 * t) / np.maximum(share, SILENT)))
 
 
 def contributions(models: LocalModels, index: Index, gap: Array) -> Array:
     """What the models of the nodes `index` (n, m) say at the offsets `gap` (n, m, d), (n, m, o)."""
     z = gap / models.radius[index][..., None]
-    found = monomials(z, exponents(gap.shape[-1], models.degree))
-    return np.asarray(np.einsum("nmt,nmto->nmo", found, models.coefficients[index]))
+    products = monomials(z, exponents(gap.shape[-1], models.degree))
+    return np.asarray(np.einsum("nmt,nmto->nmo", products, models.coefficients[index]))
 
 
 def predict(
@@ -163,9 +164,11 @@ def predict(
         return value, np.empty(0)
     # of the polynomials alone: what the weights add is small where neighbours agree, and a
     # Newton step that is a little off is corrected by the next
-    radius, terms = models.radius[index][..., None], exponents(u.shape[1], models.degree)
+    radius = models.radius[index][..., None]
+    terms = exponents(u.shape[1], models.degree)
     lower = np.maximum(terms - np.eye(u.shape[1], dtype=np.intp)[:, None], 0)
-    own_slopes = [k * monomials(gap / radius, part) for k, part in zip(terms.T, lower, strict=True)]
-    slopes = np.stack(own_slopes) / radius
-    spoken = models.coefficients[index] * weight[..., None, None]
-    return value, np.einsum("dnmt,nmto->nod", slopes, spoken)
+    z = gap / radius
+    slopes = np.stack([k * monomials(z, part) for k, part in zip(terms.T, lower, strict=True)])
+    slopes /= radius
+    weighted = models.coefficients[index] * weight[..., None, None]
+    return value, np.einsum("dnmt,nmto->nod", slopes, weighted)

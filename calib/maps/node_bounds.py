@@ -8,13 +8,7 @@ from numpy.typing import NDArray
 from ..common.arrays import Array
 from .local_models import blend, blend_size
 from .map import Map, nearest_points
-
-COVERAGE = 0.95
-_AROUND = 50  # held-out errors that tell the scale around a node
-_LEAST = 1e-3  # a pass shrinks a group by no more, so that errors of zero leave a bound
-_PASSES = 4  # over the two groups of nodes
-_ENOUGH = 40  # rows that tell a group's factor
-_BORDER = 1.5  # nodes within so many spacings of a limit form a group of their own
+from .settings import BOUNDS
 
 
 def learn_bounds(motor: Map, u: Array, errors: Array) -> Array:
@@ -28,22 +22,23 @@ def learn_bounds(motor: Map, u: Array, errors: Array) -> Array:
     Returns (nodes,) [unit].
     """
     floor = max(1e-9 * float(errors.max(initial=0.0)), 1e-15)
-    k = max(1, min(_AROUND, len(u) // 2))
+    k = max(1, min(BOUNDS.around, len(u) // 2))
     near = nearest_points(u, motor.scale, np.clip(motor.units, 0.0, 1.0), k)[1]
-    border, edge = near_border(motor, u), near_border(motor, motor.units)
-    groups = [(edge == near, border == near) for near in (False, True)]
-    if min(np.count_nonzero(rows) for _, rows in groups) < _ENOUGH:
-        groups = [(np.ones_like(edge), np.ones_like(border))]  # too few to tell them apart
+    border_rows = near_border(motor, u)
+    border_nodes = near_border(motor, motor.units)
+    groups = [(~border_nodes, ~border_rows), (border_nodes, border_rows)]
+    if min(np.count_nonzero(rows) for _, rows in groups) < BOUNDS.enough:
+        groups = [(np.ones_like(border_nodes), np.ones_like(border_rows))]
     bound: Array = np.maximum(errors[near].mean(axis=1), floor)
     index, weight, _ = blend(motor, u, blend_size(u.shape[1]))
     # both groups' nodes speak for samples between them: again, until both fit
-    for _ in range(_PASSES):
+    for _ in range(BOUNDS.passes):
         for members, rows in groups:
             stated = np.einsum("nm,nm->n", weight[rows], bound[index[rows]])
             ratio = np.sort(errors[rows] / stated)
             # the finite-sample quantile of conformal prediction
-            rank = min(len(ratio) - 1, int(np.ceil((len(ratio) + 1) * COVERAGE)) - 1)
-            bound[members] *= max(ratio[rank], _LEAST)
+            rank = min(len(ratio) - 1, int(np.ceil((len(ratio) + 1) * BOUNDS.coverage)) - 1)
+            bound[members] *= max(ratio[rank], BOUNDS.least)
     return bound
 
 
@@ -51,7 +46,7 @@ def near_border(motor: Map, u: Array) -> NDArray[np.bool_]:
     """Whether points (n, dof) of the unit box are near a joint limit, (n,)."""
     away = np.minimum(u, 1.0 - u)
     away = np.where(motor.scale.periodic, np.inf, away)
-    return np.asarray(away.min(axis=1) < _BORDER * motor.spacing)
+    return np.asarray(away.min(axis=1) < BOUNDS.border * motor.spacing)
 
 
 def blend_nodes(motor: Map, values: Array, u: Array) -> Array:

@@ -1,4 +1,4 @@
-"""Networks beside SOM and VDSOM: a dynamic map, neural gas, and nodes that no rule has moved.
+"""Networks beside SOM and VDSOM: a dynamic map and a neural gas.
 
 DSOM: Rougier and Boniface, Neurocomputing 74, 2011.  Batch neural gas, for four joints and more,
 which a lattice folds into: Cottrell, Hammer, Hasenfuss and Villmann, Neural Networks 19, 2006.
@@ -15,13 +15,7 @@ from ..common.arrays import Array
 from .batch import decay
 from .lattice import Graph, Lattice
 from .map import Epoch, nearest_nodes, search_tree
-
-_ELASTICITY = 3.0  # how far a sample's pull reaches in a dynamic map: 1 to 3 in the source
-_RATE = 0.1  # learning rate epsilon of the source
-_RANGE = (2.0, 0.1)  # lambda, the rank over which a sample's pull on a gas falls by a factor e
-_NEAREST = 8  # nodes of a gas that a sample pulls; beyond, its pull is below 2 %
-_JOINED = 4  # nearest neighbours of a node that is not trained
-_JITTER = 1e-7  # of the unit box: repeated rows make no two nodes in one place
+from .settings import DYNAMIC, GAS
 
 
 def learn_dsom(
@@ -32,7 +26,7 @@ def learn_dsom(
     weights = 0.5 + 0.01 * (rng.random((lattice.size, u.shape[1])) - 0.5)
     for _ in range(epochs):
         error = float(np.mean(present_dsom(weights, lattice, u[rng.permutation(len(u))])))
-        sigma = max(_widths(lattice, error, u.shape[1], _ELASTICITY))
+        sigma = max(_widths(lattice, error, u.shape[1], DYNAMIC.elasticity))
         yield Epoch.of(u, weights, lattice, sigma, error)
 
 
@@ -40,8 +34,8 @@ def present_dsom(
     weights: Array,
     lattice: Lattice,
     samples: Array,
-    elasticity: float = _ELASTICITY,
-    rate: float = _RATE,
+    elasticity: float = DYNAMIC.elasticity,
+    rate: float = DYNAMIC.rate,
 ) -> list[float]:
     """Show samples to a dynamic map one by one, in place; their distances to the winners.
 
@@ -51,14 +45,16 @@ def present_dsom(
         w_i += rate d_i exp(-|p_i - p_s|^2 / (elasticity d_s)^2) (x - w_i).
     """
     dim = samples.shape[1]
-    grid, distances = weights.reshape(*lattice.shape, -1), []
+    grid = weights.reshape(*lattice.shape, -1)
+    distances: list[float] = []
     for x in samples:
         away = np.linalg.norm(weights - x, axis=1)
         winner = int(away.argmin())
-        distances.append(float(away[winner]))
-        if distances[-1] == 0.0:
+        distance = float(away[winner])
+        distances.append(distance)
+        if distance == 0.0:
             continue  # the source: h is zero where the winner stands on the sample
-        window, h = lattice.around(winner, *_widths(lattice, distances[-1], dim, elasticity))
+        window, h = lattice.around(winner, *_widths(lattice, distance, dim, elasticity))
         step = rate * h * away.reshape(lattice.shape)[window] / math.sqrt(dim)
         grid[window] += step[..., None] * (x - grid[window])
     return distances
@@ -72,40 +68,23 @@ def _widths(lattice: Lattice, distance: float, dim: int, elasticity: float) -> t
 
 def learn_gas(u: Array, nodes: int, epochs: int, rng: np.random.Generator) -> Iterator[Epoch]:
     """Train a neural gas: samples pull their nearest nodes by rank, and join the two nearest."""
-    weights, k = _rows(u, nodes, rng), min(_NEAREST, nodes)
+    weights = _rows(u, nodes, rng)
+    k = min(GAS.nearest, nodes)
     columns = np.column_stack([u, np.ones(len(u))]).T
-    for reach in decay(*_RANGE, epochs):
+    for reach in decay(GAS.first_range, GAS.last_range, epochs):
         distance, index = nearest_nodes(search_tree(weights), u, k)
         met = np.zeros((nodes, u.shape[1] + 1))
         for ranked, share in zip(index.T, np.exp(-np.arange(k) / reach), strict=True):
-            won = [np.bincount(ranked, column, nodes) for column in columns]
-            met += share * np.stack(won, axis=1)
-        known = met[:, -1] > 0.0
-        weights = np.where(known[:, None], met[:, :-1] / np.maximum(met[:, -1:], 1e-300), weights)
+            sums = [np.bincount(ranked, column, nodes) for column in columns]
+            met += share * np.stack(sums, axis=1)
+        pulled = met[:, -1] > 0.0
+        mean = met[:, :-1] / np.maximum(met[:, -1:], 1e-300)
+        weights = np.where(pulled[:, None], mean, weights)
         graph = Graph.of(nodes, nearest_nodes(search_tree(weights), u, 2)[1])
         yield Epoch.of(u, weights, graph, 0.0, float(distance[:, 0].mean()))
-
-
-def untrained(kind: str, u: Array, lattice: Lattice, rng: np.random.Generator) -> Iterator[Epoch]:
-    """What a trained map has to beat, as a single epoch: "grid", "random" or "rows" of `u` (n, d).
-
-    An even grid is a lattice; the others are joined to their nearest neighbours.
-    """
-    n = lattice.size
-    joined: Lattice | Graph = lattice
-    if kind == "grid":
-        weights = np.full((n, u.shape[1]), 0.5)
-        weights[:, : lattice.dim] = (lattice.positions() + 0.5) / np.array(lattice.shape)
-    else:
-        weights = rng.random((n, u.shape[1])) if kind == "random" else _rows(u, n, rng)
-        k = min(_JOINED, n - 1)
-        near = nearest_nodes(search_tree(weights), weights, k + 1)[1][:, 1:]
-        joined = Graph.of(n, np.stack([np.repeat(np.arange(n), k), near.ravel()], axis=1))
-    error = float(nearest_nodes(search_tree(weights), u)[0].mean())
-    yield Epoch.of(u, weights, joined, 0.0, error)
 
 
 def _rows(u: Array, nodes: int, rng: np.random.Generator) -> Array:
     """Some of the rows as nodes."""
     drawn = rng.choice(len(u), nodes, replace=len(u) < nodes)
-    return u[drawn] + _JITTER * rng.standard_normal((nodes, u.shape[1]))
+    return u[drawn] + GAS.jitter * rng.standard_normal((nodes, u.shape[1]))

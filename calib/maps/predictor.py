@@ -56,19 +56,19 @@ class Predictor:
         return self.smooth.body if isinstance(self.smooth, BodyInBox) else None
 
     def value(self, u: Array) -> Array:  # noqa: D102
-        return np.concatenate([self._said(part) for part in _parts(u)])
+        return np.concatenate([self._value_of(part) for part in _parts(u)])
 
     def value_and_slope(self, u: Array) -> tuple[Array, Array]:  # noqa: D102
-        values, slopes = zip(*map(self._said_and_slope, _parts(u)), strict=True)
+        values, slopes = zip(*map(self._value_and_slope_of, _parts(u)), strict=True)
         return np.concatenate(values), np.concatenate(slopes)
 
-    def _said(self, u: Array) -> Array:
+    def _value_of(self, u: Array) -> Array:
         value = self.smooth.value(u)
         if self.models.degree >= 0:
             value = value + local.predict(self.models, self.motor, u)[0]
         return value
 
-    def _said_and_slope(self, u: Array) -> tuple[Array, Array]:
+    def _value_and_slope_of(self, u: Array) -> tuple[Array, Array]:
         value, slope = self.smooth.value_and_slope(u)
         if self.models.degree < 0:
             return value, slope

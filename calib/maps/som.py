@@ -19,7 +19,7 @@ from .gng import learn_gng
 from .lattice import Lattice, Size, shape_of
 from .links import wiring_of, without_weak
 from .map import Epoch, Map
-from .others import learn_dsom, learn_gas, untrained
+from .others import learn_dsom, learn_gas
 from .vdsom import VDSOM, Layer, passes
 
 _Progress = Callable[[float, float], None]
@@ -39,9 +39,8 @@ class SOM:
         takes their number.
     map : str or gain function
         "som", "vdsom" (as the paper means it) or another reading of it ("vdsom:rho"), "dsom",
-        "gng" or one with a varying density ("gng:error"), "gas", nodes that are not trained
-        ("grid", "random", "rows"), or a function of a :class:`calib.Visit` that returns a
-        gain per sample.
+        "gng" or one with a varying density ("gng:error"), "gas", or a function of a
+        :class:`calib.Visit` that returns a gain per sample.
     rule : {"batch", "online"}
         Batch map (Kohonen 2013), or eq. 1 to 8 one sample at a time (`vdsom.py`).  A dynamic
         map and a growing neural gas know only the latter and take no notice.
@@ -115,11 +114,11 @@ class SOM:
             row = int(np.argmin(np.isfinite(x).all(axis=1)))
             raise LogError(f"sample {row} is {x[row]}: expected finite numbers, drop such rows")
         scale = scale or Scale.of_data(x)
-        every, total = self._training(scale.to_unit(x), scale, residual)
+        epochs, total = self._training(scale.to_unit(x), scale, residual)
         history = []
         # small products of matrices: threads would only wait for each other
         with one_blas_thread():
-            for epoch in every:
+            for epoch in epochs:
                 history.append(epoch.row)
                 if progress is not None:
                     progress(len(history) / total, epoch.error)
@@ -139,19 +138,19 @@ class SOM:
             Maps, links and their readouts.  With the online rule maps and links develop together:
             eq. 5 is stepped.
         """
-        q, x = np.asarray(q, dtype=float), np.asarray(x, dtype=float)
+        q = np.asarray(q, dtype=float)
+        x = np.asarray(x, dtype=float)
         if q.ndim != 2 or x.ndim != 2 or len(q) != len(x) or len(q) < 2:
             raise LogError(f"samples of shapes {q.shape} and {x.shape}: expected (n, d) and (n, k)")
         scales = (Scale.of_data(q), Scale.of_data(x))
-        u, v = scales[0].to_unit(q), scales[1].to_unit(x)
+        u = scales[0].to_unit(q)
+        v = scales[1].to_unit(x)
         if self.rule == "online" and kind_of(self.map) == "som":
             return self.developed((u, v), scales)
-        own = self.seed.entropy if isinstance(self.seed, np.random.SeedSequence) else self.seed
-        seeds = np.random.SeedSequence(own).spawn(2)
-        motor, sensory = (
-            replace(self, seed=seed).fit(rows, scale=scale)
-            for seed, rows, scale in zip(seeds, (q, x), scales, strict=True)
-        )
+        entropy = self.seed.entropy if isinstance(self.seed, np.random.SeedSequence) else self.seed
+        motor_seed, sensory_seed = np.random.SeedSequence(entropy).spawn(2)
+        motor = replace(self, seed=motor_seed).fit(q, scale=scales[0])
+        sensory = replace(self, seed=sensory_seed).fit(x, scale=scales[1])
         return Association.learn(motor, u, sensory, v, wiring_of(self.links))
 
     def developed(
@@ -166,17 +165,20 @@ class SOM:
         points : (n, d), (n, k), paired samples in the unit boxes of the `scales`
         shapes : of the two lattices, where they differ
         """
-        wiring, epochs, rng = wiring_of(self.links), self._passes, np.random.default_rng(self.seed)
+        wiring = wiring_of(self.links)
+        rng = np.random.default_rng(self.seed)
         layers = [
             self._layer(Lattice(shape_of(shape)), scale, p, rng)
             for shape, scale, p in zip(shapes or (self.size,) * 2, scales, points, strict=True)
         ]
-        net, history = VDSOM(layers, wiring), []
+        net = VDSOM(layers, wiring)
+        radii = self._sigma(layers[0].lattice)
+        history = []
         with one_blas_thread():
-            for told in passes(net, points, epochs, self._sigma(layers[0].lattice), rng):
-                history.append([epoch.row for epoch in told])
+            for epochs in passes(net, points, self._passes, radii, rng):
+                history.append([epoch.row for epoch in epochs])
                 if tell is not None:
-                    tell(len(history) / epochs, told[1].error)
+                    tell(len(history) / self._passes, epochs[1].error)
         motor, sensory = (
             Map(layer.weights, layer.lattice, layer.scale, past)
             for layer, past in zip(layers, np.array(history).swapaxes(0, 1), strict=True)
@@ -205,24 +207,26 @@ class SOM:
         self, u: Array, scale: Scale, residual: Array | None
     ) -> tuple[Iterator[Epoch], int]:
         """The epochs that train, and how many they are."""
-        rng, lattice = np.random.default_rng(self.seed), Lattice(shape_of(self.size))
-        kind, epochs = kind_of(self.map), self._passes
-        every: Iterator[Epoch]
+        rng = np.random.default_rng(self.seed)
+        lattice = Lattice(shape_of(self.size))
+        kind = kind_of(self.map)
         if kind == "gas":
-            every = learn_gas(u, lattice.size, epochs, rng)
-        elif kind == "gng":
-            every = learn_gng(u, lattice.size, self._gain, epochs, rng)
-        elif kind == "dsom":
-            every = learn_dsom(u, lattice, epochs, rng)
-        elif kind != "som":
-            epochs, every = 1, untrained(kind, u, lattice, rng)
-        elif self.rule == "online":
+            return learn_gas(u, lattice.size, self._passes, rng), self._passes
+        if kind == "gng":
+            return learn_gng(u, lattice.size, self._gain, self._passes, rng), self._passes
+        if kind == "dsom":
+            return learn_dsom(u, lattice, self._passes, rng), self._passes
+        if self.rule == "online":
             net = VDSOM([self._layer(lattice, scale, u, rng)])
-            every = (epoch for (epoch,) in passes(net, [u], epochs, self._sigma(lattice), rng))
-        else:
-            density: Density = "even" if self.map == "som" else "varying"
-            density = "growing" if self.map == "vdsom:residual" else density
-            stages = coarse_to_fine(lattice, self.epochs, self.sigma, density)
-            epochs = sum(len(stage.sigma) for stage in stages)
-            every = learn_batch(u, stages, self._gain, rng, residual)
-        return every, epochs
+            one_map = passes(net, [u], self._passes, self._sigma(lattice), rng)
+            return (epoch for (epoch,) in one_map), self._passes
+        stages = coarse_to_fine(lattice, self.epochs, self.sigma, self._density)
+        epochs = sum(len(stage.sigma) for stage in stages)
+        return learn_batch(u, stages, self._gain, rng, residual), epochs
+
+    @property
+    def _density(self) -> Density:
+        """How the gain acts in the batch rule."""
+        if self.map == "som":
+            return "even"
+        return "growing" if self.map == "vdsom:residual" else "varying"

@@ -29,7 +29,7 @@ from ..inverse.newton import Newton
 from ..inverse.pose import TOLERANCE, Joints, refined_ways, searched_ways
 from ..inverse.settings import SEARCH
 from ..inverse.solver import free_directions
-from ..inverse.starts import drawn
+from ..inverse.starts import drawn, twins
 from ..inverse.task import Poses, Positions
 from .parts import Parts
 
@@ -214,6 +214,10 @@ class Space:
         else:
             newton, target, wish = self._asked(p, r, near, free)
             u, left = newton.refine(wish, target, 1e-3 * TOLERANCE)
+            row, across = twins(newton, u)
+            if len(row):
+                found = newton.refine(across, target[row], 1e-3 * TOLERANCE)
+                newton.take_better(u, left, wish, row, *found)
             q = self._scale.from_unit(u)
             away = np.linalg.norm(self._scale.difference(u, wish), axis=1)
             spare = wish.shape[1] > _residuals(free)

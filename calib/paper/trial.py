@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -13,6 +14,7 @@ from ..common.arrays import Array
 from ..common.parallel import one_blas_thread
 from ..maps.association import Association
 from ..maps.density import Gain
+from ..model.facts import Errors
 from ..samples.samples import Samples
 from ..training.evaluate import Residuals, fresh_points, summarise
 from ..training.learn import TrainingOptions, associate, unit_box
@@ -42,6 +44,14 @@ class Schedule:
 
 
 @dataclass(frozen=True)
+class SeedErrors:
+    """Errors of one seed."""
+
+    errors: Errors  # {readout: {"forward" | "inverse": {column: {"mean", "max", "p99"}}}}
+    ranges: Mapping[str, float]  # width of what each column covers [m, rad]
+
+
+@dataclass(frozen=True)
 class NetworkTrial:
     """A network and its schedule."""
 
@@ -53,63 +63,80 @@ class NetworkTrial:
         """Errors of all seeds, of `n` samples each, on 10,000 exact test points of their own."""
         return joined([self.errors(setting.babble(seed, n), seed) for seed in setting.seeds])
 
-    def errors(self, samples: Samples, seed: int) -> dict[str, Any]:
+    def errors(self, samples: Samples, seed: int) -> SeedErrors:
         """Errors of one seed, on the points on which ``calib train`` tests a model of it."""
         pair = association(samples, self.network, self.schedule, self.side, seed)
         simulation = samples.simulation
         assert simulation is not None  # noqa: S101
         q, x = fresh_points(simulation, seed)
-        scale, found = pair.motor.scale, Residuals(q, x, {}, {}, {}, samples.joint_names)
+        scale = pair.motor.scale
+        residuals = Residuals(q, x, {}, {}, {}, samples.joint_names)
         u = scale.to_unit(q)
         for readout, answer in pair.inverses(pair.sensory.scale.to_unit(x), u).items():
             answer = np.clip(answer, 0.0, 1.0)
-            found.forward[readout] = pair.predict(q, readout) - x
-            found.inverse[readout] = scale.difference(answer, u) * scale.span
+            residuals.forward[readout] = pair.predict(q, readout) - x
+            residuals.inverse[readout] = scale.difference(answer, u) * scale.span
             there = simulation.exact(scale.from_unit(answer))
-            found.distance[readout] = np.linalg.norm(there - x, axis=1)
+            residuals.distance[readout] = np.linalg.norm(there - x, axis=1)
         # widths of what the samples cover, and of the joints' limits
-        widths = *np.ptp(samples.x, axis=0).tolist(), *(samples.upper - samples.lower).tolist()
-        ranges = dict(zip(("x", "y", *samples.joint_names), widths, strict=True))
-        return {"errors": summarise(found), "ranges": ranges}
+        widths = np.concatenate([np.ptp(samples.x, axis=0), samples.upper - samples.lower])
+        ranges = dict(zip(("x", "y", *samples.joint_names), widths.tolist(), strict=True))
+        return SeedErrors(summarise(residuals), ranges)
 
 
-def joined(results: list[dict[str, Any]]) -> Row:
+def joined(results: Sequence[SeedErrors]) -> Row:
     """One row of several seeds: mean over the seeds, and their standard deviation.
 
     "mean_of_range" and "max_of_range" are the errors as shares of the coordinate's range.
     """
     row: Row = {}
-    for readout, sides in results[0]["errors"].items():
+    for readout, directions in results[0].errors.items():
         row[readout] = {}
-        for side, columns in sides.items():
+        for direction, columns in directions.items():
             for column in columns:
-                found = [r["errors"][readout][side][column] for r in results]
-                name = column if column != "distance" else f"{side}_distance"
-                cell = {k: float(np.mean([f[k] for f in found])) for k in ("mean", "max", "p99")}
-                for k in ("mean", "max"):
-                    cell[f"{k}_spread"] = float(np.std([f[k] for f in found]))
-                    if column != "distance":
-                        width = float(np.mean([r["ranges"][column] for r in results]))
-                        cell[f"{k}_of_range"] = cell[k] / width
-                row[readout][name] = cell
+                cells = [result.errors[readout][direction][column] for result in results]
+                if column == "distance":
+                    row[readout][f"{direction}_distance"] = _mean_cell(cells)
+                    continue
+                width = float(np.mean([result.ranges[column] for result in results]))
+                cell = _mean_cell(cells)
+                cell["mean_of_range"] = cell["mean"] / width
+                cell["max_of_range"] = cell["max"] / width
+                row[readout][column] = cell
     return row
+
+
+def _mean_cell(cells: Sequence[Mapping[str, float]]) -> dict[str, float]:
+    """Mean over the seeds of each statistic, and how far the seeds spread."""
+    cell = {name: float(np.mean([c[name] for c in cells])) for name in ("mean", "max", "p99")}
+    for name in ("mean", "max"):
+        cell[f"{name}_spread"] = float(np.std([c[name] for c in cells]))
+    return cell
 
 
 def association(
     samples: Samples, network: str | Gain, schedule: Schedule, side: int, seed: int
 ) -> Association:
     """Both maps and their links alone, as ``calib train`` would learn them."""
-    scale, s = unit_box(samples), schedule
-    how: dict[str, Any] = {"rule": s.rule, "epochs": s.epochs, "links": s.links}
-    options = TrainingOptions(side, map=network, sigma=s.radii(side), seed=seed, **how)
+    scale = unit_box(samples)
+    options = TrainingOptions(
+        side,
+        map=network,
+        rule=schedule.rule,
+        epochs=schedule.epochs,
+        sigma=schedule.radii(side),
+        links=schedule.links,
+        seed=seed,
+    )
     with one_blas_thread():
         return associate(scale, scale.to_unit(samples.q), samples.x, options)
 
 
 def activity_errors(pair: Association, q: Array, x: Array) -> Array:
     """Absolute errors of the readout ``activity``, (n, 2 + dof) as shares of the ranges."""
-    motor, sensory = pair.motor.scale, pair.sensory.scale
-    u, v = motor.to_unit(q), sensory.to_unit(x)
+    motor = pair.motor.scale
+    u = motor.to_unit(q)
+    v = pair.sensory.scale.to_unit(x)
     forward = pair.forward(u, "activity") - v
     inverse = motor.difference(np.clip(pair.inverse(v, u, "activity"), 0.0, 1.0), u)
     return np.asarray(np.abs(np.concatenate([forward, inverse], axis=1)))
@@ -137,34 +164,41 @@ def best_schedule(setting: Setting, network: str) -> list[Found]:
     seed judges the better half of what the seeds before it left, down to a few finalists.  A
     candidate that stayed longer comes before one that was dropped earlier.
     """
-    kept, dropped = schedules(setting), list[Found]()
-    scores: dict[Schedule, list[float]] = {schedule: [] for schedule in kept}
+    candidates = schedules(setting)
+    dropped: list[Found] = []
+    scores: dict[Schedule, list[float]] = {schedule: [] for schedule in candidates}
+    ranking: list[Found] = []
     for k, seed in enumerate(setting.seeds):
         samples = setting.babble(seed)
         q, x = setting.validation(samples, seed)
-        for n, schedule in enumerate(kept):
+        for n, schedule in enumerate(candidates):
             pair = association(samples, network, schedule, setting.side, seed)
             scores[schedule].append(float(activity_errors(pair, q, x).mean()))
-            share = (k + (n + 1) / len(kept)) / len(setting.seeds)
+            share = (k + (n + 1) / len(candidates)) / len(setting.seeds)
             setting.report(share, f"{network}: {schedule}")
-        found = sorted((Found(s, float(np.mean(scores[s]))) for s in kept), key=lambda f: f.score)
-        half = max(_FINALISTS, math.ceil(len(found) / 2)) if k + 1 < len(setting.seeds) else None
-        kept = [f.schedule for f in found[:half]]
-        dropped = found[half:] + dropped if half else dropped
-    return found + dropped
+        judged = [Found(schedule, float(np.mean(scores[schedule]))) for schedule in candidates]
+        ranking = sorted(judged, key=lambda result: result.score)
+        if k + 1 < len(setting.seeds):
+            half = max(_FINALISTS, math.ceil(len(ranking) / 2))
+            dropped = ranking[half:] + dropped
+            candidates = [result.schedule for result in ranking[:half]]
+    return ranking + dropped
 
 
 def schedules(setting: Setting) -> list[Schedule]:
     """The schedules that are compared, the same for every network."""
     if setting.quick:
         return [Schedule(), Schedule(10, 1.0)]
-    found = [Schedule(), *(Schedule(epochs, sigma) for epochs in _EPOCHS for sigma in _SIGMAS)]
+    compared = [Schedule()]
+    compared += [Schedule(epochs, sigma) for epochs in _EPOCHS for sigma in _SIGMAS]
     # one bandwidth and one-sided links for the shortest of each: they are behind everywhere
-    return [*found, Schedule(links="oja"), *(Schedule(_EPOCHS[0], s, "oja") for s in _SIGMAS)]
+    compared.append(Schedule(links="oja"))
+    compared += [Schedule(_EPOCHS[0], sigma, "oja") for sigma in _SIGMAS]
+    return compared
 
 
 @lru_cache(maxsize=8)
 def best_trial(setting: Setting, network: str) -> tuple[NetworkTrial, list[Found]]:
     """The network at its own best schedule, and all that were compared."""
-    found = best_schedule(setting, network)
-    return NetworkTrial(network, found[0].schedule, setting.side), found
+    ranking = best_schedule(setting, network)
+    return NetworkTrial(network, ranking[0].schedule, setting.side), ranking

@@ -33,6 +33,11 @@ class Pattern:
     rows: int
 
     @property
+    def side(self) -> float:
+        """Side of a square, or of a tag [m]."""
+        raise NotImplementedError
+
+    @property
     def text(self) -> str:
         """As `parse_board` reads it."""
         raise NotImplementedError
@@ -73,6 +78,11 @@ class Chessboard(Pattern):
     def __post_init__(self) -> None:
         if min(self.columns, self.rows) < 4:
             raise OptionError(f"board {self.text}: expected 4x4 squares or more, such as 10x7:22mm")
+
+    @property
+    def side(self) -> float:
+        """Side of a square [m]."""
+        return self.square
 
     @property
     def inner(self) -> tuple[int, int]:
@@ -139,6 +149,11 @@ class TagGrid(Pattern):
         known = len(find_dictionary(self.dictionary).bytesList)
         if not (2 <= self.columns * self.rows <= known):
             raise OptionError(f"board {self.text}: expected 2 to {known} tags of {self.family}")
+
+    @property
+    def side(self) -> float:
+        """Side of a tag [m]."""
+        return self.tag
 
     @property
     def dictionary(self) -> str:
@@ -225,6 +240,11 @@ class Board(Pattern):
                 "COLSxROWS:SQUARE:MARKER:DICT, such as 7x5:24mm:18mm:5x5_100"
             )
         return made
+
+    @property
+    def side(self) -> float:
+        """Side of a square [m]."""
+        return self.square
 
     @property
     def tags(self) -> int:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -28,6 +29,7 @@ from .places import HandEye as HandEye
 from .places import answer
 from .solver import View, of_joints, of_poses
 
+_IMAGINED = 0.08  # of the distance: side of an imagined square
 Eyes = str | Mapping[str, str]
 Lenses = Lens | Mapping[str, Lens] | None
 
@@ -40,6 +42,7 @@ def handeye(
     eye: Eyes = "hand",
     *,
     poses: str | os.PathLike[str] | FlangeTable | Array | None = None,
+    boards: Array | None = None,
     lens: Lenses = None,
     degrees: bool | None = None,
     camera: str | None = None,
@@ -57,6 +60,7 @@ def handeye(
     eye : {"hand", "base"}, or one for each camera: ``{"left": "hand", "right": "base"}``
     poses : in place of arm and joints: a table of flange poses, or matrices (n, 4, 4) [m], of the
         flange in the base
+    boards : in place of pictures: the board before the camera (n, 4, 4) [m], one for each pose
     lens : the camera's lens where it is known; by default it is fitted to the same pictures
     degrees : whether angles of joints or poses are in degrees; of poses it is found by default
     camera : of a dataset with several
@@ -68,10 +72,15 @@ def handeye(
     >>> import calib
     >>> calib.handeye(pictures="shots", poses="flange.csv", board="10x7:22mm")  # doctest: +SKIP
     """
-    if pictures is None or (arm is None) == (poses is None):
-        raise OptionError("expected pictures, and either an arm with joints or flange poses")
+    if (pictures is None) == (boards is None) or (arm is None) == (poses is None):
+        raise OptionError(
+            "expected pictures or the board's poses, and either an arm with joints or flange poses"
+        )
     if isinstance(arm, (str, os.PathLike)):
         arm = load_arm(os.fspath(arm))
+    if boards is not None:
+        pictures, lens = _imagined(np.asarray(boards, float))
+    assert pictures is not None  # noqa: S101 - refused above
     if arm is not None and not isinstance(arm, SpatialArm):
         raise OptionError(f"{arm.name} moves in a plane: expected an arm that moves in space")
     flange = _flange_table(poses) if poses is not None else None
@@ -83,6 +92,55 @@ def handeye(
             return answer(of_joints(arm, views))
         assert flange is not None  # noqa: S101 - one of both is given
         return answer(of_poses(flange, views, unit, rotation, degrees))
+
+
+@dataclass(frozen=True)
+class _Points(Pattern):
+    """Points that stand for a board of which poses alone are known."""
+
+    square: float  # [m]
+    columns: int = 4
+    rows: int = 4
+
+    @property
+    def side(self) -> float:
+        """Side of a square [m]."""
+        return self.square
+
+    @property
+    def text(self) -> str:
+        """No pattern."""
+        return "poses of a board"
+
+    @property
+    def size(self) -> tuple[float, float]:
+        """Width and height [m]."""
+        return 3 * self.square, 3 * self.square
+
+    def points(self) -> Array:
+        """A grid about the origin (16, 3) [m]."""
+        x, y = np.meshgrid(np.arange(4) - 1.5, np.arange(4) - 1.5)
+        return self.square * np.column_stack([x.ravel(), y.ravel(), np.zeros(16)])
+
+
+def _imagined(boards: Array) -> tuple[BoardPictures, Lens]:
+    """Corners that a camera without errors sees of boards (n, 4, 4), and its lens."""
+    if boards.ndim != 3 or boards.shape[1:] != (4, 4) or not (boards[:, 2, 3] > 0.0).all():
+        raise OptionError(
+            f"boards of shape {boards.shape}: expected (n, 4, 4), each before the camera (z > 0)"
+        )
+    pattern = _Points(_IMAGINED * float(np.median(boards[:, 2, 3])))
+    centre = np.array([1000.0, 1000.0])
+    lens = Lens((2000, 2000), np.array([1000.0, 1000.0]), centre, np.zeros(5))
+    corners = []
+    for board in boards:
+        seen = pattern.points() @ board[:3, :3].T + board[:3, 3]
+        corners.append(dict(enumerate(1000.0 * seen[:, :2] / seen[:, 2:] + centre)))
+    count = len(boards)
+    names = tuple(f"pose {k + 1}" for k in range(count))
+    none = np.zeros((count, 0))
+    shots = BoardPictures(pattern, (), names, none, tuple(corners), lens.size, count, ())
+    return shots, lens
 
 
 def _flange_table(poses: str | os.PathLike[str] | FlangeTable | Array) -> FlangeTable:

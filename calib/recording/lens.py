@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -18,7 +18,11 @@ from ..common.atomic import atomic_write
 from ..errors import LogError, OptionError
 from ..samples.camera import bent
 from .board import LEAST_CORNERS, BoardFinder, Pattern
+from .lens_files import read_lens
 from .pictures import list_pictures, opencv, read_series
+
+if TYPE_CHECKING:
+    from ..model.model import Model
 
 _LEAST_PICTURES = 4  # of a board that a calibration needs
 _DOUBT = 0.03  # share of the focal length that its sd may be
@@ -165,25 +169,58 @@ def _covariance(
     return covariance
 
 
+def _file(path: Path) -> Lens:
+    """The lens of a file of calib, ROS or OpenCV, or of a model."""
+    if path.suffix == ".calib":
+        from ..model_file.loading import load
+
+        return lens_of_model(load(path))
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, ValueError) as error:
+        raise LogError(f"{path} is no lens ({error}): expected a file of one") from None
+    try:
+        document = json.loads(text)
+    except ValueError:
+        document = None
+    if isinstance(document, dict) and document.get("kind") == "calib lens":
+        try:
+            lens = Lens.from_json(document)
+        except (ValueError, KeyError, TypeError) as error:
+            raise LogError(f"{path} is no lens: {error}") from None
+        if not np.isfinite(lens.parameters).all():
+            raise LogError(f"{path}: expected finite numbers, not {lens.parameters.tolist()}")
+        return lens
+    size, matrix, distortion = read_lens(text, str(path))
+    return Lens(size, np.diag(matrix)[:2].copy(), matrix[:2, 2].copy(), distortion)
+
+
+def lens_of_model(model: Model) -> Lens:
+    """The lens that a model of pictures of a board was made with; LogError if it is none."""
+    board: Any = model.about.options.get("board")
+    try:
+        return Lens.from_json(board["lens"])
+    except (KeyError, TypeError, ValueError):
+        raise LogError(
+            "the model is not of pictures of a board: expected one that calib handeye -o wrote"
+        ) from None
+
+
 def load_lens(
     path: str | os.PathLike[str],
     board: Pattern | None = None,
     output: str | os.PathLike[str] | None = None,
 ) -> tuple[Lens, tuple[str, ...]]:
-    """Read the `lens.json` of an earlier run, or calibrate by a folder or pattern of pictures.
+    """Read a lens of calib, ROS or OpenCV, or a model's; or calibrate by pictures of a board.
+
+    path : a file, or a folder or pattern of pictures
 
     board : that the pictures show
     output : where a lens that was calibrated is written
     Returns notes too. Raises LogError if the file is no lens.
     """
     if not Path(path).is_dir() and not any(mark in str(path) for mark in "*?["):
-        try:
-            return Lens.from_json(json.loads(Path(path).read_text(encoding="utf-8"))), ()
-        except (OSError, ValueError, KeyError, TypeError) as error:
-            raise LogError(
-                f"{path} is no lens ({error}): expected the lens.json of an earlier run, or a "
-                "folder of pictures of the board"
-            ) from None
+        return _file(Path(path)), ()
     if board is None:
         raise OptionError("`lens` is a folder of pictures: expected `board` too, which they show")
     finder, notes, corners, size = BoardFinder(board), list[str](), [], (0, 0)

@@ -15,7 +15,6 @@ from ..common.arrays import Array, Mask
 from ..common.wording import listed
 from ..samples.samples import Samples
 from .agreement import agreed, held_out
-from .board import Board, Chessboard, TagGrid
 from .bundle import Fit, Layout, bending, inverse
 from .conventions import Convention
 from .joint_motions import JointMotions
@@ -23,6 +22,7 @@ from .lens import Lens
 from .solver import Setting, View
 
 _TURNED = np.radians(7.5)  # least spread of the hand's turns about each axis
+_OPEN = 0.01  # m, of an interval, beyond which a direction is open
 _TELLING = 4e-3  # of a board's size, that is told
 _LENS_OFF = 2e-3  # of the focal length: a lens that was given is doubted
 
@@ -327,10 +327,7 @@ def _glass(view: View, fit: Fit, layout: Layout, number: int) -> Lens:
 
 def _square(setting: Setting, fit: Fit, layout: Layout, half: float) -> Square:
     """The side of a square, or a tag, as said and as measured."""
-    board = setting.views[0].shots.board
-    said = board.tag if isinstance(board, TagGrid) else 0.0
-    if isinstance(board, (Board, Chessboard)):
-        said = board.square
+    said = setting.views[0].shots.board.side
     place = layout.square(layout.board_of(setting.views[0].in_hand))
     measured = said * float(np.exp(fit.unknowns.values[place]))
     number = 6 * layout.frames + place
@@ -383,7 +380,7 @@ def _log(setting: Setting, fit: Fit, layout: Layout, kept: Mask) -> Samples:
 
 def _limit(setting: Setting, result: HandEye, kept: Mask) -> str:
     """What limits the accuracy, and what would help most."""
-    turns = _turns(setting, kept)
+    turns, _ = _turning(setting, kept)
     wrist = "the hand"
     if setting.arm is not None:
         wrist = listed(setting.arm.joint_names[-2:])
@@ -409,14 +406,14 @@ def _limit(setting: Setting, result: HandEye, kept: Mask) -> str:
     return f"the arm's own errors (hand known to {hand:.1f} mm); {add}"
 
 
-def _turns(setting: Setting, kept: Mask) -> Array:
-    """Rms turns (3,) [rad] of the motions about three axes, largest first."""
+def _turning(setting: Setting, kept: Mask) -> tuple[Array, Array]:
+    """Rms turns (3,) [rad] of the motions about three axes (3, 3) of the flange, largest first."""
     problem = setting.problem
     flange = problem.motions.poses(problem.start.values[problem.layout.arm_values])[kept]
     mean = nearest_rotation(flange[:, :3, :3].sum(axis=0))
     vectors = logarithm(mean.T @ flange[:, :3, :3])
-    sizes = np.linalg.svd(vectors - vectors.mean(axis=0), compute_uv=False)
-    return np.asarray(sizes / np.sqrt(len(vectors)))
+    _, sizes, axes = np.linalg.svd(vectors - vectors.mean(axis=0), full_matrices=False)
+    return np.asarray(sizes / np.sqrt(len(vectors))), axes
 
 
 def _notes(setting: Setting, fit: Fit, result: HandEye, kept: Mask) -> tuple[str, ...]:
@@ -440,6 +437,7 @@ def _notes(setting: Setting, fit: Fit, result: HandEye, kept: Mask) -> tuple[str
             f"{where} camera or board was moved, the camera refocused or zoomed, or the "
             f"{'joints' if setting.arm else 'poses'} are not theirs"
         )
+    notes += _open_notes(setting, fit, kept)
     notes += _size_notes(setting, result)
     notes += _lens_notes(setting, fit)
     if setting.arm is None:
@@ -447,6 +445,26 @@ def _notes(setting: Setting, fit: Fit, result: HandEye, kept: Mask) -> tuple[str
     else:
         notes += _arm_notes(setting, result)
     return tuple(notes)
+
+
+def _open_notes(setting: Setting, fit: Fit, kept: Mask) -> list[str]:
+    """Directions that the motions hardly tell, and two poses that would."""
+    layout = setting.problem.layout
+    hand = 0 if setting.views[0].in_hand else layout.cameras + layout.board_of(in_hand=False)
+    _, covariance = _frame(fit, hand)
+    squares, directions = np.linalg.eigh(covariance[3:, 3:])
+    off = 1.96 * float(np.sqrt(max(squares[-1], 0.0)))
+    if off < _OPEN:
+        return []
+    turns, axes = _turning(setting, kept)
+    along = ", ".join(f"{value:+.2f}" for value in directions[:, -1])
+    second, third = (", ".join(f"{value:+.2f}" for value in axis) for axis in axes[1:])
+    return [
+        f"what is in the hand is open along ({along}) of the flange, to ± {1e3 * off:.2g} mm: the "
+        f"hand turns by {np.degrees(turns[0]):.2g} deg about one axis, by "
+        f"{np.degrees(turns[1]):.2g} and {np.degrees(turns[2]):.2g} about the others. Two poses "
+        f"more tell it: turned by 30 deg about ({second}) and about ({third}) of the flange"
+    ]
 
 
 def _size_notes(setting: Setting, result: HandEye) -> list[str]:

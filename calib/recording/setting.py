@@ -15,6 +15,7 @@ from ..common.wording import listed
 from ..errors import LogError, OptionError
 from .board import Board, BoardFinder
 from .lens import Lens
+from .lens_files import UNSTATED
 from .pictures import Frame, Picture
 from .reference import MarkLayout, Marks, PlaneReference, watch
 from .tags import Tag, TagFinder
@@ -130,7 +131,7 @@ def sight(frames: Iterable[Frame], setting: Setup, what: str, every: int = 1) ->
     reasons, size, count, twice = Counter[str](), (0, 0), 0, list[str]()
     for number, name, grey in frames:
         count, size = count + 1, (grey.shape[1], grey.shape[0])
-        if setting.lens is not None and setting.lens.size != size:
+        if setting.lens is not None and setting.lens.size not in (size, UNSTATED):
             known = "{}x{}".format(*setting.lens.size)
             raise LogError(f"{name} is {size[0]}x{size[1]}, the lens was calibrated with {known}")
         tags = setting.finder.find(grey)

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..arm.arm import SpatialArm
+from ..arm.rotations import logarithm, nearest_rotation
 from ..body.spatial import structure_of
 from ..common.arrays import Array, Index, Mask
 from ..common.scale import METRES
@@ -29,6 +30,7 @@ from .conventions import Convention, Reading, Seen, Start, choose, readings, sol
 from .flange_table import FlangeTable
 from .joint_motions import JointMotions
 from .lens import Lens
+from .lens_files import UNSTATED
 from .readings import refuse_readings
 from .reference import turns_and_shifts
 
@@ -39,6 +41,7 @@ _STRETCHED = 5e-4
 _STRETCHED_WITHIN = (1e-6, 5e-3)
 _PRINTED = 3e-3  # of its size that a print is off by; beyond, as the evidence says
 _PRINTED_WITHIN = (3e-3, 0.5)
+_LEAST_TURN = np.radians(1.0)  # rms, about a second axis
 _MISSAID = 0.3  # log of a board's size over the said one, that is none
 _GIVEN = np.array([3e-4, 1e-3])  # [rad, m], where the noise of a controller's poses begins,
 _JOINTED = np.array([3e-5, 3e-5])  # and that of joints
@@ -60,6 +63,8 @@ class View:
     @staticmethod
     def of(name: str, shots: BoardPictures, in_hand: bool, known: Lens | None) -> View:
         """The view, its lens calibrated by its own pictures where it is not known."""
+        if known is not None and tuple(known.size) == UNSTATED:
+            known = replace(known, size=shots.size)
         if known is not None and tuple(known.size) != tuple(shots.size):
             given = "{}x{}".format(*known.size)
             size = "{}x{}".format(*shots.size)
@@ -127,6 +132,7 @@ def of_poses(
     most = max(range(len(views)), key=lambda k: len(views[k].rows))
     every = readings(table.numbers, table.named)
     own = [replace(reading, flange=reading.flange[views[most].rows]) for reading in every]
+    _refuse_one_axis(views[most])
     chosen, _, convention, ties = choose(own, views[most].seen, unit, rotation, degrees)
     flange = every[own.index(chosen)].flange.copy()
     flange[:, :3, 3] /= METRES[convention["unit"]]
@@ -134,6 +140,27 @@ def of_poses(
     setting = _setting(views, rows, GivenPoses(flange[rows]), _GIVEN)
     _refuse_late(setting, every, chosen, views[most])
     return replace(setting, convention=convention, words=chosen.words, ties=tuple(ties))
+
+
+def _refuse_one_axis(view: View) -> None:
+    """Refuse poses that turn about one axis alone: no place along it is told."""
+    boards = view.boards
+    half = view.seen.half_turn
+    if half is not None:  # of both ends the one that is turned less against the first picture
+        against = np.einsum("ij,nij->n", boards[0, :3, :3], boards[:, :3, :3])
+        other = np.einsum("ij,nij->n", boards[0, :3, :3], (boards @ half)[:, :3, :3])
+        boards = np.where((other > against)[:, None, None], boards @ half, boards)
+    turns = boards[:, :3, :3]
+    mean = nearest_rotation(turns.sum(axis=0))
+    vectors = logarithm(mean.T @ turns)
+    sizes = np.linalg.svd(vectors - vectors.mean(axis=0), compute_uv=False) / np.sqrt(len(turns))
+    if sizes[1] < _LEAST_TURN:
+        raise LogError(
+            f"the hand turns about one axis alone (by {np.degrees(sizes[0]):.2g} deg, by "
+            f"{np.degrees(sizes[1]):.2g} about a second): where camera and board are along it is "
+            "open",
+            hint="add two pictures with the hand turned by 30 deg about each of two other axes",
+        )
 
 
 def of_joints(arm: SpatialArm, views: Sequence[View]) -> Setting:

@@ -236,9 +236,13 @@ def _quick(model: Model, q: ArrayLike) -> Corrected | None:
                 kept |= {"_model": model, "_wanted": wanted}
         model.remembered["correcting"] = kept
     found = kernel.ask("correct", q) if kept else None
-    if found is None or found[1] != 1:
+    if found is None or (found[1] != 1 and not model.strict):
         return None
     nearest = found[0]
+    if found[1] != 1:  # a strict model says no instead of a search
+        settings = {name: value for name, value in kept.items() if name != "reachable"}
+        given = np.array([q], dtype=float)
+        return Corrected(given=given, nearest=nearest, reachable=np.zeros(1, bool), **settings)
     if not model.everywhere and not kernel.ask("forward", nearest[0])[1]:
         return None
     answer = Corrected.__new__(Corrected)  # whose own way of setting fields takes as long as C

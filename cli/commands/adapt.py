@@ -34,6 +34,7 @@ def adapt(
         ),
     ] = "few-shot",
     cause: opt.WhatChanged = None,
+    free: opt.Free = "all",
     columns: opt.Columns = None,
     unit: opt.Unit = None,
     time_offset: opt.TimeOffset = None,
@@ -53,7 +54,7 @@ def adapt(
     check_file(path, ())  # before the work whose result would be lost
     log = log_for(loaded, data, reading)
     with progress_bar() as progress:
-        found = calib.adapt(loaded, log, method=method, cause=cause, progress=progress)
+        found = calib.adapt(loaded, log, method=method, cause=cause, free=free, progress=progress)
     say(found.notes)
     written = found.model is not loaded  # a better one, or the old one with a wider bound
     if written:

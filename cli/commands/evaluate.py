@@ -100,5 +100,5 @@ def _scatter(result: Evaluation) -> str:
     size = {name: sized(value, "m") for name, value in result.touch["scatter"].items()}
     line = f"tips scatter about their sockets by {size['mean']}, 95 % within {size['p95']}"
     line += f", in {result.rows} touches, {result.left_out} left out"
-    off = [abs(each["predicted"] - each["stated"]) for each in result.touch["distances"]]
+    off = [abs(gap["predicted"] - gap["stated"]) for gap in result.touch["distances"]]
     return line + (f"; distances are off by {sized(sum(off) / len(off), 'm')}" if off else "")

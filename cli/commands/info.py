@@ -55,13 +55,14 @@ def info(
         about_it["earlier states"] = str(len(loaded.history))
     width = max(map(len, about_it))
     lines = [f"{name:<{width}}  {as_typed(text)}" for name, text in about_it.items()]
-    told = []
     if loaded.body is not None:
-        told = list(loaded.body.describe(about.lower, about.upper))
-    lines += ["", "body", *(f"  {printable(line)}" for line in told)] if told else []
+        body_lines = loaded.body.describe(about.lower, about.upper)
+        lines += ["", "body", *(f"  {printable(line)}" for line in body_lines)]
     if not about.errors:
         return Outcome(document, lines)
-    held = accuracy(loaded, about.errors, about.within, f"{about.tested} rows", about.left_out)
-    lines += ["", f"accuracy: {held}", *advice(loaded, about.errors)]
+    accuracy_line = accuracy(
+        loaded, about.errors, about.within, f"{about.tested} rows", about.left_out
+    )
+    lines += ["", f"accuracy: {accuracy_line}", *advice(loaded, about.errors)]
     table = error_table(loaded, about.errors, "errors when it was made")
     return Outcome(document, lines, [table])

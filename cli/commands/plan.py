@@ -83,28 +83,28 @@ def plan(
     import calib
     from calib.samples.tables import write_table
 
-    known: Arm | Model
+    arm_or_model: Arm | Model
     rows = None
     within = None
     if is_model:
         why = "is for ROBOT: a model has its joints and its tip already"
         refuse({name: getattr(selection, name) for name in of_robot}, why)
-        known = calib.load(robot)
-        facts: Any = known.about
+        arm_or_model = calib.load(robot)
+        facts: Any = arm_or_model.about
         if data is not None:
             reading = Compared(columns=columns, degrees=degrees or None)
-            rows = log_for(known, data, reading)
+            rows = log_for(arm_or_model, data, reading)
         # an arm was loaded with its ranges, which it may need where it states no limits
         turning = dict(zip(facts.joint_names, facts.revolute, strict=True))
         within = in_si("--range", selection.ranges, turning, degrees)
     else:
-        known = facts = selection.load(robot)
-        say(known.notes)
+        arm_or_model = facts = selection.load(robot)
+        say(arm_or_model.notes)
         if data is not None:
             rows = measured(robot, selection, data, Logged(columns=columns))
     shown = JointFormat(facts, degrees)
-    found = calib.plan(
-        known,
+    pose_plan = calib.plan(
+        arm_or_model,
         poses,
         seed=seed,
         margin=None if margin is None else [margin / factor for factor in shown.typed],
@@ -116,23 +116,23 @@ def plan(
         eye=eye or "hand",
         above=above,
     )
-    say(found.notes)
+    say(pose_plan.notes)
     names = shown.names
     kinds = facts.units_of_joints
-    table = found.columns()
-    table |= dict(zip(names, (found.q * shown.typed).T, strict=True))
+    table = pose_plan.columns()
+    table |= dict(zip(names, (pose_plan.q * shown.typed).T, strict=True))
     write_table(output, table)
     document = {
         "output": output,
-        "rows": len(found),
-        "joints": found.joint_names,
+        "rows": len(pose_plan),
+        "joints": pose_plan.joint_names,
         "seed": seed,
-        "travel": dict(zip(names, found.travel.tolist(), strict=True)),
-        "poses": found.columns(),
-        **fields(found, "start length random_length unit why"),
-        "units": {"joints": dict(zip(names, kinds, strict=True)), "positions": found.unit},
+        "travel": dict(zip(names, pose_plan.travel.tolist(), strict=True)),
+        "poses": pose_plan.columns(),
+        **fields(pose_plan, "start length random_length unit why"),
+        "units": {"joints": dict(zip(names, kinds, strict=True)), "positions": pose_plan.unit},
     }
     unit = "deg" if degrees else "rad"
-    line = f"{output}: {len(found)} rows of {', '.join(table)} [{unit}, {found.unit}]"
-    ways = ", ".join(shown.change(k, way) for k, way in enumerate(found.travel.tolist()))
-    return Outcome(document, [line, *found.why, f"joints travel {ways}"])
+    line = f"{output}: {len(pose_plan)} rows of {', '.join(table)} [{unit}, {pose_plan.unit}]"
+    ways = ", ".join(shown.change(k, way) for k, way in enumerate(pose_plan.travel.tolist()))
+    return Outcome(document, [line, *pose_plan.why, f"joints travel {ways}"])

@@ -138,30 +138,30 @@ def sweep(
         path: measured_samples(robot, selection, path, logged) for path in logs
     } or {name: selection.load(name) for name in robots or ()}
     with progress_bar() as progress:
-        found = run(sources, tried, seeds=seeds, jobs=jobs, progress=progress)
-    for row in found.rows:
+        runs = run(sources, tried, seeds=seeds, jobs=jobs, progress=progress)
+    for row in runs.rows:
         say(row.notes)
-    for row in found.failed:
+    for row in runs.failed:
         note(f"error: {row.source}, {dict(row.options)}, seed {row.seed}: {row.error}")
-    table_of_runs = found.columns()
-    failed = len(found.failed)
+    table_of_runs = runs.columns()
+    failed = len(runs.failed)
     if output is not None:
         write_table(output, table_of_runs)
     header = ["source", *tried, "seed", "forward", "max", "inverse", "max", "unit", "seconds"]
     cells = []
-    for k, row in enumerate(found.rows):
+    for k, row in enumerate(runs.rows):
         factor, shown = for_people(row.unit or "m")
         errors = [number(table_of_runs[f"{readout}_{kind}"][k] * factor) for kind in _SHOWN]
         options = [str(table_of_runs[name][k]) for name in ("source", *tried, "seed")]
         cells.append([*options, *errors, shown, number(row.seconds)])
     title = f"{readout} readout: mean and largest error of the tip"
-    told = f"{f'{output}: ' if output else ''}{len(found.rows)} trainings, {failed} failed"
+    summary = f"{f'{output}: ' if output else ''}{len(runs.rows)} trainings, {failed} failed"
     document = {
         "output": output,
-        "trainings": len(found.rows),
+        "trainings": len(runs.rows),
         "failed": failed,
         "units": {"errors": "unit of the row", "seconds": "s"},
-        "rows": [fields(r, "source options seed unit errors seconds error") for r in found.rows],
+        "rows": [fields(r, "source options seed unit errors seconds error") for r in runs.rows],
     }
     table = TextTable(header, cells, title, left=2 + len(tried))
-    return Outcome(document, [table, told], code=1 if failed else 0)
+    return Outcome(document, [table, summary], code=1 if failed else 0)

@@ -80,25 +80,30 @@ def urdf(
 def _table(geometry: Geometry) -> TextTable:
     import numpy as np
 
-    told, arm = geometry.to_json(), geometry.arm
-    found = [
-        (name, "offset", kind, told["offsets"][name])
+    parameters = geometry.to_json()
+    arm = geometry.arm
+    changes = [
+        (name, "offset", kind, parameters["offsets"][name])
         for name, kind in zip(arm.joint_names, arm.units_of_joints, strict=True)
     ]
-    ways = told.get("moved", {})
-    found += [(name, "far end of its link, along {}", "m", each) for name, each in ways.items()]
-    places = dict(told.get("places", {}))
-    if "tip" in told:
-        written = "" if told["tip"]["written"] else ", not written"
-        places[f"sensed point{written}"] = told["tip"]
-    for name, each in places.items():
-        found += [(name, "origin along {}", "m", each["shift"])]
-        found += [(name, "origin about {}", "rad", each["turn"])]
-    found += [("base", "along {}", "m", told["base"])] if "base" in told else []
+    ways = parameters.get("moved", {})
+    changes += [
+        (name, "far end of its link, along {}", "m", change) for name, change in ways.items()
+    ]
+    places = dict(parameters.get("places", {}))
+    if "tip" in parameters:
+        written = "" if parameters["tip"]["written"] else ", not written"
+        places[f"sensed point{written}"] = parameters["tip"]
+    for name, change in places.items():
+        changes += [(name, "origin along {}", "m", change["shift"])]
+        changes += [(name, "origin about {}", "rad", change["turn"])]
+    if "base" in parameters:
+        changes.append(("base", "along {}", "m", parameters["base"]))
     rows = []
-    for name, what, kind, each in found:
+    for name, what, kind, change in changes:
         factor, unit = for_people(kind)
-        values, widths = np.ravel(each["value"]), np.ravel(each["interval"])
+        values = np.ravel(change["value"])
+        widths = np.ravel(change["interval"])
         for axis, value, width in zip("xyz", values.tolist(), widths.tolist(), strict=False):
             if width:  # what was fitted
                 shown = fixed(factor * value, 4), number(factor * width)

@@ -149,3 +149,9 @@ def test_the_bound_of_another_readout_covers_its_distance_from_the_truth(
     assert (other[:, 4] >= off).all()
     done = run("query", "forward", model, "0.3", "0.6", "--readout", readout, "--json")
     assert done.document["expected_error"] == pytest.approx(other[0, 4], rel=1e-6)
+
+
+def test_negative_joint_values_are_ordinary_arguments(run, models):
+    done = run("query", "forward", models / "two_link_full.calib", "0.5", "-1.0", "--json")
+    assert (done.code, done.err) == (0, "")
+    assert list(done.document["joints"].values()) == [0.5, -1.0]

@@ -63,33 +63,8 @@ def test_what_cannot_be():
 
 def test_in_six_dimensions_it_is_closer_to_samples_than_rows_and_a_lattice():
     u, fresh = points(6000, d=6), points(1000, seed=1, d=6)
-    error = {
-        name: calib.SOM((20, 20), name).fit(u).quantization_error(fresh)
-        for name in ("gas", "rows", "som")
-    }
-    assert error["gas"] < 0.97 * error["rows"]
-    assert error["gas"] < 0.99 * error["som"]
-
-
-ROWS = np.random.default_rng(0).normal(size=(500, 2))
-
-
-def test_a_grid_is_the_middle_of_even_cells():
-    network = calib.SOM((4, 5), "grid").fit(ROWS)
-    assert sorted(set(network.units[:, 0].round(12))) == [0.125, 0.375, 0.625, 0.875]
-    assert len(set(network.units[:, 1].round(12))) == 5
-
-
-def test_rows_are_nodes_and_random_nodes_are_none():
-    rows = calib.SOM((6, 6), "rows").fit(ROWS)
-    gap = np.linalg.norm(rows.weights[:, None] - ROWS, axis=2).min(axis=1)
-    assert gap.max() < 1e-4
-    drawn = calib.SOM((6, 6), "random").fit(ROWS)
-    assert ((drawn.units >= 0) & (drawn.units <= 1)).all()
-    assert np.linalg.norm(drawn.weights[:, None] - ROWS, axis=2).min(axis=1).max() > 1e-3
-
-
-def test_a_model_learns_on_nodes_that_are_not_trained():
-    samples = calib.babble(calib.load_arm("two_link"), 800, seed=0)
-    model = calib.train(samples, size=8, map="grid", body="none")
-    assert model.about.errors["linear"]["forward"]["distance"]["mean"] < 0.03
+    gas = calib.SOM((20, 20), "gas").fit(u).quantization_error(fresh)
+    lattice = calib.SOM((20, 20), "som").fit(u).quantization_error(fresh)
+    rows = np.linalg.norm(fresh[:, None] - u[:400], axis=2).min(axis=1).mean()
+    assert gas < 0.97 * rows
+    assert gas < 0.99 * lattice

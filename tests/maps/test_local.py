@@ -93,3 +93,11 @@ def test_rows_on_a_line_do_not_multiply_their_noise_beside_it():
     near = np.flatnonzero(np.abs(motor.units[:, 1] - 0.5) < 0.1)[:, None]
     beside = np.full((len(near), 1, 2), 0.04)
     assert np.abs(local.contributions(fitted(motor, u, noise, 2, 24), near, beside)).max() < 5e-3
+
+
+def test_nodes_that_speak_are_heard_smoothly_by_their_share():
+    weight = np.array([[0.2, 0.8], [0.35, 0.65], [0.4, 0.6], [0.45, 0.55], [0.6, 0.4]])
+    speaking = np.tile([True, False], (5, 1))
+    answers = local.heard(weight, speaking)[:, 0]
+    ramp = 0.25**2 * (3 - 2 * 0.25)  # a quarter of the way from silent to full
+    np.testing.assert_allclose(answers, [0.0, ramp, 0.5, 1 - ramp, 1.0], atol=1e-12)

@@ -41,6 +41,15 @@ def test_nodes_that_no_sample_reaches_stay_where_they_are(step):
     assert (new[0] != weights[0]).any()
 
 
+def test_a_step_goes_from_the_winner_towards_its_samples():
+    lattice = Lattice((3,))
+    weights = np.array([[0.0], [1.0], [2.0]])
+    sums = np.zeros((3, 2))
+    sums[1] = [4 * 1.25, 4.0]  # the middle node won four samples whose mean is at 1.25
+    new = moved(weights, sums, lattice, 0.5, 0.4)
+    np.testing.assert_allclose(new - weights, 0.4 * 0.25)  # all follow the winner's step
+
+
 @pytest.mark.parametrize("shape", [(70, 70), (17, 17, 17), (300,), (6, 6, 6, 6)])
 def test_a_start_fills_the_box_in_order(shape):
     """Of samples of a uniform box each lattice axis runs one way, by one coordinate."""

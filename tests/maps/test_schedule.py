@@ -10,6 +10,8 @@ from calib.change.follow import matching_sigma
 from calib.maps.batch import coarse_to_fine, decay
 from calib.maps.lattice import Lattice
 from calib.maps.map import Map
+from calib.maps.settings import ONLINE
+from calib.maps.vdsom import Rates
 
 
 @given(st.floats(0.1, 100), st.floats(0.01, 1), st.integers(2, 200))
@@ -63,3 +65,12 @@ def test_a_radius_of_a_coarse_lattice_is_the_same_share_of_the_full_one():
     assert matching_sigma(network, 0.4) == pytest.approx(6.0)
     assert matching_sigma(network, 0.3) == pytest.approx(6.0 * 0.5**0.5)
     assert matching_sigma(network, 0.2) == pytest.approx(3.0)
+
+
+def test_after_a_change_links_learn_fast_and_radii_fall_to_their_end():
+    rates = Rates.following(np.array([0, 50, 100, 400]), (8.0, 4.0), 0.5, 100)
+    for radii, start in zip(rates.sigma, (8.0, 4.0), strict=True):
+        np.testing.assert_allclose(radii[[0, 2, 3]], [start, 0.5, 0.5])  # eq. 10
+        assert radii[1] == pytest.approx((start * 0.5) ** 0.5)
+    np.testing.assert_allclose(rates.beta, np.exp([1.0, 0.5, 0.0, 0.0]))  # eq. 12
+    np.testing.assert_allclose(rates.eta, ONLINE.eta * rates.beta)

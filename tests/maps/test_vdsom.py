@@ -9,7 +9,8 @@ from calib.errors import OptionError
 from calib.maps.density import READINGS, Visit
 from calib.maps.lattice import Lattice
 from calib.maps.links import WIRINGS
-from calib.maps.vdsom import CHUNK, VDSOM, Layer, Rates, zeta
+from calib.maps.settings import ONLINE
+from calib.maps.vdsom import VDSOM, Layer, Rates, zeta
 from calib.paper.setting import Setting
 from calib.paper.trial import Schedule, activity_errors, association
 
@@ -104,7 +105,7 @@ def linked(c, wiring=WIRINGS["oja"]):
 @pytest.mark.parametrize("beta", [1.0, 0.25])
 def test_links_are_those_of_eq_5_and_11_step_by_step(beta):
     rng = np.random.default_rng(2)
-    samples = [rng.random((CHUNK + 30, 2)) for _ in range(2)]
+    samples = [rng.random((ONLINE.chunk + 30, 2)) for _ in range(2)]
     c = rng.random((3, 3))
     net, eta, n = linked(c), 0.4, len(samples[0])
     a, b = (

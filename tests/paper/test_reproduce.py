@@ -11,7 +11,7 @@ import calib
 from calib.errors import OptionError
 from calib.paper.setting import Setting
 from calib.paper.tables import COLUMNS, TABLE1, TABLE2
-from calib.paper.trial import best_schedule, joined
+from calib.paper.trial import SeedErrors, best_schedule, joined
 
 
 def test_the_papers_tables_are_as_printed():
@@ -25,7 +25,7 @@ def test_rows_of_several_seeds_are_their_mean_and_spread():
     def result(value):
         cell = {"mean": value, "max": 2 * value, "p99": value}
         sides = {"forward": {"x": cell, "distance": cell}, "inverse": {"elbow": cell}}
-        return {"errors": {"activity": sides}, "ranges": {"x": 2.0, "elbow": 4.0}}
+        return SeedErrors({"activity": sides}, {"x": 2.0, "elbow": 4.0})
 
     row = joined([result(1.0), result(3.0)])["activity"]
     assert row["x"]["mean"] == 2.0

@@ -12,6 +12,7 @@ from calib.errors import LogError, OptionError
 from calib.recording.board import parse_board
 from calib.recording.board_pictures import BoardPictures
 from calib.recording.flange_table import FlangeTable, read_flange_poses
+from calib.recording.lens import load_lens
 
 SIZE = (1280, 720)
 LENS = np.array([900.0, 903.0, 645.0, 352.0, -0.1, 0.05, 5e-4, -4e-4, 0.0])
@@ -197,6 +198,75 @@ def test_tables_are_read_as_controllers_write_them(tmp_path):
     path.write_text("x,y,z,qx,qy,qz,qw\n1,2,3,4,5,6,7\n")
     with pytest.raises(LogError, match="quaternion of length"):
         read_flange_poses(path)
+
+
+def test_poses_of_the_board_alone_are_enough():
+    world = World(1)
+    there = np.linalg.inv(world.camera) @ np.linalg.inv(world.flange) @ world.placed
+    rig = calib.handeye(poses=world.flange, boards=there, eye="hand")
+    assert np.allclose(rig.hand["position"], world.camera[:3, 3], atol=1e-6)
+    assert rig.notes[0].startswith("poses are read as matrix by rows, flange in base")
+
+
+def test_turns_about_one_axis_are_refused_with_what_would_tell():
+    with pytest.raises(LogError, match="turns about one axis alone"):
+        World(3, axes=(0.0, 0.0, 1.0)).solve()
+
+
+def test_two_cameras_come_out_of_one_folder(tmp_path, run, monkeypatch):
+    world = World(7, in_hand=False, count=10, second=True)
+    for number, name in enumerate(("left", "right")):
+        (tmp_path / "rig" / name).mkdir(parents=True)
+        for k in range(world.count):
+            mark = np.full((SIZE[1], SIZE[0]), 10 * number, np.uint8)
+            cv2.imwrite(str(tmp_path / "rig" / name / f"{k}.png"), mark)
+    counts = {0: 0, 10: 0}
+
+    def find(board, grey):  # drawing the pictures takes longer than all the rest
+        number = int(grey[0, 0])
+        counts[number] += 1
+        return dict(enumerate(world.corners[number // 10][counts[number] - 1]))
+
+    monkeypatch.setattr("calib.recording.board.Chessboard.find", find)
+    flat = world.flange[:, :3].reshape(-1, 12)
+    rows = np.column_stack([flat, np.tile([0.0, 0.0, 0.0, 1.0], (world.count, 1))])
+    np.savetxt(tmp_path / "flange.txt", rows)
+    words = ["--poses-file", tmp_path / "flange.txt", "--board", world.board, "--eye", "base"]
+    done = run("handeye", tmp_path / "rig", *words, "--transform", tmp_path / "t.json", "--json")
+    assert done.code == 0, done.err
+    left, right = done.document["cameras"]
+    assert (left["name"], right["name"]) == ("left", "right")
+    assert (misses(left["base"], world.camera) < 2.0).all()
+    assert (misses(right["from_first"], world.apart) < 2.0).all()
+    assert "static_transform_publisher" in (tmp_path / "t.txt").read_text()
+    done = run("handeye", tmp_path / "rig", *words[:-1], "left=base,right=other")
+    assert done.code == 1
+    assert "right" in done.err
+
+
+LENSES = {
+    "opencv.yml": "%YAML:1.0\n---\nimage_width: 640\nimage_height: 480\ncameraMatrix: "
+    "!!opencv-matrix\n   rows: 3\n   cols: 3\n   dt: d\n   data: [ 500., 0., 320., 0.,\n"
+    "       501., 240., 0., 0., 1. ]\ndistCoeffs: !!opencv-matrix\n   rows: 1\n   cols: 4\n"
+    "   dt: d\n   data: [ -1.0e-01, 2e-2, 0., 0. ]\n",
+    "ros.yaml": "image_width: 640\nimage_height: 480\ncamera_matrix:\n  rows: 3\n  cols: 3\n"
+    "  data: [500, 0, 320, 0, 501, 240, 0, 0, 1]\ndistortion_coefficients:\n  data:\n  - -0.1\n"
+    "  - 0.02\n  - 0\n  - 0\n  - 0\n",
+    "lens.json": '{"K": [[500, 0, 320], [0, 501, 240], [0, 0, 1]], "D": [[-0.1, 0.02, 0, 0]], '
+    '"width": 640, "height": 480}',
+}
+
+
+@pytest.mark.parametrize("name", list(LENSES))
+def test_lenses_of_others_are_read(tmp_path, name):
+    path = tmp_path / name
+    path.write_text(LENSES[name])
+    lens, _ = load_lens(path)
+    assert lens.parameters.tolist() == [500.0, 501.0, 320.0, 240.0, -0.1, 0.02, 0.0, 0.0, 0.0]
+    assert lens.size == (640, 480)
+    path.write_text(LENSES[name].replace("501", "nan" if "json" not in name else "NaN"))
+    with pytest.raises(LogError, match="finite"):
+        load_lens(path)
 
 
 def test_the_python_call_wants_poses_or_an_arm():

@@ -13,7 +13,14 @@ import cv2
 from rendering import Camera, Desk, board, board_shots, tag
 
 from calib.errors import OptionError
-from calib.recording.board import Board, BoardFinder, print_board, print_tag
+from calib.recording.board import (
+    Board,
+    BoardFinder,
+    Chessboard,
+    parse_board,
+    print_board,
+    print_tag,
+)
 from calib.recording.lens import Lens, calibrate_lens, load_lens
 from calib.recording.tags import TagFinder, find_dictionary, tag_cells
 
@@ -202,3 +209,20 @@ def test_opencv_is_asked_for_in_one_line_and_never_imported_early():
     code = "import sys, calib_cli, calib.recording.setting; print('cv2' in sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout == "False\n"
+
+
+@pytest.mark.parametrize("spec", ["8x6:20mm", "grid:4x3:20mm:6mm:t36h11"])
+def test_printed_boards_are_found(spec):
+    board = parse_board(spec)
+    assert parse_board(board.text) == board
+    picture = rasterised(print_board(board), 6)
+    found = board.find(picture)
+    points = board.points()
+    assert len(found) == len(points)
+    seen = np.array(list(found.values()))
+    flat = points[list(found), :2]
+    if isinstance(board, Chessboard) and np.linalg.norm(seen[0]) > np.linalg.norm(seen[-1]):
+        seen = seen[::-1]
+    scale = 6000.0  # pixels of a metre
+    off = seen - scale * flat
+    assert np.abs(off - off.mean(axis=0)).max() < 0.3

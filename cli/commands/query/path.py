@@ -47,25 +47,28 @@ def path(
     from ...answers import Query
 
     query = Query(model, asking)
-    asked, joints, positions = query.model, query.joints, query.positions
-    batch, rows = query.read(asked.axes)
+    arm_model = query.model
+    joints = query.joints
+    positions = query.positions
+    batch, rows = query.read(arm_model.axes)
     valid = np.flatnonzero(rows)
     longest = None if step is None else step / positions.typed
-    found = asked.path(batch.values[valid], joints.one_each("--from", start), longest)
+    way = arm_model.path(batch.values[valid], joints.one_each("--from", start), longest)
     table: dict[str, Any] = {
-        "waypoint": valid[found.waypoint] + 1,
-        **dict(zip(asked.axes, found.target.T, strict=True)),
-        **dict(zip(joints.names, (found.q * joints.typed).T, strict=True)),
-        **fields(found, "distance expected_error model_error"),
-        "reachable": found.reachable.astype(np.int64),
-        "jump": np.isin(np.arange(len(found.q)), found.jumps).astype(np.int64),
+        "waypoint": valid[way.waypoint] + 1,
+        **dict(zip(arm_model.axes, way.target.T, strict=True)),
+        **dict(zip(joints.names, (way.q * joints.typed).T, strict=True)),
+        **fields(way, "distance expected_error model_error"),
+        "reachable": way.reachable.astype(np.int64),
+        "jump": np.isin(np.arange(len(way.q)), way.jumps).astype(np.int64),
     }
-    out, held = (np.flatnonzero(which) + 1 for which in (~found.reachable, found.held))
-    furthest = positions.said(float(found.distance[out - 1].max(initial=0.0)))
+    out = np.flatnonzero(~way.reachable) + 1
+    stopped = np.flatnonzero(way.held) + 1
+    furthest = positions.said(float(way.distance[out - 1].max(initial=0.0)))
     failures = {
-        "jumps": (found.jumps + 1, "a jump cannot be avoided, the branch ends before"),
-        "left_out": (held, "left out, far beyond all that the arm reaches: the joints stay"),
+        "jumps": (way.jumps + 1, "a jump cannot be avoided, the branch ends before"),
+        "left_out": (stopped, "left out, far beyond all that the arm reaches: the joints stay"),
         "out_of_reach": (out, f"out of reach, by {furthest} at most: attainable points close by"),
     }
     failures = {name: (rows.tolist(), why) for name, (rows, why) in failures.items()}
-    return query.answer(batch, table, failures, n=len(found.q), key="path")
+    return query.answer(batch, table, failures, n=len(way.q), key="path")

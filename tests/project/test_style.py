@@ -1,0 +1,136 @@
+"""The style of the code in figures, a room at a time: each may fall, none may rise.
+
+A limit stands where a room is now; whoever makes a room plainer lowers its limits. `AIMS` are the
+lowest: no room has to be below them. `python tests/project/test_style.py` prints the figures.
+"""
+
+import ast
+import io
+import re
+import tokenize
+from dataclasses import astuple, dataclass
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+PARTICIPLES = {
+    *("found", "told", "own", "known", "each", "asked", "given"),
+    *("kept", "taken", "said", "seen", "left", "held"),
+}
+LAYOUT = {tokenize.COMMENT, tokenize.NL, tokenize.NEWLINE, tokenize.INDENT, tokenize.DEDENT}
+
+
+@dataclass(frozen=True)
+class Style:
+    """Figures of a room; docstrings and comments do not count."""
+
+    tokens: float  # a line of code
+    packed: float  # assignments of several values at once, per 1,000 lines of code
+    anys: float  # uses of Any, per 1,000 lines of code
+    constants: float  # numbers as constants of a module, per 1,000 lines of code
+    participles: float  # per 1,000 names
+    skips: int  # places that are not formatted
+
+
+AIMS = Style(tokens=8.8, packed=5, anys=4, constants=8, participles=4, skips=0)
+# tokens a line, packed, Any, constants, participles, skips
+LIMITS = {
+    "calib": (9.2, 5, 39, 5, 2, 0),
+    "cli": (8.7, 6, 21, 6, 11, 3),
+    "arm": (10.9, 24, 1, 17, 9, 2),
+    "body": (11.2, 14, 11, 26, 18, 2),
+    "change": (11.6, 41, 6, 35, 21, 9),
+    "common": (9.8, 6, 19, 22, 11, 0),
+    "inverse": (14.1, 61, 3, 50, 11, 0),
+    "kernel": (12.3, 30, 19, 26, 25, 5),
+    "maps": (11.9, 4, 0, 4, 1, 0),
+    "model": (10.6, 12, 9, 12, 13, 1),
+    "model_file": (10.6, 0, 84, 12, 9, 0),
+    "paper": (11.6, 6, 19, 10, 5, 0),
+    "recording": (11.2, 21, 8, 28, 21, 12),
+    "samples": (11.6, 31, 9, 26, 24, 5),
+    "show": (10.9, 5, 19, 14, 1, 0),
+    "training": (11.2, 57, 11, 33, 30, 2),
+    "use": (11.1, 46, 16, 23, 27, 5),
+}
+
+
+def is_docstring(token: tokenize.TokenInfo) -> bool:
+    return token.type == tokenize.STRING and token.string.lstrip("rbfu").startswith('"""')
+
+
+def holds_number(node: ast.stmt) -> bool:
+    """Whether a statement of a module names a number, or several in a tuple."""
+    value = getattr(node, "value", None)
+    if not isinstance(node, ast.Assign | ast.AnnAssign) or isinstance(value, ast.Dict | ast.Call):
+        return False
+    constants = [part for part in ast.walk(node) if isinstance(part, ast.Constant)]
+    return any(type(constant.value) in (int, float) for constant in constants)
+
+
+def is_packed(node: ast.AST) -> bool:
+    """Whether a statement assigns several values to several names: `a, b = x, y`."""
+    if not isinstance(node, ast.Assign):
+        return False
+    return isinstance(node.targets[0], ast.Tuple) and isinstance(node.value, ast.Tuple)
+
+
+def style_of(files: list[Path]) -> Style:
+    tokens, names, nodes, constants, skips, lines = [], [], [], 0, 0, 0
+    for path in files:
+        text = path.read_text(encoding="utf-8")
+        code = [
+            token
+            for token in tokenize.generate_tokens(io.StringIO(text).readline)
+            if token.type not in LAYOUT and not is_docstring(token) and token.string
+        ]
+        tokens += code
+        names += [token.string for token in code if token.type == tokenize.NAME]
+        lines += len({row for t in code for row in range(t.start[0], t.end[0] + 1)})
+        tree = ast.parse(text)
+        nodes += ast.walk(tree)
+        constants += sum(map(holds_number, tree.body))
+        skips += len(re.findall(r"fmt: (?:skip|off)", text))
+    anys = sum(isinstance(node, ast.Name) and node.id == "Any" for node in nodes)
+    return Style(
+        tokens=len(tokens) / lines,
+        packed=1e3 * sum(map(is_packed, nodes)) / lines,
+        anys=1e3 * anys / lines,
+        constants=1e3 * constants / lines,
+        participles=1e3 * sum(name in PARTICIPLES for name in names) / len(names),
+        skips=skips,
+    )
+
+
+def rooms() -> dict[str, list[Path]]:
+    """The files of each room: a folder of `calib`, its modules that stand alone, and `cli`."""
+    found = {
+        "calib": sorted((ROOT / "calib").glob("*.py")),
+        "cli": sorted((ROOT / "cli").rglob("*.py")),
+    }
+    for folder in sorted((ROOT / "calib").iterdir()):
+        if folder.is_dir() and (folder / "__init__.py").exists():
+            found[folder.name] = sorted(folder.rglob("*.py"))
+    return found
+
+
+def test_each_room_has_limits():
+    assert set(rooms()) == set(LIMITS)
+
+
+@pytest.mark.parametrize("room", sorted(LIMITS))
+def test_a_room_keeps_to_its_limits(room):
+    figures = zip(Style.__dataclass_fields__, astuple(style_of(rooms()[room])), strict=True)
+    limits = astuple(Style(*LIMITS[room]))
+    worse = {
+        name: f"{figure:.1f}, limit {max(limit, aim)}"
+        for (name, figure), limit, aim in zip(figures, limits, astuple(AIMS), strict=True)
+        if figure > max(limit, aim) + 0.05
+    }
+    assert worse == {}
+
+
+if __name__ == "__main__":
+    for room, files in rooms().items():
+        print(room, *(f"{figure:.1f}" for figure in astuple(style_of(files))))
