@@ -123,10 +123,11 @@ def in_si(
 
 def kinds_of_joints(robot: str) -> dict[str, bool]:
     """Return whether each movable joint of a robot turns."""
+    from calib.arm.description import parse_robot
     from calib.arm.robots import resolve_robot
-    from calib.arm.urdf import parse_urdf, read_urdf
+    from calib.arm.urdf import read_urdf
 
     # without Pinocchio: units are wanted before it is known which arm is loaded
     path = resolve_robot(robot)
-    urdf = parse_urdf(read_urdf(path), path.stem)
+    urdf = parse_robot(read_urdf(path), path.stem)
     return {joint.name: joint.revolute for joint in urdf.joints if joint.movable}

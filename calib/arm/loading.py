@@ -18,6 +18,7 @@ import numpy as np
 from ..common.wording import listed, one_line, quoted, suggestion
 from ..errors import OptionError, RobotError
 from .arm import PlanarArm, SpatialArm
+from .description import parse_robot
 from .finding import (
     MOST_JOINTS,
     TIP_NAMES,
@@ -32,7 +33,7 @@ from .gravity import standard
 from .plane import plane_of
 from .posture import Posture, folded, posture_of
 from .robots import resolve_robot
-from .urdf import Joint, Mimic, Range, Urdf, parse_urdf, read_urdf
+from .urdf import Joint, Mimic, Range, Urdf, read_urdf
 
 __all__ = ["PlanarArm", "SpatialArm", "arm_from_urdf", "load_arm"]
 
@@ -48,7 +49,7 @@ def load_arm(
     columns: Collection[str] | None = None,
     gravity: Sequence[float] | None = None,
 ) -> PlanarArm | SpatialArm:
-    """Load an arm from a URDF file or from the bundled robots.
+    """Load an arm from a URDF or MJCF file or from the bundled robots.
 
     Parallel axes make a planar arm, whose positions are x and y in its plane. Any others make a
     spatial arm, whose positions are x, y and z in the root link's frame.
@@ -56,7 +57,7 @@ def load_arm(
     Parameters
     ----------
     robot : str or Path
-        Path to a URDF, or the name of a bundled robot.
+        Path to a URDF or an MJCF, or the name of a bundled robot.
     joints : sequence of str, optional
         Active joints in any order, 2 to 7; by default those of the chain that reaches furthest,
         before its hand.
@@ -117,7 +118,7 @@ def arm_from_urdf(
 
     `name` is used where the URDF gives its robot none.
     """
-    urdf = parse_urdf(text, name)
+    urdf = parse_robot(text, name)
     lock, ranges = dict(lock or {}), dict(ranges or {})
     for held, value in lock.items():
         if not np.isfinite(value):

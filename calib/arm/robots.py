@@ -8,7 +8,7 @@ from pathlib import Path
 
 from ..common.wording import quoted, suggestion
 from ..errors import RobotError
-from .urdf import parse_urdf, read_urdf
+from .urdf import parse_xml, read_urdf, read_urdf_tree
 
 _DESCRIPTION = re.compile(r"<!--\s*calib:\s*(.*?)\s*-->", re.DOTALL)
 
@@ -35,7 +35,7 @@ def list_robots() -> tuple[RobotEntry, ...]:
     entries = []
     for path in sorted(robots_folder().glob("*.urdf")):
         text = read_urdf(path)
-        urdf = parse_urdf(text, path.stem)
+        urdf = read_urdf_tree(parse_xml(text), path.stem)
         joints = tuple(joint.name for joint in urdf.joints if joint.movable)
         found = _DESCRIPTION.search(text)
         description = " ".join(found[1].split()) if found else ""

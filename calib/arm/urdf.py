@@ -32,6 +32,9 @@ Vector = tuple[float, ...]
 Rows = tuple[Vector, Vector, Vector]
 Range = tuple[float, float]
 
+MJCF = "mujoco"
+"""Root element of the other kind of description that is read, see `calib.arm.mjcf`."""
+
 MOVABLE = ("revolute", "continuous", "prismatic")
 
 
@@ -188,13 +191,12 @@ def read_urdf(path: Path) -> str:
     return text
 
 
-def parse_urdf(text: str, name: str = "robot") -> Urdf:
-    """Check the text of a URDF and return its links and joints.
+def read_urdf_tree(robot: ET.Element, name: str = "robot") -> Urdf:
+    """Check the root element of a URDF and return its links and joints.
 
     name : name to use where the URDF gives its robot none
     Raises RobotError: what is wrong, what was expected and what to do.
     """
-    robot = _parse_xml(text)
     notes: list[str] = []
     own_name = robot.get("name", "").strip()
     links, joint_names = _names(robot, "link"), _names(robot, "joint")
@@ -214,7 +216,11 @@ def parse_urdf(text: str, name: str = "robot") -> Urdf:
     return Urdf(own_name or name, root, tuple(links), joints, tuple(notes), masses)
 
 
-def _parse_xml(text: str) -> ET.Element:
+def parse_xml(text: str) -> ET.Element:
+    """The root element of a robot's description.
+
+    Raises RobotError if it is none, or holds what has to be expanded first.
+    """
     for mark in ("<!DOCTYPE", "<!ENTITY"):
         if mark in text.upper():
             raise RobotError(
@@ -227,10 +233,10 @@ def _parse_xml(text: str) -> ET.Element:
     except (ET.ParseError, ValueError) as error:
         remedy = expand if "<xacro:" in text else "correct it there, or fetch a truncated file anew"
         raise RobotError(f"the URDF is not well-formed XML ({error}): {remedy}") from None
-    if robot.tag != "robot":
+    if robot.tag not in ("robot", MJCF):
         raise RobotError(
-            f"the file's root element is <{robot.tag[:60]}>, expected <robot>: convert SDF and "
-            "other formats to URDF first"
+            f"the file's root element is <{robot.tag[:60]}>, expected <robot> or <mujoco>: convert "
+            "SDF and other formats to URDF first"
         )
     for node in robot.iter():
         for word in (node.tag, *node.attrib.values()):
@@ -325,15 +331,20 @@ def _numbers(
     text = None if part is None else part.get(key)
     if text is None:
         return default
-    values = tuple(
-        float(word) if len(word) <= 64 and _NUMBER.fullmatch(word) else math.nan
-        for word in text.split()
-    )
+    values = as_numbers(text)
     usable = [not math.isnan(v) if infinite else math.isfinite(v) for v in values]
     if len(values) != len(default) or not all(usable):
         count = {1: "a finite number", 3: "three finite numbers"}[len(default)]
         raise RobotError(f"{where}: {path} {key} is {quoted(text)}, expected {count}")
     return values
+
+
+def as_numbers(text: str) -> Vector:
+    """Numbers with spaces between them; NaN where a word is none."""
+    return tuple(
+        float(word) if len(word) <= 64 and _NUMBER.fullmatch(word) else math.nan
+        for word in text.split()
+    )
 
 
 def _masses(robot: ET.Element) -> Iterator[tuple[str, tuple[float, Vector]]]:

@@ -10,7 +10,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arm.urdf import parse_urdf
+from ..arm.description import parse_robot
 from ..common.arrays import Array
 from ..common.scale import TURN
 from ..errors import CalibError
@@ -37,7 +37,7 @@ def joint_limits(model: Parts) -> Array:
 def _drawn_limits(urdf: str) -> dict[str, tuple[float, float]]:
     """What the joints of a URDF can reach, by name; nothing where there is none."""
     try:
-        return {joint.name: joint.travel for joint in parse_urdf(urdf).joints} if urdf else {}
+        return {joint.name: joint.travel for joint in parse_robot(urdf).joints} if urdf else {}
     except CalibError:
         return {}
 

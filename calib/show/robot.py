@@ -7,8 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..arm.description import parse_robot
 from ..arm.posture import posture_of
-from ..arm.urdf import Urdf, parse_urdf
+from ..arm.urdf import Urdf
 from ..common.arrays import Array
 from ..errors import CalibError
 from ..model.about import About
@@ -28,7 +29,7 @@ class Robot:
         if not about.urdf or not about.tip:
             return None
         try:
-            urdf = parse_urdf(about.urdf, about.robot)
+            urdf = parse_robot(about.urdf, about.robot)
             links = (urdf.root, *(joint.child for joint in urdf.path(about.tip)))
             posture_of(urdf, about.locked)  # without Pinocchio no arm is drawn
         except CalibError:

@@ -12,8 +12,8 @@ from xml.etree import ElementTree
 
 import numpy as np
 
+from ..arm.description import parse_robot
 from ..arm.rotations import quaternion_of
-from ..arm.urdf import parse_urdf
 from ..body.corners import held_of
 from ..body.sensor import SensorPose
 from ..body.views import is_camera
@@ -123,7 +123,7 @@ def static_transform(model: Model) -> str:
         return hand_eye_transforms(about.urdf, about.tip, seen["eye"], hand, placed)
     camera = is_camera(body.structure.view)
     child = about.frame or ("camera_optical_frame" if camera else "sensor_frame")
-    root = parse_urdf(about.urdf, about.robot).root
+    root = parse_robot(about.urdf, about.robot).root
     return json.dumps(_stamped(root, child, placed), indent=2) + "\n"
 
 
@@ -136,7 +136,7 @@ def hand_eye_transforms(
     optical; the board's has its origin in a corner, x right, y down.
     """
     carried, still = ("camera", "board") if eye == "hand" else ("board", "camera")
-    root = parse_urdf(urdf).root
+    root = parse_robot(urdf).root
     made = [_stamped(tip, f"{carried}_frame", hand), _stamped(root, f"{still}_frame", base)]
     return json.dumps(made, indent=2) + "\n"
 
@@ -166,7 +166,7 @@ def mjcf_text(urdf: str, tip: str) -> str:
     root = ElementTree.Element("mujoco", model="corrected")
     ElementTree.SubElement(root, "compiler", angle="radian", autolimits="true")
     body = ElementTree.SubElement(root, "worldbody")
-    for joint in parse_urdf(urdf).path(tip):
+    for joint in parse_robot(urdf).path(tip):
         x, y, z, w = quaternion_of(joint.rotation).tolist()
         place = {"pos": _text(joint.xyz), "quat": _text((w, x, y, z))}
         body = ElementTree.SubElement(body, "body", {"name": joint.child, **place})

@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 
 from ..arm.arm import Arm, PlanarArm, SpatialArm
+from ..arm.description import parse_robot
 from ..arm.rotations import logarithm, similarity
-from ..arm.urdf import parse_urdf
 from ..body.belief import Body, knows_orientation
 from ..body.fit import Fit
 from ..body.normal import Factor, with_prior
@@ -79,7 +79,7 @@ class Geometry:
     @property
     def places(self) -> tuple[str, ...]:
         """Joints whose origins are fitted, mimic joints included, as the URDF names them."""
-        path = parse_urdf(self.arm.urdf).path(self.arm.tip)
+        path = parse_robot(self.arm.urdf).path(self.arm.tip)
         return tuple(j.name for j in path if j.movable and j.name not in self.arm.locked)
 
     @property

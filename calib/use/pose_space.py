@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..arm.arm import Arm, SpatialArm, checked_range
-from ..arm.urdf import Range, parse_urdf
+from ..arm.description import parse_robot
+from ..arm.urdf import MJCF, Range
 from ..body.views import is_camera
 from ..common.arrays import Array
 from ..common.rows import each_joint, number_rows
@@ -88,7 +89,7 @@ def space_of(
     if isinstance(source, Arm):
         limits = dict(zip(names, source.limits, strict=True))
     elif source.about.urdf:
-        limits = {j.name: j.travel for j in parse_urdf(source.about.urdf, "").joints}
+        limits = {j.name: j.travel for j in parse_robot(source.about.urdf, "").joints}
     lower, upper = low.copy(), high.copy()
     for name, chosen in (ranges or {}).items():
         if name not in names:
@@ -208,6 +209,8 @@ def hits_itself(
     except ImportError:  # it has no wheel for Windows
         return None
     root = ET.fromstring(urdf)  # noqa: S314 - a URDF was checked when it was read
+    if root.tag == MJCF:
+        return None
     for link in root.iter("link"):
         for body in link.findall("collision"):
             if body.find("geometry/mesh") is not None:

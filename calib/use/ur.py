@@ -15,8 +15,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..arm.description import parse_robot
 from ..arm.posture import posture_of
-from ..arm.urdf import Joint, Urdf, parse_urdf
+from ..arm.urdf import Joint, Urdf
 from ..common.arrays import Array
 from ..common.wording import listed
 from ..errors import OptionError
@@ -59,7 +60,7 @@ def ur_kinematics(urdf: str, tip: str) -> str:
     Raises OptionError if the arm is no UR: other than six turning joints, or axes that at zero
     point elsewhere than a UR's.
     """
-    parsed = parse_urdf(urdf)
+    parsed = parse_robot(urdf)
     joints = [joint for joint in parsed.path(tip) if joint.movable]
     if len(joints) != len(NAMES) or not all(joint.revolute for joint in joints):
         raise OptionError(

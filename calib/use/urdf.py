@@ -16,12 +16,15 @@ from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
+from ..arm.description import parse_robot
+from ..arm.mjcf import read_mjcf
 from ..arm.posture import origin_of, posture_of
 from ..arm.spatial_chain import move
-from ..arm.urdf import Joint, Urdf, parse_urdf
+from ..arm.urdf import MJCF, Joint, Urdf, parse_xml
 from ..common.arrays import Array
 from ..common.wording import for_people
 from ..errors import OptionError, RobotError
+from .mjcf import corrected_mjcf
 
 if TYPE_CHECKING:
     from .geometry import Geometry
@@ -36,7 +39,7 @@ _TAG = re.compile(rb"<(?:[^\"'>]|\"[^\"]*\"|'[^']*')*>")
 
 
 def corrected_urdf(geometry: Geometry) -> str:
-    """Text of the nominal URDF with corrected joint origins.
+    """Text of the nominal URDF (or MJCF) with corrected joint origins.
 
     A joint's offset becomes a turn of its origin about its axis (or a shift along it, if it
     slides), a displacement a shift of the origin of the joint that it moves; the tip's
@@ -54,9 +57,12 @@ def corrected_urdf(geometry: Geometry) -> str:
             hint="check the joints, the tip and the unit of the log; a log in the robot's root "
             "frame needs `view='base'`, one in a sensor's frame must not have it",
         )
-    urdf = parse_urdf(geometry.arm.urdf)
+    urdf = parse_robot(geometry.arm.urdf)
     origins = _origins(geometry, urdf)
     path = urdf.path(geometry.arm.tip)
+    root = parse_xml(geometry.arm.urdf)
+    if root.tag == MJCF:
+        return corrected_mjcf(geometry.arm.urdf, read_mjcf(root), origins)
     changed = {joint.name: _changed(joint, origins[joint.name]) for joint in path}
     text = _edited(geometry.arm.urdf, changed)
     _read_back(text, origins)

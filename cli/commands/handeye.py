@@ -122,11 +122,11 @@ def handeye(
     if output is not None and rig.poses is not None:
         calib.train(rig.poses).save(output)
     if transform is not None:
-        from calib.arm.urdf import parse_urdf
+        from calib.arm.description import parse_robot
         from calib.common.atomic import atomic_write
         from calib.recording.transforms import transform_files
 
-        frames = ("base", "flange") if arm is None else (parse_urdf(arm.urdf).root, arm.tip)
+        frames = ("base", "flange") if arm is None else (parse_robot(arm.urdf).root, arm.tip)
         for path, text in transform_files(rig, *frames, transform).items():
             atomic_write(path, text.encode())
             note(f"where all is stands in {path}")

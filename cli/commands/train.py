@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 def train(
     robot: Annotated[
-        str | None, Argument(metavar="ROBOT", help="A URDF or a bundled robot.")
+        str | None, Argument(metavar="ROBOT", help="A URDF, an MJCF or a bundled robot.")
     ] = None,
     data: opt.DataOfSensors = None,
     output: Annotated[

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from chains import NO_TIP, SLIDE, branching, chain_urdf, turning
 
+from calib.arm.description import parse_robot
 from calib.arm.finding import find_tip
 from calib.arm.loading import arm_from_urdf, load_arm
-from calib.arm.urdf import parse_urdf
 from calib.errors import CalibError, OptionError, RobotError
 
 
@@ -160,4 +160,4 @@ USUAL = ("tool0", "tcp", "tool", "tip", "ee_link", "ee", "end_effector", "grippe
 def test_every_usual_name_of_a_tip_is_followed(name):
     text = branching('<origin xyz="0.1 0 0"/>', "camera", kind="fixed").replace('"tip"', '"lamp"')
     for order in (("camera_link", name), ("lamp", name)):
-        assert find_tip(parse_urdf(text.replace(*order)), "l0") == name
+        assert find_tip(parse_robot(text.replace(*order)), "l0") == name

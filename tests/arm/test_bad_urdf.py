@@ -4,9 +4,10 @@ from pathlib import Path
 
 import pytest
 
+from calib.arm.description import parse_robot
 from calib.arm.loading import arm_from_urdf, load_arm
 from calib.arm.robots import resolve_robot
-from calib.arm.urdf import MAX_BYTES, parse_urdf, read_urdf
+from calib.arm.urdf import MAX_BYTES, read_urdf
 from calib.errors import RobotError
 
 GOOD = read_urdf(resolve_robot("two_link"))
@@ -121,10 +122,10 @@ def test_a_billion_laughs_are_refused_before_parsing(monkeypatch):
 
     monkeypatch.setattr("xml.etree.ElementTree.fromstring", parsed)
     with pytest.raises(RobotError, match="<!DOCTYPE"):
-        parse_urdf(BAD["entity"][0])
+        parse_robot(BAD["entity"][0])
 
 
 def test_deeply_nested_text_is_no_danger():
     text = '<robot name="r">' + "<a>" * 200_000 + "</a>" * 200_000 + "</robot>"
     with pytest.raises(RobotError, match="no links"):
-        parse_urdf(text)
+        parse_robot(text)

@@ -5,10 +5,11 @@ import pinocchio as pin
 import pytest
 from reference import random_joints
 
+from calib.arm.description import parse_robot
 from calib.arm.loading import arm_from_urdf
 from calib.arm.posture import posture_of
 from calib.arm.robots import resolve_robot
-from calib.arm.urdf import parse_urdf, read_urdf
+from calib.arm.urdf import read_urdf
 from calib.errors import RobotError
 
 TWO = """<robot name="two">
@@ -24,7 +25,7 @@ TWO = """<robot name="two">
 
 
 def test_a_mimic_of_nothing_is_mended_aloud():
-    urdf = parse_urdf(TWO.replace('<origin xyz="0.2 0 0"/>', '<mimic joint="no"/>'))
+    urdf = parse_robot(TWO.replace('<origin xyz="0.2 0 0"/>', '<mimic joint="no"/>'))
     (note,) = urdf.notes
     assert "'no', which does not exist" in note
     assert set(posture_of(urdf, {}).frames) == {"a", "b", "c", "d"}
@@ -32,26 +33,26 @@ def test_a_mimic_of_nothing_is_mended_aloud():
 
 def test_an_axis_too_long_to_be_a_direction_is_refused():
     with pytest.raises(RobotError, match=r"'j1' has the axis 0 0 -1e\+308"):
-        parse_urdf(TWO.replace("0 0 1", "0 0 -1e308", 1))
+        parse_robot(TWO.replace("0 0 1", "0 0 -1e308", 1))
 
 
 def test_a_missing_axis_is_x_as_in_pinocchio():
     text = TWO.replace('<axis xyz="0 0 1"/>', "")
-    assert all(joint.axis == (1, 0, 0) for joint in parse_urdf(text).joints)
-    assert any("no <axis>" in note for note in parse_urdf(text).notes)
+    assert all(joint.axis == (1, 0, 0) for joint in parse_robot(text).joints)
+    assert any("no <axis>" in note for note in parse_robot(text).notes)
     original = pin.buildModelFromXML(text)
     assert [joint.shortname() for joint in original.joints][1] == "JointModelRX"
 
 
 def test_expanded_xacro_may_keep_its_namespace():
     text = TWO.replace("<robot", '<robot xmlns:xacro="http://www.ros.org/wiki/xacro"')
-    assert parse_urdf(text).joints == parse_urdf(TWO).joints
+    assert parse_robot(text).joints == parse_robot(TWO).joints
 
 
 def test_a_byte_order_mark_and_an_encoding_are_no_obstacle(tmp_path):
     path = tmp_path / "bom.urdf"
     path.write_bytes(b"\xef\xbb\xbf" + b'<?xml version="1.0" encoding="utf-8"?>' + TWO.encode())
-    assert parse_urdf(read_urdf(path)).name == "two"
+    assert parse_robot(read_urdf(path)).name == "two"
 
 
 @pytest.mark.parametrize("what", ["base", "upper_arm", "elbow", "tip"])

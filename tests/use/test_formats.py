@@ -8,7 +8,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import calib
-from calib.arm.urdf import parse_urdf
+from calib.arm.description import parse_robot
 from calib.errors import LogError, OptionError
 from calib.samples.tables import write_table
 from calib.use.formats import mjcf_text
@@ -80,7 +80,7 @@ def test_mujoco_bodies_and_ur_entries_are_where_the_arm_is():
     parts = [line for line in lines if line.endswith(":")]
     names = ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
     assert parts == ["kinematics:", *(f"{name}:" for name in names)]
-    first = next(joint for joint in parse_urdf(arm.urdf).path(arm.tip) if joint.movable)
+    first = next(joint for joint in parse_robot(arm.urdf).path(arm.tip) if joint.movable)
     assert f"z: {float(first.xyz[2])!r}" in lines[2:8]
 
 

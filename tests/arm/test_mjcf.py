@@ -1,0 +1,158 @@
+"""MuJoCo models: as MuJoCo itself moves them, through the whole of calib, and written back."""
+
+import numpy as np
+import pytest
+
+import calib
+from calib.arm.loading import arm_from_urdf
+from calib.arm.rotations import matrix_of
+from calib.errors import RobotError
+
+EVERY_FORM = """<mujoco model="every form">
+  <compiler angle="degree" eulerseq="zyX"/>
+  <default>
+    <joint damping="1" limited="true" range="-100 120"/>
+    <default class="slow">
+      <joint axis="0 1 0"/>
+      <default class="slower"><joint range="-20 30" ref="10"/></default>
+    </default>
+    <default class="lift"><joint type="slide" axis="0 0 2" range="-0.1 0.2" ref="0.05"/></default>
+  </default>
+  <worldbody>
+    <light pos="0 0 3"/>
+    <frame pos="0.1 0 0" euler="10 20 30" childclass="slow">
+      <body name="base" pos="0 0 .1" axisangle="1 1 0 30">
+        <body name="one" pos="0 0.1 .2" xyaxes="1 0.2 0 0 1 .3">
+          <inertial pos="0 0 0.05" mass="2" diaginertia=".01 .01 .01"/>
+          <joint name="a" pos="0.01 0.02 0.03"/>
+          <body name="two" pos=".3 0 0" zaxis="0.2 0.1 1">
+            <inertial pos="0 0 0.05" mass="2" diaginertia=".01 .01 .01"/>
+            <joint name="b" class="slower"/>
+            <joint name="c" axis="1 0 0.5" pos="0 0 0.1"/>
+            <frame pos="0 0.02 0" quat="1 0.2 0 0"><joint name="d" class="lift"/></frame>
+            <body name="three" pos="0.2 0 .1" quat="1 1 0 0.5" childclass="main">
+              <inertial pos="0 0 0.05" mass="2" diaginertia=".01 .01 .01"/>
+              <joint name="e" axis="0 0 1"/>
+              <site name="tool" pos="0 .05 .1" euler="15 0 5"/>
+            </body>
+          </body>
+        </body>
+      </body>
+    </frame>
+  </worldbody>
+</mujoco>
+"""
+
+_LINKS = (
+    ("shoulder_pan", "0 0 0.163", "1 0 0 0", "0 0 1"),
+    ("shoulder_lift", "0 0.138 0", "1 0 1 0", "0 1 0"),
+    ("elbow", "0 -0.131 0.425", "1 0 0 0", "0 1 0"),
+    ("wrist_1", "0 0 0.392", "1 0 1 0", "0 1 0"),
+    ("wrist_2", "0 0.127 0", "1 0 0 0", "0 0 1"),
+    ("wrist_3", "0 0 0.1", "1 0 0 0", "0 1 0"),
+)
+UR5E = (
+    '<mujoco model="ur5e"><compiler angle="radian"/>'
+    '<default><default class="ur"><joint range="-6.28319 6.28319"/></default></default>'
+    '<worldbody><body name="base" quat="0 0 0 -1" childclass="ur">'
+    + "".join(
+        f'<body name="{name}_link" pos="{pos}" quat="{quat}">'
+        '<inertial pos="0 0 0" mass="2" diaginertia=".01 .01 .01"/>'
+        f'<joint name="{name}_joint" axis="{axis}"/>'
+        for name, pos, quat, axis in _LINKS
+    )
+    + '<site name="attachment_site" pos="0 0.1 0" quat="-1 1 0 0"/>'
+    + "</body>" * 6
+    + "</body></worldbody></mujoco>\n"
+)
+
+
+def drawn(arm, n=20):
+    """Joints (n, dof) all over an arm's range."""
+    return np.random.default_rng(0).uniform(arm.lower, arm.upper, (n, arm.dof))
+
+
+@pytest.mark.parametrize("text", [EVERY_FORM, UR5E], ids=["every form", "ur5e"])
+def test_arms_move_as_mujoco_moves_them(text):
+    mujoco = pytest.importorskip("mujoco")
+    arm = arm_from_urdf(text)
+    model = mujoco.MjModel.from_xml_string(text)
+    data = mujoco.MjData(model)
+    q = drawn(arm)
+    for row, place, quaternion in zip(q, *arm.pose(q), strict=True):
+        for name, value in zip(arm.joint_names, row, strict=True):
+            data.qpos[model.joint(name).qposadr[0]] = value
+        mujoco.mj_kinematics(model, data)
+        site = data.site(arm.tip)
+        np.testing.assert_allclose(place, site.xpos, atol=1e-12)
+        np.testing.assert_allclose(matrix_of(quaternion), site.xmat.reshape(3, 3), atol=1e-12)
+    for name, limits in zip(arm.joint_names, arm.limits, strict=True):
+        np.testing.assert_allclose(model.joint(name).range, limits, atol=1e-12)
+
+
+def test_the_ur5e_reaches_as_its_data_sheet_says():
+    """Stretched along x it reaches over upper arm, forearm and wrist."""
+    arm = arm_from_urdf(UR5E)
+    assert arm.tip == "attachment_site"
+    assert arm.travel[0] == (-6.28319, 6.28319)
+    x = arm.forward(np.zeros(6))
+    np.testing.assert_allclose(
+        np.abs(x), [0.425 + 0.392, 0.138 - 0.131 + 0.127 + 0.1, 0.063], atol=1e-9
+    )
+
+
+def test_a_joint_beside_its_bodys_origin_turns_about_its_own_place():
+    text = """<mujoco><worldbody><body name="a"><joint name="j" axis="0 0 1" pos="1 0 0"/>
+        <body name="b" pos="2 0 0"><joint name="k" axis="0 0 1" ref="90"/>
+        <site name="tip" pos="1 0 0"/></body></body></worldbody></mujoco>"""
+    arm = arm_from_urdf(text)
+    assert arm.joint_names == ("j", "k")
+    # half a turn about (1, 0): from (2, 0) to (0, 0), and the last link back along -x
+    np.testing.assert_allclose(arm.forward([np.pi, np.pi / 2]), [-1.0, 0.0], atol=1e-12)
+    np.testing.assert_allclose(arm.forward([0.0, np.pi]), [2.0, 1.0], atol=1e-12)
+
+
+BODY = '<mujoco><worldbody><body name="a">{}</body></worldbody></mujoco>'
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ('<mujoco><include file="arm.xml"/></mujoco>', "include.*arm.xml"),
+        (BODY.format('<freejoint name="loose"/>'), "loose.*free"),
+        (BODY.format('<joint name="hip" type="ball"/>'), "hip.*ball"),
+        (BODY.format('<joint name="j" axis="0 0 0"/>'), "'j'.*axis"),
+        (BODY.format('<joint name="j" class="fast"/>'), "class 'fast'"),
+        (BODY.format('<joint name="j" pos="1 2"/>'), "'j': pos.*3 numbers"),
+        ('<mujoco><worldbody><body euler="0 0 0" quat="1 0 0 0"/></worldbody></mujoco>', "one"),
+        ("<mujoco><worldbody/></mujoco>", "no bodies"),
+        ("<sdf/>", "<robot> or <mujoco>"),
+    ],
+)
+def test_what_is_no_arm_is_refused_by_name_in_one_line(text, said):
+    with pytest.raises(RobotError, match=said) as refused:
+        arm_from_urdf(text)
+    assert "\n" not in str(refused.value)
+
+
+def test_a_model_is_trained_from_an_mjcf_and_written_back(run, tmp_path):
+    """Its joints' offsets are put into the bodies' places."""
+    file = tmp_path / "arm.xml"
+    file.write_text(UR5E)
+    arm = calib.load_arm(file)
+    offsets = np.radians([0.0, 0.5, -0.4, 0.3, 0.2, 0.0])
+    q = drawn(arm, 120)
+    log = tmp_path / "log.csv"
+    rows = np.hstack([q, arm.forward(q + offsets)])
+    names = ",".join([*arm.joint_names, "x", "y", "z"])
+    np.savetxt(log, rows, delimiter=",", header=names, comments="")
+    model = tmp_path / "m.calib"
+    train = ("train", file, "--data", log, "--view", "base", "--size", "3", "-o", model)
+    assert run(*train).code == 0
+    out = tmp_path / "corrected.xml"
+    assert run("urdf", model, "-o", out, "--view", "base").code == 0
+    assert out.read_text().count("<body") == UR5E.count("<body")
+    written = calib.load_arm(out)
+    before = np.linalg.norm(arm.forward(q) - rows[:, 6:], axis=1).mean()
+    after = np.linalg.norm(written.forward(q) - rows[:, 6:], axis=1).mean()
+    assert after < 0.02 * before
