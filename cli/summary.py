@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any
 
 from calib.common.choices import READOUTS
 from calib.common.wording import printable
-from calib.model.about import holds
 from calib.model.facts import STATISTICS, Errors, shown_errors
 
 from .output import TextTable, number, sized
@@ -177,6 +176,8 @@ def found_by_body(model: Model) -> list[str]:
 
 def does_not_hold(within: Mapping[str, float], rows: int) -> list[str]:
     """Say in one line that rows miss a model's own 95 % bound far more often than 5 %."""
+    from calib.model.about import holds
+
     if holds(within, rows):
         return []
     return [
