@@ -6,11 +6,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import product
-from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from ..common.arrays import Array
+from ..common.arrays import Array, Mask
 from ..common.scale import METRES
 from ..errors import OptionError
 from .curves import curve_shape
@@ -29,7 +29,7 @@ from .settings import (
     SHIFT,
     TURN,
     WIDER,
-)  # fmt: skip
+)
 from .structure import Ladder, Moving, Structure
 from .views import PLANAR, InPlane, Measurement, Moved, ViewKind
 
@@ -184,31 +184,60 @@ class PlanarStructure(Structure):
 
     def geometry(self) -> Sequence[Block]:
         """Blocks of the chain's geometry and of its joints."""
-        names, drawn, turning = self.joint_names, self.nominal, np.asarray(self.revolute)
-        (link, unit), own, size = self._link, np.ones(self.dof), turning.astype(float)
-        # in a free frame the first joint's offset and a turn of the frame are one
-        views = [point.view for point in viewpoints(self)]
-        own[0] = "base" in views
-        # the view's scale is the first length
-        size[0] *= not (PLANAR[views[0]].scaled and turning.all())
-        lengths, offsets = (drawn.lengths, drawn.offsets) if drawn else (link * turning, 0.0)
-
-        def block(what: str, unit: str, mean: Any, flat: Any, *scale: Any) -> Block:
-            scales = (Hyper(what, *scale),) if drawn else ()
-            return Block(what, self.of_joints(what, unit), mean, 0.0 if drawn else flat, scales)
-
-        waves = tuple(
-            (names[i], f"{names[i]}.elastic {wave} {names[j]}", "rad")
-            for (i, j), wave in product(self.pairs, ("cos", "sin"))
-        )
-        bent = Hyper("elastic", ELASTIC_FLAT * (1.0 if drawn else 2.0), pseudo=4.0)
+        drawing = self.nominal
+        loose = 2.0 if drawing is None else 1.0
+        waves: list[tuple[str, str, str]] = []
+        for (i, j), wave in product(self.pairs, ("cos", "sin")):
+            joint = self.joint_names[i]
+            waves.append((joint, f"{joint}.elastic {wave} {self.joint_names[j]}", "rad"))
+        bending = Hyper("elastic", ELASTIC_FLAT * loose, pseudo=4.0)
         return (
-            block("length", unit, np.asarray(lengths), 2.0 * link * size, SHIFT, WIDER),
-            block("offset", "rad", np.asarray(offsets), 10.0 * own, TURN, SERVOS, 0.0, own > 0),
-            block("gain", "1", 1.0, 2 * GAIN, GAIN, WIDER),
-            Block("elastic", waves, scales=(bent,)),
+            *(self._undrawn_links() if drawing is None else self._drawn_links(drawing)),
+            Block("elastic", tuple(waves), scales=(bending,)),
             *self.curves(CURVE_RMS, CURVE_ROWS_FLAT, curve_shape(LONG)),
         )
+
+    def _drawn_links(self, drawing: PlanarDrawing) -> tuple[Block, ...]:
+        """Lengths, offsets and gains about those of a drawing, of scales by evidence."""
+        offset = Hyper("offset", TURN, SERVOS, indices=self._offset_is_free)
+        return (
+            self._block("length", "m", drawing.lengths, (Hyper("length", SHIFT, WIDER),)),
+            self._block("offset", "rad", drawing.offsets, (offset,)),
+            self._block("gain", "1", 1.0, (Hyper("gain", GAIN, WIDER),)),
+        )
+
+    def _undrawn_links(self) -> tuple[Block, ...]:
+        """Lengths, offsets and gains where no drawing says them."""
+        link, unit = self._link
+        turning = np.asarray(self.revolute)
+        length_is_free = turning.copy()
+        if PLANAR[viewpoints(self)[0].view].scaled and turning.all():
+            length_is_free[0] = False  # the view's scale is the first length
+        return (
+            self._block(
+                "length", unit, link * turning, sd=2.0 * link * length_is_free.astype(float)
+            ),
+            self._block("offset", "rad", 0.0, sd=10.0 * self._offset_is_free.astype(float)),
+            self._block("gain", "1", 1.0, sd=2 * GAIN),
+        )
+
+    def _block(
+        self,
+        name: str,
+        unit: str,
+        mean: ArrayLike,
+        scales: tuple[Hyper, ...] = (),
+        sd: Array | float = 0.0,
+    ) -> Block:
+        """A block of one parameter for each joint."""
+        return Block(name, self.of_joints(name, unit), np.asarray(mean), sd, scales)
+
+    @property
+    def _offset_is_free(self) -> Mask:
+        """Which joints (dof,) have an offset: in a free frame the first one's is the frame's."""
+        free = np.ones(self.dof, dtype=bool)
+        free[0] = any(point.view == "base" for point in viewpoints(self))
+        return free
 
     def offsets(self, beta: Array) -> Array:
         """What is added to the joints' values (dof,); a slide's offset is its direction."""
@@ -217,7 +246,8 @@ class PlanarStructure(Structure):
     def links(self, beta: Array) -> tuple[Array, Array, Array]:
         """The links' lengths (dof, 1), the slides' directions [rad], and which joints turn."""
         turning = np.asarray(self.revolute)[:, None]
-        length, offset = (beta[self.groups[name], None] for name in ("length", "offset"))
+        length = beta[self.groups["length"], None]
+        offset = beta[self.groups["offset"], None]
         return length, np.where(turning, 0.0, offset), turning
 
     def move(self, values: Array, beta: Array) -> PlanarMotion:  # type: ignore[override]
@@ -256,11 +286,13 @@ class PlanarStructure(Structure):
 
     def members(self) -> Ladder:
         """The gate's members from simple to rich."""
-        turns, exact = any(self.revolute), self.simulated
-        frame = tuple(dict.fromkeys((*self.seen_as.groups, *self.measurement.free)))
+        turns = any(self.revolute)
+        exact = self.simulated
+        others = self.measurement.free
         joints = ("length", "offset", "gain")
+        frame = (*self.seen_as.groups, *others)
+        few = (*PLANAR["similarity"].groups, *others, *joints)
         chain = (*frame, *joints)
-        few = tuple(dict.fromkeys((*PLANAR["similarity"].groups, *self.measurement.free, *joints)))
         ladder = (
             ("frame", frame or ("offset",), self.nominal is not None),
             # few rows of a camera that looks straight down need no more
@@ -285,18 +317,26 @@ def planar_starts(
     With a nominal geometry its own signs alone, unless they do not fit or the view is not metric:
     a camera says nothing of the servos.
     """
-    nominal, tip = structure.nominal, z[:, 0] + 1j * z[:, 1]
-    start, ways = _linear, sides(structure.revolute)
-    if nominal is not None:
-        mirrors = (nominal.mirror,) if structure.view == "base" else (1, -1)
-        flips = np.array([*product((1, -1), repeat=structure.dof)]) * nominal.signs
-        start, ways = _placed, product(map(tuple, flips.tolist()), mirrors)
-    every = [replace(structure, signs=signs, mirror=mirror) for signs, mirror in ways]
-    found = sorted(((each, *start(each, q, tip)) for each in every), key=lambda item: item[1])
-    own = [item for item in found if nominal is not None and item[0].signs == nominal.signs]
-    if own and own[0][1] <= DOUBTED * structure.extent and not structure.seen_as.scaled:
-        found = own
-    return [(each, beta) for each, _, beta in found[:_MOST]]
+    drawing = structure.nominal
+    tip: Complex = z @ np.array([1, 1j])
+    if drawing is None:
+        start = _linear
+        ways = list(sides(structure.revolute))
+    else:
+        start = _placed
+        mirrors = (drawing.mirror,) if structure.view == "base" else (1, -1)
+        flips = np.array([*product((1, -1), repeat=structure.dof)]) * drawing.signs
+        ways = list(product(map(tuple, flips.tolist()), mirrors))
+    starts: list[tuple[PlanarStructure, float, Array]] = []
+    for signs, mirror in ways:
+        turned = replace(structure, signs=signs, mirror=mirror)
+        starts.append((turned, *start(turned, q, tip)))
+    starts.sort(key=lambda item: item[1])
+    if drawing is not None and not structure.seen_as.scaled:
+        as_drawn = [item for item in starts if item[0].signs == drawing.signs]
+        if as_drawn[0][1] <= DOUBTED * structure.extent:
+            starts = as_drawn
+    return [(turned, beta) for turned, _, beta in starts[:_MOST]]
 
 
 def placed_in_plane(
@@ -321,10 +361,14 @@ def _framed(own: PlanarStructure, q: Array, tip: Complex, arm: Array) -> tuple[f
     groups = own.groups
     if own.view != "base":
         p = own.seen(q, beta)[0].position.T @ (1, 1j * own.mirror)
-        t = np.vdot(p - p.mean(), tip) / (np.vdot(p - p.mean(), p).real + 1e-300)
-        scale = np.log(max(abs(t), 1e-12) / own.metre) if own.seen_as.scaled else 0.0
-        shift = np.mean(tip - own.metre * np.exp(scale + 1j * np.angle(t)) * p)
-        beta[groups["view.rotation"]] = np.angle(t)
+        away = p - p.mean()
+        turn = np.vdot(away, tip) / (np.vdot(away, away).real + 1e-300)
+        angle = float(np.angle(turn))
+        scale = 0.0
+        if own.seen_as.scaled:
+            scale = float(np.log(max(abs(turn), 1e-12) / own.metre))
+        shift = np.mean(tip - own.metre * np.exp(scale + 1j * angle) * p)
+        beta[groups["view.rotation"]] = angle
         beta[groups["view.scale"]] = scale
         beta[groups["view.shift"]] = shift.real, shift.imag
     miss = np.abs(tip - own.predict(q, beta) @ (1, 1j))
@@ -362,18 +406,25 @@ def planar_structure(
     simulated: bool = False,
 ) -> PlanarStructure:
     """The structure that the rows and options ask for, signs and mirror still open."""
-    names, turns = tuple(joint_names), tuple(bool(r) for r in revolute)
     if view not in ("auto", *PLANAR):
         raise OptionError(f"view {view!r}, expected one of auto, {', '.join(PLANAR)}")
     if view == "base" and nominal is None:
         raise OptionError("view 'base' needs the nominal geometry of a robot; give nominal")
     if view == "auto":
         view = "rigid" if unit in METRES else "homography"
-    x, y = centre = z.mean(axis=0)
+    centre = z.mean(axis=0)
     extent = float(np.sqrt(((z - centre) ** 2).sum(axis=1).mean()))
-    extent = max(extent, 1e-9 * (1e-3 + float(np.abs(z).max())))
+    signs = (1,) * len(joint_names) if nominal is None else nominal.signs
     return PlanarStructure(
-        names, turns, view, unit, METRES.get(unit, 1.0),
-        signs=nominal.signs if nominal else (1,) * len(names), mirror=1, extent=extent,
-        centre=(float(x), float(y)), nominal=nominal, simulated=simulated,
-    )  # fmt: skip
+        joint_names=tuple(joint_names),
+        revolute=tuple(bool(turns) for turns in revolute),
+        view=view,
+        unit=unit,
+        metre=METRES.get(unit, 1.0),
+        signs=signs,
+        mirror=1,
+        extent=max(extent, 1e-9 * (1e-3 + float(np.abs(z).max()))),
+        centre=(float(centre[0]), float(centre[1])),
+        nominal=nominal,
+        simulated=simulated,
+    )

@@ -139,7 +139,20 @@ def adapt(
     """
     if method not in METHODS:
         raise OptionError(f"method {method!r} is unknown, choose one of {', '.join(METHODS)}")
+    seen = model.by(log.sensor)
     report = progress or (lambda *_: None)
+    adaptation = _adapted(seen, log, method, cause, free, report)
+    if not model.others:
+        return adaptation
+    if adaptation.model is seen:
+        return replace(adaptation, model=model)
+    return replace(adaptation, model=model.with_sensor(adaptation.model))
+
+
+def _adapted(
+    model: Model, log: Samples, method: str, cause: str | None, free: str, report: Progress
+) -> Adaptation:
+    """The model of the log's sensor, adapted."""
     if method == "online":
         verdict = judge(model, log, cause=cause, learn=False)
         with plain_numbers():

@@ -169,6 +169,7 @@ def judge(
     if free == "offsets":
         cause = free
     with plain_numbers():
+        model = model.by(log.sensor)
         rows = rows_of(model, log)
         if model.body is None:
             return _of_maps(rows)

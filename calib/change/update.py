@@ -24,7 +24,7 @@ from .settings import CHANGED, CREEP, REFINED, SIMULATED_KAPPA, SURE
 
 _ROWS = 600  # that an update takes: linear in them
 _BLOCKS = 5  # contiguous ones that are held out in turn, each of which tells a gain
-_STEPS = 12
+_STEPS = 60  # at most: along the gauge of an arm without a drawing 12 ended on the way
 _NOTHING_LEFT = 1e-3  # nats by which a step must better the fit
 _DAMPED = 6  # times a step is shortened at most
 _SHORTER = 0.3  # by which

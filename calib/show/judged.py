@@ -52,21 +52,12 @@ class Bar(NamedTuple):
 
 def rows_of(model: Model, log: Samples | None = None) -> JudgedRows | None:
     """Return the rows of a log, else those of the training, else fresh ones of a simulation."""
-    simulation = simulation_of(model)
+    rows = None
     if log is not None:
         rows = _rows_of_log(model, log)
-    elif simulation is not None:
-        rng = np.random.default_rng(model.about.seed)
-        q = simulation.draw(AMOUNTS.fresh, rng)
-        x = simulation.true(q, rng)
-        predicted = model.forward(q)
-        noise = simulation.noise * rng.standard_normal(x.shape)
-        rows = JudgedRows(q, x, x - predicted, x + noise - predicted, "fresh exact samples")
-    elif model.rows is not None:
-        learned = model.rows.x - model.forward(model.rows.q)
-        held_out = learned if model.rows.held_out is None else model.rows.held_out
-        rows = JudgedRows(model.rows.q, model.rows.x, held_out, learned, "rows held out")
-    else:
+    if rows is None:
+        rows = _rows_of_training(model)
+    if rows is None:
         return None
     answered = np.isfinite(rows.learned).all(axis=1)
     if not answered.any():
@@ -81,10 +72,28 @@ def rows_of(model: Model, log: Samples | None = None) -> JudgedRows | None:
     return replace(rows, delivered=_as_delivered(model, rows.q, rows.x))
 
 
-def _rows_of_log(model: Model, log: Samples) -> JudgedRows:
-    """The rows of a log that are sound and answered, and where the others are."""
+def _rows_of_training(model: Model) -> JudgedRows | None:
+    """Fresh samples of a simulation, or the rows that are kept of a log; None without any."""
+    simulation = simulation_of(model)
+    if simulation is not None:
+        rng = np.random.default_rng(model.about.seed)
+        q = simulation.draw(AMOUNTS.fresh, rng)
+        x = simulation.true(q, rng)
+        predicted = model.forward(q)
+        noise = simulation.noise * rng.standard_normal(x.shape)
+        return JudgedRows(q, x, x - predicted, x + noise - predicted, "fresh exact samples")
+    if model.rows is None:
+        return None
+    learned = model.rows.x - model.forward(model.rows.q)
+    held_out = learned if model.rows.held_out is None else model.rows.held_out
+    return JudgedRows(model.rows.q, model.rows.x, held_out, learned, "rows held out")
+
+
+def _rows_of_log(model: Model, log: Samples) -> JudgedRows | None:
+    """The rows of a log that are sound and answered; None where the model learned from them."""
     residuals = evaluate(model, log).residuals
-    assert residuals is not None  # noqa: S101 - a log has rows
+    if residuals is None:
+        return None
     errors = -residuals.forward[model.default_readout]
     part = {tuple(q) for q in residuals.q.tolist()}
     out = np.array([tuple(q) not in part for q in model.about.joints_of(log).tolist()])

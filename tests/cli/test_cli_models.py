@@ -10,7 +10,7 @@ import calib
 SMALL = ("--size", "10", "-n", "500")
 SUMMARY = {
     "model", "robot", "joints", "tip", "plane", "view", "map", "rule", "size", "samples", "seed",
-    "seconds", "unit", "units", "bound_of", "left_out", "errors",
+    "seconds", "unit", "units", "bound_of", "bound_holds", "sensors", "left_out", "errors",
 }  # fmt: skip
 
 

@@ -14,10 +14,21 @@ from calib.model_file.storage import to_bytes
 def two_eyed() -> calib.Model:
     """A model of two sensors, the second one with readings in a frame that is a metre away."""
     left = in_space()
-    beta = left.body.beta.copy()
-    beta[left.body.structure.groups["view.shift"]] += 1.0
-    away = replace(left.body, beta=beta)
-    right = replace(left, about=replace(left.about, sensor="right"), body=away)
+    shift = np.zeros(left.body.structure.size)
+    shift[left.body.structure.groups["view.shift"]] = 1.0
+    second = left.body.second
+    if second is not None:
+        second = replace(second, beta=second.beta + shift)
+    away = replace(left.body, beta=left.body.beta + shift, second=second)
+    scale = left.sensory.scale
+    sensory = replace(left.sensory, scale=replace(scale, lower=scale.lower + 1.0))
+    right = replace(
+        left,
+        about=replace(left.about, sensor="right"),
+        body=away,
+        association=replace(left.association, sensory=sensory),
+        rows=None,
+    )
     return replace(left, about=replace(left.about, sensor="left"), others=(right,))
 
 
@@ -62,3 +73,22 @@ def test_what_one_sensor_learns_of_the_arm_all_have():
     assert both.sensors == model.sensors
     assert both.body.beta[offset[1]] == beta[offset[1]]
     assert both.by("right").body is adapted.body
+
+
+def test_a_log_is_judged_as_its_sensor_sees_the_arm():
+    model = two_eyed()
+    right = model.by("right")
+    rng = np.random.default_rng(3)
+    q = draw(model, 40, seed=3)
+    arm = calib.load_arm("spatial_three")
+    log = calib.Samples(
+        q, right.forward(q) + rng.normal(0.0, 2e-5, q.shape), arm.joint_names, sensor="right"
+    )
+    assert not calib.check(model, log).drifted
+    assert calib.check(model, replace(log, sensor="left")).drifted
+    turned = replace(log, q=log.q - np.array([0.0, 0.01, 0.0]))  # the shoulder was put on anew
+    adapted = calib.adapt(model, turned)
+    assert adapted.improved, adapted.notes
+    assert adapted.model.sensors == ("left", "right")
+    moved = adapted.model.forward(turned.q, sensor="right")
+    assert np.median(np.linalg.norm(moved - right.forward(q), axis=1)) < 3e-4

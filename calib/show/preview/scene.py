@@ -130,8 +130,14 @@ class Scene:
         poses = {} if robot is None else robot.poses(self.motion.q)
         corners = self._corners_of_photo()
         # what the picture has to show: rows or the reach, the arm, what stands around it, the photo
-        places = reach if flat or self.rows is None else placement.lift(self.rows.x)
-        around = [places, border, corners, *(frames[:, :3, 3] for frames in poses.values())]
+        places = placement.lift(model.sensory.weights if self.rows is None else self.rows.x)
+        around = [
+            reach if flat else places[:0],
+            places,
+            border,
+            corners,
+            *(frames[:, :3, 3] for frames in poses.values()),
+        ]
         for thing in things_of(model):
             if not thing.carried:
                 around.append(thing.points + thing.frame[:3, 3])

@@ -164,6 +164,8 @@ def where(study: Study) -> Figure | None:
     model = study.model
     factor = for_people(model.about.unit)[0]
     x, bound = bound_field(model)
+    if not len(x):  # the bound is a tenth of the reach or more everywhere
+        return None
     errors = [bound]
     if study.rows is not None:
         errors.append(study.rows.distance)

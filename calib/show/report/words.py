@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...common.wording import clipped, one_line
+from ...common.wording import ROUNDED_AWAY, clipped, one_line
 from ..error_scale import number, unit_for
 from ..settings import AMOUNTS, LIMITS
+from ..workspace import extent
 from .figures import Study, cause_words
 
 
@@ -19,16 +20,21 @@ def verdict(study: Study) -> str:
     before = 0.0 if delivered is None else float(np.linalg.norm(delivered, axis=1).mean())
     most = float(np.quantile(study.rows.distance, 0.95))
     factor, name = unit_for(max(most, before), unit)
-    mean = number(factor * float(study.rows.distance.mean()))
-    sentences = [
-        f"The tip is predicted to {mean} {name} on average, to {number(factor * most)} {name} "
-        f"in 95 of 100 {study.rows.source}."
-    ]
+    rounding = ROUNDED_AWAY if unit == "m" else ROUNDED_AWAY * extent(study.model)
+    if most < rounding:
+        few = "rounding, below 1 nm," if unit == "m" else "rounding"
+        sentences = [f"The tip is predicted to {few} on {study.rows.source}."]
+    else:
+        mean = number(factor * float(study.rows.distance.mean()))
+        sentences = [
+            f"The tip is predicted to {mean} {name} on average, to {number(factor * most)} {name} "
+            f"in 95 of 100 {study.rows.source}."
+        ]
     changes = study.model.history[-1].get("changed", []) if study.model.history else []
     if changes:
         words = "; ".join(one_line(str(change["words"])) for change in changes)
         sentences.insert(0, f"Since it was learned: {words}.")
-    if before > 0.0:
+    if before > rounding:
         sentences.append(f"As delivered it is off by {number(factor * before)} {name}.")
     return " ".join(sentences)
 
