@@ -19,6 +19,7 @@ from .frame import Reference
 from .score import RichNoise
 from .settings import FALSE_ALARM, TEST_ROWS
 
+_LEAST_PRECISION = 1e-12  # of the largest: less is rounding
 _LEAST_SHARE = 0.1  # of a joint's rows that come from either side, or nothing tells its play
 
 
@@ -61,8 +62,11 @@ def find_play(reference: Reference, log: Log, side: Array) -> Play | None:
     equations = noise.equations
     y, columns = equations.whiten(residual), equations.whiten(moved)
     power, pull = equations.information(y, columns, noise.size)
-    precision = np.maximum(np.diag(power), 1e-300)
-    statistics = np.maximum(pull, 0.0) ** 2 / precision / noise.temper
+    precision = np.diag(power)
+    moving = precision > _LEAST_PRECISION * precision.max()
+    # a joint whose play would not move what the sensor sees is no cause
+    statistics = np.zeros(len(joints))
+    statistics[moving] = np.maximum(pull[moving], 0.0) ** 2 / precision[moving] / noise.temper
     # an encoder that is noisy moves the tip along the same slope, to either side
     rest = equations.rest(y, noise.size)
     for k, column in enumerate(columns.T):

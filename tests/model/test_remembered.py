@@ -115,5 +115,5 @@ def test_a_report_of_a_log_says_both_errors_and_shows_its_heat_maps(tmp_path, ru
         assert "That is the distance to noisy readings" in text
         assert "model's own error is below" in text.replace("&#x27;", "'")
         assert "give the log" not in text
-    assert 'id="forward"' in page["m"]
-    assert 'id="forward"' not in page["bare"]
+    assert 'id="accuracy"' in page["m"]
+    assert 'id="accuracy"' not in page["bare"]

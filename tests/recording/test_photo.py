@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 pytest.importorskip("cv2")
-from matplotlib.quiver import Quiver
 from PIL import Image
 from rendering import Camera, Desk
 from scenes import data_of, objects, page_of
@@ -112,11 +111,11 @@ def test_the_map_is_drawn_over_the_photo(made):
     ax = calib.figures(model, names=["photo"])["photo"].axes[0]
     assert ax.get_xlim() == (-0.5, 1279.5)
     assert ax.get_ylim() == (719.5, -0.5)  # y down, clipped to the picture
-    arrows = next(c for c in ax.collections if isinstance(c, Quiver))
-    places = np.round(arrows.get_offsets(), 6)
-    miss = model.forward(model.rows.q) - model.rows.x
+    *arrows, tips = ax.lines  # from seen tips to predicted ones, by held-out errors
+    places = np.column_stack(tips.get_data())
+    drawn = np.array([np.subtract(*line.get_xydata()[::-1]) for line in arrows])
     rows = [np.flatnonzero((np.abs(model.rows.x - p) < 1e-5).all(axis=1))[0] for p in places]
-    times = np.c_[arrows.U, arrows.V] / miss[rows]
+    times = -drawn / model.rows.held_out[rows]
     assert times == pytest.approx(times[0, 0])
     assert times[0, 0] > 10
     data = data_of(page_of(model))

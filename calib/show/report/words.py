@@ -15,7 +15,7 @@ def verdict(study: Study) -> str:
     """How accurate the model is, what changed, and how far off the arm is as delivered."""
     unit = study.model.about.unit
     if study.rows is None:
-        return "No rows are kept with this model: its errors are not known."
+        return _without_rows(study)
     delivered = study.rows.delivered
     before = 0.0 if delivered is None else float(np.linalg.norm(delivered, axis=1).mean())
     most = float(np.quantile(study.rows.distance, 0.95))
@@ -36,7 +36,37 @@ def verdict(study: Study) -> str:
         sentences.insert(0, f"Since it was learned: {words}.")
     if before > rounding:
         sentences.append(f"As delivered it is off by {number(factor * before)} {name}.")
+    sentences += _of_noise(study)
     return " ".join(sentences)
+
+
+def _without_rows(study: Study) -> str:
+    """How accurate a model was when it was made, of which no rows are kept."""
+    model = study.model
+    errors = model.about.errors.get(model.default_readout)
+    if not errors:
+        return "No rows are kept with this model: its errors are not known."
+    distance = errors["forward"]["distance"]
+    factor, name = unit_for(float(distance["p99"]), model.about.unit)
+    words = (
+        f"The tip was predicted to {number(factor * distance['mean'])} {name} on average, to "
+        f"{number(factor * distance['p99'])} {name} in 99 of 100, when the model was made."
+    )
+    return " ".join([words, *_of_noise(study)])
+
+
+def _of_noise(study: Study) -> list[str]:
+    """Say how much smaller than the distance to noisy readings the model's own error is."""
+    model = study.model
+    bounds = model.model_bounds[model.visited]
+    if model.about.bound_of != "sensor reading" or not np.isfinite(bounds).any():
+        return []
+    own = float(np.nanmedian(bounds))
+    factor, name = unit_for(own, model.about.unit)
+    return [
+        f"That is the distance to noisy readings: the model's own error is below "
+        f"{number(factor * own)} {name} (95 % bound, median over the range)."
+    ]
 
 
 def largest_cause(study: Study) -> str:
