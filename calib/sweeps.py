@@ -163,7 +163,8 @@ def _trained(task: tuple[Trial, Source]) -> Trial:
     except Exception as error:  # one that fails is a row, whatever the reason
         kind = "" if isinstance(error, CalibError) else f"{type(error).__name__}: "
         return replace(row, error=one_line(kind + str(error)))
-    about, seconds = model.about, time.perf_counter() - started
+    about = model.about
+    seconds = time.perf_counter() - started
     return replace(row, unit=about.unit, errors=about.errors, seconds=seconds, notes=about.notes)
 
 

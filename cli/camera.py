@@ -40,7 +40,8 @@ class Shooting:
 
     def taken(self, names: Sequence[str]) -> bool:
         """Whether names are of pictures or a video, or what only these have was typed."""
-        kinds, marks = VIDEOS + PICTURES, set("*?[")
+        kinds = VIDEOS + PICTURES
+        marks = set("*?[")
         seen = any(Path(name).suffix.lower() in kinds or marks & {*name} for name in names)
         return seen or self != Shooting()
 
@@ -82,7 +83,8 @@ class Shooting:
         **of_joints: Any,
     ) -> Samples:
         """Make a log of pictures or a video, and draw what was seen if that is wanted."""
-        first, source = Path(sources[0]), sources[0] if len(sources) == 1 else sources
+        first = Path(sources[0])
+        source = sources[0] if len(sources) == 1 else sources
         film = first.is_file() and first.suffix.lower() not in PICTURES
         if len(sources) > 1 and (film or self.eye is not None):
             raise BadOption(f"{len(sources)} names: expected one video or dataset, or pictures")
@@ -90,9 +92,15 @@ class Shooting:
             raise BadOption("--still and --time-offset are for videos and bags, not pictures")
         if self.eye is not None:
             return record_board(
-                sources[0], self.board, self.eye, self.lens, self.joints_file, self.camera, joints,
+                sources[0],
+                self.board,
+                self.eye,
+                self.lens,
+                self.joints_file,
+                self.camera,
+                joints,
                 **of_joints,
-            )  # fmt: skip
+            )
         from calib.recording.joint_table import read_joints
         from calib.recording.photo import read_photo, write_seen
         from calib.recording.pictures import list_pictures
@@ -165,14 +173,22 @@ def log_of_pictures(
     if joints_file is None and not Path(source).is_dir():
         yield source
         return
-    about, lens = model.about, lens_of_model(model)
-    known, kinds = about.options["board"], zip(about.joint_names, about.revolute, strict=True)
+    about = model.about
+    lens = lens_of_model(model)
+    known = about.options["board"]
+    kinds = zip(about.joint_names, about.revolute, strict=True)
     sliding = [name for name, turns in kinds if not turns]
     made = record_board(
-        source, known["board"], known["eye"], lens, joints_file, camera, about.joint_names,
+        source,
+        known["board"],
+        known["eye"],
+        lens,
+        joints_file,
+        camera,
+        about.joint_names,
         degrees=about.degrees if degrees is None else degrees,
         prismatic=sliding,
-    )  # fmt: skip
+    )
     with TemporaryDirectory() as folder:
         path = str(Path(folder) / f"{Path(source).name}.csv")
         write_log(made, path)
@@ -229,5 +245,6 @@ def with_photo(model: Model, path: str, log: Samples | None) -> Model:
     """Return a model with a photo; for metres `log` says where its camera was."""
     from calib.recording.photo import take_photo
 
-    about, unit = None if log is None else log.source, model.about.unit
+    about = None if log is None else log.source
+    unit = model.about.unit
     return replace(model, photo=take_photo(path, model.sensory.weights, unit, about))

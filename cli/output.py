@@ -60,7 +60,8 @@ def option_of(parameter: str) -> str:
 
 
 def _option(match: re.Match[str]) -> str:
-    name, value = match[1], match[2]
+    name = match[1]
+    value = match[2]
     if name in _WORDS.split():
         return match[0]
     option = option_of(name)

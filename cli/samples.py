@@ -218,9 +218,12 @@ def _arm_of_log(
     others = {*arm.locked} - {joint for joint, _ in selection.lock or ()}
     turns = kinds_of_joints(robot) if others else {}
     locked, notes = locked_from_log(
-        source, [name for name in arm.locked if name in others], columns=columns,
-        degrees=selection.degrees, prismatic=[n for n in others if not turns.get(n, True)],
-    )  # fmt: skip
+        source,
+        [name for name in arm.locked if name in others],
+        columns=columns,
+        degrees=selection.degrees,
+        prismatic=[n for n in others if not turns.get(n, True)],
+    )
     say(notes)
     return selection.load(robot, locked, header) if locked else arm
 

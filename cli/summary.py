@@ -204,7 +204,8 @@ def advice(model: Model, errors: Errors, stated: object = None) -> list[str]:
     """
     import numpy as np
 
-    about, mean = model.about, _best(errors)["forward"]["distance"]["mean"]
+    about = model.about
+    mean = _best(errors)["forward"]["distance"]["mean"]
     simulated = about.source == "simulation"
     if model.body is None:
         more = "more samples (-n)" if simulated else "more rows"

@@ -121,7 +121,9 @@ class Arm:
         The link is stretched along itself; all that lies beyond is carried along.
         """
         k = self._index(joint, "length")
-        link, chain, own = self._links()[k], self.chain, self._own
+        link = self._links()[k]
+        chain = self.chain
+        own = self._own
         old = float(np.linalg.norm(link))
         if old < _MIN_LENGTH or not 0.0 <= length < math.inf:
             raise OptionError(
@@ -129,7 +131,8 @@ class Arm:
                 "long: expected 0 or more, of a link that has a length"
             )
         shift = (length / old - 1.0) * link
-        points, centres = chain.points.copy(), chain.centres.copy()
+        points = chain.points.copy()
+        centres = chain.centres.copy()
         beyond = own[k + 1] if k + 1 < self.dof else chain.joints
         points[beyond:] += shift
         centres[beyond:] += shift
@@ -166,7 +169,8 @@ class Arm:
 
         Of joints that can turn more than once it is one turn.
         """
-        lower, upper = self.lower.copy(), self.upper.copy()
+        lower = self.lower.copy()
+        upper = self.upper.copy()
         travel = list(self.travel)
         turning: dict[str, Range] = {}
         for name, chosen in ranges.items():
@@ -236,7 +240,8 @@ class PlanarArm(Arm):
 
     def _links(self) -> Array:
         """Vectors within the plane, at zero (dof, 3) [m]."""
-        links, normal = super()._links(), self.plane.normal
+        links = super()._links()
+        normal = self.plane.normal
         return links - np.outer(links @ normal, normal)
 
     @property

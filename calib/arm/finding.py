@@ -21,7 +21,8 @@ from .urdf import Joint, Urdf
 #: More joints than this are no arm that a log could cover: those nearest to the root are held.
 MOST_JOINTS = 7
 #: So many of a planar part, and none whose link is shorter than this share of its reach.
-_MOST_IN_PLANE, _MIN_SHARE = 3, 0.05
+_MOST_IN_PLANE = 3
+_MIN_SHARE = 0.05
 #: What lies beyond a joint of a branching link is a hand if it is shorter than this share of the
 #: way from the first joint up to it.
 _HAND = 0.35
@@ -121,7 +122,8 @@ def planar_part(chain: Chain, posture: Posture) -> Chain | None:
     """The joints of a chain, most and then furthest, that move its tip within one plane."""
     parts = []
     for normal, members in _planes(chain.joints, posture):
-        within, levers = members, np.zeros(0)
+        within = members
+        levers = np.zeros(0)
         while len(within) > 1:  # joints that hardly move the tip are left out, and too many
             stops = [*(posture.place(joint.child) for joint in within), posture.place(chain.tip)]
             links = np.diff(np.array(stops), axis=0)

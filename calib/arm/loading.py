@@ -95,9 +95,15 @@ def load_arm(
     path = resolve_robot(robot)
     try:
         arm = arm_from_urdf(
-            read_urdf(path), joints, tip, lock=lock, ranges=ranges, name=path.stem, planar=planar,
+            read_urdf(path),
+            joints,
+            tip,
+            lock=lock,
+            ranges=ranges,
+            name=path.stem,
+            planar=planar,
             columns=columns,
-        )  # fmt: skip
+        )
     except RobotError as error:
         raise error.within(path.name) from None
     return arm if gravity is None else replace(arm, gravity=standard(gravity))
@@ -119,7 +125,8 @@ def arm_from_urdf(
     `name` is used where the URDF gives its robot none.
     """
     urdf = parse_robot(text, name)
-    lock, ranges = dict(lock or {}), dict(ranges or {})
+    lock = dict(lock or {})
+    ranges = dict(ranges or {})
     for held, value in lock.items():
         if not np.isfinite(value):
             unit = _movable(urdf, held, "lock").unit
@@ -142,11 +149,14 @@ def arm_from_urdf(
             notes.append(f"locked because the log has no columns for them: {listed(idle)}")
     else:
         named = re.split(r"\s*,\s*", joints.strip()) if isinstance(joints, str) else joints
-        best, notes = _named(urdf, posture, named, wanted, own), []
-    active, tip = best.joints, best.tip
+        best = _named(urdf, posture, named, wanted, own)
+        notes = []
+    active = best.joints
+    tip = best.tip
     if wanted is None and not tip.lower().endswith(TIP_NAMES):
         notes.append(f"tip {quoted(tip)} was chosen (`tip` changes it)")
-    names, following = [joint.name for joint in active], dict[str, Mimic]()
+    names = [joint.name for joint in active]
+    following = dict[str, Mimic]()
     for joint in urdf.path(tip):
         if joint.movable and (mimic := urdf.followed(joint, lock)).leader in names:
             following[joint.name] = mimic
@@ -222,7 +232,8 @@ def _found(
         chains = [part or chain for part, chain in zip(parts, chains, strict=True)]
     else:
         chains = [replace(chain, joints=chain.joints[-MOST_JOINTS:]) for chain in chains]
-    best, others = chains[0], "; ".join(map(str, chains[1:]))
+    best = chains[0]
+    others = "; ".join(map(str, chains[1:]))
     if others and logged:  # a log was measured on one of them only; in simulation the first serves
         raise RobotError(
             f"the robot has {len(chains)} arms of one reach, choose one: {best}; {others}"
@@ -271,7 +282,8 @@ def _find_link(urdf: Urdf, tip: str) -> str:
     """Return the link of a frame's name: a link, or the child of a joint."""
     joint = urdf.joint(tip)
     if tip not in urdf.links and joint is None:
-        what, hint = f"`tip`: frame {quoted(tip)} does not exist", suggestion(tip, urdf.links)
+        what = f"`tip`: frame {quoted(tip)} does not exist"
+        hint = suggestion(tip, urdf.links)
         raise RobotError(what, hint=hint, parameter="tip", value=tip)
     return tip if tip in urdf.links or joint is None else joint.child
 

@@ -194,9 +194,14 @@ class _Reader:
         return np.asarray(axis / length)
 
     def _add_joint(
-        self, name: str, parent: str, child: str, origin: Array, attributes: Attributes,
+        self,
+        name: str,
+        parent: str,
+        child: str,
+        origin: Array,
+        attributes: Attributes,
         frame: Array,
-    ) -> None:  # fmt: skip
+    ) -> None:
         where = f"joint {quoted(name)}"
         kind = attributes.get("type", "hinge")
         if kind not in ("hinge", "slide"):

@@ -108,7 +108,8 @@ def _carried(urdf: Urdf, posture: Posture, joints: Sequence[Joint]) -> tuple[Arr
     move of their own. Both are empty where the URDF states no mass for any.
     """
     order = {joint.name: k for k, joint in enumerate(joints)}
-    masses, moments = np.zeros(len(joints)), np.zeros((len(joints), 3))
+    masses = np.zeros(len(joints))
+    moments = np.zeros((len(joints), 3))
     for link, (mass, centre) in urdf.masses.items():
         if below := [order[joint.name] for joint in urdf.path(link) if joint.name in order]:
             masses[below[-1]] += mass

@@ -33,7 +33,9 @@ def quaternion_of(matrices: ArrayLike) -> Array:
     Of the four formulas (Shepperd 1978) each row takes the one that divides by most.
     """
     r = np.asarray(matrices, dtype=float)
-    back, four = np.swapaxes(r, -1, -2), np.empty((*r.shape[:-2], 4, 4))  # 4 q q'
+    # 4 q q'
+    back = np.swapaxes(r, -1, -2)
+    four = np.empty((*r.shape[:-2], 4, 4))
     trace = np.trace(r, axis1=-2, axis2=-1)
     four[..., :3, :3] = r + back + (1 - trace)[..., None, None] * np.eye(3)
     away = r - back
@@ -88,7 +90,8 @@ def similarity(a: Array, b: Array, *, mirrored: bool = False) -> tuple[Array, Ar
 
     Where `mirrored`, a reflection serves too, if it fits better.
     """
-    middle, seen = a.mean(axis=0), b.mean(axis=0)
+    middle = a.mean(axis=0)
+    seen = b.mean(axis=0)
     u, s, vt = np.linalg.svd((b - seen).T @ (a - middle))
     sign = np.ones(len(s))
     if not mirrored:  # of the orthogonal matrices that fit, the rotation

@@ -163,10 +163,15 @@ class Links:
         sines = turns @ about
         return Links(
             np.vstack([strides, chain.tip - chain.points[-1]])[..., None],
-            (turns @ chain.axes[..., None]), turns, sines[..., None], (sines @ about)[..., None],
-            np.reshape(chain.revolute, (-1, 1, 1)), chain.rotation, moved.tool[:, None],
+            (turns @ chain.axes[..., None]),
+            turns,
+            sines[..., None],
+            (sines @ about)[..., None],
+            np.reshape(chain.revolute, (-1, 1, 1)),
+            chain.rotation,
+            moved.tool[:, None],
             exponential(moved.tool_turn) if moved.tool_turn.any() else None,
-        )  # fmt: skip
+        )
 
 
 def move(links: Links, values: Array) -> Motion:
@@ -184,7 +189,8 @@ def move(links: Links, values: Array) -> Motion:
     frames[1] = local[0]
     for i in range(1, m):
         frames[i + 1] = _product(frames[i], local[i])
-    axes, steps = turned(frames[:-1], links.axes), turned(frames, links.strides)
+    axes = turned(frames[:-1], links.axes)
+    steps = turned(frames, links.strides)
     if slides:  # a slide moves all that comes after it
         slid = np.where(links.turning, 0.0, axes * values[:, None])
         steps[1:] += slid

@@ -135,12 +135,15 @@ class Urdf:
 
         That is the joint itself where it follows none.
         """
-        scale, offset, passed = 1.0, 0.0, [joint.name, *stops]
+        scale = 1.0
+        offset = 0.0
+        passed = [joint.name, *stops]
         stop = joint.name in stops
         while not stop and joint.mimic and (leader := self.joint(joint.mimic.leader)):
             offset += scale * joint.mimic.offset
             scale *= joint.mimic.multiplier
-            stop, joint = leader.name in passed, leader
+            stop = leader.name in passed
+            joint = leader
             passed.append(joint.name)
         return Mimic(joint.name, scale, offset)
 
@@ -199,7 +202,8 @@ def read_urdf_tree(robot: ET.Element, name: str = "robot") -> Urdf:
     """
     notes: list[str] = []
     own_name = robot.get("name", "").strip()
-    links, joint_names = _names(robot, "link"), _names(robot, "joint")
+    links = _names(robot, "link")
+    joint_names = _names(robot, "joint")
     if not links:
         raise RobotError("the URDF has no links: expected a robot with links and joints")
     if len(joint_names) > MAX_JOINTS:
@@ -259,7 +263,8 @@ def _names(robot: ET.Element, tag: str) -> dict[str, None]:
 
 
 def _read_joint(node: ET.Element, links: Collection[str], notes: list[str]) -> Joint:
-    name, kind = node.get("name", ""), node.get("type", "")
+    name = node.get("name", "")
+    kind = node.get("type", "")
     where = f"joint {quoted(name)}"
     if kind not in (*MOVABLE, "fixed"):
         raise RobotError(
@@ -300,9 +305,12 @@ def _read_joint(node: ET.Element, links: Collection[str], notes: list[str]) -> J
 def _rotation(roll: float, pitch: float, yaw: float) -> Rows:
     """Rows of the rotation by angles [rad] about the fixed x, y and z axes, in this order."""
     # without NumPy, whose import takes longer than to list robots
-    cr, sr = math.cos(roll), math.sin(roll)
-    cp, sp = math.cos(pitch), math.sin(pitch)
-    cy, sy = math.cos(yaw), math.sin(yaw)
+    cr = math.cos(roll)
+    sr = math.sin(roll)
+    cp = math.cos(pitch)
+    sp = math.sin(pitch)
+    cy = math.cos(yaw)
+    sy = math.sin(yaw)
     return (
         (cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr),
         (sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr),

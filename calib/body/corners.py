@@ -40,7 +40,8 @@ class Corners(Measurement):
     def look(self, own: Mapping[str, Any], motion: Motion, also: Array) -> _Corner:
         """See a corner in each row."""
         seen = self.pose.look(own, motion, also)
-        shift, turn = seen.values[:, :3], exponential(seen.values[:, 3:])
+        shift = seen.values[:, :3]
+        turn = exponential(seen.values[:, 3:])
         # columns of the derivative of s by the pose's shift and turn, both in the sensor's axes
         if self.in_hand:
             back = np.swapaxes(turn, 1, 2)
@@ -89,18 +90,25 @@ def held_of(body: Body) -> SensorPose:
     is told leaves that out; the other intervals are those of a joint with an offset of its own.
     """
     structure: Any = body.structure
-    groups, revolute = structure.groups, structure.revolute[-1]
+    groups = structure.groups
+    revolute = structure.revolute[-1]
     last = structure.chain_names.index(structure.joint_names[-1])
     (at,), (frame,) = structure.with_view("base").pose(
         np.zeros((1, structure.dof)), structure.neutral()
     )
-    own, shift, turn = structure.chain.axes[last], structure.shifts[last], structure.turns[last]
-    axis, origin = frame.T @ own, frame.T @ (structure.chain.points[last] - at)
+    own = structure.chain.axes[last]
+    shift = structure.shifts[last]
+    turn = structure.turns[last]
+    axis = frame.T @ own
+    origin = frame.T @ (structure.chain.points[last] - at)
 
     def places(beta: Array) -> tuple[Array, Array]:
         """Position and turn, and those of a last joint whose own deviation goes to the hand."""
-        position, hand = beta[groups["tool"]], exponential(beta[groups["tool.rotation"]])
-        slid, turned, offset = own @ beta[shift], own @ beta[turn], beta[groups["offset"][-1]]
+        position = beta[groups["tool"]]
+        hand = exponential(beta[groups["tool.rotation"]])
+        slid = own @ beta[shift]
+        turned = own @ beta[turn]
+        offset = beta[groups["offset"][-1]]
         back = exponential((turned + revolute * offset) * axis)
         moved = origin + back @ (position - origin) + (slid + (not revolute) * offset) * axis
         return np.stack([position, moved]), np.stack([hand, back @ hand])
@@ -109,7 +117,8 @@ def held_of(body: Body) -> SensorPose:
     free = np.concatenate(
         [groups["tool"], groups["tool.rotation"], shift, turn, groups["offset"][-1:]]
     )
-    free, slopes = np.intersect1d(free, body.active), []
+    free = np.intersect1d(free, body.active)
+    slopes = []
     for index in free:
         ahead, turned = places(structure.retract(body.beta, 1e-6 * np.eye(structure.size)[index]))
         by_turn = logarithm(turned @ np.swapaxes(hands, 1, 2))

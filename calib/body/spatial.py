@@ -127,7 +127,9 @@ class SpatialStructure(Structure):
 
     def geometry(self) -> Sequence[Block]:
         """Blocks of the tip, the joint origins and the joints."""
-        informed, joints, reach = self.informed, self.chain_names, self._reach
+        informed = self.informed
+        joints = self.chain_names
+        reach = self._reach
         units = tuple("rad" if turns else "m" for turns in self.revolute)
         # in a free frame the first turning joint's offset and a turn of the frame about its axis
         # are one, and the first origin's place is the frame's own
@@ -138,7 +140,8 @@ class SpatialStructure(Structure):
         places = [(w, a, u) for (w, u), a in product((("shift", "m"), ("turn", "rad")), "xyz")]
         origins = [(n, f"{n}.{what}.{axis}", unit) for n in joints for what, axis, unit in places]
         placed = np.arange(6 * first, len(origins)).reshape(-1, 2, 3)
-        within, tool = self.measurement.within, self.measurement.tool
+        within = self.measurement.within
+        tool = self.measurement.tool
         drawn = (
             Hyper("placement.shift", SHIFT, within, indices=placed[:, 0].ravel()),
             Hyper("placement.turn", TURN, within, indices=placed[:, 1].ravel()),
@@ -287,7 +290,8 @@ class SpatialStructure(Structure):
 
     def members(self) -> Ladder:
         """The gate's members from simple to rich."""
-        frame, drawn = self.frame_groups, self.informed
+        frame = self.frame_groups
+        drawn = self.informed
         chain = (*frame, "placement", *(("offset",) if drawn else ()))
         bent = (*chain, "elastic", "gravity") if drawn else chain
         turning = np.asarray(self.revolute)

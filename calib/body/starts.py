@@ -365,7 +365,8 @@ def _absorbed(structure: SpatialStructure, beta: Array) -> SpatialStructure:
 
 def _drawn(structure: SpatialStructure, z: Array, rng: np.random.Generator) -> SpatialStructure:
     """Draw a chain: axes of any direction, links as long as the workspace suggests."""
-    chain, dof = structure.chain, structure.dof
+    chain = structure.chain
+    dof = structure.dof
     axes = rng.normal(size=(dof, 3))
     axes /= np.linalg.norm(axes, axis=1, keepdims=True)
     link = structure.extent / structure.metre / np.sqrt(dof)

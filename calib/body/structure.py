@@ -201,7 +201,8 @@ class Structure:
 
     def prior(self, free: Sequence[str]) -> Prior:
         """Prior that frees the blocks of `free`; ``"curve"`` stands for all joints' curves."""
-        sd, hypers = np.zeros(self.size), []
+        sd = np.zeros(self.size)
+        hypers = []
         for block in self.layout:
             if block.name in free or ("curve" in free and block.name.startswith("curve.")):
                 own = self.groups[block.name]
@@ -232,7 +233,8 @@ class Structure:
 
     def joint_values(self, q: Array, beta: Array) -> Array:
         """True values (c, n) of the chain's joints at logged values (n, dof) [rad or m]."""
-        fixed, logged = self.fixed(beta), np.ascontiguousarray(q.T[: self.dof])
+        fixed = self.fixed(beta)
+        logged = np.ascontiguousarray(q.T[: self.dof])
         own = logged * fixed.gain + fixed.offset
         if fixed.coupling is not None:
             own[1:] += fixed.coupling * logged[:-1]
@@ -358,7 +360,8 @@ class Structure:
         motion, sight = self.seen(q, beta)
         n, outputs = sight.values.shape
         active = np.arange(self.size) if active is None else active
-        groups, place = self.groups, np.full(self.size, -1)
+        groups = self.groups
+        place = np.full(self.size, -1)
         place[active] = np.arange(len(active))
         out = np.zeros((n, outputs, len(active)))
 
@@ -403,7 +406,8 @@ class Structure:
 
     def by_joints(self, q: Array, beta: Array, chained: Array) -> Array:
         """Derivative (n, m, dof) by the logged joints, of outputs (c, m, n) by the chain's."""
-        joints, fixed = q[:, : self.dof], self.fixed(beta)
+        joints = q[:, : self.dof]
+        fixed = self.fixed(beta)
         rates = fixed.gain
         if fixed.bent:
             rates = np.repeat(rates, len(q), axis=1)

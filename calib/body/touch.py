@@ -53,7 +53,8 @@ class Touch(Measurement):
 
     def look(self, own: Mapping[str, Any], motion: Motion, also: Array) -> _Told:
         """See the tip in its sockets."""
-        places, number = own["point"].reshape(-1, 3), also[:, 0].astype(int)
+        places = own["point"].reshape(-1, 3)
+        number = also[:, 0].astype(int)
         slope = np.zeros((len(number), 3, self.count, 3))
         slope[np.arange(len(number)), :, number] = -np.eye(3)
         return _Told(motion.position.T - places[number], slope, 1.0)
@@ -141,12 +142,15 @@ def fit_touches(
     lower, upper : (dof,), the joints' range: bounds are of motions within it
     x : (n, 3), what the sensor measured [m]
     """
-    point, x = np.asarray(point, dtype=int), np.zeros((len(q), 3)) if x is None else x
-    tip, measured = structure.pose(q, structure.neutral())[0], point < 0
+    point = np.asarray(point, dtype=int)
+    x = np.zeros((len(q), 3)) if x is None else x
+    tip = structure.pose(q, structure.neutral())[0]
+    measured = point < 0
     extent = float(np.sqrt(((tip - tip.mean(axis=0)) ** 2).sum(axis=1).mean()))
     rows = touching(structure, q, point, known, x)
     seen = together(replace(structure, extent=extent), rows)
-    begin, groups = seen.neutral(), seen.groups
+    begin = seen.neutral()
+    groups = seen.groups
     # each socket begins where the drawing says that the tip was on average
     begin[groups["point"]] = np.ravel([tip[point == k].mean(axis=0) for k in range(max(point) + 1)])
     if measured.any():
@@ -154,7 +158,8 @@ def fit_touches(
         begin[groups["view.rotation"]] = logarithm(turn)
         begin[groups["view.shift"]] = (x - tip @ turn.T)[measured].mean(axis=0)
     found = fit(seen, rows, begin=begin, seed=seed)
-    points, body = found.body.beta[groups["point"]].reshape(-1, 3), restated(found.body, structure)
+    points = found.body.beta[groups["point"]].reshape(-1, 3)
+    body = restated(found.body, structure)
     held = np.empty((len(q), 3))
     held[~measured] = _scattered(found.held_out, point[~measured])
     if measured.any():
@@ -172,7 +177,8 @@ def _scattered(residual: Array, point: NDArray[np.intp]) -> Array:
 
     What the other blocks say of the arm does not tell where such a socket is.
     """
-    out, counts = residual.copy(), np.bincount(point)
+    out = residual.copy()
+    counts = np.bincount(point)
     for block in np.array_split(np.arange(len(point)), BLOCKS):
         for k in np.unique(point[block]):
             own = block[point[block] == k]
@@ -187,7 +193,8 @@ def restated(body: Body, structure: SpatialStructure) -> Body:
     to = np.array([place.get(label.name, -1) for label in body.structure.labels])
 
     def carried(belief: _Belief) -> _Belief:
-        beta, active = structure.neutral(), to[belief.active]
+        beta = structure.neutral()
+        active = to[belief.active]
         beta[to[to >= 0]] = belief.beta[to >= 0]
         kept = active >= 0
         root = as_kept(belief.covariance[np.ix_(kept, kept)])
@@ -211,7 +218,8 @@ def anchored(body: Body, q: Array) -> Body:
         both = np.concatenate([base, belief.active])
         x = structure.linearise(q, belief.beta, both)[1].reshape(-1, len(both))
         whole = np.linalg.lstsq(x[:, :6], x[:, 6:], rcond=None)[0]
-        order, root = np.argsort(both), np.concatenate([-whole @ belief.root, belief.root])
+        order = np.argsort(both)
+        root = np.concatenate([-whole @ belief.root, belief.root])
         return replace(belief, active=both[order], root=root[order])
 
     return replace(without(body), second=body.second and without(body.second))

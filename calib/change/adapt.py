@@ -94,7 +94,8 @@ class Adaptation:
         """Say in two lines whether it helped, and what was corrected."""
         verdict = "improved" if self.improved else "not improved, the old model stays"
         head = f"Adaptation: {verdict}, {self.samples} samples, {self.correction}"
-        before, after = self.before["mean"], self.after["mean"]
+        before = self.before["mean"]
+        after = self.after["mean"]
         return f"{head}\n  mean error {before:.3g} -> {after:.3g} {self.model.about.unit}"
 
 
@@ -173,7 +174,8 @@ def _few_shot(
     """The belief of the verdict as a model, where held-out rows say that it is better."""
     rows = verdict.rows
     model = rows.model
-    before, after = learned.before, np.linalg.norm(learned.residual, axis=1)
+    before = learned.before
+    after = np.linalg.norm(learned.residual, axis=1)
     hypothesis = learned.explanation.hypothesis if evidence.attributed else ()
     # what nobody may miss: another unit, a mirror, a joint that turns round or not at all
     loud = [cause.words for cause in evidence.reference.causes] if evidence.explained else []
@@ -314,12 +316,16 @@ def _wider(verdict: Verdict, made: Adaptation, fresh: Model) -> Adaptation:
 def _online(verdict: Verdict, report: Progress) -> Adaptation:
     """Show a log to the online rule, again and again where it is short."""
     rows = verdict.rows
-    model, sound = rows.model, verdict.sound
-    u, q, x = rows.u[sound], rows.q[sound], rows.x[sound]
+    model = rows.model
+    sound = verdict.sound
+    u = rows.u[sound]
+    q = rows.q[sound]
+    x = rows.x[sound]
     # every tenth block is kept apart to judge by
     held = np.concatenate(blocks(len(u), max(10, len(u) // BLOCK))[4::10])
     learned = np.setdiff1d(np.arange(len(u)), held)
-    adapter, shown = OnlineAdapter(model, max(HORIZON, len(learned)), force=True), 0
+    adapter = OnlineAdapter(model, max(HORIZON, len(learned)), force=True)
+    shown = 0
     while shown < HORIZON:  # a short stream is shown again
         step = adapter.feed(q[learned], x[learned])
         shown += len(learned)
@@ -341,15 +347,22 @@ def _online(verdict: Verdict, report: Progress) -> Adaptation:
 
 
 def _finished(
-    verdict: Verdict, made: Adaptation, fresh: Model, held: Array, residual: Array, method: str,
+    verdict: Verdict,
+    made: Adaptation,
+    fresh: Model,
+    held: Array,
+    residual: Array,
+    method: str,
     frame: Alignment | None = None,
-) -> Adaptation:  # fmt: skip
+) -> Adaptation:
     """The adaptation with the new model, its facts, its baseline and the history of the old one.
 
     held, residual : (k, dof) and (k, m) [unit], joints and residuals of held-out rows
     """
-    rows, sound = verdict.rows, verdict.sound
-    old, readout = rows.model, fresh.default_readout
+    rows = verdict.rows
+    sound = verdict.sound
+    old = rows.model
+    readout = fresh.default_readout
     after = np.linalg.norm(residual, axis=1)
     some = thinned(len(rows), _EVALUATED)
     errors = summarise(evaluate_residuals(fresh, rows.q[some], rows.x[some], None))
@@ -373,10 +386,14 @@ def _finished(
         },
     }
     about = old.about.measured(
-        samples=made.samples, unit=verdict.unit_seen, errors=errors, notes=made.notes,
-        tested=len(after), left_out=made.left_out,
+        samples=made.samples,
+        unit=verdict.unit_seen,
+        errors=errors,
+        notes=made.notes,
+        tested=len(after),
+        left_out=made.left_out,
         within={"p95": float(np.quantile(after, 0.95)), "covered": float(covered)},
-    )  # fmt: skip
+    )
     points = np.random.default_rng(0).random((_BASELINE, rows.q.shape[1]))
     baseline = learn_baseline(fresh.association, points, fresh.predictor.value(points), after)
     # a camera that was moved sees another picture

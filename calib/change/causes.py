@@ -96,7 +96,8 @@ def _noisy_joint(evidence: Evidence) -> Cause:
 
 def _scatter(evidence: Evidence) -> Cause | None:
     """A scatter that is larger than usual, where that is no chance."""
-    tests, unit_seen = evidence.tests, evidence.unit_seen
+    tests = evidence.tests
+    unit_seen = evidence.unit_seen
     noise = tests.noise
     if evidence.attributed:  # a large change is not linear: what the best one leaves
         size = float(evidence.reference.sizes[0])
@@ -143,7 +144,9 @@ def _of_change(evidence: Evidence) -> list[Cause]:
     structure = evidence.reference.structure
     old = evidence.prior.beta
     best = simplest(evidence.findings)
-    groups, beta, deviation = best.hypothesis, best.beta, best.deviation
+    groups = best.hypothesis
+    beta = best.beta
+    deviation = best.deviation
     if not evidence.attributed:
         own = ("sensor", "lens") if evidence.cause == "sensor" else ""
         above = [g.change for g in fired(evidence.tests.groups) if g.name.startswith(own)]
@@ -159,7 +162,9 @@ def _of_change(evidence: Evidence) -> list[Cause]:
     elif not groups:
         words = "the joints have waves that the model does not know: gears, or their sensors"
         return [Cause("curve", "curve", words)] * (best.waves > CREEP)
-    change, size, free = beta - old, np.zeros(len(old)), np.flatnonzero(deviation)
+    change = beta - old
+    size = np.zeros(len(old))
+    free = np.flatnonzero(deviation)
     clear = (deviation > 0) & (np.abs(change) > _SIGNIFICANT * deviation)
     # root mean square displacement by one of each parameter
     moves = structure.linearise(evidence.rows.probes, beta, free)[1]
@@ -171,14 +176,16 @@ def _of_change(evidence: Evidence) -> list[Cause]:
         if group in FRAME or (group == "view.scale" and "scale" in told):
             continue
         for _, every in parts_of(structure, group):
-            some, most = every[clear[every]], float(np.abs(change[every]).max())
+            some = every[clear[every]]
+            most = float(np.abs(change[every]).max())
             whole = GROUPS[group.partition(":")[0]].whole
             if whole and len(some):  # by its largest one
                 some = some[[np.argmax(np.abs(change[some]))]]
             for k in some.tolist():
                 moved = float(np.linalg.norm(effect[every if whole else [k]]))
                 causes.append((moved, _of_parameter(evidence, k, change[k], deviation[k], most)))
-    frame, other = indices_of(structure, FRAME), not told.isdisjoint(("mirror", "scale"))
+    frame = indices_of(structure, FRAME)
+    other = not told.isdisjoint(("mirror", "scale"))
     only = not evidence.attributed and {*groups} <= {*filter(is_sensors, groups)}
     if FRAME[0] in groups and (other or only or clear[frame].any()):
         moved = math.inf if other else float(np.linalg.norm(effect[frame]))
@@ -253,7 +260,8 @@ def _moved_sensor(evidence: Evidence, beta: Array, deviation: Array) -> Cause:
 
 def frame_between(evidence: Evidence, beta: Array) -> Alignment:
     """The sensor's new frame, of parameters (d,), as an affine map of the old one."""
-    structure, probes = evidence.reference.structure, evidence.rows.probes
+    structure = evidence.reference.structure
+    probes = evidence.rows.probes
     mixed = evidence.prior.beta.copy()
     sensors = indices_of(structure, filter(is_sensors, structure.groups))
     mixed[sensors] = beta[sensors]
@@ -280,7 +288,8 @@ def _turns_of_the_base(
 ) -> list[str]:
     """An offset of the first joint beside a sensor that turned about its axis, or the reverse."""
     name = evidence.rows.model.about.joint_names[0]
-    offset, sensor = by_name.get(f"offset:{name}"), by_name.get("sensor")
+    offset = by_name.get(f"offset:{name}")
+    sensor = by_name.get("sensor")
     if offset is None and sensor is not None and _is_an_offset(evidence, sensor):
         mirror = getattr(evidence.rows.body.structure, "mirror", 1)
         value = mirror * (sensor.value or 0.0)
@@ -299,12 +308,14 @@ def _turns_of_the_base(
 
 def _is_an_offset(evidence: Evidence, sensor: Cause) -> bool:
     """Whether an offset of the first joint alone moves the tip as the frame did."""
-    body, probes = evidence.rows.body, evidence.rows.probes
+    body = evidence.rows.body
+    probes = evidence.rows.probes
     structure = body.structure
     if not evidence.attributed or "offset" not in structure.groups:
         return False
     frame = indices_of(structure, FRAME)
-    offset, framed = body.beta.copy(), body.beta.copy()
+    offset = body.beta.copy()
+    framed = body.beta.copy()
     offset[structure.groups["offset"][0]] += getattr(structure, "mirror", 1) * (sensor.value or 0.0)
     framed[frame] = evidence.findings[0].beta[frame]
     before = structure.predict(probes, body.beta)

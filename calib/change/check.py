@@ -195,7 +195,8 @@ def check(
 
 def _distortions(rows: LogRows) -> dict[str, Signal]:
     """How the rows lie on the maps (eq. 9), beside what is usual there."""
-    model, baseline = rows.model, rows.model.baseline
+    model = rows.model
+    baseline = rows.model.baseline
     assert baseline is not None  # noqa: S101 - checked where the rows are read
     some = slice(None, None, math.ceil(len(rows) / _MOST))
     sensory = model.sensory

@@ -49,15 +49,18 @@ class Log:
 
 def sound_rows(reference: Reference, q: Array, z: Array, cause: str | None) -> Mask:
     """Which rows (n, dof), (n, m) are near a robust fit in which all may have changed."""
-    body, structure = reference.body, reference.structure
+    body = reference.body
+    structure = reference.structure
     sd = np.hypot(freedom(body, hypotheses_of(structure, cause)[-1], cause), creep(body))
-    rows, size = thinned(len(q), _ROBUST_ROWS), reference.sizes
+    rows = thinned(len(q), _ROBUST_ROWS)
+    size = reference.sizes
     prior = Prior(reference.beta, sd)
     told = [Rows(q[rows], z[rows], floor=size)]
     fit = Fit(structure, told, reference.beta, prior, nu=STUDENT)
     fit.maximise(steps=_SETTLED)
     r = structure.residual(z, structure.predict(q, fit.beta)) / size
-    m, e2 = r.shape[1], (r**2).sum(axis=1)
+    m = r.shape[1]
+    e2 = (r**2).sum(axis=1)
     noise = max(float(np.median(e2[rows])) / (m - 2 / 3), 1.0)
     return np.asarray(e2 <= OUTLIER**2 * m * noise)
 
@@ -73,11 +76,21 @@ class Equations:
     """
 
     def __init__(
-        self, reference: Reference, log: Log, *, factor: float = 1.0, waves: float = CREEP,
-        crept: float = 1.0, freed: Array | None = None, noisy: Noisy | None = None,
-    ) -> None:  # fmt: skip
-        body, structure, sizes = reference.body, reference.structure, reference.sizes
-        self.reference, self.log = reference, log
+        self,
+        reference: Reference,
+        log: Log,
+        *,
+        factor: float = 1.0,
+        waves: float = CREEP,
+        crept: float = 1.0,
+        freed: Array | None = None,
+        noisy: Noisy | None = None,
+    ) -> None:
+        body = reference.body
+        structure = reference.structure
+        sizes = reference.sizes
+        self.reference = reference
+        self.log = log
         self.white = np.tile(np.diag(1.0 / sizes), (len(log.q), 1, 1))
         self.log_determinant = 0.0
         if noisy is not None:  # I + ratio^2 g g' of each row has one eigenvalue that is not 1
@@ -106,7 +119,8 @@ class Equations:
 
     def likelihood(self, y: Array, noise: Array | float) -> Array:
         """Log likelihood (s,) [nats] of whitened residuals (N,) under sizes (s,) of the noise."""
-        square, turned = np.atleast_1d(noise) ** 2, self.vectors.T @ (self.columns.T @ y)
+        square = np.atleast_1d(noise) ** 2
+        turned = self.vectors.T @ (self.columns.T @ y)
         total = square[:, None] + self.values
         size = len(y) * np.log(square) + np.log(total / square[:, None]).sum(axis=1)
         rest = (float(y @ y) - (turned**2 / total).sum(axis=1)) / square
@@ -140,7 +154,8 @@ class Equations:
 
 def own_columns(reference: Reference, log: Log, factor: float) -> Array:
     """A smooth residual of one log (a Gaussian process): (n, m, p m) by its values at p rows."""
-    lengths, nodes = lengths_of(reference.body, log.q), log.q[thinned(len(log.q), _NODES)]
+    lengths = lengths_of(reference.body, log.q)
+    nodes = log.q[thinned(len(log.q), _NODES)]
     alike = matern(nodes, nodes, lengths)
     alike[np.diag_indices(len(alike))] += 1e-6
     features = np.linalg.solve(np.linalg.cholesky(alike), matern(nodes, log.q, lengths))
@@ -156,9 +171,11 @@ def prior_columns(
     waves, crept, freed : as of `Equations`
     """
     body = reference.body
-    sd, lost = crept * creep(body, waves), reference.forgotten
+    sd = crept * creep(body, waves)
+    lost = reference.forgotten
     if freed is not None:  # of a frame that is held the old knowledge stays
-        sd, lost = np.hypot(sd, freed), np.intersect1d(lost, np.flatnonzero(freed))
+        sd = np.hypot(sd, freed)
+        lost = np.intersect1d(lost, np.flatnonzero(freed))
     active = np.union1d(body.active, np.flatnonzero(sd)).astype(np.intp)
     kept = np.where(np.isin(body.active, lost)[:, None], 0.0, body.root)
     covariance = np.diag(sd[active] ** 2)
@@ -184,6 +201,7 @@ def shared_variance(reference: Reference, log: Log) -> Array:
 
 def affine_columns(x: Array, outputs: int | None = None) -> Array:
     """Displacements (n, m, (1 + p) m) of positions (n, p) by an affine map of their frame."""
-    n, m = len(x), outputs or x.shape[1]
+    n = len(x)
+    m = outputs or x.shape[1]
     bent = np.concatenate([np.ones((n, 1)), x], axis=1)
     return np.asarray(np.einsum("nk,ij->nikj", bent, np.eye(m)).reshape(n, m, -1))

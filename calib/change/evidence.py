@@ -74,9 +74,11 @@ class Evidence:
     def tool(self) -> TurnedTool:
         """How the tool is turned beside the best explanation of the positions."""
         if self.attributed:
-            beta, structure = self.findings[0].beta, self.reference.structure
+            beta = self.findings[0].beta
+            structure = self.reference.structure
         else:
-            beta, structure = self.rows.body.beta, self.rows.body.structure
+            beta = self.rows.body.beta
+            structure = self.rows.body.structure
         return self.tool_beside(structure, beta, framed=self.attributed)
 
     def tool_beside(self, structure: Structure, beta: Array, *, framed: bool = False) -> TurnedTool:
@@ -88,7 +90,8 @@ class Evidence:
 
     def why_not(self) -> str:
         """One line on a log that nothing explains."""
-        reference, rows = self.reference, self.rows
+        reference = self.reference
+        rows = self.rows
         z = rows.x.copy()
         z[self.sound] = self.data.z
         lag = rows_behind(lambda q: reference.structure.predict(q, reference.beta), rows.q, z)

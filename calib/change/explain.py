@@ -58,9 +58,12 @@ class Explanation:
 
 
 def explain(
-    reference: Reference, log: Log, cause: str | None = None, calm: bool = False,
+    reference: Reference,
+    log: Log,
+    cause: str | None = None,
+    calm: bool = False,
     link: str | None = None,
-) -> tuple[Explanation, ...]:  # fmt: skip
+) -> tuple[Explanation, ...]:
     """All hypotheses with their evidence, best first.
 
     link : "placement:JOINT" that the tests name first, if they do: a link was bent or exchanged
@@ -70,7 +73,9 @@ def explain(
     if link is not None and not calm and cause != "sensor":
         every = (*every[:1], (link,), *every[1:])
     *narrow, richest = (h for h in every if is_framed(h) or calm or not reference.new)
-    log, found, at = log.some(_ROWS), list[Explanation](), dict[Hypothesis, Array]()
+    log = log.some(_ROWS)
+    found = list[Explanation]()
+    at = dict[Hypothesis, Array]()
     temper = max(reference.body.kappa, 1.0) ** 2
     for own in OWN:
         equations = Equations(reference, log, factor=own[0], waves=own[1])
@@ -88,14 +93,20 @@ def explain(
 
 
 def _fitted(
-    hypothesis: Hypothesis, equations: Equations, own: tuple[float, float], temper: float,
-    start: Array | None, cause: str | None,
-) -> Explanation:  # fmt: skip
+    hypothesis: Hypothesis,
+    equations: Equations,
+    own: tuple[float, float],
+    temper: float,
+    start: Array | None,
+    cause: str | None,
+) -> Explanation:
     """Damped Gauss-Newton steps of one hypothesis, its noise by likelihood, its evidence."""
-    reference, log = equations.reference, equations.log
+    reference = equations.reference
+    log = equations.log
     structure = reference.structure
     sd = freedom(reference.body, hypothesis, cause, reference.forgotten)
-    free, full = np.flatnonzero(sd > 0), np.zeros(len(sd))
+    free = np.flatnonzero(sd > 0)
+    full = np.zeros(len(sd))
     # without a free frame the sensor is where it was
     held = is_framed(hypothesis) or reference.new
     origin = reference.beta if held else reference.body.beta

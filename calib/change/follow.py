@@ -62,7 +62,8 @@ def matching_sigma(network: Map, error: float) -> float:
     nodes, sigma, past = network.history.T[:3]
     full = sigma * (network.lattice.size / nodes) ** (1 / len(network.lattice.shape))
     # the error of an epoch is that of the radius before it
-    past, full = past[1:], full[:-1]
+    past = past[1:]
+    full = full[:-1]
     if not len(past) or error > past.max():
         return max(network.lattice.shape) / 2
     # the last epoch that was as bad
@@ -91,7 +92,8 @@ class OnlineAdapter:
             raise OptionError(f"horizon {horizon}: expected one or more samples")
         if model.baseline is None:
             raise ModelError("the model has no baseline of its distortions: train it again")
-        rule, layers = str(model.about.options.get("map", "vdsom")), []
+        rule = str(model.about.options.get("map", "vdsom"))
+        layers = []
         gain = gain_of(rule if rule in MAPS else "vdsom")  # a model file keeps no function
         for part in (model.motor, model.sensory):
             if not isinstance(part.lattice, Lattice):
@@ -101,11 +103,15 @@ class OnlineAdapter:
                     "'vdsom', 'som' or 'dsom'"
                 )
             layers.append(Layer(part.units, part.lattice, part.scale, gain))
-        self._model, self._baseline = model, model.baseline
-        self._horizon, self._force = horizon, force
+        self._model = model
+        self._baseline = model.baseline
+        self._horizon = horizon
+        self._force = force
         self._net = VDSOM(layers, model.association.wiring, model.links.toarray())
         self._idle = np.zeros(model.sensory.size)  # what unvisited nodes should have forgotten
-        self._seen, self._since, self._starts = 0, -1, [_SIGMA_END, _SIGMA_END]
+        self._seen = 0
+        self._since = -1
+        self._starts = [_SIGMA_END, _SIGMA_END]
         # running means: distortions of the motor and the sensory map, and the error
         self._mean: Array | None = None
         self._q: list[Array] = []
@@ -136,7 +142,8 @@ class OnlineAdapter:
         self._mean = mean = before + min(1.0, len(u) / _WINDOW) * (latest - before)
         expected = self._expected(sensory, winner[:, 0])
         self._seen += len(u)
-        kept, rates = slice(None), (0.0, 0.0, 0.0)
+        kept = slice(None)
+        rates = (0.0, 0.0, 0.0)
         motor_zeta, zeta, error = mean.tolist()
         if self._since < 0 and (self._force or self._left(expected, zeta, error)):
             self._since = 0
@@ -193,7 +200,8 @@ class OnlineAdapter:
         if self._since < 0 or sum(map(len, self._x)) < _LEAST:
             return self._model
         own = without_weak(self._net.links * np.exp(-self._idle)) if links == "rule" else None
-        q, x = np.concatenate(self._q), np.concatenate(self._x)
+        q = np.concatenate(self._q)
+        x = np.concatenate(self._x)
         return settled_model(self._model, *self._maps(), q, x, own)
 
     def _maps(self) -> tuple[Map, Map]:

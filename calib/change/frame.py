@@ -73,8 +73,12 @@ class Reference:
 
 def reference_of(body: Body, q: Array, z: Array, unit: str) -> Reference:
     """Bring the old belief into the frame of a log of rows (n, dof), (n, m)."""
-    old, rows = body.structure, thinned(len(q), _ROWS)
-    places, extent, q, z = slice(old.blocks[0]), float(old.extents[0]), q[rows], z[rows]
+    old = body.structure
+    rows = thinned(len(q), _ROWS)
+    places = slice(old.blocks[0])
+    extent = float(old.extents[0])
+    q = q[rows]
+    z = z[rows]
     seen = old.predict(q, body.beta)
     if float(np.median(np.linalg.norm((z - seen)[:, places], axis=1))) < _FAR * extent:
         return Reference(body, body.beta)
@@ -83,7 +87,8 @@ def reference_of(body: Body, q: Array, z: Array, unit: str) -> Reference:
         return Reference(body, moved, forgotten=indices_of(old, FRAME))
     tries = []
     for change, start, told in _variants(body):
-        p, held = _replaced(old, change).predict(q, start)[:, places], start is not body.beta
+        p = _replaced(old, change).predict(q, start)[:, places]
+        held = start is not body.beta
         for scaled in (False,) if held else (False, True):
             error, ratio, turn = _misfit(p, z[:, places], scaled)
             # each further freedom must halve what is left
@@ -91,15 +96,18 @@ def reference_of(body: Body, q: Array, z: Array, unit: str) -> Reference:
             error = max(error, _EXACT * extent) / _BETTER**free
             tries.append((error, change, start, told, ratio, turn))
     _, change, start, told, ratio, turn = min(tries, key=lambda t: t[0])
-    structure, other = _replaced(old, change), not _SCALES[0] < ratio < _SCALES[1]
+    structure = _replaced(old, change)
+    other = not _SCALES[0] < ratio < _SCALES[1]
     factor = ratio if other else 1.0
     if other:  # in the log's own unit
         own = {"extent": ratio * old.extent, "centre": tuple(z.mean(axis=0).tolist())}
         structure = _replaced(structure, {**own, "unit": "sensor" if unit == old.unit else unit})
-    about, shift = structure.groups["view.rotation"], structure.groups["view.shift"]
+    about = structure.groups["view.rotation"]
+    shift = structure.groups["view.shift"]
     starts = []
     for by in (np.eye(len(turn)), turn):
-        beta, step = start.copy(), np.zeros(structure.size)
+        beta = start.copy()
+        step = np.zeros(structure.size)
         beta[indices_of(structure, ("view.scale",))] += np.log(factor)
         step[about] = np.arctan2(by[1:2, 0], by[0, 0]) if len(about) == 1 else logarithm(by)
         beta = structure.retract(beta, step)
@@ -137,14 +145,16 @@ def _camera_anew(body: Body, q: Array, z: Array) -> Array:
     structure: Any = body.structure
     lens = tuple(body.beta[structure.groups["lens"]].tolist())
     known = replace(structure, lens=lens, lens_sd=(0.0, 0.0, 0.0, 0.0))
-    beta, free = body.beta.copy(), indices_of(structure, FRAME)
+    beta = body.beta.copy()
+    free = indices_of(structure, FRAME)
     beta[free] = frame(known, q, z, body.beta)[free]
     return beta
 
 
 def _variants(body: Body) -> Iterator[tuple[dict[str, Any], Array, tuple[Cause, ...]]]:
     """Other fields of the structure and parameters, and what they mean, one cause a freedom."""
-    structure, beta = body.structure, body.beta
+    structure = body.structure
+    beta = body.beta
     seen: list[tuple[dict[str, Any], tuple[Cause, ...]]] = [({}, ())]
     if (mirror := getattr(structure, "mirror", None)) is not None:
         words = "the log's positions are mirrored, compared with the model"

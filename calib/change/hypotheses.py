@@ -81,11 +81,17 @@ GROUPS = {
         0.15, 1e-4, 1e-3, "the links' lengths", "the link of {joint} is {share}{size} {longer}"
     ),
     "offset": Group(
-        5 * _DEGREE, 0.02 * _DEGREE, 0.1 * _DEGREE, "the joints' offsets",
+        5 * _DEGREE,
+        0.02 * _DEGREE,
+        0.1 * _DEGREE,
+        "the joints' offsets",
         "{joint} is off by {value:+.3g} ± {half:.2g} {unit}",
     ),
     "gain": Group(
-        0.03, 1e-4, 1e-3, "the joints' gains",
+        0.03,
+        1e-4,
+        1e-3,
+        "the joints' gains",
         "{joint} moves {value:+.3g} ± {half:.2g} % further than it says",
     ),
     "elastic": Group(
@@ -101,7 +107,7 @@ GROUPS = {
     "curve": Group(  # of sizes that are given
         0.0, changed="{joint} has another error curve, by up to {most:.3g} deg", whole=True
     ),
-}  # fmt: skip
+}
 
 _NEVER = Group(0.0)  # of a group that is as it was, such as the coupling of joints
 
@@ -151,11 +157,13 @@ def hypotheses_of(structure: Structure, cause: str | None = None) -> tuple[Hypot
     arm: tuple[Hypothesis, ...] = _ARM
     framed: tuple[Hypothesis, ...] = (*_SENSOR, *_BOTH)
     if cause == "sensor":
-        arm, framed = (), _SENSOR
+        arm = ()
+        framed = _SENSOR
     elif cause == "joints":
         framed = ()
     elif cause == "offsets":
-        arm, framed = (("offset",),), ((), ("offset",))
+        arm = (("offset",),)
+        framed = ((), ("offset",))
     sets = ((), *arm, *((*FRAME, *groups) for groups in framed))
     known = (tuple(g for g in groups if len(indices_of(structure, (g,)))) for groups in sets)
     return tuple(dict.fromkeys(known))
@@ -208,7 +216,8 @@ def creep(body: Body, waves: float = CREEP) -> Array:
     waves : that of the joints' curves over their prior's; beyond `CREEP` of those too that the
         belief leaves out
     """
-    sd, known = _deviations(body, _arms(body), "creep", waves), body.active
+    sd = _deviations(body, _arms(body), "creep", waves)
+    known = body.active
     if waves > CREEP:
         known = np.union1d(known, indices_of(body.structure, ("curve",)))
     return np.where(np.isin(np.arange(len(sd)), known), sd, 0.0)
@@ -246,16 +255,21 @@ def _arms(body: Body) -> tuple[str, ...]:
 
 
 def _deviations(
-    body: Body, groups: Hypothesis, kind: str, curve: float, metre: float = 0.0,
+    body: Body,
+    groups: Hypothesis,
+    kind: str,
+    curve: float,
+    metre: float = 0.0,
     cause: str | None = None,
-) -> Array:  # fmt: skip
+) -> Array:
     """Standard deviation (d,) of the parameters of some groups by a column of `GROUPS`, else 0.
 
     curve : that of the joints' curves, over their prior's
     metre : what lengths are told in; their mean where not given
     """
     structure: Any = body.structure
-    sd, extent = np.zeros(structure.size), float(structure.extents[0])
+    sd = np.zeros(structure.size)
+    extent = float(structure.extents[0])
     offset, lengths = (indices_of(structure, (g,)) for g in ("offset", "length"))
     links = np.abs(body.beta[lengths]) if len(lengths) else np.ones(1)
     # what is tilted is the chain, in its own unit: a log may be in another

@@ -69,23 +69,28 @@ class Monitor:
 
         if model.baseline is None:
             raise ModelError("the model has no baseline of its distortions: train it again")
-        self._model, self._expected = model, model.baseline.sensory
+        self._model = model
+        self._expected = model.baseline.sensory
         if model.body is not None:
             self._every = np.unique(np.concatenate([*groups_of(model.body).values()]))
         self._combined = _orthonormal(self._moves(np.clip(model.motor.units, 0.0, 1.0)))
-        axes, p = model.sensory.scale.span.size, self._combined.shape[1]
+        axes = model.sensory.scale.span.size
+        p = self._combined.shape[1]
         self._fade = 1.0 - 1.0 / window
-        self._own, self._noise = _own_error(model), model.baseline.noise
+        self._own = _own_error(model)
+        self._noise = model.baseline.noise
         self._least = SIMULATED_FLOOR * float(np.linalg.norm(model.sensory.scale.span))
         # by numbers of independent samples: what chance explains of noise, in its variances
         free = np.maximum(axes * np.arange(int(2.0 * window) + 2.0) - p, 1.0)
         self._chance = p * np.asarray(fdtri(p, free, 1.0 - FALSE_ALARM**2))
         # sums that fade: products; samples, squared weights, zeta over the usual, squared bounds
-        self._moments, self._sums = np.zeros((p + 1, p + 1)), np.zeros(4)
+        self._moments = np.zeros((p + 1, p + 1))
+        self._sums = np.zeros(4)
         self._state = State(0, False, 0.0, 0.0, 0.0, 0.0, ())
         self._change = np.zeros(p)  # what explains the sums, by the combined directions
         # what it left of the last sample; sums that fade of its products with the next, and squares
-        self._rest, self._lagged = np.zeros(axes), np.zeros(2)
+        self._rest = np.zeros(axes)
+        self._lagged = np.zeros(2)
 
     def update(self, q: Sequence[float] | Array, x: Sequence[float] | Array) -> State:
         """Take one sample, joints (dof,) [rad or m] and position (2,) or (3,) [unit].
@@ -93,7 +98,8 @@ class Monitor:
         A sample that is not finite or outside of what the model has learned changes nothing.
         """
         model = self._model
-        q, x = np.asarray(q, dtype=float), np.asarray(x, dtype=float)
+        q = np.asarray(q, dtype=float)
+        x = np.asarray(x, dtype=float)
         for values, names, what in (
             (q, model.about.joint_names, "joint values"),
             (x, model.axes, "coordinates"),
@@ -128,9 +134,11 @@ class Monitor:
 
     def _judged(self, axes: int) -> State:
         """What the sums say: an F test, of as many samples as are independent of each other."""
-        moments, p = self._moments, len(self._moments) - 1
+        moments = self._moments
+        p = len(self._moments) - 1
         weight, square, ratio, bound = self._sums.tolist()
-        gram, products = moments[:-1, :-1].copy(), moments[:-1, -1]
+        gram = moments[:-1, :-1].copy()
+        products = moments[:-1, -1]
         gram[np.diag_indices(p)] += 1e-9 * np.trace(gram) / p + 1e-300
         self._change = np.linalg.solve(gram, products)
         explained = max(float(products @ self._change), 0.0) / weight
@@ -164,7 +172,8 @@ class Monitor:
 
     def _moves(self, units: Array) -> Array:
         """Displacements (n, m, k) at joints (n, dof) in the unit box by what may change."""
-        model, body = self._model, self._model.body
+        model = self._model
+        body = self._model.body
         if body is None:  # a sensor that is moved
             return affine_columns(model.predictor.value(units))
         q = model.motor.scale.from_unit(units)

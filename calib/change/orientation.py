@@ -33,9 +33,11 @@ class TurnedTool:
 
     def of(self, body: Body) -> Body:
         """A belief with the tool turned."""
-        tool, delta = body.structure.groups["tool.rotation"], np.zeros(body.structure.size)
+        tool = body.structure.groups["tool.rotation"]
+        delta = np.zeros(body.structure.size)
         delta[tool] = self.turn
-        place, covariance = np.searchsorted(body.active, tool), body.covariance.copy()
+        place = np.searchsorted(body.active, tool)
+        covariance = body.covariance.copy()
         covariance[place], covariance[:, place] = 0.0, 0.0
         covariance[np.ix_(place, place)] = self.covariance / body.kappa**2
         beta = body.structure.retract(body.beta, delta)
@@ -43,9 +45,15 @@ class TurnedTool:
 
 
 def turned_tool(
-    old: Body, structure: Any, beta: Array, q: Array, x: Array, orientation: Array | None,
-    *, framed: bool,
-) -> TurnedTool:  # fmt: skip
+    old: Body,
+    structure: Any,
+    beta: Array,
+    q: Array,
+    x: Array,
+    orientation: Array | None,
+    *,
+    framed: bool,
+) -> TurnedTool:
     """Compare orientations (n, 4) with those that parameters (d,) predict.
 
     old : the belief of the model
@@ -58,7 +66,8 @@ def turned_tool(
     if not knows_orientation(old):
         told = "orientations are not compared: the model was learned without them"
         return TurnedTool(notes=(told,))
-    tool, sd = structure.groups["tool.rotation"], np.zeros(structure.size)
+    tool = structure.groups["tool.rotation"]
+    sd = np.zeros(structure.size)
     sd[tool], sd[structure.groups["view.rotation"]] = FREE, FREE * framed
     poses = np.hstack([x, logarithm(matrix_of(orientation))])
     # of positions nothing is asked
@@ -66,8 +75,10 @@ def turned_tool(
     seen = structure.with_view("pose")
     fit = Fit(seen, rows, beta, Prior(beta, sd), nu=STUDENT).maximise()
     before, after = exponential(np.stack([beta[tool], fit.beta[tool]]))
-    turn, place = logarithm(before.T @ after), np.searchsorted(fit.active, tool)
-    own, held = fit.covariance[np.ix_(place, place)], np.searchsorted(old.active, tool)
+    turn = logarithm(before.T @ after)
+    place = np.searchsorted(fit.active, tool)
+    own = fit.covariance[np.ix_(place, place)]
+    held = np.searchsorted(old.active, tool)
     # the model knows its own tool as well as it does
     covariance = own + old.kappa**2 * old.covariance[np.ix_(held, held)]
     score = float(turn @ np.linalg.solve(covariance, turn)) / float(chdtri(3, FALSE_ALARM))

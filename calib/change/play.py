@@ -55,12 +55,14 @@ def find_play(reference: Reference, log: Log, side: Array) -> Play | None:
     joints = np.flatnonzero(np.minimum(from_below, from_above) > _LEAST_SHARE)
     if not len(joints):
         return None
-    structure, beta = reference.structure, reference.beta
+    structure = reference.structure
+    beta = reference.beta
     residual = structure.residual(log.z, structure.predict(log.q, beta))
     moved = -structure.slope(log.q, beta)[..., joints] * side[:, None, joints]
     noise = RichNoise(reference, log, residual)
     equations = noise.equations
-    y, columns = equations.whiten(residual), equations.whiten(moved)
+    y = equations.whiten(residual)
+    columns = equations.whiten(moved)
     power, pull = equations.information(y, columns, noise.size)
     precision = np.diag(power)
     moving = precision > _LEAST_PRECISION * precision.max()

@@ -27,7 +27,9 @@ from ..training.bounds import node_bounds
 from .frame import carried_offset
 
 _PER_NODE = 5  # drawn joints that what maps add to a body is learned from
-_DEGREE, _SAMPLES = 2, 20  # of local models where there were none
+# of local models where there were none
+_DEGREE = 2
+_SAMPLES = 20
 _NOTHING = 1e-9  # of the extent: less is nothing to keep
 _IMAGINED = 20_000  # samples that links are learned from where the stream is short
 _ROWS = 3000  # rows that a body is refitted to: more would tell it hardly more
@@ -40,11 +42,14 @@ def rebuilt(model: Model, old: Body, body: Body, u: Array) -> Model:
     old : the body that maps were learned beside
     u : (n, dof), joints in the unit box of the rows of the update
     """
-    motor, nodes = model.motor, np.clip(model.motor.units, 0.0, 1.0)
+    motor = model.motor
+    nodes = np.clip(model.motor.units, 0.0, 1.0)
     drawn = np.random.default_rng(0).random((_PER_NODE * motor.size, nodes.shape[1]))
     asked = np.concatenate([nodes, drawn])
-    q, before = motor.scale.from_unit(asked), model.predictor.value(asked)
-    added, models = before - old.predict(q), NO_MODELS
+    q = motor.scale.from_unit(asked)
+    before = model.predictor.value(asked)
+    added = before - old.predict(q)
+    models = NO_MODELS
     if float(np.abs(added).max()) > _NOTHING * float(np.linalg.norm(np.ptp(before, axis=0))):
         added = carried_offset(old, body, body.beta, q, added)
         degree = max(model.predictor.models.degree, _DEGREE)
@@ -72,11 +77,13 @@ def _moved(model: Model, before: Array, after: Array) -> Map:
 
     before, after : (motor nodes, m) [unit], what was and what is predicted at the motor nodes
     """
-    old, links = model.sensory, model.links
+    old = model.sensory
+    links = model.links
     total = np.asarray(links.sum(axis=0)).ravel()
     here, there = (links.T @ x / np.maximum(total, 1e-300)[:, None] for x in (before, after))
     # an affine map of the means, so that what a node differs from its partners is mapped too
-    frame, known = Alignment.between(before, after), total > 0
+    frame = Alignment.between(before, after)
+    known = total > 0
     moved = frame.apply(old.weights)
     moved[known] += (there - frame.apply(here))[known]
     scale = Scale.of_data(np.concatenate([moved, after]))
@@ -92,10 +99,14 @@ def settled_model(
     links : (motor, sensory), links as they are; by default those at which eq. 11 comes to rest for
         the samples.
     """
-    scale, wiring, body, found = motor.scale, model.association.wiring, model.body, None
+    scale = motor.scale
+    wiring = model.association.wiring
+    body = model.body
+    found = None
     # a short stream may have been shown again and again
     first = np.sort(np.unique(np.hstack([q, x]), axis=0, return_index=True)[1])
-    u, x = scale.to_unit(q[first]), x[first]
+    u = scale.to_unit(q[first])
+    x = x[first]
     some = slice(None, None, -(-len(u) // _ROWS))
     if body is not None:
         with suppress(CalibError):  # too few rows, or too close to each other
@@ -105,17 +116,21 @@ def settled_model(
     def linked(u: Array, x: Array) -> Association:
         return Association.learn(motor, u, sensory, sensory.scale.to_unit(x), wiring)
 
-    seen, predictor = (u, x), None
+    seen = (u, x)
+    predictor = None
     if found is not None:
         smooth = BodyInBox(found.body, scale)
         predictor, left = select(motor, u[some], x[some], smooth, found.held_out)
-        rows, errors = np.arange(len(u))[some], np.linalg.norm(left, axis=1)
+        rows = np.arange(len(u))[some]
+        errors = np.linalg.norm(left, axis=1)
         if len(u) < _FEW_ROWS:
             drawn = np.random.default_rng(model.about.seed).random((_IMAGINED, u.shape[1]))
             seen = drawn, predictor.value(drawn)
     association = linked(*seen) if links is None else Association(motor, sensory, links, wiring)
     if predictor is None:  # maps and links alone, their errors from every other block
-        folds, rows, errors = blocks(len(u)), np.arange(len(u)), np.empty(len(u))
+        folds = blocks(len(u))
+        rows = np.arange(len(u))
+        errors = np.empty(len(u))
         for half in (0, 1):
             held, shown = (np.concatenate(folds[k::2]) for k in (half, 1 - half))
             away = linked(u[shown], x[shown]).linear.value(u[held]) - x[held]

@@ -96,7 +96,8 @@ def rows_of(model: Model, log: Samples) -> LogRows:
         log, notes = as_positions(model, log)
     rows_in_file = log.left_out + len(log)
     left_out_before = log.left_out
-    unit, shared = log.unit, log.shared
+    unit = log.unit
+    shared = log.shared
     _refuse_degrees(model, log)
     log, told = sound_log(model, log)
     notes = [*notes, *told]
@@ -119,7 +120,8 @@ def rows_of(model: Model, log: Samples) -> LogRows:
         outside = np.count_nonzero(~answered)
         notes.append(f"{outside} rows outside of what the model has learned are left out")
     rows = first[answered]
-    q, x = log.q[rows], log.x[rows]
+    q = log.q[rows]
+    x = log.x[rows]
     turns = None if log.orientation is None else log.orientation[rows]
     notes += _misreadings(model, q, x, turns)
     scale = model.motor.scale
@@ -176,7 +178,8 @@ def _misreadings(model: Model, q: Array, x: Array, turns: Array | None) -> list[
 
 def _refuse_degrees(model: Model, log: Samples) -> None:
     """Refuse a log of joints in another unit, most of which the model has not learned."""
-    q, about = model.about.joints_of(log), model.about
+    q = model.about.joints_of(log)
+    about = model.about
     if np.isfinite(model.expected_error(q)).mean() > 0.5 or not any(about.revolute):
         return
     units, *_ = readings(q, about.joint_names, about.revolute, any_order=False)

@@ -174,13 +174,16 @@ def group_tests(reference: Reference, log: Log, probes: Array) -> Tested:
     from scipy.special import chdtrc, chndtrinc, fdtrc, fdtri
 
     log = log.some(TEST_ROWS)
-    structure, groups, beta = reference.structure, groups_of(reference.body), reference.beta
+    structure = reference.structure
+    groups = groups_of(reference.body)
+    beta = reference.beta
     every = np.unique(np.concatenate(list(groups.values())))
     predicted, x = structure.linearise(log.q, beta, every)
     residual = structure.residual(log.z, predicted)
     moves = structure.linearise(probes, beta, every)[1][:, : structure.blocks[0]]
     moves = np.sqrt((moves**2).sum(axis=1).mean(axis=0))
-    noise, noisier = RichNoise(reference, log, residual), False
+    noise = RichNoise(reference, log, residual)
+    noisier = False
     if noise.size > NOISIER * noise.equations.usual and not len(reference.forgotten):
         slope = structure.slope(log.q, beta) / reference.sizes[:, None]
         lengths = np.sqrt((slope**2).sum(axis=1).mean(axis=0))
@@ -197,9 +200,11 @@ def group_tests(reference: Reference, log: Log, probes: Array) -> Tested:
             finer = [RichNoise(reference, log, residual, (k, ratio * times)) for times in _FINER]
             noise = max(finer, key=lambda n: n.likelihood)
     e = Equations(reference, log, crept=CREPT, noisy=noise.shape)
-    y, x = e.whiten(residual), e.whiten(x)
+    y = e.whiten(residual)
+    x = e.whiten(x)
     power, pull = e.information(y, x, noise.size)
-    found, count = [], len(groups) + 2
+    found = []
+    count = len(groups) + 2
     for name, indices in groups.items():
         place = np.searchsorted(every, indices)
         if name.startswith("elastic"):  # of a joint about a vertical axis no load is felt
@@ -210,8 +215,10 @@ def group_tests(reference: Reference, log: Log, probes: Array) -> Tested:
         size = np.sqrt(np.maximum(power[place, place], 1e-300))
         values, vectors = np.linalg.eigh(power[np.ix_(place, place)] / size[:, None] / size)
         clear = values > 1e-9 * values[-1]
-        values, vectors = values[clear], vectors[:, clear] / size[:, None]
-        turned, k = vectors.T @ pull[place], len(values)
+        values = values[clear]
+        vectors = vectors[:, clear] / size[:, None]
+        turned = vectors.T @ pull[place]
+        k = len(values)
         statistic = float((turned**2 / values).sum()) / noise.temper
         p = min(1.0, count * float(fdtrc(k, noise.left, statistic / k)))
         deviation = np.sqrt((vectors**2 / values).sum(axis=1) * noise.temper)
@@ -229,12 +236,15 @@ def group_tests(reference: Reference, log: Log, probes: Array) -> Tested:
     waves = structure.linearise(log.q, beta, curves)[1] * structure.prior(("curve",)).sd[curves]
     for columns in (own_columns(reference, log, 1.0), waves):
         power, pull = e.information(y, e.whiten(columns), noise.size)
-        mean, square = float(np.trace(power)), float((power**2).sum())
+        mean = float(np.trace(power))
+        square = float((power**2).sum())
         if mean > 0.0:
-            spread, ratio = mean**2 / square, float(pull @ pull) / mean / noise.temper
+            spread = mean**2 / square
+            ratio = float(pull @ pull) / mean / noise.temper
             p = min(1.0, count * float(fdtrc(spread, noise.left, ratio)))
             found.append(GroupTest(DRIFT, p, spread * ratio, round(spread)))
-    noisy, now = None, noise.size * float(reference.sizes[0])
+    noisy = None
+    now = noise.size * float(reference.sizes[0])
     if noise.shape is not None:
         noisy = noise.shape[0], noise.shape[1] * noise.size
     return Tested(tuple(found), now, float(reference.body.noise[0]), noisy, noisier)

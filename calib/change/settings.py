@@ -21,7 +21,8 @@ LARGE = 10.0
 BEYOND = 0.2
 # Share of the held-out error that a change may leave at most, and standard errors by which five
 # held-out blocks must gain
-CHANGED, SURE = 0.95, 2.0
+CHANGED = 0.95
+SURE = 2.0
 # The same where nothing changed, and of the error that a belief expects of itself: rows of half of
 # series A were added to a model of the other, which was then 1.15 times as far off
 REFINED = 0.85

@@ -113,7 +113,8 @@ def _mixed(
     noise = np.sqrt(sum(share * e.noise**2 for share, e in chosen)) * reference.sizes
     second = old.second
     if second is not None:  # after the same log, under the most likely explanation
-        e, apart = chosen[0][1], second.beta - old.beta
+        e = chosen[0][1]
+        apart = second.beta - old.beta
         wide = replace(old, beta=second.beta, active=second.active, root=second.root, kappa=1.0)
         there = replace(reference, body=wide, beta=reference.beta + apart)
         e = replace(e, origin=e.origin + apart, beta=e.beta + apart)
@@ -171,7 +172,8 @@ def _posterior(
         x = structure.linearise(log.q, beta, active)[1]
         columns = np.concatenate([x @ ways, own], axis=2)
         flat = (columns * weight[:, None]).reshape(log.z.size, -1)
-        gram, pull = flat.T @ flat, flat.T @ (residual * weight).ravel()
+        gram = flat.T @ flat
+        pull = flat.T @ (residual * weight).ravel()
         gram[np.diag_indices(len(gram))] += 1.0
         pull[:r] -= normals  # what the log's own part follows, it follows anew in each step
         factor = Factor(gram)
@@ -188,7 +190,8 @@ def _posterior(
                 break
         else:
             break
-        beta, normals = moved, normals + share * delta
+        beta = moved
+        normals = normals + share * delta
         residual, own, cost = there
     held = np.empty_like(residual)
     for block in np.array_split(np.arange(len(residual)), _BLOCKS):

@@ -23,7 +23,8 @@ class Shape:
     """
 
     def __init__(self, *axes: str | int, kept: str = "f8") -> None:
-        self.axes, self.kept = axes, kept
+        self.axes = axes
+        self.kept = kept
 
     @property
     def stored(self) -> np.dtype[np.floating]:

@@ -34,7 +34,8 @@ class Scale(ReadOnly):
     @staticmethod
     def of_data(x: Array) -> Scale:
         """Scale of the box that holds the rows of `x` (n, d)."""
-        lower, span = x.min(axis=0), np.ptp(x, axis=0)
+        lower = x.min(axis=0)
+        span = np.ptp(x, axis=0)
         return Scale(lower, np.where(span > 0, span, 1.0), np.zeros(x.shape[1], dtype=bool))
 
     def to_unit(self, x: Array) -> Array:

@@ -104,7 +104,9 @@ class ClosedForm:
         self, base: Array, turn: Array, place: Array, owner: Index
     ) -> tuple[Array, Index]:
         """Joints (4n, 6) of an arm with parallel axes 2, 3 and 4, given its first joint (n,)."""
-        axis, fifth, sixth = self.axes[1], self.axes[4], self.axes[5]
+        axis = self.axes[1]
+        fifth = self.axes[4]
+        sixth = self.axes[5]
         tilt = _at_height(fifth, np.tile(sixth, (len(turn), 1)), axis, (turn @ sixth) @ axis)
         base = np.tile(base, 2)
         owner = np.tile(owner, 2)
@@ -162,7 +164,8 @@ def _across(axis: Array, vectors: Array) -> Array:
 
 def _angle(axis: Array, start: Array, goal: Array) -> Array:
     """Angles (n,) about an axis (3,) from vectors (n, 3) to others (n, 3)."""
-    start, goal = _across(axis, start), _across(axis, goal)
+    start = _across(axis, start)
+    goal = _across(axis, goal)
     sine = np.cross(start, goal) @ axis
     return np.asarray(np.arctan2(sine, (start * goal).sum(axis=1)))
 

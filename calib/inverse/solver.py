@@ -19,9 +19,12 @@ from .task import Positions
 
 _SHORT = 0.03  # of the joints' range: after a first step so short the start is the joints given
 _ALIKE = 4.0  # node spacings: solutions of redundant joints that are about as close
-_MANY, _DRAWN = 3, 128  # spare joints of which no lattice holds all families: starts are drawn
+# spare joints of which no lattice holds all families: starts are drawn
+_MANY = 3
+_DRAWN = 128
 # joints from which what was missed is tried again; what is drawn so far beyond a limit is at it
-_AGAIN, _BEYOND = 32, 0.2
+_AGAIN = 32
+_BEYOND = 0.2
 _WIDE = 8  # sensory nodes whose partners are tried where others have failed
 
 _STEP = 0.03  # of the joints' range: length of a step along a self-motion
@@ -71,7 +74,8 @@ class Solver:
 
         Joints are in the unit box; out of reach they are those of the nearest attainable point.
         """
-        u, distance = self.clip(near), np.full(len(x), np.inf)
+        u = self.clip(near)
+        distance = np.full(len(x), np.inf)
         beside = np.arange(len(x))
         if not self.redundant:
             step = self.newton.towards(u, x, 1e-12)
@@ -125,7 +129,8 @@ class Solver:
         if len(lost):
             found, found_distance = self.solve(x[lost], np.full((len(lost), u.shape[1]), 0.5))
             target = np.concatenate([target, lost])
-            u, distance = np.concatenate([u, found]), np.concatenate([distance, found_distance])
+            u = np.concatenate([u, found])
+            distance = np.concatenate([distance, found_distance])
         return self._by_middle(target, u, distance)
 
     def solutions(self, x: Array) -> tuple[Index, Array, Array]:
@@ -141,9 +146,11 @@ class Solver:
             row, across = twins(self.newton, u)
             folded = np.unique(target[row])
             owner, wide = self.starts.propose(x[folded], _WIDE)
-            owner, more = np.append(target[row], folded[owner]), np.concatenate([across, wide])
+            owner = np.append(target[row], folded[owner])
+            more = np.concatenate([across, wide])
             more, left = self.newton.refine(more, x[owner])
-            target, u = np.append(target, owner), np.concatenate([u, more])
+            target = np.append(target, owner)
+            u = np.concatenate([u, more])
             distance = np.append(distance, left)
         met = distance <= SEARCH.close * self.extent
         target, u, distance = self._by_middle(target[met], u[met], distance[met])
@@ -169,7 +176,8 @@ def _representatives(newton: Newton, target: Index, u: Array, x: Array) -> tuple
     from scipy.sparse.csgraph import connected_components
 
     a, b, gap = _pairs(newton, target, u)
-    label, ways = np.arange(len(u)), np.zeros((2, 0), dtype=np.intp)
+    label = np.arange(len(u))
+    ways = np.zeros((2, 0), dtype=np.intp)
     for round_ in range(_ROUNDS):
         other = np.flatnonzero(label[a] != label[b])
         if not len(other):
@@ -181,19 +189,24 @@ def _representatives(newton: Newton, target: Index, u: Array, x: Array) -> tuple
         ways = np.hstack([ways, np.array([a[met], b[met]])])
         graph = coo_array((np.ones(ways.shape[1]), tuple(ways)), shape=(len(u), len(u)))
         label = connected_components(graph.tocsr())[1].astype(np.intp)
-        a, b, gap = np.delete(a, first), np.delete(b, first), np.delete(gap, first)
+        a = np.delete(a, first)
+        b = np.delete(b, first)
+        gap = np.delete(gap, first)
     middle = np.full_like(u, 0.5)
     away = np.linalg.norm(newton.scale.difference(u, middle), axis=1)
     order = np.lexsort((away, label))
     chosen = np.sort(order[np.append(True, np.diff(label[order]) > 0)])
-    target, u = target[chosen], u[chosen]
+    target = target[chosen]
+    u = u[chosen]
     settled, distance = newton.settle(u, x[target], middle[chosen], longest=_STEP)
     return target, np.where((distance <= SEARCH.close * newton.extent)[:, None], settled, u)
 
 
 def _pairs(newton: Newton, target: Index, u: Array) -> tuple[Index, Index, Array]:
     """Pairs of solutions of the same target, each with those nearest to it, and their distances."""
-    rows, columns, gaps = [target[:0]], [target[:0]], [np.zeros(0)]
+    rows = [target[:0]]
+    columns = [target[:0]]
+    gaps = [np.zeros(0)]
     for own in np.split(np.arange(len(u)), np.flatnonzero(np.diff(target)) + 1):
         gap = np.linalg.norm(newton.scale.difference(u[own, None], u[own]), axis=2)
         near = np.argsort(gap, axis=1)[:, 1 : _NEAREST + 1]
@@ -206,13 +219,17 @@ def _pairs(newton: Newton, target: Index, u: Array) -> tuple[Index, Index, Array
 def _walk(newton: Newton, start: Array, goal: Array, x: Array) -> NDArray[np.bool_]:
     """Whether steps along the self-motion lead from `start` to `goal`, (n,)."""
     arrived = np.zeros(len(start), dtype=bool)
-    rows, u = np.arange(len(start)), start
+    rows = np.arange(len(start))
+    u = start
     for _ in range(_WALK):
         wish = newton.scale.difference(goal[rows], u)
         ahead = np.linalg.norm(wish, axis=1)
         near = ahead < 0.3 * _STEP
         arrived[rows[near]] = True
-        rows, u, wish, ahead = rows[~near], u[~near], wish[~near], ahead[~near]
+        rows = rows[~near]
+        u = u[~near]
+        wish = wish[~near]
+        ahead = ahead[~near]
         if not len(rows):
             break
         move = newton.tangent(u, wish)
@@ -222,7 +239,8 @@ def _walk(newton: Newton, start: Array, goal: Array, x: Array) -> NDArray[np.boo
         now = np.linalg.norm(newton.scale.difference(goal[rows], trial), axis=1)
         going = (length > _STUCK * ahead) & (distance <= SEARCH.close * newton.extent)
         going &= (moved < 2 * _STEP) & (now < ahead)
-        rows, u = rows[going], trial[going]
+        rows = rows[going]
+        u = trial[going]
     return arrived
 
 

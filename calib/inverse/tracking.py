@@ -12,10 +12,13 @@ from .solver import Solver
 _SMOOTH = 0.05  # of the joints' range: joints that move by more are looked at closely
 _HALVED = 10  # times that a step is halved at most
 # of the workspace, and of its nodes' spacing: targets further away from all nodes are not followed
-_BEYOND, _SPACINGS = 0.1, 1.5
+_BEYOND = 0.1
+_SPACINGS = 1.5
 _FRONT = 8  # solutions of redundant joints that set out together
 _FEW = 20  # iterations of a small step: more are of a target out of reach, which creeps
-_WISHED, _DRIFT = 0.2, 0.5  # of the way to the middle, and of their move: so far joints drift there
+# of the way to the middle, and of their move: so far joints drift there
+_WISHED = 0.2
+_DRIFT = 0.5
 
 
 def follow_targets(
@@ -42,7 +45,8 @@ def follow_targets(
     else:
         wish = np.full(solver.scale.span.shape, 0.5) if start is None else start
         front = solver.solve(x[near[:1]], wish[None])[0]
-    follower, rows = _Follower(solver, x[near]), np.empty((0, front.shape[1]))
+    follower = _Follower(solver, x[near])
+    rows = np.empty((0, front.shape[1]))
     jumps: list[int] = []
     while True:
         rows = np.concatenate([rows, follower.furthest(len(rows), front)])
@@ -69,12 +73,15 @@ class _Follower:
     """Steps of joints on their branches along the targets (k, m)."""
 
     def __init__(self, solver: Solver, x: Array) -> None:
-        self._solver, self._x = solver, x
+        self._solver = solver
+        self._x = x
         self._reached = np.full(len(x), -1)  # not known yet
 
     def furthest(self, first: int, front: Array) -> Array:
         """Rows of the joints that follow the targets from `first` on furthest, (at most k, dof)."""
-        history, length, alive = [front], np.zeros(len(front)), np.arange(len(front))
+        history = [front]
+        length = np.zeros(len(front))
+        alive = np.arange(len(front))
         for k in range(first + 1, len(self._x)):
             u = history[-1][alive]
             moved, going = self._advance(u, self._x[k - 1 : k + 1], k, _HALVED)
@@ -108,7 +115,8 @@ class _Follower:
     def _reachable(self, row: int) -> bool:
         """Whether the links lead to joints that meet the target of a row."""
         if self._reached[row] < 0:
-            solver, x = self._solver, self._x[row : row + 1]
+            solver = self._solver
+            x = self._x[row : row + 1]
             start, _ = solver.starts.of(x)
             u = start[~np.isnan(start[..., 0])]
             left = solver.newton.refine(u, np.repeat(x, len(u), axis=0), SEARCH.close)[1]
@@ -117,9 +125,12 @@ class _Follower:
 
     def _step(self, u: Array, x: Array) -> tuple[Array, NDArray[np.bool_], NDArray[np.bool_]]:
         """One step of the target; whether joints moved by little, and met it, (n,)."""
-        solver, newton = self._solver, self._solver.newton
+        solver = self._solver
+        newton = self._solver.newton
         targets = np.broadcast_to(x, (len(u), len(x)))
-        met, trial, rest = np.zeros(len(u), dtype=bool), u.copy(), np.arange(len(u))
+        met = np.zeros(len(u), dtype=bool)
+        trial = u.copy()
+        rest = np.arange(len(u))
         if solver.redundant:
             # redundant joints use what is free to keep away from their limits
             step = newton.towards(u, targets, 1e-9)

@@ -104,7 +104,8 @@ class KernelArm:
 
     def derivatives(self, q: Array) -> tuple[Array, Array]:
         """As `calib_derivatives` of C: positions by all that may be off (D, m, n), by joints."""
-        motion, eye = move(self.links, self.joints(q)), np.eye(3)
+        motion = move(self.links, self.joints(q))
+        eye = np.eye(3)
         linear = eye[:, None, :, None] * motion.position[:, None]
         shifts = np.repeat(eye[:, :, None], len(q), axis=2)
         moved = self.view @ np.swapaxes(motion.frames, 1, 2)
@@ -141,38 +142,68 @@ def _curves(structure: Any, beta: Array) -> Array:
 
 def _spatial(structure: Any, beta: Array) -> KernelArm:
     """An arm in space."""
-    groups, sensor = structure.groups, structure.sensor(beta)
+    groups = structure.groups
+    sensor = structure.sensor(beta)
     coupling = beta[groups["coupling"]]
     return KernelArm(
-        structure, beta, structure.chain, structure.deviations(beta),
-        beta[groups["gain"]], beta[groups["offset"]],
-        sensor.matrix[:, :3], sensor.shift, sensor.rotation, min(structure.outputs, 3),
-        sensor.lens, _curves(structure, beta), sag=Sag.of(structure, beta),
+        structure,
+        beta,
+        structure.chain,
+        structure.deviations(beta),
+        beta[groups["gain"]],
+        beta[groups["offset"]],
+        sensor.matrix[:, :3],
+        sensor.shift,
+        sensor.rotation,
+        min(structure.outputs, 3),
+        sensor.lens,
+        _curves(structure, beta),
+        sag=Sag.of(structure, beta),
         coupling=coupling if coupling.any() else coupling[:0],
-    )  # fmt: skip
+    )
 
 
 def _planar(structure: Any, beta: Array) -> KernelArm:
     """A planar arm: axes along z, links along x; a slide's direction is turned by its offset."""
-    groups, dof = structure.groups, structure.dof
-    turns, way = np.asarray(structure.revolute), np.asarray(structure.signs, dtype=float)
-    offset, up = beta[groups["offset"]], np.array([0.0, 0.0, 1.0])
+    groups = structure.groups
+    dof = structure.dof
+    turns = np.asarray(structure.revolute)
+    way = np.asarray(structure.signs, dtype=float)
+    offset = beta[groups["offset"]]
+    up = np.array([0.0, 0.0, 1.0])
     along = exponential(np.outer(np.where(turns, 0.0, offset), up))[:, :, 0]
     ends = np.cumsum(beta[groups["length"], None] * along, axis=0)
     chain = SpatialChain(
-        np.where(turns[:, None], up, along), np.vstack([np.zeros(3), ends[:-1]]), ends[-1],
-        np.eye(3), structure.revolute, np.eye(dof), np.zeros(dof),
-    )  # fmt: skip
+        np.where(turns[:, None], up, along),
+        np.vstack([np.zeros(3), ends[:-1]]),
+        ends[-1],
+        np.eye(3),
+        structure.revolute,
+        np.eye(dof),
+        np.zeros(dof),
+    )
     flex = np.zeros((2, dof, dof))
     for (i, k), pair in zip(structure.pairs, beta[groups["elastic"]].reshape(-1, 2), strict=True):
         flex[:, i, k] = pair
     sensor = structure.sensor(beta)
     if structure.view == "homography":
         sensor = sensor.whole or sensor
-    view, size = np.zeros((3, 4)), len(sensor.matrix)
+    view = np.zeros((3, 4))
+    size = len(sensor.matrix)
     view[:size, :2], view[:size, 3] = sensor.matrix[:, :2], sensor.shift
     return KernelArm(
-        structure, beta, chain, Deviations.none(dof), beta[groups["gain"]] * way,
-        np.where(turns, offset, 0.0), view[:, :3], view[:, 3], np.eye(3), 2, sensor.lens,
-        _curves(structure, beta), flex, np.where(turns, way, 0.0),
-    )  # fmt: skip
+        structure,
+        beta,
+        chain,
+        Deviations.none(dof),
+        beta[groups["gain"]] * way,
+        np.where(turns, offset, 0.0),
+        view[:, :3],
+        view[:, 3],
+        np.eye(3),
+        2,
+        sensor.lens,
+        _curves(structure, beta),
+        flex,
+        np.where(turns, way, 0.0),
+    )

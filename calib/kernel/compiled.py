@@ -42,7 +42,10 @@ _MOST = 120.0  # s that a compiler may take
 _MOST_JOINTS = 16
 # where in a thread's buffer stand what is asked beside joints, `_PART` numbers each, and what
 # answers, as in ``c/calls.h``
-_ASKED, _PART, _FOUND, _SIZE = 16, 4, 32, 128
+_ASKED = 16
+_PART = 4
+_FOUND = 32
+_SIZE = 128
 NOTHING = 3  # flag of a position that nothing reaches
 _SHARED_ROWS = 1000  # rows from which two threads answer: one takes a millisecond or more for them
 _MOST_WAYS = 32  # ways of a pose: six joints have 16 at most
@@ -309,7 +312,8 @@ def compile_source(text: str, words: dict[str, object], dof: int, outputs: int) 
         raise OptionError(f"more than {_MOST_JOINTS} joints")
     # a folder of this user alone, removed with the object or at exit
     folder = tempfile.TemporaryDirectory(prefix="calib-")
-    made, path = Path(folder.name) / "kernel.c", Path(folder.name) / "kernel.so"
+    made = Path(folder.name) / "kernel.c"
+    path = Path(folder.name) / "kernel.so"
     calls = c_source(source("calls"), words, "calib_", single=False)
     made.write_text(text + calls, encoding="ascii")
     if threading.current_thread() is not threading.main_thread() and shutil.which("nice"):
@@ -318,9 +322,12 @@ def compile_source(text: str, words: dict[str, object], dof: int, outputs: int) 
     try:
         for flags in ((*_FLAGS, *_QUICKLY), _FLAGS):
             done = subprocess.run(  # noqa: S603
-                [*command, *flags, *end], capture_output=True, timeout=_MOST,
-                stdin=subprocess.DEVNULL, check=False,
-            )  # fmt: skip
+                [*command, *flags, *end],
+                capture_output=True,
+                timeout=_MOST,
+                stdin=subprocess.DEVNULL,
+                check=False,
+            )
             if done.returncode == 0:
                 return Compiled(ctypes.CDLL(str(path)), folder, dof, outputs)
     except (OSError, subprocess.TimeoutExpired) as error:

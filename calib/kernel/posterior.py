@@ -50,7 +50,8 @@ class CompactPosterior:
 
         Raises OptionError if a parameter moves positions as no part of an arm does.
         """
-        structure, arm = body.structure, KernelArm.of(body.structure, body.beta)
+        structure = body.structure
+        arm = KernelArm.of(body.structure, body.beta)
         q = np.random.default_rng(0).uniform(lower, upper, (_ASKED, structure.dof))
         curves = [np.asarray(structure.groups[f"curve.{k}"], int) for k in range(structure.dof)]
         told = np.ones(structure.size, dtype=bool)  # of the geometry, not of a curve
@@ -110,7 +111,8 @@ class CompactPosterior:
         waves = np.concatenate([turn[:, :HARMONICS].real, turn[:, :HARMONICS].imag], axis=1)
         out = np.zeros(len(q))
         for b, (factor, share) in enumerate(self.scale):
-            y, z = geometry @ self.root[b], geometry @ self.coupled[b]
+            y = geometry @ self.root[b]
+            z = geometry @ self.coupled[b]
             spread = y @ np.swapaxes(y, 1, 2)
             if self.waved.any():
                 size = self.own[b, :, :1] + np.einsum("kh,khn->kn", self.own[b, :, 1::2], turn.real)
@@ -125,9 +127,15 @@ class CompactPosterior:
 
 
 def _compact(
-    belief: Body | Second, beta: Array, told: Array, through: Array, curves: list[Any],
-    ways: int, scales: tuple[Array, Array], apart: Array,
-) -> tuple[Array, Array, Array, Array, Array]:  # fmt: skip
+    belief: Body | Second,
+    beta: Array,
+    told: Array,
+    through: Array,
+    curves: list[Any],
+    ways: int,
+    scales: tuple[Array, Array],
+    apart: Array,
+) -> tuple[Array, Array, Array, Array, Array]:
     """Root of the geometry, the curves' own terms, coupled directions, their waves and signs."""
     # directions are chosen where positions move most: vectors (d, d) of parameters times (d,); what
     # a belief predicts `apart` from `beta` is the last of them, to first order

@@ -170,7 +170,8 @@ class Association:
     @cached_property
     def linear(self) -> LinearModels:
         """The forward direction of the readout ``linear``, with slopes [unit]."""
-        motor, strength = self.motor, self._strength
+        motor = self.motor
+        strength = self._strength
         means = _places(motor, self.motor_shifts)
         partners = self._weighted / np.where(strength > 0, strength, 1.0)[:, None]
         inside = motor.scale.wrapped(motor.units)

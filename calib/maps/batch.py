@@ -110,7 +110,8 @@ def learn_batch(
     """
     order = _by_place(u)
     u = u[order]
-    lattice, full = stages[0].lattice, stages[-1].lattice
+    lattice = stages[0].lattice
+    full = stages[-1].lattice
     weights = rng.random((lattice.size, u.shape[1]))
     if len(stages) > 1:
         weights = spread_out(u, lattice)

@@ -88,7 +88,8 @@ class Lattice:
         """
         widths = widths * self.dim if len(widths) == 1 else widths
         reach = int(REACH * max(widths)) + 1
-        window, h = [], np.ones(())
+        window = []
+        h = np.ones(())
         places = np.unravel_index(winner, self.shape)
         for n, place, width in zip(self.shape, map(int, places), widths, strict=True):
             part = slice(max(0, place - reach), min(n, place + reach + 1))
@@ -163,6 +164,7 @@ class Graph:
 
     def adjacent(self, i: Index, j: Index) -> Mask:
         """Whether nodes `i` and `j` are the same or joined, (n,)."""
-        low, high = np.minimum(i, j), np.maximum(i, j)
+        low = np.minimum(i, j)
+        high = np.maximum(i, j)
         key = self.pairs[:, 0] * self.size + self.pairs[:, 1]
         return np.asarray((low == high) | np.isin(low * self.size + high, key))

@@ -50,7 +50,8 @@ class Map:
         freeze(self, "units", "history")
 
     def __repr__(self) -> str:
-        nodes, axes = "x".join(map(str, self.lattice.shape)), self.units.shape[1]
+        nodes = "x".join(map(str, self.lattice.shape))
+        axes = self.units.shape[1]
         return f"Map({nodes} nodes in {axes} dimensions, {len(self.history)} epochs)"
 
     def save(self, path: str | os.PathLike[str]) -> None:
@@ -167,7 +168,8 @@ def search_tree(points: Array, scale: Scale | None = None) -> cKDTree:
 
     box = None
     if scale is not None and scale.periodic.any():
-        points, box = scale.wrapped(points), scale.periodic.astype(float)
+        points = scale.wrapped(points)
+        box = scale.periodic.astype(float)
     # neither compact nor balanced: built in a fraction of the time, as each epoch needs one
     return cKDTree(points, boxsize=box, compact_nodes=False, balanced_tree=False)
 

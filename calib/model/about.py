@@ -15,7 +15,9 @@ from ..common.arrays import Array, ReadOnly, Shape
 from ..errors import LogError, ModelError
 from ..samples.samples import Samples
 
-_LARGEST, _START = 3_000_000, b"\xff\xd8\xff"  # bytes of a photo, and the first of a JPEG
+# bytes of a photo, and the first of a JPEG
+_LARGEST = 3_000_000
+_START = b"\xff\xd8\xff"
 
 MOST_ROWS = 5_000
 """Rows that are kept of a longer log, evenly spread over it."""

@@ -21,7 +21,8 @@ class Alignment:
     @staticmethod
     def between(old: Array, new: Array) -> Alignment:
         """The least-squares map from `old` (n, m) to `new` (n, m)."""
-        middle, target = old.mean(axis=0), new.mean(axis=0)
+        middle = old.mean(axis=0)
+        target = new.mean(axis=0)
         matrix = np.linalg.lstsq(old - middle, new - target, rcond=None)[0].T
         return Alignment(matrix, target - matrix @ middle)
 

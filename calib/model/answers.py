@@ -160,11 +160,13 @@ def anchor(model: Parts, near: ArrayLike | None, n: int) -> Array:
 
     The middle of the ranges where `near` is not given; values beyond a limit are clipped.
     """
-    names, scale = model.about.joint_names, model.motor.scale
+    names = model.about.joint_names
+    scale = model.motor.scale
     if near is None:
         return np.full((n, len(names)), 0.5)
     rows = rows_for(near, names, "near", n)
-    lower, upper = model.about.lower, model.about.upper
+    lower = model.about.lower
+    upper = model.about.upper
     # an encoder may stand a hair beyond a limit; a whole range beyond are other units
     out = ((rows < 2 * lower - upper) | (rows > 2 * upper - lower)) & ~scale.periodic
     if out.any():
@@ -185,7 +187,8 @@ def servo_step(
     joints, single = checked_rows(q, model.about.joint_names, "q")
     seen = rows_for(measured, model.axes, "measured position", len(joints))
     wanted = rows_for(target, model.axes, "target", len(joints))
-    scale, newton = model.motor.scale, model.solver.newton
+    scale = model.motor.scale
+    newton = model.solver.newton
     u = newton.clip(scale.to_unit(joints))
     step = shortened(newton.rate(u, gain * (wanted - seen)), _LONGEST)
     result = scale.from_unit(newton.clip(u + step))
@@ -232,5 +235,6 @@ def _lines(corners: Array, step: float) -> tuple[Array, NDArray[np.intp]]:
     parts = np.append(1, np.maximum(1, np.ceil(length / step - 1e-9))).astype(np.intp)
     waypoint = np.repeat(np.arange(len(corners)), parts)
     share = np.concatenate([np.arange(1, n + 1) / n for n in parts.tolist()])[:, None]
-    before, after = corners[np.maximum(waypoint - 1, 0)], corners[waypoint]
+    before = corners[np.maximum(waypoint - 1, 0)]
+    after = corners[waypoint]
     return np.where(share < 1.0, before + (after - before) * share, after), waypoint

@@ -79,7 +79,8 @@ def nominal_arm(model: Parts) -> PlanarArm | SpatialArm:
 
 def nominal_for_kernel(model: Parts, arm: KernelArm) -> tuple[KernelArm | None, int]:
     """The nominal arm, and what a correction asks for: a position (0), a place (1), a pose (2)."""
-    own, simulated = arm.structure, model.about.source == "simulation" and not model.history
+    own = arm.structure
+    simulated = model.about.source == "simulation" and not model.history
     if not model.about.urdf or model.body is None:
         return None, 0
     try:

@@ -136,7 +136,8 @@ class Parts:
     @cached_property
     def predictor(self) -> Predictor:
         """The default readout: body, or linear models of the links, and the nodes' own models."""
-        body, scale = self.body, self.motor.scale
+        body = self.body
+        scale = self.motor.scale
         smooth = self.association.linear if body is None else BodyInBox(body, scale)
         return Predictor(self.motor, smooth, self.local)
 

@@ -78,7 +78,8 @@ def solve_poses(
         p, turned = space.to_base(p, same)
         r = None if r is None else turned
     if r is None:
-        q, target = space.at_positions(p, wish, keep=keep), np.arange(n)
+        q = space.at_positions(p, wish, keep=keep)
+        target = np.arange(n)
     elif every:
         prepare(model, "branches", n)
         ways = space.branches(p, r, wish, axis)
@@ -90,7 +91,8 @@ def solve_poses(
         q = space.at_poses(p, r, wish, axis)
     q = on_turn(model, q, wanted_joints[target])
     position, rotation, _ = space.evaluate(q)
-    away, turned = np.linalg.norm(position - p[target], axis=1), np.zeros(len(q))
+    away = np.linalg.norm(position - p[target], axis=1)
+    turned = np.zeros(len(q))
     if r is not None:
         turned = turn_left(r[target], rotation, axis)
     met = (away <= REACHED * space.length) & (turned <= 10 * REACHED)

@@ -36,7 +36,8 @@ class Prediction:
     @cached_property
     def joints(self) -> Array:
         """Where the joints stand, (n, dof) [rad or m]: the encoders' values with play taken up."""
-        approach, side = self.model.approach, self.motion.side
+        approach = self.model.approach
+        side = self.motion.side
         if approach is None or side is None:
             return self.motion.q
         return approach.effective(self.motion.q, side)
@@ -44,7 +45,8 @@ class Prediction:
     @cached_property
     def side_known(self) -> Mask:
         """Whether the side is known from which each joint with play came, (n,)."""
-        approach, side = self.model.approach, self.motion.side
+        approach = self.model.approach
+        side = self.motion.side
         if approach is None:
             return np.ones(len(self.motion), dtype=bool)
         if side is None:

@@ -72,7 +72,8 @@ class Space:
 
     def evaluate(self, q: Array) -> tuple[Array, Array, Array]:
         """Position (n, 3) [m], orientation (n, 3, 3) and Jacobian (n, 6, dof) of the tip."""
-        structure, beta = self.body.structure, self.body.beta
+        structure = self.body.structure
+        beta = self.body.beta
         motion: Any = structure.move(structure.joint_values(q, beta), beta)
         slope = structure.by_joints(q, beta, np.concatenate(motion.joints(), axis=1))
         return motion.position.T.copy(), np.moveaxis(motion.rotation, 2, 0).copy(), slope
@@ -144,7 +145,8 @@ class Space:
         turn, shift, _ = self.sensor
         own: Any = self.model.body
         ideal = _undistorted(rows, own.beta[own.structure.groups["lens"]])
-        rays, eye = np.column_stack([ideal, np.ones(len(ideal))]) @ turn, -turn.T @ shift
+        rays = np.column_stack([ideal, np.ones(len(ideal))]) @ turn
+        eye = -turn.T @ shift
         with np.errstate(divide="ignore", invalid="ignore"):
             depth = (height - eye[2]) / rays[:, 2]
         missed = ~((depth > 0) & np.isfinite(depth))
@@ -164,7 +166,8 @@ class Space:
             return np.ones(len(points), dtype=bool)
         sensor = own.structure.sensor(own.beta)
         seen = points @ sensor.rotation.T + sensor.shift
-        ahead, view = seen[:, 2] > 0, pixels(sensor.lens, seen.T)
+        ahead = seen[:, 2] > 0
+        view = pixels(sensor.lens, seen.T)
         size = self.model.about.picture or tuple(2 * sensor.lens[1:3])
         inside = ((view.values >= 0) & (view.values <= size)).all(axis=1)
         # where the lens folds over, the picture shrinks as the point moves outwards
@@ -185,7 +188,8 @@ class Space:
         Out of reach those whose tip comes nearest.  `keep` holds the orientation that the tip has
         at `near` as far as the joints allow.
         """
-        newton, wish = self._placing, self._unit(near)
+        newton = self._placing
+        wish = self._unit(near)
         if keep:  # positions weigh a thousand times as much as the turn
             held = Poses(self.evaluate, self._scale, 1e-3 * self.length)
             turns = self.evaluate(self._scale.from_unit(wish))[1]
@@ -292,7 +296,8 @@ class Space:
         """Starts (n, 8, 6) of poses by the drawing's closed form; NaN beyond the limits."""
         assert self._closed is not None  # noqa: S101
         structure: Any = self.body.structure
-        groups, beta = structure.groups, self.body.beta
+        groups = structure.groups
+        beta = self.body.beta
         values = self._closed.joints(p, r)
         q = (values - beta[groups["offset"]]) / beta[groups["gain"]]
         q, inside = self._ranges.within(q, _ASIDE)
@@ -379,11 +384,13 @@ def _in_base(body: Body | None, *, size: bool = True) -> Body | None:
         # a base frame behind a sensor is turned about the first axis as the belief has it
         free = structure.view != "base"
         root = without_gauge(structure, belief, size) if free else belief.root
-        own, kept = belief.active, ~np.isin(belief.active, sensor_of(structure))
+        own = belief.active
+        kept = ~np.isin(belief.active, sensor_of(structure))
         beta = without_sensor(structure, belief.beta)[1]
         return replace(belief, beta=beta, active=own[kept], root=root[kept], noise=np.zeros(3))
 
-    base, none = without_sensor(structure, body.beta)[0], np.zeros(3)
+    base = without_sensor(structure, body.beta)[0]
+    none = np.zeros(3)
     second = body.second and alone(body.second)
     return replace(alone(body), structure=base, tau=none, residual=none, second=second)
 
@@ -396,7 +403,20 @@ def _drawn(model: Parts) -> Body | None:
     arm = arm_from_urdf(about.urdf, about.joint_names, about.tip, lock=about.locked)
     if not isinstance(arm, SpatialArm):
         return None
-    structure, none = structure_of(arm, "base"), np.zeros(3)
-    active, root = structure.groups["tool"], np.zeros((3, 3))
-    return Body(structure, structure.neutral(), active, root, none, 1.0, none, none,
-                np.inf, 1.0, simulated=True)  # fmt: skip
+    structure = structure_of(arm, "base")
+    none = np.zeros(3)
+    active = structure.groups["tool"]
+    root = np.zeros((3, 3))
+    return Body(
+        structure,
+        structure.neutral(),
+        active,
+        root,
+        none,
+        1.0,
+        none,
+        none,
+        np.inf,
+        1.0,
+        simulated=True,
+    )

@@ -56,7 +56,8 @@ def _episode(setting: Setting, change: str) -> Episode:
         steps.append(step)
         setting.report(step.samples / n, f"{change}: sigma {step.sigma:.2f}")
         if step.samples == n:
-            after, rule = adapter.model(), adapter.model("rule")
+            after = adapter.model()
+            rule = adapter.model("rule")
     q, old = setting.validation(samples, seed, 40_000)
     _, x = setting.validation(stream, seed, 40_000)
     # the model and what it is asked for: before the change, after it, and once it has followed

@@ -145,7 +145,8 @@ def _draw_lattice(ax: Any, net: Map, heat: Array, factor: float, most: float, la
     from matplotlib.collections import LineCollection
 
     a, b = net.edges.T
-    both, points = np.stack([heat[a], heat[b]]), net.weights[:, :2] * factor
+    both = np.stack([heat[a], heat[b]])
+    points = net.weights[:, :2] * factor
     with np.errstate(invalid="ignore"):  # NaN between nodes without a value: grey
         colour = np.nansum(both, axis=0) / np.isfinite(both).sum(axis=0)
     grey = colormaps["plasma"].with_extremes(bad="#d5dbe0")

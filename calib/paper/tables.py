@@ -151,7 +151,8 @@ def _comparison(
     rows: list[Cells] = []
     for (label, (row, paper)), readout in itertools.product(lines.items(), _READOUTS):
         for column in columns_of(row):
-            cell, unit = row[readout][column], unit_of(column)
+            cell = row[readout][column]
+            unit = unit_of(column)
             keys = ("mean", "mean_spread", "max", "max_spread")
             values: Cells = [cell[k] * FACTORS[unit] for k in keys]
             values += [100 * cell["mean_of_range"], 100 * cell["max_of_range"]]

@@ -13,7 +13,9 @@ from .bundle import LENS, Bundle, Fit, Layout, Motions, Noise, Scale, Shots, Unk
 LEAST = 4
 """Motions that a fit needs."""
 
-_MEDIAN, _RARE = 5.35, 50.0  # of chi-squared with six numbers; 1.5 times its quantile of 1e-5
+# of chi-squared with six numbers; 1.5 times its quantile of 1e-5
+_MEDIAN = 5.35
+_RARE = 50.0
 _HALF = 8  # motions that one half of the pictures has at least
 _ROUNDS = 5
 _BETTER = 0.15  # of the misses: one half of the pictures fits so much better by itself

@@ -60,7 +60,10 @@ def read_bag(
             tips = [_topic(topics, tip_topic, (*_POSITIONS, _TF), "tip_topic")]
         poses, frame = _poses(reader, tips, frames)
     poses = poses[np.argsort(poses[:, 0], kind="stable")]
-    stamps, x, dropped, notes = poses[:, 0], poses[:, 1:4], dict[str, int](), list[str]()
+    stamps = poses[:, 0]
+    x = poses[:, 1:4]
+    dropped = dict[str, int]()
+    notes = list[str]()
     if time_offset is None:
         time_offset, notes = _found_offset(stamps, x, times, values)
     stamps = stamps + time_offset
@@ -214,7 +217,8 @@ def _poses(reader: Any, topics: Sequence[str], frames: Sequence[str] | None) -> 
             f"{len(measured)} transforms of tf move{what}, expected one; moving: {shown}",
             hint="name the sensor's frame and the tip's as `frames`",
         )
-    place, turn = np.zeros((1, 3)), np.eye(3)[None]
+    place = np.zeros((1, 3))
+    turn = np.eye(3)[None]
     for frame in path:  # from the child up: x_parent = R x + t
         rows = edges[frame][: None if frame in measured else 1]
         matrices = matrix_of(rows[:, 4:])
@@ -226,11 +230,14 @@ def _poses(reader: Any, topics: Sequence[str], frames: Sequence[str] | None) -> 
 def _row(stamped: Any, received: float) -> tuple[float, ...]:
     """Time, place and quaternion of a message of a position, a pose or a transform."""
     if hasattr(stamped, "transform"):
-        place, turn = stamped.transform.translation, stamped.transform.rotation
+        place = stamped.transform.translation
+        turn = stamped.transform.rotation
     elif hasattr(stamped, "pose"):
-        place, turn = stamped.pose.position, stamped.pose.orientation
+        place = stamped.pose.position
+        turn = stamped.pose.orientation
     else:
-        place, turn = stamped.point, None
+        place = stamped.point
+        turn = None
     turned = (0.0, 0.0, 0.0, 1.0) if turn is None else (turn.x, turn.y, turn.z, turn.w)
     return _seconds(stamped, received), place.x, place.y, place.z, *turned
 

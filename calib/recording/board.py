@@ -346,7 +346,8 @@ def parse_length(text: str, what: str = "length", *, signed: bool = False) -> fl
 
 def print_tag(number: int, size: float, dictionary: str = DICTIONARY) -> str:
     """Return a tag as SVG whose black square has the side `size` [m]."""
-    cells, side = tag_cells(number, dictionary), 1e3 * size
+    cells = tag_cells(number, dictionary)
+    side = 1e3 * size
     border = max(_MARGIN, side / len(cells))  # a tag needs a cell of white around it
     words = f"{dictionary} {number}, black square {side:g} mm"
     return _page(side + 2 * border, side + 2 * border, _square(cells, border, border, side), words)
@@ -375,7 +376,8 @@ def print_board(board: Pattern) -> str:
 
 
 def _charuco(board: Board) -> list[str]:
-    square, body = 1e3 * board.square, list[str]()
+    square = 1e3 * board.square
+    body = list[str]()
     # the tags' corners from OpenCV's board, which is what will be looked for
     lows = [1e3 * np.asarray(p)[:, :2].min(axis=0) for p in board.printed.getObjPoints()]
     white = {(int(x // square), int(y // square)) for x, y in lows}
@@ -391,7 +393,8 @@ def _charuco(board: Board) -> list[str]:
 
 def _square(white: Mask, x: float, y: float, side: float) -> list[str]:
     """A black square with white cells (n, n): a rectangle for each run of them in a row."""
-    cell, made = side / len(white), [_rectangle(x, y, side, side)]
+    cell = side / len(white)
+    made = [_rectangle(x, y, side, side)]
     for row, line in enumerate(white):
         edges = np.flatnonzero(np.diff(np.r_[False, line, False].astype(int)))
         for start, stop in edges.reshape(-1, 2):
@@ -407,7 +410,12 @@ def _rectangle(x: float, y: float, width: float, height: float, colour: str = ""
 def _page(width: float, height: float, body: list[str], words: str) -> str:
     """A page, below its body a line of 100 mm, and words."""
     return filled(
-        __package__, "page.svg", body="\n".join(body), words=words,
-        wide=f"{max(width, 116.0):g}", high=f"{height + 12:g}", line=f"{height + 2:g}",
+        __package__,
+        "page.svg",
+        body="\n".join(body),
+        words=words,
+        wide=f"{max(width, 116.0):g}",
+        high=f"{height + 12:g}",
+        line=f"{height + 2:g}",
         foot=f"{height + 7.5:g}",
-    )  # fmt: skip
+    )

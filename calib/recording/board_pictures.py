@@ -83,10 +83,14 @@ class BoardPictures:
         turns, shift = held_poses(poses, in_hand)
         if in_hand:
             at = np.array([0.0, 0.0, _AHEAD * float(np.hypot(width, height))])
-            sign, back, arm = -1.0, turns, at - np.array([pose.shift for pose in poses])
+            sign = -1.0
+            back = turns
+            arm = at - np.array([pose.shift for pose in poses])
         else:
             at = middle
-            sign, back, arm = 1.0, np.eye(3), turns @ at
+            sign = 1.0
+            back = np.eye(3)
+            arm = turns @ at
         # a small turn and a shift of the board, in the camera's axes, move and turn what is told
         change = np.zeros((len(turns), 6, 6))
         change[:, :3, :3], change[:, :3, 3:] = -sign * back @ cross_matrix(arm), sign * back
@@ -94,16 +98,26 @@ class BoardPictures:
         covariance = change @ np.array([p.covariance[:6, :6] for p in poses])
         covariance = covariance @ np.swapaxes(change, 1, 2)
         source = {
-            "source": "board", "eye": "hand" if in_hand else "base", "board": self.board.text,
-            "point": at.tolist(), "size": list(self.size), "lens": lens.to_json(),
-        }  # fmt: skip
+            "source": "board",
+            "eye": "hand" if in_hand else "base",
+            "board": self.board.text,
+            "point": at.tolist(),
+            "size": list(self.size),
+            "lens": lens.to_json(),
+        }
         noise = float(np.sqrt(np.einsum("njj->n", covariance[:, :3, :3]).mean() / 3))
         source |= {"noise": noise, "noise_of_reference": 0.0, "dropped": {}}
         return Samples(
-            self.q, turns @ at + shift, self.joint_names, source=source, notes=self.notes,
-            orientation=quaternion_of(turns), covariance=covariance, pictures=self.names,
+            self.q,
+            turns @ at + shift,
+            self.joint_names,
+            source=source,
+            notes=self.notes,
+            orientation=quaternion_of(turns),
+            covariance=covariance,
+            pictures=self.names,
             episode=None if self.episodes is None else self.episodes.astype(float),
-        )  # fmt: skip
+        )
 
 
 def held_poses(poses: Sequence[Pose], in_hand: bool) -> tuple[Array, Array]:
@@ -130,7 +144,8 @@ def find_board(
     camera : of a dataset with several
     Raises LogError if too few pictures show the board; what they show instead is told.
     """
-    board, notes = parse_board(board), list[str]()
+    board = parse_board(board)
+    notes = list[str]()
     if is_dataset(pictures):
         joints, pictures, notes = read_dataset(str(pictures), names, camera)
     elif joints is None:

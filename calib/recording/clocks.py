@@ -80,7 +80,8 @@ class _Waves:
 
     def look(self, q: Array, ahead: Array, behind: Array, seen: Array, since: Array) -> Any:
         """What `estimate_delay` takes, with the clocks' rate last."""
-        judge, none = Judge(q, self._soft), np.empty(0)
+        judge = Judge(q, self._soft)
+        none = np.empty(0)
         speed = (judge.predict(ahead, seen) - judge.predict(behind, seen)) / (2.0 * _STEP)
         velocity, apart = (judge.miss(each) for each in (speed, speed * since))
         return judge.miss(seen), velocity, apart[:, :, None], none, none
@@ -101,13 +102,16 @@ class _Chain:
         template = planar_structure(seen, names, revolute, None, "homography", "px", False)
         members = dict(template.members())["chain"]
         begin = best_starts(template, Rows(q, seen), members)[0]
-        self._structure, self._beta = begin.structure, begin.beta.copy()
+        self._structure = begin.structure
+        self._beta = begin.beta.copy()
         self._prior = begin.structure.prior((*members, "lens"))
         self._active = np.flatnonzero(self._prior.sd > 0)
 
     def look(self, q: Array, ahead: Array, behind: Array, seen: Array, since: Array) -> Any:
         """What `estimate_delay` takes, with the clocks' rate last."""
-        structure, beta, speed = self._structure, self._beta, (ahead - behind) / (2.0 * _STEP)
+        structure = self._structure
+        beta = self._beta
+        speed = (ahead - behind) / (2.0 * _STEP)
         predicted, columns = structure.linearise(q, beta, self._active)
         velocity = np.einsum("nmd,nd->nm", structure.slope(q, beta), speed)
         columns = np.concatenate([columns, (velocity * since)[:, :, None]], axis=2)
@@ -143,7 +147,8 @@ class _Pair:
             return []
         a = _speed(joints_at(sensor, self.t, self.x))
         b = _speed(self.joints(joints) / np.maximum(self.q.std(0), 1e-9))
-        a, b = a - a.mean(), b - b.mean()
+        a = a - a.mean()
+        b = b - b.mean()
         count = correlate(b**0, a**0, method="fft")  # of what overlaps
         far = count > int(_OVERLAP * min(len(a), len(b))) - 0.5
         lags = correlation_lags(len(b), len(a))[far]
@@ -176,7 +181,8 @@ class _Pair:
         self, model: _Waves | _Chain, start: Clocks, most: tuple[int, int], *, rate: bool = False
     ) -> Clocks:
         """Move clocks to where rows are predicted best, by Gauss and Newton's method."""
-        clocks, best = start, replace(start, error=np.inf)
+        clocks = start
+        best = replace(start, error=np.inf)
         prior = np.array([_RATE_SD if rate else 1e-12]) ** -2.0
         for _ in range(most[1]):
             when, seen = self.some(clocks, most[0])
@@ -186,21 +192,24 @@ class _Pair:
             since = (when - when.mean())[:, None]
             with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
                 miss, velocity, columns, known, pull = model.look(there, ahead, behind, seen, since)
-                precision, pull = np.append(known, prior), np.append(pull, -clocks.rate)
+                precision = np.append(known, prior)
+                pull = np.append(pull, -clocks.rate)
                 found = estimate_delay(miss, velocity, columns, precision, pull)
             if found is None or not np.isfinite(found[0].value):
                 break
             late, change = found
             # three neighbouring rows say as much as one; at the ends of a line twice the sd
             doubt = np.sqrt(3.0) * late.sd * (2.0 if rate else 1.0)
-            before, clocks = clocks.error, replace(clocks, error=_median(miss), doubt=doubt)
+            before = clocks.error
+            clocks = replace(clocks, error=_median(miss), doubt=doubt)
             best = min(best, clocks, key=attrgetter("error"))
             moved = max(abs(late.value), abs(change[-1]) * np.ptp(self.t))
             if moved < 4e-5 and abs(clocks.error - before) < 1e-3 * clocks.error:
                 break
             scale = min(1.0, _FARTHEST_STEP / max(abs(late.value), 1e-12))
             model.take(scale * change[:-1])
-            low, high = start.offset - _FARTHEST, start.offset + _FARTHEST
+            low = start.offset - _FARTHEST
+            high = start.offset + _FARTHEST
             offset = float(np.clip(clocks.offset - scale * late.value, low, high))
             clocks = replace(clocks, offset=offset, rate=clocks.rate + float(scale * change[-1]))
         return best

@@ -186,9 +186,14 @@ def _cameras(
     found = {}
     for name in names:
         shots = find_board(
-            folders.get(name, pictures), table, board, joint_names,
-            camera=camera, degrees=degrees, prismatic=sliding,
-        )  # fmt: skip
+            folders.get(name, pictures),
+            table,
+            board,
+            joint_names,
+            camera=camera,
+            degrees=degrees,
+            prismatic=sliding,
+        )
         found[name] = shots, eyes[name] == "hand"
     return found
 

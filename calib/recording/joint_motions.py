@@ -111,10 +111,21 @@ class JointMotions:
         root = vectors * np.sqrt(np.maximum(values, 0.0))
         none = np.zeros(6)
         return Body(
-            structure, beta, active, root, np.ones(6), kappa=1.0, tau=none, residual=none,
-            nu=np.inf, autocorrelation=0.0, scales={}, rows=self.count, simulated=False,
+            structure,
+            beta,
+            active,
+            root,
+            np.ones(6),
+            kappa=1.0,
+            tau=none,
+            residual=none,
+            nu=np.inf,
+            autocorrelation=0.0,
+            scales={},
+            rows=self.count,
+            simulated=False,
             member="chain",
-        )  # fmt: skip
+        )
 
     @cached_property
     def _base(self) -> SpatialStructure:

@@ -54,17 +54,20 @@ def read_joints(
     told = [name for name in ("time", "episode") if name in source.header]
     names = list(joint_columns(source.header) if joints is None else joints)
     values = source.numbers([*names, *told])[0]
-    about, values = dict(zip(told, values[:, len(names) :].T, strict=True)), values[:, : len(names)]
+    about = dict(zip(told, values[:, len(names) :].T, strict=True))
+    values = values[:, : len(names)]
     if joints is None:
         numbers = np.isfinite(values).any(axis=0)
-        names, values = [names[k] for k in np.flatnonzero(numbers)], values[:, numbers]
+        names = [names[k] for k in np.flatnonzero(numbers)]
+        values = values[:, numbers]
     good = np.isfinite(np.column_stack([values, *about.values()])).all(axis=1)
     if not names or not good.any():
         raise LogError(
             f"{source.label} has no row with numbers for {listed(names)}: expected a column for "
             f"each joint; columns: {listed(source.header)}"
         )
-    q, turning = values[good], [k for k, name in enumerate(names) if name not in prismatic]
+    q = values[good]
+    turning = [k for k, name in enumerate(names) if name not in prismatic]
     most = float(np.abs(q[:, turning]).max(initial=0.0))
     if degrees:
         q[:, turning] = np.deg2rad(q[:, turning])
@@ -80,7 +83,8 @@ def read_joints(
         pictures = tuple(name.rpartition("/")[2] for name in named)
     about = {name: column[good] for name, column in about.items()}
     episodes = about["episode"].astype(np.intp) if "episode" in about else None
-    dropped, time = int((~good).sum()), about.get("time")
+    dropped = int((~good).sum())
+    time = about.get("time")
     return JointTable(source.label, tuple(names), q, time, pictures, dropped, episodes)
 
 
@@ -105,8 +109,10 @@ def read_shots(
     Notes of damaged pictures come as these are read.
     Raises LogError if names of pictures do not fit, or without names their counts.
     """
-    found, notes = list_pictures(source), list[str]()
-    rows, paths = list(range(len(table.q))), found
+    found = list_pictures(source)
+    notes = list[str]()
+    rows = list(range(len(table.q)))
+    paths = found
     if table.pictures is not None:
         by_name = {name: path for path in reversed(found) for name in (path.stem, path.name)}
         rows = [row for row, name in enumerate(table.pictures) if name in by_name]

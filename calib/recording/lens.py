@@ -124,7 +124,8 @@ def calibrate_lens(
     images = [np.array([*c.values()], np.float32).reshape(-1, 1, 2) for c in usable]
     one = cv2.CALIB_FIX_K3 | cv2.CALIB_ZERO_TANGENT_DIST | cv2.CALIB_FIX_K2
     choices = [(one, 1), (one & ~cv2.CALIB_FIX_K2, 2), (cv2.CALIB_FIX_K3, 4)]
-    count, fits = 2 * sum(map(len, images)), []
+    count = 2 * sum(map(len, images))
+    fits = []
     for flags, terms in choices[: 3 if len(images) >= _TANGENTIAL else 2]:
         with suppress(cv2.error):
             fit = cv2.calibrateCameraExtended(objects, images, size, None, None, flags=flags)
@@ -136,7 +137,8 @@ def calibrate_lens(
         _, terms, fit = min(fits, key=lambda each: each[0])
         rms, matrix, found, _, _, spread, *_ = fit
         distortion = np.pad(np.ravel(found)[:5], (0, max(5 - np.size(found), 0)))
-        focal, doubt = np.diag(matrix)[:2].copy(), float(np.ravel(spread)[0] / matrix[0, 0])
+        focal = np.diag(matrix)[:2].copy()
+        doubt = float(np.ravel(spread)[0] / matrix[0, 0])
     if not doubt <= _DOUBT or not focal.max() <= 50 * max(size):
         raise LogError(
             f"the pictures of the board determine the focal length to {100 * doubt:.2g} % only, "
@@ -155,11 +157,13 @@ def _covariance(
     objects: Sequence[Any], lens: Lens, terms: int, turns: Sequence[Any], shifts: Sequence[Any]
 ) -> Array:
     """Covariance (9, 9) of a lens, from what each picture's pose leaves of its derivatives."""
-    free, count = 4 + terms, 2 * sum(map(len, objects))
+    free = 4 + terms
+    count = 2 * sum(map(len, objects))
     precision = np.zeros((free, free))
     for points, *pose in zip(objects, turns, shifts, strict=True):
         slopes = opencv().projectPoints(points, *pose, lens.matrix, lens.distortion)[1]
-        by_pose, by_lens = slopes[:, :6], slopes[:, 6 : 6 + free]
+        by_pose = slopes[:, :6]
+        by_lens = slopes[:, 6 : 6 + free]
         by_lens = by_lens - by_pose @ np.linalg.lstsq(by_pose, by_lens, rcond=None)[0]
         precision += by_lens.T @ by_lens
     # rms is of distances: half of its square along each axis
@@ -223,7 +227,10 @@ def load_lens(
         return _file(Path(path)), ()
     if board is None:
         raise OptionError("`lens` is a folder of pictures: expected `board` too, which they show")
-    finder, notes, corners, size = BoardFinder(board), list[str](), [], (0, 0)
+    finder = BoardFinder(board)
+    notes = list[str]()
+    corners = []
+    size = (0, 0)
     for _, _, grey in read_series(list_pictures(path), notes):
         size = (grey.shape[1], grey.shape[0])
         corners.append(finder.find(grey))

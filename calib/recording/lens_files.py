@@ -12,8 +12,14 @@ from ..errors import LogError
 
 MATRIX = ("camera_matrix", "cameraMatrix", "CameraMatrix", "intrinsic_matrix", "mtx", "K", "k")
 DISTORTION = (
-    "distortion_coefficients", "distCoeffs", "dist_coeffs", "distortion", "dist", "D", "d"
-)  # fmt: skip
+    "distortion_coefficients",
+    "distCoeffs",
+    "dist_coeffs",
+    "distortion",
+    "dist",
+    "D",
+    "d",
+)
 WIDTH = ("image_width", "imageWidth", "width")
 HEIGHT = ("image_height", "imageHeight", "height")
 

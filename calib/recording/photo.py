@@ -26,7 +26,10 @@ WIDEST = 1000
 _AROUND = 0.12  # of the workspace's sides, shown beyond it
 _QUALITY = 82
 # blue, green, red
-_TIP, _OTHER, _BOARD, _PLACES = (60, 200, 60), (210, 210, 210), (230, 90, 230), (0, 200, 255)
+_TIP = (60, 200, 60)
+_OTHER = (210, 210, 210)
+_BOARD = (230, 90, 230)
+_PLACES = (0, 200, 255)
 
 
 def take_photo(
@@ -40,7 +43,8 @@ def take_photo(
     Raises LogError if it cannot be read, is of another camera, or shows none of the positions.
     """
     about = about or {}
-    picture, name = read_photo(Path(path)), Path(path).name
+    picture = read_photo(Path(path))
+    name = Path(path).name
     height, width = picture.shape[:2]
     if about.get("size") not in (None, [width, height]):
         raise LogError(
@@ -63,9 +67,11 @@ def take_photo(
     if reference is None:
         return Photo(_packed(picture), (-0.5, width - 0.5, height - 0.5, -0.5))
     # the plane of the positions as a camera straight above would see it
-    low, high = x[inside].min(axis=0), x[inside].max(axis=0)
+    low = x[inside].min(axis=0)
+    high = x[inside].max(axis=0)
     margin = _AROUND * (high - low).max()
-    low, high = low - margin, high + margin
+    low = low - margin
+    high = high + margin
     step = (high - low).max() / WIDEST
     along, up = (np.arange(low[k] + 0.5 * step, high[k], step) for k in range(2))
     plane = np.stack(np.meshgrid(along, up[::-1]), axis=-1)

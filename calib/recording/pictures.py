@@ -51,7 +51,8 @@ def list_pictures(source: str | os.PathLike[str] | Sequence[str]) -> list[Path]:
     """
     if not isinstance(source, (str, os.PathLike)):
         return sorted({path for each in source for path in list_pictures(each)}, key=_natural)
-    text, found = os.fspath(source), [Path(source)]
+    text = os.fspath(source)
+    found = [Path(source)]
     if found[0].is_dir():
         found = [path for path in found[0].iterdir() if path.suffix.lower() in PICTURES]
     elif any(mark in text for mark in "*?["):
@@ -81,8 +82,13 @@ def read_picture(path: str | os.PathLike[str], *, colour: bool = False) -> Pictu
                 image = Image.fromarray(np.clip(values / scale, 0, 255).astype(np.uint8))
             return np.array(image.convert("RGB" if colour else "L"))
     except (
-        OSError, ValueError, SyntaxError, EOFError, MemoryError, Image.DecompressionBombError
-    ) as error:  # fmt: skip
+        OSError,
+        ValueError,
+        SyntaxError,
+        EOFError,
+        MemoryError,
+        Image.DecompressionBombError,
+    ) as error:
         cut = "truncated" in str(error).lower()
         what = "is cut off" if cut else "is no picture that can be read"
         raise LogError(f"{Path(path).name} {what}") from None
@@ -135,12 +141,15 @@ class Video:
 
     def frames(self) -> Iterator[tuple[float, Picture]]:
         """Yield times [s] and grey frames."""
-        cv2, capture, last = opencv(), self._capture, -np.inf
+        cv2 = opencv()
+        capture = self._capture
+        last = -np.inf
         rate = float(capture.get(cv2.CAP_PROP_FPS))
         while (read := capture.read())[0] and read[1] is not None:
             stamp = float(capture.get(cv2.CAP_PROP_POS_MSEC)) / 1e3
             if not stamp > last:  # a file without times: its rate must do
                 stamp = max(last, 0.0) + 1.0 / rate if rate > 0 and last > -np.inf else 0.0
-            last, frame = stamp, read[1]
+            last = stamp
+            frame = read[1]
             yield stamp, frame if frame.ndim == 2 else cv2.cvtColor(frame, cv2.COLOR_BGR2GRAY)
         capture.release()

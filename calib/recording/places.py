@@ -103,9 +103,19 @@ class HandEye:
     def to_json(self) -> dict[str, object]:
         """What `calib handeye --json` prints."""
         names = (
-            "eye", "pictures", "used", "hand", "base", "reprojection", "lens", "limited_by",
-            "repeatability", "square", "board", "held_out",
-        )  # fmt: skip
+            "eye",
+            "pictures",
+            "used",
+            "hand",
+            "base",
+            "reprojection",
+            "lens",
+            "limited_by",
+            "repeatability",
+            "square",
+            "board",
+            "held_out",
+        )
         document: dict[str, object] = {name: getattr(self, name) for name in names}
         document["notes"] = list(self.notes)
         document["left_out"] = list(self.left_out)
@@ -320,9 +330,13 @@ def _glass(view: View, fit: Fit, layout: Layout, number: int) -> Lens:
     some = 6 * layout.frames + places
     covariance = fit.covariance[np.ix_(some, some)]
     return Lens(
-        view.shots.size, lens[:2].copy(), lens[2:4].copy(), lens[4:].copy(),
-        rms=float(np.sqrt(2.0) * fit.noise.corner[number]), covariance=covariance,
-    )  # fmt: skip
+        view.shots.size,
+        lens[:2].copy(),
+        lens[2:4].copy(),
+        lens[4:].copy(),
+        rms=float(np.sqrt(2.0) * fit.noise.corner[number]),
+        covariance=covariance,
+    )
 
 
 def _square(setting: Setting, fit: Fit, layout: Layout, half: float) -> Square:

@@ -48,7 +48,8 @@ def refuse_readings(structure: SpatialStructure, q: Array, seen: Seen, board: Pa
         sight = replace(few, in_hand=not few.in_hand) if finding.kind == "eye" else few
         there, _ = misfit(values[some], sight, 1)
         if there < _CLEAR * best:
-            best, words = there, finding.words
+            best = there
+            words = finding.words
             hint = finding.hint
             if finding.kind == "exchanged":
                 hint = "correct the header of the joints"

@@ -54,7 +54,8 @@ def find_pose(lens: Lens, points: Array, pixels: Array) -> Pose:
 
     Of the two poses of a plane seen from afar the better one. Raises LogError if none fits.
     """
-    cv2, camera = opencv(), (lens.matrix, lens.distortion)
+    cv2 = opencv()
+    camera = (lens.matrix, lens.distortion)
     found, turns, shifts, _ = cv2.solvePnPGeneric(points, pixels, *camera, flags=cv2.SOLVEPNP_IPPE)
     if not found:
         raise LogError("the reference's points lie on a line or in one place: no pose fits them")
@@ -85,7 +86,8 @@ class PlaneReference:
 
     def positions(self, pixels: ArrayLike) -> Array:
         """Return x and y (n, 2) [m] where rays of pixels (n, 2) meet the plane, else NaN."""
-        flat, camera = self.lens.undistort(pixels), self.pose.camera
+        flat = self.lens.undistort(pixels)
+        camera = self.pose.camera
         rays = np.c_[flat, np.ones(len(flat))] @ self.pose.rotation
         with np.errstate(divide="ignore", invalid="ignore"):
             far = (self.height - camera[2]) / rays[:, 2:]
@@ -100,7 +102,8 @@ class PlaneReference:
 
     def noise(self, pixels: Array) -> tuple[Array, Array]:
         """Return the scale of a pixel (n,), and the sd (n,) that pose and lens make for all [m]."""
-        base, variance = self.positions(pixels), np.zeros(len(pixels))
+        base = self.positions(pixels)
+        variance = np.zeros(len(pixels))
         x, y = (self.positions(pixels + step) - base for step in _HALF)
         values, vectors = np.linalg.eigh(self.pose.covariance)
         for d in (vectors * np.sqrt(np.maximum(values, 0.0))).T:
@@ -112,7 +115,8 @@ class PlaneReference:
 
     def told(self) -> dict[str, Any]:
         """Return the camera's pose over the frame, as plain values."""
-        rotation, camera = self.pose.rotation.tolist(), self.pose.camera.tolist()
+        rotation = self.pose.rotation.tolist()
+        camera = self.pose.camera.tolist()
         return {"kind": "plane", "rotation": rotation, "camera": camera, "height": self.height}
 
     @classmethod
@@ -122,7 +126,8 @@ class PlaneReference:
         Raises LogError if it tells none.
         """
         try:
-            told, lens = about["reference"], Lens.from_json(about["lens"])
+            told = about["reference"]
+            lens = Lens.from_json(about["lens"])
             rotation = np.array(told["rotation"], float).reshape(3, 3)
             shift = -rotation @ np.array(told["camera"], float).reshape(3)
             return cls(lens, Pose(rotation, shift, np.zeros((15, 15))), float(told["height"]))
@@ -200,6 +205,8 @@ def _middle(group: Sequence[Marks]) -> dict[int, Array]:
 
 def _elsewhere(middle: Marks, marks: Marks) -> bool:
     """Whether marks moved, by the median of them, or grew by a new focus, as a pose cannot tell."""
-    a, b = np.array([middle[n] for n in marks]), np.array([*marks.values()])
-    moved, growth = np.linalg.norm(b - a, axis=1), similarity(a, b)[2] - 1.0
+    a = np.array([middle[n] for n in marks])
+    b = np.array([*marks.values()])
+    moved = np.linalg.norm(b - a, axis=1)
+    growth = similarity(a, b)[2] - 1.0
     return bool(np.median(moved) > _MOVED or (abs(growth) > _STRETCH and moved.max() > _MOVED))

@@ -41,7 +41,8 @@ class Setup:
     pose: bool = False  # whether z and the orientation of the tag are wanted too
 
     def __post_init__(self) -> None:
-        layout, board = self.layout, self.board
+        layout = self.layout
+        board = self.board
         same = board is not None and board.dictionary.lower() == self.dictionary.lower()
         taken = board.tags if board is not None and same else 0
         refusals = {
@@ -82,7 +83,8 @@ class Setup:
         """Return what a picture shows of the reference."""
         if self._boards is not None:
             return self._boards.find(grey)
-        counts, at = Counter(t.number for t in tags), self.tags_at and self.tags_at.points
+        counts = Counter(t.number for t in tags)
+        at = self.tags_at and self.tags_at.points
         return {
             t.number: t.centre for t in tags if counts[t.number] == 1 and t.number in (at or ())
         }
@@ -113,7 +115,8 @@ class Sightings:
 
         Raises LogError if it is not there, or elsewhere in many.
         """
-        layout, lens = self.setting.layout, self.setting.lens
+        layout = self.setting.layout
+        lens = self.setting.lens
         if layout is None or lens is None:
             return None, frozenset()
         return watch(layout, self.marks, lens, self.setting.tag_height)
@@ -127,10 +130,16 @@ def sight(frames: Iterable[Frame], setting: Setup, what: str, every: int = 1) ->
         tags are there should this one not be
     Raises LogError if the tag is there twice in more than a tenth, or nowhere.
     """
-    found, marks, sample = dict[int, tuple[str, Tag]](), dict[int, Marks](), list[Picture]()
-    reasons, size, count, twice = Counter[str](), (0, 0), 0, list[str]()
+    found = dict[int, tuple[str, Tag]]()
+    marks = dict[int, Marks]()
+    sample = list[Picture]()
+    reasons = Counter[str]()
+    size = (0, 0)
+    count = 0
+    twice = list[str]()
     for number, name, grey in frames:
-        count, size = count + 1, (grey.shape[1], grey.shape[0])
+        count = count + 1
+        size = (grey.shape[1], grey.shape[0])
         if setting.lens is not None and setting.lens.size not in (size, UNSTATED):
             known = "{}x{}".format(*setting.lens.size)
             raise LogError(f"{name} is {size[0]}x{size[1]}, the lens was calibrated with {known}")

@@ -58,9 +58,14 @@ def log_pictures(
     reason = "the reference is elsewhere in them: camera bumped, shaken, refocused?"
     seen.reasons[reason] = len(q) - len(kept)
     return _assembled(
-        seen, [seen.tags[k] for k in kept], notes, {"source": "pictures"},
-        joint_names=joints.names, q=q[kept], pictures=tuple(seen.names[k] for k in kept),
-    )  # fmt: skip
+        seen,
+        [seen.tags[k] for k in kept],
+        notes,
+        {"source": "pictures"},
+        joint_names=joints.names,
+        q=q[kept],
+        pictures=tuple(seen.names[k] for k in kept),
+    )
 
 
 def log_video(
@@ -89,7 +94,10 @@ def log_video(
     joint_time, first = np.unique(stamps, return_index=True)
     if len(first) < 2:
         raise LogError(f"{joints.label} has {len(first)} times: expected a column 'time' [s]")
-    q, video, times, notes = joints.q[first], Video(path), list[float](), list[str]()
+    q = joints.q[first]
+    video = Video(path)
+    times = list[float]()
+    notes = list[str]()
 
     def frames() -> Iterator[Frame]:
         for number, (stamp, grey) in enumerate(video.frames()):
@@ -98,7 +106,8 @@ def log_video(
 
     every = max(1, video.claimed // LOOKS) if 0 < video.claimed < 10**7 else 100
     seen = sight(frames(), setting, "frames", every)
-    time, reasons = np.array(times), seen.reasons
+    time = np.array(times)
+    reasons = seen.reasons
     if video.claimed > 1.05 * len(time) + 2:
         notes.append(f"{len(time)} of {video.claimed} frames can be read: it is cut off")
     _check_motion(q, seen, video.name)
@@ -108,7 +117,8 @@ def log_video(
     if time_offset is None:
         clocks = align_clocks(time, pixels, joint_time, q, revolute)
         notes.append(clocks.words())
-    when, usable = clocks.joints_time(time), np.isfinite(pixels[:, 0])
+    when = clocks.joints_time(time)
+    usable = np.isfinite(pixels[:, 0])
     doubts = {"a jump of the track": jumps(pixels)} | covered(when, joint_time, max_gap)
     for why, wrong in doubts.items():
         reasons[why] = int((usable & wrong).sum())
@@ -120,24 +130,30 @@ def log_video(
         )
     slow = usable & (joint_speed(when, joint_time, q) < (_REST if still is None else still))
     if still is None:
-        groups, kind = _rests(when, pixels, slow), "the arm moves"
+        groups = _rests(when, pixels, slow)
+        kind = "the arm moves"
         notes.append(f"{len(groups)} rests of {np.mean([0, *map(len, groups)]):.0f} frames")
     else:
-        groups, kind = list(np.flatnonzero(slow)[:, None]), f"a joint moves faster than {still:g}"
+        groups = list(np.flatnonzero(slow)[:, None])
+        kind = f"a joint moves faster than {still:g}"
     reasons[kind] = int(usable.sum() - sum(map(len, groups)))
     if not groups:
         raise LogError(
             f"the arm never rests for {_LEAST} frames of {video.name}, or moves as slowly as "
             "`still`: record it with stops"
         )
-    tag_of, there = dict(zip(seen.numbers, seen.tags, strict=True)), joints_at(when, joint_time, q)
+    tag_of = dict(zip(seen.numbers, seen.tags, strict=True))
+    there = joints_at(when, joint_time, q)
     rows = np.array([np.median(when[group]) for group in groups])
     return _assembled(
-        seen, [_middle([tag_of[k] for k in group]) for group in groups], notes,
+        seen,
+        [_middle([tag_of[k] for k in group]) for group in groups],
+        notes,
         {"source": "video", "time_offset": clocks.offset, "rate": clocks.rate},
-        joint_names=joints.names, q=np.array([there[g].mean(axis=0) for g in groups]),
+        joint_names=joints.names,
+        q=np.array([there[g].mean(axis=0) for g in groups]),
         time=rows - rows[0],
-    )  # fmt: skip
+    )
 
 
 def _rests(when: Array, pixels: Array, still: Mask) -> list[Index]:
@@ -146,7 +162,8 @@ def _rests(when: Array, pixels: Array, still: Mask) -> list[Index]:
     moved = np.linalg.norm(np.diff(pixels[frames], axis=0), axis=1) > _SHAKE
     rests = []
     for run in np.split(frames, np.flatnonzero(moved | (np.diff(when[frames]) > _PAUSE)) + 1):
-        first, last = when[run[:1]] + SETTLE, when[run[-1:]] - SETTLE
+        first = when[run[:1]] + SETTLE
+        last = when[run[-1:]] - SETTLE
         settled = run[(when[run] >= first) & (when[run] <= last)]
         if len(settled) >= _LEAST:
             # the arm may still swing where its joints stand: only frames near the median count
@@ -180,14 +197,20 @@ def _assembled(
     seen: Sightings, tags: Sequence[Tag], notes: list[str], about: dict[str, Any], **more: Any
 ) -> Samples:
     """Put a log together from the tags of some pictures, and why others have none."""
-    setting, reference = seen.setting, seen.reference[0]
+    setting = seen.setting
+    reference = seen.reference[0]
     pixels = np.array([tag.centre for tag in tags])
-    x, unit, quaternion, scale, common = pixels, "px", None, np.ones(1), np.zeros(1)
+    x = pixels
+    unit = "px"
+    quaternion = None
+    scale = np.ones(1)
+    common = np.zeros(1)
     about |= {"size": list(seen.size), "tag": setting.tag, "dictionary": setting.dictionary}
     about["reference"] = {"kind": "pixels"} if reference is None else reference.told()
     if reference is not None:
         x, unit, (scale, common) = reference.positions(pixels), "m", reference.noise(pixels)
-    lens, size = setting.lens, setting.tag_size
+    lens = setting.lens
+    size = setting.tag_size
     if lens is not None:
         about["lens"] = lens.to_json()
     if setting.pose and lens is not None and size is not None:
@@ -198,8 +221,10 @@ def _assembled(
             scale = x[:, 2] / lens.focal.mean()
         else:
             frame = reference.pose.rotation
-            turns, x = frame.T @ turns, (x - reference.pose.shift) @ frame
-        quaternion, unit = quaternion_of(turns), "m"
+            turns = frame.T @ turns
+            x = (x - reference.pose.shift) @ frame
+        quaternion = quaternion_of(turns)
+        unit = "m"
     shared = float(np.sqrt(np.mean(common**2)))
     noise = np.array([tag.noise for tag in tags]) * scale
     dropped = {why: count for why, count in seen.reasons.items() if count}
@@ -210,6 +235,11 @@ def _assembled(
     about["noise_of_reference"] = shared
     about["dropped"] = dropped
     return Samples(
-        x=x, unit=unit, pixels=pixels, source=about, orientation=quaternion, notes=tuple(notes),
+        x=x,
+        unit=unit,
+        pixels=pixels,
+        source=about,
+        orientation=quaternion,
+        notes=tuple(notes),
         **more,
-    )  # fmt: skip
+    )

@@ -26,9 +26,11 @@ LEAST_NOISE = 0.03
 _SHARP = 0.8  # correlation with the print, below which a tag is not sharp
 # share of a cell that is not read, and pixels that a cell is read by: of 60 tags of some 20 px 40
 # are found, 25 with OpenCV's 4 pixels, 32 by those and a margin of .3 together
-_MARGIN, _READ = 0.2, 10
+_MARGIN = 0.2
+_READ = 10
 _BLUR = 3  # [px], Gaussian window over print and picture
-_STEPS, _SETTLED = 30, 1e-5
+_STEPS = 30
+_SETTLED = 1e-5
 _LEAST_CELL = 3  # [px]; a coarser pattern has no edges
 _SQUARES = (8, 96)  # [px], least and largest side of a board's square in its picture
 _DENSE = 1.5  # of a board's pattern over the picture: .011 px for .016 with 1, .012 with 3
@@ -88,7 +90,8 @@ class TagFinder:
     """Finds tags of one dictionary: wanted ids, or all, which takes ten times as long."""
 
     def __init__(self, dictionary: str = DICTIONARY, wanted: Collection[int] | None = None) -> None:
-        aruco, known = opencv().aruco, find_dictionary(dictionary)
+        aruco = opencv().aruco
+        known = find_dictionary(dictionary)
         count = len(known.bytesList)
         self.numbers = tuple(range(count) if wanted is None else sorted(set(wanted)))
         for number in {*self.numbers[:1], *self.numbers[-1:]}:
@@ -112,10 +115,13 @@ class TagFinder:
 
     def _measured(self, grey: Picture, number: int, corners: Array) -> Tag:
         cells = tag_cells(number, self.dictionary)
-        tag, n = Tag(number, corners, 0.5, sharp=False), len(cells)
+        tag = Tag(number, corners, 0.5, sharp=False)
+        n = len(cells)
         k = max(_LEAST_CELL, round(tag.side / n))
         pattern = np.pad(np.kron(cells, np.ones((k, k))), k // 2 + 1, constant_values=1.0)
-        low, high = k // 2 + 0.5, k // 2 + 0.5 + n * k  # pixels have whole centres
+        # pixels have whole centres
+        low = k // 2 + 0.5
+        high = k // 2 + 0.5 + n * k
         square = np.array([[low, low], [high, low], [high, high], [low, high]])
         start = opencv().getPerspectiveTransform(
             square.astype(np.float32), corners.astype(np.float32)
@@ -159,7 +165,8 @@ def lay_corners(grey: Picture, corners: Mapping[int, Array], board: Any) -> dict
         return {}
     side = np.linalg.norm(_mapped(over, flat + 0.5) - _mapped(over, flat - 0.5), axis=1)
     k = int(np.clip(round(_DENSE * np.median(side) / np.sqrt(2)), *_SQUARES))
-    page, refined = _page(board, k), {}
+    page = _page(board, k)
+    refined = {}
     for number, place, there in zip(corners, flat, seen, strict=True):
         at = np.maximum(np.round((place - _AROUND) * k).astype(int), 0)
         end = np.round((place + _AROUND) * k).astype(int)
@@ -188,10 +195,14 @@ def _laid(grey: Picture, pattern: Picture, start: Array) -> tuple[Array, float]:
     guess = back @ start
     try:
         likeness, found = cv2.findTransformECC(
-            pattern, grey[low[1] : end[1], low[0] : end[0]],
+            pattern,
+            grey[low[1] : end[1], low[0] : end[0]],
             np.ascontiguousarray(guess / guess[2, 2], np.float32),
-            cv2.MOTION_HOMOGRAPHY, stop, None, _BLUR,
-        )  # fmt: skip
+            cv2.MOTION_HOMOGRAPHY,
+            stop,
+            None,
+            _BLUR,
+        )
     except cv2.error:  # it did not converge, or the part is empty
         return start, 0.0
     return np.linalg.inv(back) @ np.asarray(found, float), float(likeness)

@@ -11,7 +11,9 @@ from ..common.arrays import Array, Mask
 from ..common.rows import thinned
 
 _SEARCHED = 120  # rows that a shift is judged by
-_FARTHEST, _FEWEST = 3, 18  # rows that are tried, and needed, for a shift
+# rows that are tried, and needed, for a shift
+_FARTHEST = 3
+_FEWEST = 18
 _WINDOW = 7  # frames whose median says where the tip is
 SOFT = 1e-4
 """Ridge, relative to the kernel's one."""
@@ -77,7 +79,8 @@ def jumps(x: Array) -> Mask:
     """
     from scipy.ndimage import median_filter
 
-    result, seen = np.zeros(len(x), bool), np.isfinite(x[:, 0])
+    result = np.zeros(len(x), bool)
+    seen = np.isfinite(x[:, 0])
     if seen.sum() >= _WINDOW:
         away = x[seen] - median_filter(x[seen], (_WINDOW, 1), mode="nearest")
         scale = 1.48 * median_filter(np.abs(away), (_WINDOW, 1), mode="nearest").max(axis=1)

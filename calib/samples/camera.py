@@ -21,7 +21,10 @@ from ..errors import LogError
 #: Widths and heights [px] that a camera's pictures usually have.
 _SIZES = ((640, 480), (800, 600), (1280, 720), (1280, 960), (1920, 1080), (3840, 2160))
 #: A lens that nobody calibrated: mean and sd of the focal length, sd of the centre [widths], of k1.
-FOCAL, FOCAL_SD, CENTRE_SD, K1_SD = 0.7, 0.24, 0.04, 0.3
+FOCAL = 0.7
+FOCAL_SD = 0.24
+CENTRE_SD = 0.04
+K1_SD = 0.3
 #: A calibrated lens that bends otherwise than k1 can say by more than this [px] is fitted again.
 _BENT = 0.3
 
@@ -44,16 +47,19 @@ def camera_of(about: Mapping[str, Any], pixels: ArrayLike) -> Camera:
     Raises LogError if the lens is impossible, or pixels lie outside of its pictures.
     """
     pixels = np.asarray(pixels, dtype=float)
-    low, high = pixels.min(axis=0), pixels.max(axis=0)
+    low = pixels.min(axis=0)
+    high = pixels.max(axis=0)
     if "lens" not in about:
-        size, note = about.get("size"), ""
+        size = about.get("size")
+        note = ""
         if not (isinstance(size, list) and len(size) == 2):
             size = next(
                 (s for s in _SIZES if (high < s).all()), np.maximum(high.astype(int) + 2, 1)
             )
             note = f"the camera's pictures are taken to be {size[0]}x{size[1]} px; a known lens "
             note += "says more"
-        width, height = int(size[0]), int(size[1])
+        width = int(size[0])
+        height = int(size[1])
         sd = (FOCAL_SD * width, CENTRE_SD * width, CENTRE_SD * width, K1_SD)
         return Camera((width, height), (FOCAL * width, width / 2, height / 2, 0.0), sd, note)
     camera = _calibrated(about["lens"])
@@ -102,7 +108,8 @@ def bent(n: ArrayLike, distortion: ArrayLike) -> Array:
     """
     n = np.asarray(n, dtype=float)
     k1, k2, p1, p2, k3 = np.asarray(distortion, dtype=float)
-    x, y = n[..., 0], n[..., 1]
+    x = n[..., 0]
+    y = n[..., 1]
     r2 = x**2 + y**2
     radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))
     tangential = [

@@ -37,7 +37,8 @@ class Delay:
     def note(self) -> str:
         """What the user should be told, empty for nothing."""
         factor, unit = (1e3, "ms") if self.unit == "s" else (1.0, "rows")
-        side, sd = "late" if self.value > 0 else "early", 1.96 * factor * self.sd
+        side = "late" if self.value > 0 else "early"
+        sd = 1.96 * factor * self.sd
         words = f"{factor * abs(self.value):.3g} +- {sd:.2g} {unit} {side} against the joints"
         if self.clear:
             return f"the positions are {words}: corrected; poses at rest do not depend on clocks"
@@ -87,9 +88,11 @@ class Trajectory:
         """
         from scipy.interpolate import CubicHermiteSpline
 
-        when, result = self.time - delay, np.full((2, *self.q.shape), np.nan)
+        when = self.time - delay
+        result = np.full((2, *self.q.shape), np.nan)
         for rows in np.split(np.arange(len(when)), np.flatnonzero(~self.joined) + 1):
-            t, q = self.time[rows], self.q[rows]
+            t = self.time[rows]
+            q = self.q[rows]
             inside = rows[(when[rows] >= t[0]) & (when[rows] <= t[-1])]
             if len(rows) > 2:
                 path = CubicHermiteSpline(t, q, np.gradient(q, t, axis=0))
@@ -142,15 +145,18 @@ def estimate_delay(
     Returns the delay and how the parameters change with it (k,), None where nothing moves.
     """
     rows = np.flatnonzero(np.isfinite(velocity).all(axis=1) & np.isfinite(residual).all(axis=1))
-    n, m = len(rows), residual.shape[1]
-    r, late = residual[rows], -velocity[rows].reshape(-1, 1)
+    n = len(rows)
+    m = residual.shape[1]
+    r = residual[rows]
+    late = -velocity[rows].reshape(-1, 1)
     if n < 20 or not np.abs(late).max() > 0:
         return None
     X = np.empty((n * m, 0)) if columns is None else columns[rows].reshape(n * m, -1)
     size = np.linalg.norm(r, axis=1)
     noise = float(np.median(size)) / np.sqrt(m) + 1e-9 * float(np.abs(late).max())
     weight = (settings.DELAY_NU + m) / (settings.DELAY_NU + (size / noise) ** 2) / noise**2
-    W, prior = np.repeat(weight, m)[:, None], np.asarray(precision, float)
+    W = np.repeat(weight, m)[:, None]
+    prior = np.asarray(precision, float)
     normal = X.T @ (W * X) + np.diag(prior)
 
     def beside(A: Array) -> tuple[Array, Array]:
@@ -165,7 +171,8 @@ def estimate_delay(
     def share(A: Array) -> float:
         """Share of the weighted squares that columns explain beyond the parameters."""
         own = beside(A)[1]
-        G, b = A.T @ (W * own), own.T @ (W * left)
+        G = A.T @ (W * own)
+        b = own.T @ (W * left)
         explained = np.sum(b * (np.linalg.pinv(G, hermitian=True) @ b))
         return float(explained / np.sum(W * left**2))
 

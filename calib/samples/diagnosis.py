@@ -82,23 +82,28 @@ def diagnose(
     if predict is None:
         return _unmoved(q, x, names)
     rows = thinned(len(q), settings.DIAGNOSED_ROWS)
-    q, x, turns = q[rows], x[rows], None if turns is None else turns[rows]
+    q = q[rows]
+    x = x[rows]
+    turns = None if turns is None else turns[rows]
     predicted = predict(q)
     known = np.isfinite(predicted).all(axis=1)
     few = len(q) < settings.FEWEST_ROWS or known.mean() <= 0.5
     if few or not np.ptp(predicted[known], axis=0).any():
         return ()
-    flat, size = unit == "px" or predicted.shape[1] != x.shape[1], spread(x)
+    flat = unit == "px" or predicted.shape[1] != x.shape[1]
+    size = spread(x)
 
     def left(q: Array, *, tool: bool = True) -> float:
         """Median distance that is left of rows read otherwise; `tool`: one of unknown size."""
-        found, affine = predict(q), flat
+        found = predict(q)
+        affine = flat
         known = np.isfinite(found).all(axis=1)
         if known.mean() < 0.6:
             return float("inf")
         if tool and pose is not None and len(q) >= settings.TOOL_ROWS:  # positions are linear in it
             place, turn = pose(q)
-            found, affine = np.column_stack([place, matrix_of(turn).reshape(-1, 9)]), True
+            found = np.column_stack([place, matrix_of(turn).reshape(-1, 9)])
+            affine = True
         return misfit(found[known], x[known], affine=affine)
 
     ratio = size / max(spread(predicted), 1e-300)
@@ -155,7 +160,8 @@ def readings(
     joints = range(len(names))
 
     def units() -> Iterator[_Reading]:
-        words, kind = "its joint values are", "degrees"
+        words = "its joint values are"
+        kind = "degrees"
         degrees = Finding(kind, f"{words} degrees", "give `degrees=True`", kind, value=False)
         radians = Finding(kind, f"{words} radians", "leave out `degrees`", kind, value=True)
         yield np.where(revolute, np.deg2rad(q), q), degrees
@@ -219,7 +225,10 @@ def _turned(place: Array, nominal: Array, x: Array, turns: Array) -> Finding | N
     known = np.isfinite(place).all(axis=1) & np.isfinite(nominal).all(axis=1)
     if known.sum() < settings.FEWEST_ROWS:
         return None
-    place, nominal, x, turns = place[known], matrix_of(nominal[known]), x[known], turns[known]
+    place = place[known]
+    nominal = matrix_of(nominal[known])
+    x = x[known]
+    turns = turns[known]
     seen = matrix_of(turns)
     back = np.swapaxes(seen, 1, 2)
 
@@ -236,14 +245,25 @@ def _turned(place: Array, nominal: Array, x: Array, turns: Array) -> Finding | N
     own = away(x, seen)
     order = "{'qx': 'qy', 'qy': 'qz', 'qz': 'qw', 'qw': 'qx'}"
     others = (
-        (-(back @ x[:, :, None])[:, :, 0], back, "the poses are inverted: they are those of the "
-         "sensor in the tool's frame", "write the tool's pose in the sensor's: -R'x, the conjugate "
-         "quaternion"),
-        (x, matrix_of(turns[:, [1, 2, 3, 0]]), "qx, qy, qz, qw are in the order w, x, y, z",
-         f"give `columns={order}`"),
-        (x, back, "the orientations are inverted: of the sensor in the tool's frame",
-         "conjugate the quaternions: change the signs of qx, qy and qz"),
-    )  # fmt: skip
+        (
+            -(back @ x[:, :, None])[:, :, 0],
+            back,
+            "the poses are inverted: they are those of the sensor in the tool's frame",
+            "write the tool's pose in the sensor's: -R'x, the conjugate quaternion",
+        ),
+        (
+            x,
+            matrix_of(turns[:, [1, 2, 3, 0]]),
+            "qx, qy, qz, qw are in the order w, x, y, z",
+            f"give `columns={order}`",
+        ),
+        (
+            x,
+            back,
+            "the orientations are inverted: of the sensor in the tool's frame",
+            "conjugate the quaternions: change the signs of qx, qy and qz",
+        ),
+    )
     for where, read, words, hint in others if own[1] > settings.TURNED else ():
         better = away(where, read) < settings.FAR_BETTER * own
         if better[1] and (better[0] or where is x):
@@ -256,7 +276,8 @@ def rows_behind(predict: Predict, q: Array, x: Array, unit: str = "m", most: int
 
     Rows along a path fit nearly as well a row later; poses in any order fit not at all.
     """
-    n, predicted = len(q), predict(q)
+    n = len(q)
+    predicted = predict(q)
     most = min(most, n // 5)
     if most < 1 or not np.isfinite(predicted).all():
         return 0

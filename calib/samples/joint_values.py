@@ -69,7 +69,8 @@ class LoggedJoint:
 
     def check_unit(self, values: Array, rows: Index) -> None:
         """Refuse angles (n,) [rad] of another unit: too many turns, or in range as degrees."""
-        low, high = float(values.min()), float(values.max())
+        low = float(values.min())
+        high = float(values.max())
         most = max(abs(low), abs(high))
         fits = False
         if self.limits and not self.degrees and most > TURN:  # small ones look like degrees too
@@ -86,10 +87,12 @@ class LoggedJoint:
 
         rows : (n,), their numbers in the file
         """
-        low, high = float(values.min()), float(values.max())
+        low = float(values.min())
+        high = float(values.max())
         if self.limits is None and not self.revolute:
             return values, (low, high), []
-        limits, moved = self.limits or (-math.pi, math.pi), values
+        limits = self.limits or (-math.pi, math.pi)
+        moved = values
         full = self.revolute and limits[1] - limits[0] >= TURN - 1e-9
         excess = beyond(values, *limits)
         if self.revolute and excess > 0:
@@ -134,8 +137,10 @@ class LoggedJoint:
         words = f"{self.name} is {self._show(values[row])}, outside of the range"
         return self.error(
             f"{self.label}, row {rows[row]}: {words} {self._show(*limits)}",
-            hint=hint, parameter=parameter, value=float(values[row]) if value is None else value,
-        )  # fmt: skip
+            hint=hint,
+            parameter=parameter,
+            value=float(values[row]) if value is None else value,
+        )
 
 
 def beyond(values: Array, low: float, high: float) -> float:
@@ -179,12 +184,14 @@ def locked_from_log(
     Returns values : [rad or m], the median of each joint's column, for `load_arm(..., lock=values)`
     Returns notes : a warning for each joint that moved more than 0.5 deg or 1 mm from it
     """
-    source, called = open_source(path), columns or {}
+    source = open_source(path)
+    called = columns or {}
     found = {n: called.get(n, n) for n in names if n in called or n in source.header}
     if not found:
         return {}, []
     table, rows = source.drawn(settings.HELD_ROWS, 0)[0].numbers(list(found.values()))
-    values, notes = {}, []
+    values = {}
+    notes = []
     for name, stood in zip(found, table.T, strict=True):
         turns = name not in prismatic
         if not np.isfinite(stood).any():

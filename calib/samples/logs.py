@@ -115,7 +115,8 @@ def read_log(
             hint="for a planar part of the arm name its joints, or give `planar=True`",
             parameter="planar",
         )
-    names, ranges = roles.joints, dict(ranges or {})
+    names = roles.joints
+    ranges = dict(ranges or {})
     revolute = tuple(arm.revolute if arm is not None else (n not in prismatic for n in names))
     if arm is None and not {*prismatic} <= {*names}:
         words = f"{listed(prismatic)} named as sliding: expected some of the joints"
@@ -131,7 +132,9 @@ def read_log(
     held = f"{total:,} rows: {most:,} of them, drawn evenly, are held; other counts are of these"
     kept, dropped, left_out, told = _sound(source.label, values, numbers, roles, revolute, ranges)
     notes = [held] * (total > most) + told
-    values, facts, numbers = values[kept], facts[kept], numbers[kept]
+    values = values[kept]
+    facts = facts[kept]
+    numbers = numbers[kept]
     q, x, turns, spread = np.split(values, np.cumsum([len(some) for some in roles[:3]]), axis=1)
     lower, upper = np.empty((2, len(names)))
     for k, name in enumerate(names):
@@ -160,12 +163,25 @@ def read_log(
     refuse_mistakes(diagnose(None, q, x, names, revolute), source.label)
     if arm is not None:
         found = diagnose(
-            arm.forward, q, x, names, revolute, unit=unit, turns=orientation,
-            pose=arm.pose if isinstance(arm, SpatialArm) else None, left_handed=plane is not None,
-        )  # fmt: skip
+            arm.forward,
+            q,
+            x,
+            names,
+            revolute,
+            unit=unit,
+            turns=orientation,
+            pose=arm.pose if isinstance(arm, SpatialArm) else None,
+            left_handed=plane is not None,
+        )
         notes += refuse_mistakes(found, source.label)
     samples = Samples(
-        q, x, names, lower, upper, revolute, unit,
+        q,
+        x,
+        names,
+        lower,
+        upper,
+        revolute,
+        unit,
         dropped=dropped,
         arm=replace(arm, lower=lower, upper=upper) if arm else None,
         notes=tuple(notes),
@@ -179,7 +195,7 @@ def read_log(
         rows=numbers,
         **{name: fact for name, fact in zip(further, facts.T, strict=True) if _whole(fact)},
         left_out=left_out,
-    )  # fmt: skip
+    )
     return samples if time_offset is None else with_offset(samples, time_offset)
 
 
@@ -230,7 +246,8 @@ def _sound(
     values[~kept] = 0.0
     for k in (k for k, name in enumerate(roles.joints) if name in chosen):
         low, high = chosen[roles.joints[k]]
-        edge, column = settings.ROUNDED * (high - low), values[:, k]
+        edge = settings.ROUNDED * (high - low)
+        column = values[:, k]
         column = wrap(column, low, high) if revolute[k] else column
         away = (column < low - edge) | (column > high + edge)
         leave_out(away, f"have {roles.joints[k]} outside of the chosen range")

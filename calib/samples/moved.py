@@ -46,13 +46,15 @@ def moved_at(q: Array, residual: Array) -> tuple[int, float] | None:
     from scipy.spatial import cKDTree  # takes .2 s
 
     rows = thinned(len(q), _ROWS)
-    q, residual = q[rows], residual[rows]
+    q = q[rows]
+    residual = residual[rows]
     found: list[tuple[float, int, float]] = []
     for k in np.linspace(0, len(q), _PARTS + 1)[1:-1].astype(int).tolist():
         sides = slice(k), slice(k, None)
         if min(k, len(q) - k) < _LEAST:
             continue
-        within, across = [], []
+        within = []
+        across = []
         for own, other in (sides, sides[::-1]):
             nearest: Any = cKDTree(q[own]).query(q[own], 2)
             others: Any = cKDTree(q[other]).query(q[own])
@@ -65,7 +67,8 @@ def moved_at(q: Array, residual: Array) -> tuple[int, float] | None:
         if min(map(len, within)) < _LEAST // 2 or not np.concatenate(within).any():
             continue
         # a few wild rows are no step: medians; the noise of each side is half of what lies across
-        usual, now = float(np.mean([np.median(w) for w in within])), float(np.median(beyond))
+        usual = float(np.mean([np.median(w) for w in within]))
+        now = float(np.median(beyond))
         error = 2.0 / np.sqrt(residual.shape[1] * len(beyond))
         gain = np.log(max(now, 1e-300) / max(usual, 1e-300)) / error  # exact rows leave nothing
         if now > _TIMES * usual and gain > _SURE:

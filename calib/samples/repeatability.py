@@ -186,7 +186,8 @@ def scatter(visits: Visits, x: Array, unit: str = "m") -> Repeatability:
     # E[between] = free * noise^2 + size * return^2, with the visits' weights in each pose
     size = axes * float((total - np.bincount(pose, readings.astype(float) ** 2) / total).sum())
     noise = sensor**2 if free_within else 0.0
-    arm, arm_interval = math.nan, (math.nan, math.nan)
+    arm = math.nan
+    arm_interval = (math.nan, math.nan)
     if free_between:
         arm = math.sqrt(max(between - free_between * noise, 0.0) / size)
         low, high = _deviation(between, free_between)[1]

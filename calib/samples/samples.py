@@ -81,7 +81,8 @@ class Samples:
     in_time: bool = False  # whether the user said how late positions are: nothing is estimated
 
     def __post_init__(self) -> None:
-        names, dof = tuple(self.joint_names), len(self.joint_names)
+        names = tuple(self.joint_names)
+        dof = len(self.joint_names)
         own = {"joint_names": names, "revolute": tuple(self.revolute) or (True,) * dof}
         for name, value in {**own, "notes": tuple(self.notes)}.items():
             object.__setattr__(self, name, value)

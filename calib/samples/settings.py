@@ -7,10 +7,12 @@ import math
 HELD_ROWS = 200_000
 """Rows of a log that are held in memory; of a longer one so many are drawn."""
 
-ROUNDED, SLACK = 1e-4, 0.05
+ROUNDED = 1e-4
+SLACK = 0.05
 """Shares of a range by which values may leave it: limits are rounded, and arms differ."""
 
-LOCKED, STILL = {True: math.radians(5.0), False: 2e-2}, {True: math.radians(0.5), False: 1e-3}
+LOCKED = {True: math.radians(5.0), False: 2e-2}
+STILL = {True: math.radians(0.5), False: 1e-3}
 """Motion [rad where a joint turns, else m] of a locked joint that takes part, and that is told."""
 
 LOCKED_SHARE = 0.02
@@ -19,7 +21,8 @@ LOCKED_SHARE = 0.02
 DIAGNOSED_ROWS = 400
 """Rows that a diagnosis looks at: 720 orders of six joints take a second."""
 
-FEWEST_ROWS, TOOL_ROWS = 8, 39
+FEWEST_ROWS = 8
+TOOL_ROWS = 39
 """Rows below which a similarity in space, or a tool of unknown size, explains nearly anything."""
 
 FAR_BETTER = 0.2
@@ -27,7 +30,8 @@ FAR_BETTER = 0.2
 
 Arms with links off by a tenth and offsets by 8 deg stay above it, exchanged columns below .1."""
 
-GOOD, SMALL = 0.1, 0.005
+GOOD = 0.1
+SMALL = 0.005
 """Shares of the extent below which kinematics are right but for two exchanged columns, and nothing
 is doubted: a reversed wrist leaves 2 %, a drawing is right to .2 %."""
 
@@ -37,7 +41,9 @@ MOST_ORDERED = 6
 PATH = 0.1
 """Median step of the joints over their spread, above which rows are no motion."""
 
-USUAL_SIZE, SAME_UNIT, PIXELS_RATIO = (0.5, 2.0), 0.05, 5.0
+USUAL_SIZE = (0.5, 2.0)
+SAME_UNIT = 0.05
+PIXELS_RATIO = 5.0
 """An extent this many times the nominal one needs no word (lengths were typed wrong by less), is
 that of another unit within this share (900 is no millimetre), and beyond that of pixels."""
 
@@ -47,11 +53,15 @@ TURNED = 0.3
 OUT_OF_PLANE = 0.02
 """Share of the extent by which positions of a planar arm may leave their plane (rms)."""
 
-GROSS, SPREAD, GROSS_SHARE = 10.0, 4.0, 1e-4
+GROSS = 10.0
+SPREAD = 4.0
+GROSS_SHARE = 1e-4
 """A residual is gross beyond so many medians, so many times what seven rows in ten stay below, and
 this share of the extent: no row of 80 clean logs of 20 to 600 rows is."""
 
-AROUND, NEAR, APART = 15, 2.5, 10.0
+AROUND = 15
+NEAR = 2.5
+APART = 10.0
 """Neighbours that a suspect row is compared with, how many times as far as usual they may be (in a
 corner of the range they are twice as far), and by how many times their scatter it has to differ."""
 
@@ -64,19 +74,24 @@ UNSURE = 10.0
 LEAST_CORNER = 8
 """Rows from which on those that stand together, all off by the same, are told."""
 
-FITTED_ROWS, ROWS_PER_TERM, TERMS = 1500, 5, 243
+FITTED_ROWS = 1500
+ROWS_PER_TERM = 5
+TERMS = 243
 """Rows that a robust fit of a rigid chain rests on, rows for each of its functions, and how many
 functions: those of five joints that turn."""
 
 LONGEST_PAUSE = 5.0
 """Median steps of time between two rows beyond which they are not one motion."""
 
-CLEAR_DELAY, DOUBTED_DELAY, DELAY_SHARE = 5.0, 3.0, 0.1
+CLEAR_DELAY = 5.0
+DOUBTED_DELAY = 3.0
+DELAY_SHARE = 0.1
 """A delay is corrected beyond so many standard deviations, told from fewer on, if it explains this
 share of the squared residuals: real series of poses at rest stay below .02, a clock that is 1 ms
 late at 1 rad/s of a UR5 measured to .1 mm explains .9."""
 
-DELAY_BLOCKS, DELAY_NU = 20, 4.0
+DELAY_BLOCKS = 20
+DELAY_NU = 4.0
 """Blocks of neighbouring rows that vary on their own, and degrees of freedom of the noise."""
 
 LARGEST_ARM = 20.0

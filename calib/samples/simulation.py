@@ -179,7 +179,8 @@ class Simulation:
 
     def draw(self, n: int, rng: Generator) -> Array:
         """Draw what the encoders read (n, dof) [rad or m], uniformly from the arm's range."""
-        low, high = np.asarray(self.arm.lower), np.asarray(self.arm.upper)
+        low = np.asarray(self.arm.lower)
+        high = np.asarray(self.arm.upper)
         return np.clip(rng.uniform(low, high, size=(n, len(low))), low, high)  # it may round up
 
     def exact(self, q: ArrayLike) -> Array:
@@ -254,7 +255,8 @@ class Simulation:
         for factors in (*self._of_sensor("mirror"), *self._of_sensor("scale")):
             x *= factors
         for (angle,) in self._of_sensor("rotate"):
-            c, s = math.cos(angle), math.sin(angle)
+            c = math.cos(angle)
+            s = math.sin(angle)
             x = x @ np.array([[c, s], [-s, c]])
         for shift in self._of_sensor("shift"):
             x += shift

@@ -139,7 +139,8 @@ def open_source(path: str | os.PathLike[str] | Source) -> Source:
     if isinstance(path, Source):
         return path
     name = os.fspath(path)
-    label, file = "standard input" if name == "-" else printable(name), Path(name)
+    label = "standard input" if name == "-" else printable(name)
+    file = Path(name)
     try:
         if file.is_dir() or (file.exists() and file.suffix.lower() in RECORDINGS):
             hint = f"of a bag, pictures or a video make a log: calib log {label} -o log.csv"
@@ -150,7 +151,8 @@ def open_source(path: str | os.PathLike[str] | Source) -> Source:
     except (OSError, ValueError) as error:
         why = getattr(error, "strerror", None) or error
         raise LogError(f"cannot read {label!r}: {why}") from None
-    text, about = not head.startswith(b"PAR1"), ""
+    text = not head.startswith(b"PAR1")
+    about = ""
     lines = head.decode("utf-8-sig", errors="replace").splitlines() if text else [KEY]
     lines = [line for line in lines if line.strip()]
     if lines and lines[0].startswith(COMMENT):
@@ -243,7 +245,8 @@ def read_batch(
     """
     import polars as pl
 
-    source, called = open_source(path), dict(columns or {})
+    source = open_source(path)
+    called = dict(columns or {})
     there = [g for g in more if {called.get(name, name) for name in g} <= {*source.header}]
     names = (*names, *(name for group in there for name in group))
     held = {called.get(name, name): name for name in names}

@@ -60,14 +60,18 @@ def read_touches(
     good = np.isfinite(q).all(axis=1) & (touched | np.isfinite(stated).all(axis=1))
     if not (good & touched).any():
         raise LogError(f"{source.label} has no row with all joints and a point")
-    lower, upper = q[good].min(axis=0) - 1e-9, q[good].max(axis=0) + 1e-9
+    lower = q[good].min(axis=0) - 1e-9
+    upper = q[good].max(axis=0) + 1e-9
     if arm is not None:
         limits = (arm.joint_names, arm.lower, arm.upper, arm.revolute)
         check_joint_values(q, *limits, degrees=degrees, label=source.label)
-        lower, upper = np.minimum(arm.lower, lower), np.maximum(arm.upper, upper)
+        lower = np.minimum(arm.lower, lower)
+        upper = np.maximum(arm.upper, upper)
     sockets = tuple(sorted({pairs[k] for k in np.flatnonzero(good & touched)}))
     number = np.array([sockets.index(p) if p in sockets else -1 for p in pairs], dtype=np.intp)
-    q, stated, number = q[good], stated[good], number[good]
+    q = q[good]
+    stated = stated[good]
+    number = number[good]
     spots = [stated[number == k][0] for k in range(len(sockets))]
     known = tuple(  # distances of points whose coordinates are stated, within each setup
         Known((i, j), float(np.linalg.norm(spots[i] - spots[j])))
@@ -82,7 +86,17 @@ def read_touches(
     x = np.zeros((len(q), 3)) if arm is None else touches.means(arm.forward(q))[number]
     x = np.where((number >= 0)[:, None], x, stated)
     return Samples(
-        q, x, names, lower, upper, tuple(revolute),
-        dropped=int((~good).sum()), arm=arm, touch=touches, columns=dict(called), degrees=degrees,
-        notes=tuple(notes), rows=rows[good],
-    )  # fmt: skip
+        q,
+        x,
+        names,
+        lower,
+        upper,
+        tuple(revolute),
+        dropped=int((~good).sum()),
+        arm=arm,
+        touch=touches,
+        columns=dict(called),
+        degrees=degrees,
+        notes=tuple(notes),
+        rows=rows[good],
+    )

@@ -27,7 +27,8 @@ def screen(samples: Samples) -> tuple[Mask, list[str]]:
     1, cos, sin of the joints; where the rows are too few for that (45 of two joints, 135 of three),
     with the robot's nominal kinematics.
     """
-    n, kinds = len(samples), samples.revolute
+    n = len(samples)
+    kinds = samples.revolute
     rows = np.random.default_rng(0).choice(n, min(n, settings.FITTED_ROWS), replace=False)
     terms = int(np.prod([3 if turns else 2 for turns in kinds]))
 
@@ -67,13 +68,15 @@ def contradictions(samples: Samples, residual: Array) -> tuple[Mask, list[str]]:
     from scipy.spatial import cKDTree
 
     scale = Scale.of_range(samples.lower, samples.upper, samples.revolute)
-    u, around = scale.to_unit(samples.q), min(settings.AROUND, len(samples) - 1)
+    u = scale.to_unit(samples.q)
+    around = min(settings.AROUND, len(samples) - 1)
     tree = cKDTree(u, boxsize=scale.periodic.astype(float) if scale.periodic.any() else None)
     some = thinned(len(u), settings.FITTED_ROWS)
     usual = float(np.median(tree.query(u[some], k=[around + 1])[0]))
     reach, near = map(np.asarray, tree.query(u[suspects], k=np.arange(1, around + 2)))
     close = reach[:, -1] <= settings.NEAR * usual
-    suspects, near = suspects[close], near[close]
+    suspects = suspects[close]
+    near = near[close]
     others = residual[near]
     others[near == suspects[:, None]] = np.nan  # a row is no neighbour of its own
     middle = np.nanmedian(others, axis=1)

@@ -54,7 +54,8 @@ def outline(model: Model) -> Array:
     if len(reached) < 3:
         return np.empty((0, 2, 2))
     step = np.ptp(reached, axis=0).max() / _CELLS
-    low, high = reached.min(axis=0) - 3 * step, reached.max(axis=0) + 4 * step
+    low = reached.min(axis=0) - 3 * step
+    high = reached.max(axis=0) + 4 * step
     x, y = (np.arange(a, b, step) for a, b in zip(low, high, strict=True))
     tree = cKDTree(reached)
     away = np.asarray(tree.query(np.stack(np.meshgrid(x, y), axis=-1))[0]) / step

@@ -18,7 +18,9 @@ from .smooth import SmoothPart
 
 _ROUNDING = 4e-15  # share of the extent: what an answer in double precision is sure of at best
 _DRAWN = 12_000  # exact samples that the bounds of a simulation are learned from
-_LEAST, _ROWS = 20, 5_000  # rows that play is learned from
+# rows that play is learned from
+_LEAST = 20
+_ROWS = 5_000
 _TREND = 7  # degree of what a joint's value tells of its direction
 
 
@@ -51,9 +53,11 @@ def simulated_bounds(
 
     play : (dof,), half the play of each joint, where the direction of approach is known
     """
-    scale, rng = model.motor.scale, np.random.default_rng(seed)
+    scale = model.motor.scale
+    rng = np.random.default_rng(seed)
     q = simulation.draw(_DRAWN, rng)
-    x, side = simulation.true(q, rng), directions(q)
+    x = simulation.true(q, rng)
+    side = directions(q)
     stand = q if play is None else q - play * side
     u = scale.to_unit(stand)
     inside = model.covers(stand)
@@ -70,7 +74,8 @@ def play_of(samples: Samples, part: SmoothPart) -> Array | None:
     simulation = samples.simulation
     if len(part.rows) < _LEAST or (simulation is not None and not simulation.hidden):
         return None  # nothing that rows could show
-    rows, scale = part.rows[:: -(-len(part.rows) // _ROWS)], part.smooth.scale
+    rows = part.rows[:: -(-len(part.rows) // _ROWS)]
+    scale = part.smooth.scale
     u = scale.to_unit(samples.q[rows])
     value, slope = part.smooth.value_and_slope(u)
     side = directions(samples.q)[rows]

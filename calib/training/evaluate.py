@@ -36,7 +36,8 @@ _FAR_NEARER = 0.5  # of the median error: a frame that moved explains so much
 _FRESH = 10  # rows that were not learned, from which on errors are told
 _SAMPLES = 10_000
 # rows that errors are measured on, of maps and of a body; more would tell no more
-_TESTED, _ANSWERED = 5_000, 1_000
+_TESTED = 5_000
+_ANSWERED = 1_000
 _FOLDS = 20  # maps are tested on blocks that those of every other block did not show
 
 
@@ -71,7 +72,8 @@ class Residuals:
         `truth` is the true kinematics; without it (a log) the learned map tells how far the
         answered joints lead from the recorded ones.
         """
-        scale, value = model.motor.scale, model.predictor.value
+        scale = model.motor.scale
+        value = model.predictor.value
         u = scale.to_unit(q)
         inverse = {r: scale.difference(a, u) * scale.span for r, a in answers.items()}
         there = x if truth is not None else value(u)
@@ -127,18 +129,24 @@ def held_out_residuals(
 
     `left` is what the default readout leaves over of the rows of `part` that it has not seen.
     """
-    n, scale, clip = len(samples), model.motor.scale, model.solver.clip
+    n = len(samples)
+    scale = model.motor.scale
+    clip = model.solver.clip
     forward: dict[str, Array] = {}
-    rows, turned = np.arange(0, n, max(1, n // _TESTED)), None
+    rows = np.arange(0, n, max(1, n // _TESTED))
+    turned = None
     if part is not None and left is not None:
         some = slice(None, None, max(1, len(left) // _ANSWERED))
-        rows, turned = part.rows[some], part.fit.turned
+        rows = part.rows[some]
+        turned = part.fit.turned
         turned = None if turned is None else turned[some]
         forward["local"] = -left[some]
         if "body" in model.readouts:
             forward["body"] = -part.fit.held_out[some]
-    q, x = samples.q[rows], samples.x[rows]
-    here, near = model.predictor.value(scale.to_unit(q)), clip(scale.to_unit(q))
+    q = samples.q[rows]
+    x = samples.x[rows]
+    here = model.predictor.value(scale.to_unit(q))
+    near = clip(scale.to_unit(q))
     # a target that a held-out prediction misses is answered by joints that the map leads there
     answers = {
         readout: unit_joints(model, here - error, near, ("local",))["local"]
@@ -349,7 +357,8 @@ def _in_frame(model: Model, samples: Samples, *, free: bool) -> tuple[Samples, l
     known = np.isfinite(tip).all(axis=1)
     if known.sum() < _PLACED:
         return samples, []
-    x, tip = samples.x[known], tip[known]
+    x = samples.x[known]
+    tip = tip[known]
     turn, _, _ = similarity(x, tip)
     shift = np.median(tip - x @ turn.T, axis=0)
     moved = x @ turn.T + shift
@@ -377,7 +386,8 @@ def _turned(model: Model, samples: Samples) -> Array | None:
     """Errors (n,) of the orientation [rad], None where it is not measured or not known."""
     if samples.orientation is None or not knows_orientation(model.body):
         return None
-    space, q = Space.of(model), model.about.joints_of(samples)
+    space = Space.of(model)
+    q = model.about.joints_of(samples)
     predicted = space.to_sensor(*space.evaluate(q)[:2])[1]
     residual = matrix_of(samples.orientation) @ np.swapaxes(predicted, 1, 2)
     known = np.isfinite(model.forward(q)).all(axis=1)

@@ -41,7 +41,9 @@ _ROWS_PER_NODE = 5
 # fewest nodes along a side, without a body, which imagines samples where a log has no rows, and
 # with one: its links have to propose starts for every branch
 _LEAST_SIDE = (4, 20)
-_BLOCKS, _PARTS = 10, 3  # contiguous blocks, of which every third is held out in turn
+# contiguous blocks, of which every third is held out in turn
+_BLOCKS = 10
+_PARTS = 3
 _BETTER = 0.9  # of the lattice's error: what a gas has to reach
 
 
@@ -145,8 +147,11 @@ def associate(
     residual : (n,), how wrong the smooth part is around each sample; the default varying density
         puts nodes there
     """
-    seen, shapes, network = Scale.of_data(x), options.shapes, options.map or LATTICE
-    v, in_order = seen.to_unit(x), kind_of(network) == "som"
+    seen = Scale.of_data(x)
+    shapes = options.shapes
+    network = options.map or LATTICE
+    v = seen.to_unit(x)
+    in_order = kind_of(network) == "som"
     motor_som, sensory_som = (
         SOM(shape, network, options.rule, options.epochs, options.sigma, options.stream(name))
         for shape, name in zip(shapes, ("motor", "sensory"), strict=True)
@@ -160,7 +165,8 @@ def associate(
         # The links that eq. 5 has made on the way lag behind the maps (30x30 nodes, five passes of
         # 20,000 samples: `activity` 9.2 mm); kept are those at which it comes to rest (2.9 mm).
         pair = motor_som.developed((u, v), (scale, seen), shapes, tell)
-        motor, sensory = pair.motor, pair.sensory
+        motor = pair.motor
+        sensory = pair.sensory
     else:
         # steps of a few samples hold the interpreter's lock: two threads would fight for it
         motor, sensory = (side_by_side if in_order else in_turn)(
@@ -190,8 +196,11 @@ def resolved(samples: Samples, options: TrainingOptions) -> tuple[TrainingOption
 
 def _gas_over_lattice(samples: Samples, options: TrainingOptions) -> float:
     """Error of a gas on held-out blocks of a log over that of a lattice, readout ``linear``."""
-    folds, scale = np.array_split(np.arange(len(samples)), _BLOCKS), unit_box(samples)
-    u, x, error = scale.to_unit(samples.q), samples.x, dict.fromkeys(("gas", LATTICE), 0.0)
+    folds = np.array_split(np.arange(len(samples)), _BLOCKS)
+    scale = unit_box(samples)
+    u = scale.to_unit(samples.q)
+    x = samples.x
+    error = dict.fromkeys(("gas", LATTICE), 0.0)
     # each row is held out once: of an uneven log a third of the blocks alone, most of them from
     # where it dwells, had the gas at 0.86, all of them at 0.95 of the lattice's error
     for first in range(_PARTS):
@@ -205,13 +214,16 @@ def _gas_over_lattice(samples: Samples, options: TrainingOptions) -> float:
 
 def _with_sizes(samples: Samples, options: TrainingOptions) -> tuple[TrainingOptions, list[str]]:
     """The options with both lattices, and what the user is told."""
-    notes, dof, width = list[str](), samples.dof, samples.x.shape[1]
+    notes = list[str]()
+    dof = samples.dof
+    width = samples.x.shape[1]
     sizes = {name: getattr(options, name) for name in ("size", "motor_size", "sensory_size")}
     given, motor, sensory = (
         None if size is None else shape_of(size, name) for name, size in sizes.items()
     )
     if set(sizes.values()) == {None} and samples.simulation is None:
-        rows, least = len(samples), _LEAST_SIDE[options.body != "none"]
+        rows = len(samples)
+        least = _LEAST_SIDE[options.body != "none"]
         side = min(_SIDE, max(least, round(math.sqrt(rows / _ROWS_PER_NODE))))
         notes = [f"lattices of {side}x{side} nodes for {rows:,} rows, `size` chooses others"]
         given = (side, side)

@@ -109,7 +109,8 @@ def _smooth_part(samples: Samples, rows: Index, template: Template, found: BodyF
 
 def wrong_around(part: SmoothPart, samples: Samples, u: Array) -> Array | None:
     """How wrong (k,) the body is around points `u` (k, dof) of the unit box, None within noise."""
-    q, extent = samples.q[part.rows], float(np.linalg.norm(np.ptp(samples.x[part.rows], axis=0)))
+    q = samples.q[part.rows]
+    extent = float(np.linalg.norm(np.ptp(samples.x[part.rows], axis=0)))
     scale = part.smooth.scale
     return misfit(scale, scale.to_unit(q), part.fit.held_out, extent, u)
 
@@ -125,7 +126,8 @@ def to_learn(
     Returns u, x : (k, dof), (k, m), joints in the unit box and positions
     Returns wrong : (k,), how wrong the body is there, None within noise
     """
-    u, x = unit_box(samples).to_unit(samples.q[rows]), samples.x[rows]
+    u = unit_box(samples).to_unit(samples.q[rows])
+    x = samples.x[rows]
     if part is None:
         return u, x, None
     # a log may leave parts of the joints' range out, a simulation only has too few samples

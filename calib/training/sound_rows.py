@@ -40,7 +40,8 @@ def fit_sound_rows(samples: Samples, fit: _Fit) -> tuple[Samples, SmoothPart, li
     if samples.simulation is not None:
         return samples, fit(samples), []
     notes: list[str] = []
-    motion, start = Trajectory.of(samples), 0.0
+    motion = Trajectory.of(samples)
+    start = 0.0
     if samples.arm is not None and not samples.in_time:
         shift = rows_behind(samples.arm.forward, samples.q, samples.x, samples.unit)
         if shift and motion is None:  # poses beside the positions of others
@@ -63,14 +64,17 @@ def fit_sound_rows(samples: Samples, fit: _Fit) -> tuple[Samples, SmoothPart, li
 
 def _other_order(samples: Samples, part: SmoothPart, fit: _Fit) -> list[str]:
     """Say that joints without a robot fit far better in another order from base to tip."""
-    dof, stated = samples.dof, samples.source.get("noise")
+    dof = samples.dof
+    stated = samples.source.get("noise")
     most = NO_ARM * float(np.linalg.norm(np.ptp(samples.x, axis=0)))
     far = min(most, _MANY_TIMES * stated if isinstance(stated, float) else most)
     if samples.arm is not None or not 2 <= dof <= 3 or part.error <= far:
         return []
-    some, tried = samples.take(thinned(len(samples), _ORDERED_ROWS)), {}
+    some = samples.take(thinned(len(samples), _ORDERED_ROWS))
+    tried = {}
     for order in itertools.permutations(range(dof)):
-        k, names = list(order), tuple(samples.joint_names[j] for j in order)
+        k = list(order)
+        names = tuple(samples.joint_names[j] for j in order)
         told: dict[str, Any] = {name: getattr(some, name)[k] for name in ("lower", "upper")}
         told |= {"joint_names": names, "revolute": tuple(some.revolute[j] for j in order)}
         tried[names] = fit(replace(some, q=some.q[:, k], **told)).error
@@ -106,7 +110,8 @@ def sound_log(model: Model, samples: Samples) -> tuple[Samples, list[str]]:
     if known.sum() < FEWEST_ROWS:
         return samples, notes
     # a sensor that was moved is no reason to leave rows out
-    there, affine = samples.x[known], samples.unit == "px"
+    there = samples.x[known]
+    affine = samples.unit == "px"
     moved = there - aligned(predicted[known], there, affine=affine)
     far, near = (np.median(np.linalg.norm(r, axis=1)) for r in (residual[known], moved))
     if near < 0.5 * far:
@@ -136,7 +141,8 @@ def _without_delay(
     if motion is None or delay is None or not delay.clear:
         return samples, None, [delay.note()] if delay is not None and delay.note() else []
 
-    moved, part = samples, None
+    moved = samples
+    part = None
     for _ in range(_ROUNDS):  # where joints jump, a delay by rows is found by several
         moved = motion.moved(samples, delay.value)
         if fit is not None:  # with curves that have not followed the delay
@@ -158,12 +164,14 @@ def _delay(
         the delay along a path, and are left out
     """
     structure: Any = body.structure
-    total, share = start, 0.0
+    total = start
+    share = 0.0
     if structure.outputs != samples.x.shape[1]:
         return None
     members = dict(structure.members())
     prior = structure.prior(members.get("chain", structure.members()[0][1]))
-    active, beta = prior.active, body.beta.copy()
+    active = prior.active
+    beta = body.beta.copy()
     if fresh:
         beta[np.setdiff1d(np.arange(len(beta)), active)] = 0.0
         fixed = prior.sd == 0
@@ -175,22 +183,27 @@ def _delay(
         known = np.asarray(np.isfinite(q).all(axis=1))
         if known.sum() < len(known) // 2:
             return None
-        q, speed, x = q[known], speed[known], samples.x[some][known]
+        q = q[known]
+        speed = speed[known]
+        x = samples.x[some][known]
         seen, slope = structure.predict_and_slope(q, beta)
         found = estimate_delay(
-            structure.residual(x, seen), np.einsum("nmk,nk->nm", slope, speed),
+            structure.residual(x, seen),
+            np.einsum("nmk,nk->nm", slope, speed),
             structure.linearise(q, beta, active)[1],
-            prior.sd[active] ** -2.0, (prior.mean - beta)[active],
+            prior.sd[active] ** -2.0,
+            (prior.mean - beta)[active],
             play=slope * directions(q)[:, None],  # joints with play err by their direction
             unit=motion.unit,
-        )  # fmt: skip
+        )
         if found is None:
             return None
         step, change = found
         share = share or step.share
         full = np.zeros(len(beta))
         full[active] = change
-        beta, total = structure.retract(beta, full), total + step.value
+        beta = structure.retract(beta, full)
+        total = total + step.value
         if abs(step.value) < 0.05 * step.sd:
             break
     return Delay(total, step.sd, step.unit, share)

@@ -85,7 +85,8 @@ def _in_space_template(samples: Samples, rows: Index, view: str) -> Template:
     camera = samples.camera
     extent = _extent(x)
     if camera is not None and isinstance(arm, SpatialArm) and x.shape[1] == 2:
-        lens, sd = camera.lens, camera.lens_sd
+        lens = camera.lens
+        sd = camera.lens_sd
         pinhole = structure_of(arm, "pinhole", unit="px", extent=extent, lens=lens, lens_sd=sd)
         return Template(pinhole, Rows(q, x))
     metre = METRES.get(samples.unit, 1.0)
@@ -104,7 +105,8 @@ def _in_space_template(samples: Samples, rows: Index, view: str) -> Template:
         structure = replace(structure, informed=False, simulated=True)
         unused = "orientations are not used of a simulation"
     else:
-        names, turns = samples.joint_names, samples.revolute
+        names = samples.joint_names
+        turns = samples.revolute
         structure = unknown_structure(names, turns, extent, samples.unit, metre, simulated)
         unused = "orientations are used together with the robot's URDF: give `robot`"
     notes = () if samples.orientation is None else (unused,)

@@ -89,7 +89,10 @@ def fit_sockets(samples: Samples, seed: int) -> tuple[Samples, SmoothPart, list[
     sized = base_is_measured or any(fact.value is not None for fact in touch.known)
     if not sized:
         sockets = _of_doubtful_size(sockets, DRAWN_SIZE)
-    fit, points, used, tip = sockets.fit, sockets.points, sockets.used, sockets.tip
+    fit = sockets.fit
+    points = sockets.points
+    used = sockets.used
+    tip = sockets.tip
     scatter = sockets.scatter
     if scatter > NO_ARM * arm.chain.reach:
         raise LogError(
@@ -229,8 +232,11 @@ def in_sockets(model: Model, samples: Samples, touch: Touches) -> tuple[Samples,
     known = np.flatnonzero(np.isfinite(tip).all(axis=1))
     some = touch.take(known)
     known = known[~some.strays(some.about_medians(tip[known]))]
-    samples, touch, tip = samples.take(known), touch.take(known), tip[known]
-    touched, means = touch.number >= 0, touch.means(tip)
+    samples = samples.take(known)
+    touch = touch.take(known)
+    tip = tip[known]
+    touched = touch.number >= 0
+    means = touch.means(tip)
     if not touched.any():
         raise LogError(NOT_LEARNED)
     off = np.linalg.norm(tip - means[touch.number], axis=1)
@@ -250,7 +256,8 @@ def in_sockets(model: Model, samples: Samples, touch: Touches) -> tuple[Samples,
         if np.isfinite(ends).all()
     ]
     samples = replace(samples, x=_placed(samples, touch, means))
-    off, bound = off[touched], model.expected_error(samples.q[touched])
+    off = off[touched]
+    bound = model.expected_error(samples.q[touched])
     size = {"mean": off.mean(), "rms": np.sqrt((off**2).mean()), "p95": np.quantile(off, 0.95)}
     size |= {"max": off.max(), "covered": np.mean(off <= bound)}
     scatter = {name: float(value) for name, value in size.items()}
@@ -264,14 +271,17 @@ def as_positions(model: Model, log: Samples) -> tuple[Samples, list[str]]:
     the evidence speaks clearly for a change they are where the changed arm has them.
     Raises LogError if the model is not of an arm in space.
     """
-    body, touch, count = model.body, log.touch, len(log)
+    body = model.body
+    touch = log.touch
+    count = len(log)
     assert touch is not None  # noqa: S101 - a log of touches
     structure = None if body is None else body.structure
     if body is None or not isinstance(structure, SpatialStructure) or structure.outputs != 3:
         raise LogError("the log holds touches: expected a model of an arm in space with a body")
     log, _ = in_sockets(model, log, touch)  # where the model has them
     gone = f"{count - len(log)} touches in no socket of theirs are left out"
-    touch, q = log.touch or touch, model.about.joints_of(log)
+    touch = log.touch or touch
+    q = model.about.joints_of(log)
     noise = float(body.noise[0]) / structure.metre
     number, known, own = touch.renumbered()
     rows = [
@@ -279,8 +289,11 @@ def as_positions(model: Model, log: Samples) -> tuple[Samples, list[str]]:
         for each in touching(structure, q, number, known, log.x)
     ]
     seen = together(structure, rows)
-    belief, point = restated(body, seen), seen.groups["point"]
-    at, beta, variance = belief.active, belief.beta.copy(), np.zeros((seen.size, seen.size))
+    belief = restated(body, seen)
+    point = seen.groups["point"]
+    at = belief.active
+    beta = belief.beta.copy()
+    variance = np.zeros((seen.size, seen.size))
     base = structure.pose(q, body.beta)[0]
     beta[point] = np.ravel([base[number == k].mean(axis=0) for k in range(len(own))])
     variance[np.ix_(at, at)] = body.kappa**2 * belief.covariance + _GAUGE**2 * np.eye(len(at))
@@ -289,7 +302,8 @@ def as_positions(model: Model, log: Samples) -> tuple[Samples, list[str]]:
     for freed in ({}, _FREED):
         for group, sd in freed.items():
             variance[seen.groups[group], seen.groups[group]] += sd**2
-        free, sd = np.flatnonzero(np.diag(variance)), np.sqrt(np.diag(variance))
+        free = np.flatnonzero(np.diag(variance))
+        sd = np.sqrt(np.diag(variance))
         prior = Prior(beta, sd, known=np.asarray(np.linalg.inv(variance[np.ix_(free, free)])))
         fits.append(Fit(seen, rows, beta, prior, nu=STUDENT).maximise(steps=8))
     same, other = fits

@@ -149,7 +149,8 @@ def _learned(prepared: Prepared, options: TrainingOptions, clock: _Clock) -> Mod
     model = _without_bounds(prepared, options, association, u)
     held_out = None
     if part is not None:
-        learned_u, learned_x = u[part.rows], samples.x[part.rows]
+        learned_u = u[part.rows]
+        learned_x = samples.x[part.rows]
         predictor, held_out = select(motor, learned_u, learned_x, part.smooth, part.fit.held_out)
         model = replace(model, local=predictor.models, body=part.fit.body)
 

@@ -31,17 +31,27 @@ from .pose_space import PoseSpace
 Told = Callable[[Array], Array]
 """Directions (m, p, k) in which postures (m, dof) tell, in units of noise and of the prior."""
 
-_DRAWN, _KEPT = 3000, 400  # postures that are led, and those of them to choose from
+# postures that are led, and those of them to choose from
+_DRAWN = 3000
+_KEPT = 400
 _NEAR = 1e-6  # [m] within which a posture is at its point
 _PLAY = 1e-4  # [m] of a socket
 _WIDE = 10.0  # [m or rad] of what is not known at all
-_LENS, _PICTURE = (900.0, 640.0, 360.0, 0.0), (1280.0, 720.0)  # of a common camera [px]
+# of a common camera [px]
+_LENS = (900.0, 640.0, 360.0, 0.0)
+_PICTURE = (1280.0, 720.0)
 _PIXEL = 0.2  # [px] of a corner
-_FILLED, _EDGE = 0.25, 0.05  # share of the picture that the board fills, and that stays free
-_TILTED, _NEARER = np.radians(45.0), (0.7, 1.4)  # the camera's tilt and distance, of the first one
+# share of the picture that the board fills, and that stays free
+_FILLED = 0.25
+_EDGE = 0.05
+# the camera's tilt and distance, of the first one
+_TILTED = np.radians(45.0)
+_NEARER = (0.7, 1.4)
 # a camera that stands elsewhere and points elsewhere than said [m, rad], and the board's tilt; so
 # many cameras, and the share of them that must see the board
-_ASIDE, _LIKELY, _SURE = np.array([[0.04], [0.13], [0.1]]), 32, 0.95
+_ASIDE = np.array([[0.04], [0.13], [0.1]])
+_LIKELY = 32
+_SURE = 0.95
 _UPRIGHT = 0.5  # least cosine between the line of sight and the board's normal
 
 
@@ -88,11 +98,15 @@ def at_point(
     body = None if isinstance(source, Arm) else source.body
     if isinstance(source, SpatialArm):
         structure = structure_of(source, "base")
-        prior, beta = structure.prior(("tool", "placement", "offset")), structure.neutral()
-        active, root = prior.active, np.diag(np.minimum(prior.sd[prior.active], _WIDE))
+        prior = structure.prior(("tool", "placement", "offset"))
+        beta = structure.neutral()
+        active = prior.active
+        root = np.diag(np.minimum(prior.sd[prior.active], _WIDE))
     elif body is not None and isinstance(body.structure, SpatialStructure):
-        structure, beta = body.structure.with_view("base"), body.beta
-        active, root = body.active, body.root
+        structure = body.structure.with_view("base")
+        beta = body.beta
+        active = body.active
+        root = body.root
     else:
         raise OptionError("touch: expected a robot that moves in space, or a model of one")
     target = number_rows(np.ravel(point), ("x", "y", "z"), "touch", OptionError)[0][0]
@@ -114,9 +128,13 @@ def at_point(
 
 
 def in_sight(
-    source: Arm | Model, space: PoseSpace, board: Board | str | bool, eye: str,
-    start: Array | None, rng: np.random.Generator,
-) -> tuple[Array, Told]:  # fmt: skip
+    source: Arm | Model,
+    space: PoseSpace,
+    board: Board | str | bool,
+    eye: str,
+    start: Array | None,
+    rng: np.random.Generator,
+) -> tuple[Array, Told]:
     """Postures (m, dof) in which a camera sees all of a board, from many sides.
 
     Of a model of pictures of a board, camera and board are known.  Of an arm the camera in the hand
@@ -127,11 +145,16 @@ def in_sight(
     """
     made: Any = None if isinstance(source, Arm) else source.about.options.get("board")
     spec: Any = board
-    lens, picture, in_hand = _LENS, np.array(_PICTURE), eye == "hand"
+    lens = _LENS
+    picture = np.array(_PICTURE)
+    in_hand = eye == "hand"
     if made is not None and isinstance(source, Model) and source.body is not None:
         known: Any = source.body.structure
-        spec, picture, in_hand = made["board"], np.array(made["size"]), made["eye"] == "hand"
-        structure, likely = known.with_view("pose"), [_encoded(source.body, made)]
+        spec = made["board"]
+        picture = np.array(made["size"])
+        in_hand = made["eye"] == "hand"
+        structure = known.with_view("pose")
+        likely = [_encoded(source.body, made)]
         lens = likely[0][structure.groups["lens"]]
     elif not isinstance(source, SpatialArm):
         raise OptionError(
@@ -147,9 +170,11 @@ def in_sight(
     if isinstance(source, SpatialArm):
         structure = structure_of(source, "pose", lens=_LENS)
         likely = _likely(structure, np.array(start), in_hand, away, rng)
-    beta, groups = likely[0], structure.groups
+    beta = likely[0]
+    groups = structure.groups
     # the camera about the board: tilted to any side, rolled, nearer and further, aimed beside it
-    tilt, side = _TILTED * np.sqrt(rng.random(_DRAWN)), rng.uniform(-np.pi, np.pi, _DRAWN)
+    tilt = _TILTED * np.sqrt(rng.random(_DRAWN))
+    side = rng.uniform(-np.pi, np.pi, _DRAWN)
     turn = exponential(np.stack([tilt * np.cos(side), tilt * np.sin(side), 0 * tilt], axis=1))
     shift = -(away * rng.uniform(*_NEARER, _DRAWN))[:, None] * turn[:, :, 2]
     roll = np.column_stack([rng.normal(0, 0.1, (_DRAWN, 2)), rng.uniform(-2, 2, _DRAWN)])
@@ -201,7 +226,8 @@ def _likely(
     structure: SpatialStructure, start: Array, in_hand: bool, away: float, rng: np.random.Generator
 ) -> list[Array]:
     """Parameters of cameras that may be meant, the one that is assumed first."""
-    groups, likely = structure.groups, list[Array]()
+    groups = structure.groups
+    likely = list[Array]()
     # the frame of a board in the hand is the tip's, half a turn about its x axis on
     half_turn = exponential(np.array([[0.0 if in_hand else np.pi, 0.0, 0.0]]))[0]
     for k in range(_LIKELY):
@@ -219,7 +245,9 @@ def _likely(
 
 def _encoded(body: Body, made: dict[str, Any]) -> Array:
     """Parameters of a body of pictures of a board, with its lens, seen by camera and board."""
-    beta, groups, glass = body.beta.copy(), body.structure.groups, made["lens"]
+    beta = body.beta.copy()
+    groups = body.structure.groups
+    glass = made["lens"]
     beta[groups["lens"]] = (np.mean(glass["focal"]), *glass["centre"], glass["distortion"][0])
     if made["eye"] == "hand":  # from the point ahead to the camera, from the corner to the middle
         beta[groups["tool"]] -= exponential(beta[groups["tool.rotation"]]) @ made["point"]

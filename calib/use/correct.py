@@ -39,7 +39,9 @@ _USUAL = 3.0  # a correction this many times the 95 % quantile of the model's ow
 _LEAST = 0.01  # [rad or m]; a limit below would refuse what is harmless
 _NODES = 200
 _POSED = 6  # joints from which on a tool's orientation can be kept
-_TRIED, _SAME = 5, 1e-6  # rows by which the compiled kernel is compared, and how close [rad or m]
+# rows by which the compiled kernel is compared, and how close [rad or m]
+_TRIED = 5
+_SAME = 1e-6
 _FITTED = ("view.", "tool", "lens")  # parameters of the sensor and of what is put on the tip
 _TURNED = 1e-4  # a turn of the frame that is worth a word [rad]
 
@@ -136,7 +138,8 @@ class Corrected:
         wanted = self._wanted
         if wanted.space is None or not wanted.posed:
             return None
-        nominal, real = wanted.pose(self.given)[1], wanted.space.evaluate(self.nearest)[1]
+        nominal = wanted.pose(self.given)[1]
+        real = wanted.space.evaluate(self.nearest)[1]
         turned = logarithm(real @ np.swapaxes(nominal, 1, 2))
         return np.asarray(np.linalg.norm(turned, axis=1))
 
@@ -147,10 +150,12 @@ class Corrected:
         (n,) [unit], with what is unsure of the sensor's frame and of the probe.  None where the
         frame is known.
         """
-        body, drawn = self._model.body, self._wanted.drawn
+        body = self._model.body
+        drawn = self._wanted.drawn
         if body is None or drawn is None:
             return None
-        structure, part = body.structure, slice(body.structure.blocks[0])
+        structure = body.structure
+        part = slice(body.structure.blocks[0])
         still = [own for name, own in structure.groups.items() if not name.startswith(_FITTED)]
         _, real = structure.linearise(self.nearest, body.beta)
         _, drawing = structure.linearise(self.given, drawn)
@@ -226,12 +231,14 @@ def _quick(model: Model, q: ArrayLike) -> Corrected | None:
     if kept is None:
         kept = {}
         if kernel.has("correct"):  # it may correct towards another place, such as after adaptations
-            wanted, tried = _wanted(model, "auto"), visited_joints(model, _TRIED)
+            wanted = _wanted(model, "auto")
+            tried = visited_joints(model, _TRIED)
             known = zip(tried, *_solved(model, wanted, tried), strict=True)
             answers = [(kernel.ask("correct", row), near) for row, near, ok in known if ok]
             gaps = [np.abs(found[0] - near).max() for found, near in answers if found[1] == 1]
             if gaps and max(gaps) < _SAME:
-                limit, notes = usual_limit(model), _notes(model, wanted)
+                limit = usual_limit(model)
+                notes = _notes(model, wanted)
                 kept = {"reachable": np.ones(1, dtype=bool), "limit": limit, "notes": notes}
                 kept |= {"_model": model, "_wanted": wanted}
         model.remembered["correcting"] = kept
@@ -295,7 +302,8 @@ def usual_limit(model: Model, view: str = "auto") -> Array:
 
 def _in_range(model: Model, q: Array) -> Array:
     """Joint values (n, dof) with those that turn moved by whole turns into their range."""
-    about, near = model.about, q.copy()
+    about = model.about
+    near = q.copy()
     for k in np.flatnonzero(about.revolute):
         near[:, k] = wrap(q[:, k], float(about.lower[k]), float(about.upper[k]))
     return near
@@ -307,8 +315,10 @@ def _solved(model: Model, wanted: _Wanted, q: Array) -> tuple[Array, NDArray[np.
     Of six joints or more a row is reached where its orientation is, too: beside a singularity the
     tool is not tilted without a word.
     """
-    about, near = model.about, _in_range(model, q)
-    target, there = wanted.target(near), np.ones(len(near), dtype=bool)
+    about = model.about
+    near = _in_range(model, q)
+    target = wanted.target(near)
+    there = np.ones(len(near), dtype=bool)
     if wanted.space is not None:
         place, turn = wanted.pose(near)
         near, left = wanted.space.beside(place, turn if wanted.posed else None, near)
@@ -318,7 +328,8 @@ def _solved(model: Model, wanted: _Wanted, q: Array) -> tuple[Array, NDArray[np.
         found, reachable = joints_and_reach(model, target, anchor(model, near, len(near)))
     else:
         answer = model.solve(target, near)
-        found, reachable = answer.q, answer.reachable
+        found = answer.q
+        reachable = answer.reachable
     turns = TURN * np.round((q - found) / TURN)
     return found + np.where(about.revolute, turns, 0.0), reachable & there
 

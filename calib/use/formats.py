@@ -73,13 +73,15 @@ def camera_info(model: Model) -> str:
 
     Raises OptionError if the model was not learned from pixels of an arm in space.
     """
-    body, seen = model.body, model.about.options.get("board")
+    body = model.body
+    seen = model.about.options.get("board")
     if seen:
         (fx, fy), (u, v), distortion = (seen["lens"][k] for k in ("focal", "centre", "distortion"))
         width, height = seen["size"]
     elif body is not None and is_camera(body.structure.view):
         fx, u, v, k1 = body.beta[body.structure.groups["lens"]].tolist()
-        fy, distortion = fx, [k1, 0.0, 0.0, 0.0, 0.0]
+        fy = fx
+        distortion = [k1, 0.0, 0.0, 0.0, 0.0]
         width, height = model.about.picture or (round(2 * u), round(2 * v))
     else:
         raise OptionError(
@@ -109,7 +111,9 @@ def static_transform(model: Model) -> str:
 
     Raises OptionError if the model knows no sensor in space.
     """
-    sensor, body, about = SensorPose.of(model.body), model.body, model.about
+    sensor = SensorPose.of(model.body)
+    body = model.body
+    about = model.about
     if sensor is None or body is None:
         raise OptionError(
             "the model knows no sensor's pose: expected one that was learned from a log of an arm "

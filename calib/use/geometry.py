@@ -31,7 +31,8 @@ from ..model.model import Model
 from ..model.nominal import nominal_arm, nominal_in_plane, visited_joints
 from .frames import frame_is_free, frames, is_simulated
 
-_POINTS, _ROWS = 500, 2_000
+_POINTS = 500
+_ROWS = 2_000
 _FLOOR = 1e-7  # of the extent: a residual below is rounding
 _LEFT_OUT = ("gain", "elastic", "curve")  # what a body has and no URDF can say
 _OFFSET = np.radians(10.0)  # prior sd of a planar arm's offset: servos are put on to that
@@ -41,7 +42,9 @@ _ALONG = 5.0 * SHIFT  # [m], prior sd of a planar arm's places, but for turns of
 class InPlane(SpatialStructure):
     """A planar arm before a sensor that looks straight at its plane: two of three coordinates."""
 
-    outputs, blocks, camera = 2, (2,), False
+    outputs = 2
+    blocks = (2,)
+    camera = False
 
     def predict(self, q: Array, beta: Array) -> Array:
         """Outputs (n, 2) at joint values (n, dof)."""
@@ -97,7 +100,8 @@ class Geometry:
         """From a planar arm's coordinates in its plane to what the model answers in."""
         if not isinstance(self.arm, PlanarArm):
             return None
-        sensor, plane = self.structure.sensor(self.beta), self.arm.plane
+        sensor = self.structure.sensor(self.beta)
+        plane = self.arm.plane
         turned = sensor.scale * sensor.rotation
         matrix = turned @ plane.basis[:2].T
         return Alignment(matrix[:2], (turned @ plane.origin + sensor.shift)[:2])
@@ -105,7 +109,8 @@ class Geometry:
     def to_json(self) -> dict[str, Any]:
         """Plain data; intervals are half widths of 95 %."""
         told: dict[str, Any] = {"offsets": self.offsets()}
-        groups, structure = self.structure.groups, self.structure
+        groups = self.structure.groups
+        structure = self.structure
         if (seen := self.frame) is not None:
             told["base"], *ends = map(_with_interval, *self.ends)
             told["moved"] = dict(zip(self.arm.joint_names, ends, strict=True))
@@ -133,9 +138,14 @@ def _with_interval(value: Array, half: Array) -> dict[str, Any]:
 
 
 def fit_geometry(
-    model: Model, *, view: str = "auto", cause: str = "sensor", move_base: bool = False,
-    move_tip: bool = False, drawn: bool = False,
-) -> Geometry:  # fmt: skip
+    model: Model,
+    *,
+    view: str = "auto",
+    cause: str = "sensor",
+    move_base: bool = False,
+    move_tip: bool = False,
+    drawn: bool = False,
+) -> Geometry:
     """Fit the nominal chain to what was learned, where rows were, by Gauss-Newton.
 
     Unknown are the joints' offsets and places and the tip's (of an arm in space six numbers for
@@ -153,7 +163,9 @@ def fit_geometry(
     drawn : whether the drawing's lengths and axes are true, so that joints' zeros alone are fitted,
         beside the sensor's frame and the probe
     """
-    arm, free, unit = nominal_arm(model), frame_is_free(model, view), model.about.unit
+    arm = nominal_arm(model)
+    free = frame_is_free(model, view)
+    unit = model.about.unit
     if move_base and free:
         raise OptionError(
             "the base cannot be told from the sensor's frame",
@@ -173,9 +185,17 @@ def fit_geometry(
     if isinstance(arm, SpatialArm):
         probe = not is_simulated(model)
         return fit_in_space(
-            arm, model.body, q, x, unit=unit, free=free, probe=probe, move_base=move_base,
-            move_tip=move_tip, drawn=drawn,
-        )  # fmt: skip
+            arm,
+            model.body,
+            q,
+            x,
+            unit=unit,
+            free=free,
+            probe=probe,
+            move_base=move_base,
+            move_tip=move_tip,
+            drawn=drawn,
+        )
     if free and cause == "joints" and model.history and model.body is not None:
         # the sensor stayed where it was before the adaptations; fitted again, its frame would
         # take what they found of the first joint
@@ -205,9 +225,18 @@ def _points(model: Model) -> tuple[Array, Array, float]:
 
 
 def fit_in_space(
-    arm: SpatialArm, body: Body | None, q: Array, x: Array, *, unit: str, free: bool, probe: bool,
-    move_base: bool, move_tip: bool, drawn: bool = False,
-) -> Geometry:  # fmt: skip
+    arm: SpatialArm,
+    body: Body | None,
+    q: Array,
+    x: Array,
+    *,
+    unit: str,
+    free: bool,
+    probe: bool,
+    move_base: bool,
+    move_tip: bool,
+    drawn: bool = False,
+) -> Geometry:
     """Fit offsets, joint origins and the tip to positions `x` (n, m) at joints `q` (n, dof).
 
     With `probe` the sensed point may be anywhere on the last link; else it is the tip, as in a
@@ -230,8 +259,10 @@ def fit_in_space(
         structure = structure_of(
             arm, view, unit=unit, metre=METRES.get(unit, 1.0), extent=_rms(x - x.mean(axis=0))
         )
-    groups, free_groups = structure.groups, structure.frame_groups
-    tool, first = groups["tool"], np.concatenate([structure.shifts[0], structure.turns[0]])
+    groups = structure.groups
+    free_groups = structure.frame_groups
+    tool = groups["tool"]
+    first = np.concatenate([structure.shifts[0], structure.turns[0]])
     start = structure.neutral() if known is None else known
     if known is None and probe:
         start = frame(structure, q, x)
@@ -253,25 +284,39 @@ def fit_in_space(
 
 
 def fit_in_plane(
-    arm: PlanarArm, q: Array, x: Array, unit: str, *, free: bool, move_base: bool = False,
-    drawn: bool = False, error: float = 0.0,
-) -> Geometry:  # fmt: skip
+    arm: PlanarArm,
+    q: Array,
+    x: Array,
+    unit: str,
+    *,
+    free: bool,
+    move_base: bool = False,
+    drawn: bool = False,
+    error: float = 0.0,
+) -> Geometry:
     """Fit offsets, places and, with a `free` frame, the sensor's place to positions `x` (n, 2).
 
     `error` [unit] is the least noise along an axis: a model's answers have that of its rows.
     """
     structure = structure_of(arm, unit=unit, extent=_rms(x - x.mean(axis=0)), kind=InPlane)
-    groups, start, scaled = structure.groups, structure.neutral(), free and unit != "m"
-    points, seen = arm.chain.poses(q)[0], np.c_[x, np.zeros(len(x))]
-    turn, shift, scale = arm.plane.basis, -arm.plane.basis @ arm.plane.origin, 1.0
+    groups = structure.groups
+    start = structure.neutral()
+    scaled = free and unit != "m"
+    points = arm.chain.poses(q)[0]
+    seen = np.c_[x, np.zeros(len(x))]
+    turn = arm.plane.basis
+    shift = -arm.plane.basis @ arm.plane.origin
+    scale = 1.0
     if free:  # before a sensor that sees the plane from behind it is turned half round
         turn, shift, scale = similarity(points, seen)
         if not scaled:
-            shift, scale = seen.mean(axis=0) - turn @ points.mean(axis=0), 1.0
+            shift = seen.mean(axis=0) - turn @ points.mean(axis=0)
+            scale = 1.0
     start[groups["view.rotation"]] = logarithm(turn)
     start[groups["view.shift"]], start[groups["view.scale"]] = shift, np.log(scale)
     # the sensor turns about the plane's normal alone
-    ends, sd = np.vstack([structure.shifts[1:], groups["tool"]]), np.zeros(structure.size)
+    ends = np.vstack([structure.shifts[1:], groups["tool"]])
+    sd = np.zeros(structure.size)
     sd[groups["offset"]] = np.where(structure.revolute, _OFFSET, _ALONG)
     if not drawn:
         sd[ends] = _ALONG
@@ -293,7 +338,8 @@ def fit_in_plane(
 
 def _precision(arm: PlanarArm, ends: Indices, sd: Array) -> Array:
     """Prior precision (k, k); links' `ends` (dof, 3) are narrow across, where an offset turns."""
-    active, chain = np.flatnonzero(sd), arm.chain
+    active = np.flatnonzero(sd)
+    chain = arm.chain
     precision = np.diag(sd[active] ** -2)
     links = np.diff(np.vstack([chain.points, chain.tip]), axis=0)
     for k, (end, turns) in enumerate(zip(ends, arm.revolute, strict=True)):
@@ -332,7 +378,9 @@ def _geometry(
     as noise alone, waves of 1 mrad left 1 of 4 displacements within its interval.
     """
     structure: Any = fit.structure
-    active, sd, usual = fit.active, np.zeros(structure.size), structure.prior(_LEFT_OUT).sd
+    active = fit.active
+    sd = np.zeros(structure.size)
+    usual = structure.prior(_LEFT_OUT).sd
     usual[active] = 0.0
     both = np.union1d(active, np.flatnonzero(usual))
     own = np.isin(both, active)

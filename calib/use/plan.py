@@ -162,9 +162,13 @@ def plan(
     >>> plan.q.shape, plan.length < 0.5 * plan.random_length
     ((30, 2), True)
     """
-    n, seed = whole("n", n, 1, _MOST_POSES), whole("seed", seed, 0, 2**63 - 1)
-    space, rng = space_of(source, margin, ranges), np.random.default_rng(seed)
-    begin, names, taken = space.start(start), space.joint_names, np.zeros((0, len(space.lower)))
+    n = whole("n", n, 1, _MOST_POSES)
+    seed = whole("seed", seed, 0, 2**63 - 1)
+    space = space_of(source, margin, ranges)
+    rng = np.random.default_rng(seed)
+    begin = space.start(start)
+    names = space.joint_names
+    taken = np.zeros((0, len(space.lower)))
     if measured is not None:
         if sorted(measured.joint_names) != sorted(names):
             raise OptionError(
@@ -195,18 +199,21 @@ def plan(
     if touch is not None or handeye is not None:
         chosen = greedy(told(q), n)
     elif isinstance(source, SpatialArm):  # never measured: the prior says what is not known
-        chosen, how = greedy(tells(source, q, taken), n), "chosen to determine the arm best"
+        chosen = greedy(tells(source, q, taken), n)
+        how = "chosen to determine the arm best"
     elif body is not None and not body.simulated:  # exact samples leave nothing to learn
         chosen = most_telling(body, q, n, taken)
         how = "chosen to reduce the model's uncertainty most"
     else:
-        chosen, how = farthest(space.scale, q, n, taken), "as far from each other as possible"
+        chosen = farthest(space.scale, q, n, taken)
+        how = "as far from each other as possible"
     how += "" if measured is None else f", beside the {len(measured)} measured ones"
     nodes = np.vstack([begin, q[chosen]])
     # by the span alone: the upper end of a whole turn is not its lower end to a cable
     away = (np.abs(nodes[:, None] - nodes[None]) / space.scale.span).max(axis=-1)
     order = shortest_tour(away)
-    way, rng = nodes[order], np.random.default_rng(0)
+    way = nodes[order]
+    rng = np.random.default_rng(0)
     others = [length(away, np.append(0, 1 + rng.permutation(n))) for _ in range(_ORDERS)]
     return Plan(
         names,
@@ -229,7 +236,8 @@ def farthest(scale: Scale, q: Array, n: int, taken: Array) -> Index:
     q, taken : (m, dof), (k, dof), what to choose from, and what there is already
     Returns (n,), rows of `q`, in the order of choice; the first is the first row without any taken.
     """
-    u, away = scale.to_unit(q), np.full(len(q), np.inf)
+    u = scale.to_unit(q)
+    away = np.full(len(q), np.inf)
     if len(taken):
         away = np.asarray(search_tree(scale.to_unit(taken), scale).query(u)[0], dtype=float)
     chosen = np.empty(n, dtype=np.intp)
@@ -247,7 +255,8 @@ def tells(arm: SpatialArm, q: Array, taken: Array) -> Array:
     """
     structure = structure_of(arm, "rigid")
     free = ("view.rotation", "view.shift", "tool", "placement", "offset", "elastic", "curve")
-    prior, every = structure.prior(free), np.vstack([q, taken])
+    prior = structure.prior(free)
+    every = np.vstack([q, taken])
     told = structure.linearise(every, structure.neutral(), prior.active)[1]
     told = told * (np.minimum(prior.sd[prior.active], _WIDEST) / _NOISE)
     told, known = told[: len(q)], told[len(q) :].reshape(-1, told.shape[2])
@@ -267,7 +276,8 @@ def shortest_tour(away: Array) -> Index:
     Returns (n,), a permutation that begins with 0.
     """
     n = len(away)
-    order, left = np.zeros(n, dtype=np.intp), np.arange(n) > 0
+    order = np.zeros(n, dtype=np.intp)
+    left = np.arange(n) > 0
     for k in range(1, n):
         order[k] = np.where(left, away[order[k - 1]], np.inf).argmin()
         left[order[k]] = False
@@ -275,7 +285,9 @@ def shortest_tour(away: Array) -> Index:
     while gained:
         gained = False
         for i in range(1, n - 1):
-            a, b, ends = order[i - 1], order[i], order[i + 1 :]
+            a = order[i - 1]
+            b = order[i]
+            ends = order[i + 1 :]
             # of the ways a-b .. e-f and a-e .. b-f: d(a,b) + d(e,f) - d(a,e) - d(b,f)
             gain = away[a, b] - away[a, ends]
             gain[:-1] += away[ends[:-1], ends[1:]] - away[b, ends[1:]]  # the last has no successor

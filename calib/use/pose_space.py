@@ -25,10 +25,16 @@ from ..model.model import Model
 from ..model.nominal import moves_in_space, nominal_arm
 from ..model.space import Space
 
-_MARGIN, _SHARE = math.radians(1.0), 0.02  # [rad or m] from limits; at most this share of a range
-_INSIDE, _FACES = 1200, 1000  # candidates: within, with a joint at an end
+# [rad or m] from limits; at most this share of a range
+_MARGIN = math.radians(1.0)
+_SHARE = 0.02
+# candidates: within, with a joint at an end
+_INSIDE = 1200
+_FACES = 1000
 _CORNERS = 8  # joints of which all corners are candidates
-_TRIED, _ALWAYS = 100, 0.9  # postures in which links meet that are built so, and their share
+# postures in which links meet that are built so, and their share
+_TRIED = 100
+_ALWAYS = 0.9
 _STANDS = 1e-6  # [m]; a joint's origin that moves less stands still
 
 
@@ -49,7 +55,8 @@ class PoseSpace:
         if q is None:
             return np.asarray(np.clip(0.0, self.lower, self.upper))
         values: Array = number_rows(np.ravel(q), self.joint_names, "start", OptionError)[0][0]
-        low, high = self.scale.lower, self.scale.lower + self.scale.span
+        low = self.scale.lower
+        high = self.scale.lower + self.scale.span
         for k in np.flatnonzero(~((values >= low - 1e-9) & (values <= high + 1e-9))):
             raise OptionError(
                 f"start: {self.joint_names[k]} = {values[k]:.6g} is outside of its range "
@@ -60,7 +67,8 @@ class PoseSpace:
     def candidates(self, rng: np.random.Generator) -> Array:
         """Joint values (n, dof) to choose from: corners, on faces, and inside."""
         dof = len(self.joint_names)
-        faces, rows = rng.random((_FACES, dof)), np.arange(_FACES)
+        faces = rng.random((_FACES, dof))
+        rows = np.arange(_FACES)
         faces[rows, rng.integers(dof, size=_FACES)] = rng.integers(2, size=_FACES)
         first = np.array(list(np.ndindex(*(2,) * min(dof, _CORNERS))), dtype=float)
         rest = rng.integers(2, size=(len(first), dof - first.shape[1]))
@@ -83,14 +91,17 @@ def space_of(
     leave nothing.
     """
     about = source if isinstance(source, Arm) else source.about
-    names, low, high = about.joint_names, about.lower, about.upper
+    names = about.joint_names
+    low = about.lower
+    high = about.upper
     scale = Scale.of_range(low, high, about.revolute)
     limits = dict.fromkeys(names, (-math.inf, math.inf))
     if isinstance(source, Arm):
         limits = dict(zip(names, source.limits, strict=True))
     elif source.about.urdf:
         limits = {j.name: j.travel for j in parse_robot(source.about.urdf, "").joints}
-    lower, upper = low.copy(), high.copy()
+    lower = low.copy()
+    upper = high.copy()
     for name, chosen in (ranges or {}).items():
         if name not in names:
             raise OptionError(
@@ -121,7 +132,8 @@ def safe(source: Arm | Model, q: Array) -> tuple[Array, list[str]]:
 
     Returns also what was left out and what was not looked at, in words.
     """
-    about, hits = source if isinstance(source, Arm) else source.about, None
+    about = source if isinstance(source, Arm) else source.about
+    hits = None
     wide = source.outputs == 3 if isinstance(source, Arm) else moves_in_space(source)
     if wide and about.urdf:
         hits = hits_itself(about.urdf, about.joint_names, about.locked, q)
@@ -221,11 +233,13 @@ def hits_itself(
         bodies: Any = pin.buildGeomFromUrdfString(model, text, pin.GeometryType.COLLISION)
     except Exception:  # Pinocchio raises what its parser happened to throw
         return None
-    carriers, above = [body.parentJoint for body in bodies.geometryObjects], model.parents
+    carriers = [body.parentJoint for body in bodies.geometryObjects]
+    above = model.parents
     for (i, a), (k, b) in combinations(enumerate(carriers), 2):
         if a != b and above[a] != b and above[b] != a:
             bodies.addCollisionPair(pin.CollisionPair(i, k))
-    data, results = model.createData(), pin.GeometryData(bodies)
+    data = model.createData()
+    results = pin.GeometryData(bodies)
     met = np.zeros((len(q), len(bodies.collisionPairs)), dtype=bool)
     for row, values in zip(met, q, strict=True):
         # a joint without limits has cosine and sine as its configuration: `integrate` fills both

@@ -117,7 +117,8 @@ def _axes(urdf: Urdf, joints: Sequence[Joint], base: Array) -> list[Axis]:
 def _quarter_turns(count: int) -> Array:
     """Return the rotation (3, 3) by so many quarter turns about x."""
     angle = count * math.pi / 2
-    cosine, sine = round(math.cos(angle)), round(math.sin(angle))
+    cosine = round(math.cos(angle))
+    sine = round(math.sin(angle))
     return np.array([[1.0, 0.0, 0.0], [0.0, cosine, -sine], [0.0, sine, cosine]])
 
 

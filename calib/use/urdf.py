@@ -71,8 +71,11 @@ def corrected_urdf(geometry: Geometry) -> str:
 
 def _origins(geometry: Geometry, urdf: Urdf) -> dict[str, Array]:
     """Origins (4, 4) of the joints from the root to the tip with which all links are as fitted."""
-    arm, structure, beta = geometry.arm, geometry.structure, geometry.beta
-    path, tool = urdf.path(arm.tip), structure.deviations(beta)
+    arm = geometry.arm
+    structure = geometry.structure
+    beta = geometry.beta
+    path = urdf.path(arm.tip)
+    tool = structure.deviations(beta)
     moves = tool.tool_turn.any() or (tool.tool.any() and path[-1].kind != "prismatic")
     if geometry.move_tip and moves and path[-1].name in geometry.places:
         raise RobotError(
@@ -85,7 +88,8 @@ def _origins(geometry: Geometry, urdf: Urdf) -> dict[str, Array]:
     drawn = posture_of(urdf, {**arm.locked, **dict.fromkeys(geometry.places, 0.0)}).frames
     offsets = structure.chain.coupling @ beta[structure.groups["offset"]]
     motion = move(structure.links(beta), offsets[:, None])
-    carried, fitted = np.eye(4), {urdf.root: np.eye(4)}
+    carried = np.eye(4)
+    fitted = {urdf.root: np.eye(4)}
     for joint in path:
         if joint.name in geometry.places:
             k = geometry.places.index(joint.name)
@@ -117,7 +121,8 @@ def _read_back(text: str, origins: dict[str, Array]) -> None:
 
 def _edited(text: str, origins: dict[str, dict[str, Array]]) -> str:
     """Return a URDF's text with other "xyz" [m] and "rpy" [rad] of joints, all else as it was."""
-    data, path = text.encode(), list[str]()
+    data = text.encode()
+    path = list[str]()
     found: dict[str, tuple[int, dict[str, str] | None]] = {}  # of each joint, its origin's place
     reader = expat.ParserCreate("utf-8")
 

@@ -46,7 +46,8 @@ def correct(
     from ..answers import Query, beside
 
     query = Query(model, asking)
-    loaded, joints = query.model, query.joints
+    loaded = query.model
+    joints = query.joints
     batch, valid = query.read(joints.names)
     factors = np.array(joints.typed)
     most: Any = None if limit is None else limit / factors
@@ -67,7 +68,8 @@ def correct(
         "out_of_reach": (rows[~found.reachable].tolist(), "out of reach for the real arm"),
         "beyond_limit": (rows[found.exceeded].tolist(), beyond),
     }
-    changes, lines = dict[str, Any](), []
+    changes = dict[str, Any]()
+    lines = []
     if len(size := np.abs(found.change[found.reachable])):
         each = zip(size.mean(axis=0), size.max(axis=0), found.limit, strict=True)
         parts = zip(joints.names, loaded.about.units_of_joints, each, strict=True)

@@ -77,7 +77,8 @@ def export(
     from calib.use.lerobot import homed
     from calib.use.ur import ur_kinematics
 
-    loaded, document = calib.load(model), dict[str, Any](model=model)
+    loaded = calib.load(model)
+    document = dict[str, Any](model=model)
     made: dict[str, tuple[str, str]] = {}  # text, and what it is; all before anything is written
     if lerobot is not None and output is None:
         raise BadOption("--lerobot needs -o NEW.json, where the corrected calibration goes")

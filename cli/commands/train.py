@@ -152,7 +152,8 @@ def _check_same_origin(path: str, log: Samples) -> None:
         return
     with suppress(calib.CalibError):  # what cannot be read is no model of this robot either
         old = calib.load(path)
-        urdf, about = log.arm.urdf if log.arm else "", old.about
+        urdf = log.arm.urdf if log.arm else ""
+        about = old.about
         same = (about.urdf, about.joint_names) == (urdf, log.joint_names)
         same &= (log.simulation is None) == (about.source == "log")
         if old.rows is not None and len(old.rows):  # the first tells logs apart

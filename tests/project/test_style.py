@@ -1,7 +1,8 @@
 """The style of the code in figures, a room at a time: each may fall, none may rise.
 
 A limit stands where a room is now; whoever makes a room plainer lowers its limits. `AIMS` are the
-lowest: no room has to be below them. `python tests/project/test_style.py` prints the figures.
+lowest: no room has to be below them. Constants that shared a line count singly since it was
+split. `python tests/project/test_style.py` prints the figures.
 """
 
 import ast
@@ -36,23 +37,23 @@ class Style:
 AIMS = Style(tokens=8.8, packed=5, anys=4, constants=8, participles=4, skips=0)
 # tokens a line, packed, Any, constants, participles, skips
 LIMITS = {
-    "calib": (9.2, 5, 39, 5, 2, 0),
-    "cli": (8.6, 6, 21, 6, 11, 3),
-    "arm": (10.9, 24, 1, 17, 9, 2),
-    "body": (11.2, 14, 11, 26, 18, 2),
-    "change": (11.6, 41, 5, 35, 21, 8),
-    "common": (9.8, 6, 19, 22, 11, 0),
-    "inverse": (13.4, 25, 0, 20, 7, 0),
-    "kernel": (12.3, 30, 19, 28, 25, 5),
-    "maps": (11.9, 4, 0, 4, 1, 0),
-    "model": (10.6, 12, 9, 12, 13, 1),
-    "model_file": (10.6, 0, 84, 12, 9, 0),
-    "paper": (11.6, 6, 19, 10, 5, 0),
-    "recording": (11.1, 20, 8, 28, 21, 13),
-    "samples": (11.6, 30, 9, 25, 23, 5),
-    "show": (10.9, 5, 19, 14, 1, 0),
-    "training": (10.9, 35, 9, 29, 22, 1),
-    "use": (11.1, 46, 16, 23, 27, 5),
+    "calib": (9.0, 0, 37, 4, 2, 0),
+    "cli": (8.4, 0, 20, 5, 11, 0),
+    "arm": (10.6, 4, 1, 14, 8, 0),
+    "body": (10.8, 0, 9, 27, 16, 0),
+    "change": (10.8, 2, 5, 33, 20, 0),
+    "common": (9.6, 0, 18, 21, 11, 0),
+    "inverse": (12.9, 0, 0, 23, 6, 0),
+    "kernel": (11.1, 8, 17, 30, 23, 0),
+    "maps": (11.7, 0, 0, 4, 1, 0),
+    "model": (10.3, 0, 8, 11, 13, 0),
+    "model_file": (10.5, 0, 80, 12, 9, 0),
+    "paper": (11.4, 0, 18, 9, 5, 0),
+    "recording": (10.6, 2, 8, 27, 20, 0),
+    "samples": (10.9, 2, 8, 31, 22, 0),
+    "show": (10.6, 0, 17, 13, 1, 0),
+    "training": (10.3, 0, 8, 28, 21, 0),
+    "use": (10.3, 3, 13, 25, 25, 0),
 }
 
 

@@ -19,7 +19,8 @@ from ...common.arrays import Array
 from ..robot import Robot
 
 LAYER = "Arm"
-_BONE, _JOINT = "#e0853c", "#59636e"
+_BONE = "#e0853c"
+_JOINT = "#59636e"
 
 
 @dataclass(frozen=True, eq=False)

@@ -48,7 +48,8 @@ class Placement:
     def frame(self) -> Array:
         """Rows x, y (upwards) and normal of the drawn plane, unit vectors (3, 3)."""
         if len(self.axes) == 3:
-            c, s = np.cos(_AZIMUTH), np.sin(_AZIMUTH)
+            c = np.cos(_AZIMUTH)
+            s = np.sin(_AZIMUTH)
             return np.array([[-s, c, 0.0], [0.0, 0.0, 1.0], [c, s, 0.0]])
         x = self.axes[0] / np.linalg.norm(self.axes[0])
         normal = np.cross(self.axes[0], self.up * self.axes[1])
@@ -62,9 +63,11 @@ def place_model(model: Model, arm: Robot | None) -> Placement:
     plane = about.plane
     up = -1.0 if about.unit == "px" else 1.0
     # where positions say that they are, in the root link's frame
-    axes, origin = np.eye(3)[: len(model.axes)], np.zeros(3)
+    axes = np.eye(3)[: len(model.axes)]
+    origin = np.zeros(3)
     if plane and len(axes) == 2:
-        axes, origin = np.array([plane["x"], plane["y"]]), np.array(plane["origin"], dtype=float)
+        axes = np.array([plane["x"], plane["y"]])
+        origin = np.array(plane["origin"], dtype=float)
     if arm is None:  # as the camera sees it
         return Placement(origin, axes * np.array([[1.0], [up], [1.0]])[: len(axes)], up)
     nodes = model.motor.scale.from_unit(np.clip(model.motor.units[model.visited], 0.0, 1.0))
@@ -73,7 +76,8 @@ def place_model(model: Model, arm: Robot | None) -> Placement:
     answered = np.isfinite(x).all(axis=1)
     x = x[answered]
     tips = arm.tips(nodes[answered])
-    sensor, body = SensorPose.of(model.body), model.body
+    sensor = SensorPose.of(model.body)
+    body = model.body
     if sensor is not None and body is not None:  # the body knows where the sensor stands
         structure: Any = body.structure
         if is_camera(structure.view):  # upright across its line of sight
@@ -103,7 +107,8 @@ def camera_onto(points: Array, frame: Array) -> dict[str, Any]:
     up = np.array([0.0, 0.0, 1.0])
     towards = up
     if abs(normal @ up) > _UPRIGHT:  # from above, y leading up the screen
-        normal, towards = normal * math.copysign(1.0, normal @ up), -frame[1]
+        normal = normal * math.copysign(1.0, normal @ up)
+        towards = -frame[1]
     direction = math.cos(_TILT) * normal + math.sin(_TILT) * towards
     direction = direction / np.linalg.norm(direction)
     right = np.cross(up, direction)

@@ -82,7 +82,8 @@ def preview(
             parameter="port",
             value=port,
         ) from error
-    server.page, server.scene = page, scene if live else None
+    server.page = page
+    server.scene = scene if live else None
     threading.Thread(target=server.serve_forever, args=(0.2,), daemon=True).start()
     shown = Preview(f"http://{_ADDRESS}:{server.server_address[1]}{server.place}", scene, server)
     if browse:
@@ -94,7 +95,8 @@ class Preview:
     """A page that is shown: `url`, where it is, and `notes`, what the user should be told."""
 
     def __init__(self, url: str, scene: Scene, server: _Server | None = None) -> None:
-        self.url, self.notes = url, tuple(scene.data["notes"])
+        self.url = url
+        self.notes = tuple(scene.data["notes"])
         self._server = server
 
     def close(self) -> None:

@@ -43,7 +43,8 @@ def forward(
     from ...answers import TURN, Query, beside, say_size
 
     query = Query(model, asking, frame, values or ())
-    joints, about = query.joints, query.model.about
+    joints = query.joints
+    about = query.model.about
     if asking.input_ is not None:
         from calib.errors import QueryError
         from calib.samples.joint_values import check_joint_values

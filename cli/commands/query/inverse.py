@@ -95,7 +95,8 @@ def inverse(
     how = {"near": anchor, "readout": readout, "every": every, "keep": keep, "free": free}
     if asking.input_ is not None:
         return _batch(query, query.frame == "base" or keep, how)
-    typed, wanted = target or [], query.axes if on is None else ("u", "v")
+    typed = target or []
+    wanted = query.axes if on is None else ("u", "v")
     if len(typed) != len(wanted):
         expected = f"expected {len(wanted)}, one each for {', '.join(wanted)}"
         raise BadOption(f"{len(typed)} coordinates: {expected}")
@@ -131,7 +132,10 @@ def _solve(query: Query, x: Any, turn: Any, in_space: bool, how: dict[str, Any])
     """Return what is told of each answer to targets (n, m), by name, and the "target" it is of."""
     import numpy as np
 
-    model, near, readout, every = query.model, how["near"], how["readout"], how["every"]
+    model = query.model
+    near = how["near"]
+    readout = how["readout"]
+    every = how["every"]
     if in_space:
         from calib.errors import QueryError
         from calib.model.poses import solve_poses
@@ -171,9 +175,12 @@ def _single(
     axis: int | None,
 ) -> Outcome:
     """Tell the answers to one question; what `document` has begins what is told of it."""
-    model, joints, posed = query.model, query.joints, "quaternion" in document
+    model = query.model
+    joints = query.joints
+    posed = "quaternion" in document
     del found["target"]
-    q, reachable = found.pop("q"), bool(found.pop("reachable").any())
+    q = found.pop("q")
+    reachable = bool(found.pop("reachable").any())
     rows = zip(q, *found.values(), strict=True)
     solutions = [query.document(one, **dict(zip(found, row, strict=True))) for one, *row in rows]
     solutions = solutions if every else solutions[:1]
@@ -183,7 +190,8 @@ def _single(
 
         from ...answers import say_size
 
-        space, say = Space.of(model), query.frame == "base"
+        space = Space.of(model)
+        say = query.frame == "base"
         free: Any = space.free(q[0], posed=posed, axis=axis)[:9] if reachable else []
         document["free"] = [dict(zip(joints.names, row, strict=True)) for row in free]
         if say:
@@ -197,7 +205,8 @@ def _single(
     if reachable:
         alone = [" ".join(joints.cells(list(each["joints"].values()))) for each in solutions]
         return Outcome(document, [table], result=alone)
-    away, hint = float(found["distance"].min()), ""
+    away = float(found["distance"].min())
+    hint = ""
     if query.positions.shown == "mm" and away > _FAR * model.sensory.scale.span.max():
         hint = "; positions are typed in m, or give --unit mm"
     told = query.positions.said(away)
@@ -213,7 +222,8 @@ def _batch(query: Query, in_space: bool, how: dict[str, Any]) -> Outcome:
 
     from ...answers import TURN, beside
 
-    joints, axes = query.joints, query.axes
+    joints = query.joints
+    axes = query.axes
     nearby = [f"near_{name}" for name in joints.names]
     # fewer than six joints reach almost no pose that is given: its columns go along unread
     least = 6 if how["free"] is None else 5
@@ -228,7 +238,8 @@ def _batch(query: Query, in_space: bool, how: dict[str, Any]) -> Outcome:
     found = _solve(query, batch.values[valid, : len(axes)], turn, in_space or posed, how)
     # with every branch a target has several answers
     rows = np.flatnonzero(valid)[found.pop("target")]
-    reachable, q = found["reachable"], found.pop("q")
+    reachable = found["reachable"]
+    q = found.pop("q")
     q = np.where(reachable[:, None], q * joints.typed, np.nan)
     for name in ("position", "quaternion", *([] if posed else ["turned"])):
         found.pop(name, None)
