@@ -22,16 +22,18 @@ from ..arm.posture import origin_of, posture_of
 from ..arm.spatial_chain import move
 from ..arm.urdf import MJCF, Joint, Urdf, parse_xml
 from ..common.arrays import Array
-from ..common.wording import for_people
+from ..common.wording import for_people, listed
 from ..errors import OptionError, RobotError
 from .mjcf import corrected_mjcf
 
 if TYPE_CHECKING:
+    from ..model.model import Model
     from .geometry import Geometry
 
 MOST_UNEXPLAINED = 0.01
 """Share of the arm's reach that a geometry may leave unexplained."""
 
+_CLEARLY = 3.0  # sds by which a parameter has to be off
 _TINY = 1e-12  # [m or rad]; a smaller change is rounding
 _SAME = 1e-9  # of an origin's numbers: what rounding of roll, pitch and yaw leaves
 
@@ -167,6 +169,33 @@ def _placed(shift: Array, turn: Array) -> Array:
     frame = np.eye(4)
     frame[:3, :3], frame[:3, 3] = turn, shift
     return frame
+
+
+def what_no_urdf_holds(model: Model) -> tuple[str, ...]:
+    """Return what the model knows of the arm that origins of joints cannot say, in a note."""
+    body = model.body
+    if body is None or body.simulated:
+        return ()
+    groups = body.structure.groups
+    kinds = {
+        "bends under gravity": body.structure.bending,
+        "error curves of joints": tuple(name for name in groups if name.startswith("curve")),
+        "gears": ("gain",),
+        "joints that move with a neighbour's motor": ("coupling",),
+    }
+    away = (body.beta - body.structure.neutral())[body.active]
+    deviation = np.sqrt((body.root**2).sum(axis=1))
+    moved = set(body.active[np.abs(away) > _CLEARLY * deviation].tolist())
+    names = [
+        name
+        for name, blocks in kinds.items()
+        if any(moved & set(groups[block].tolist()) for block in blocks if block in groups)
+    ]
+    if not names:
+        return ()
+    return (
+        f"a URDF cannot hold {listed(names)}: what they do is left over; correcting joints has it",
+    )
 
 
 def check_output(path: str, nominal: str) -> None:

@@ -40,7 +40,7 @@ def urdf(
     from calib.common.atomic import atomic_write
     from calib.use.frames import frame_notes
     from calib.use.geometry import fit_geometry
-    from calib.use.urdf import MOST_UNEXPLAINED, check_output, corrected_urdf
+    from calib.use.urdf import MOST_UNEXPLAINED, check_output, corrected_urdf, what_no_urdf_holds
 
     check_file(output, (".urdf", ".xml"))
     loaded = calib.load(model)
@@ -64,6 +64,7 @@ def urdf(
     }
     if geometry.free:
         say(frame_notes(loaded, cause))
+    say(what_no_urdf_holds(loaded))
     share = 100.0 * geometry.residual / geometry.reach
     rms = f"{sized(geometry.residual, geometry.unit)} rms ({share:.3g} % of the reach)"
     if not explained:

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from models import in_pixels, in_space
+from models import in_pixels, in_space, six
 from scipy.spatial.transform import Rotation
 from test_spatial_arm import FOLLOWED, MIXED, pinocchio_pose
 
@@ -13,7 +13,7 @@ from calib.arm.loading import arm_from_urdf, load_arm
 from calib.body.spatial import structure_of
 from calib.errors import OptionError, RobotError
 from calib.use.geometry import Geometry, fit_geometry, fit_in_space
-from calib.use.urdf import corrected_urdf
+from calib.use.urdf import corrected_urdf, what_no_urdf_holds
 
 LOCKED = MIXED.replace('name="lift"', 'name="held"')
 
@@ -139,3 +139,9 @@ def test_poses_turn_the_wrist_too():
     tip = (truth.inv() * base.inv() * fitted).mean()
     left = (base * truth * tip).inv() * fitted
     assert np.degrees(left.magnitude().mean()) < 0.03
+
+
+def test_what_a_urdf_cannot_hold_is_told():
+    (note,) = what_no_urdf_holds(six())
+    assert "bends under gravity" in note
+    assert what_no_urdf_holds(calib.train(calib.babble(load_arm("two_link"), 300), size=4)) == ()
