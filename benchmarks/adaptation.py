@@ -76,7 +76,7 @@ def detection(quick: bool) -> list[dict[str, Any]]:
         rows.append(
             {
                 "change": name,
-                "drifted": sum(d.drifted for d in found),
+                "drifted": sum(bool(d.drifted) for d in found),
                 "of": len(found),
                 "least score": min(d.score for d in found),
                 "causes": causes,

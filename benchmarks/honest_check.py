@@ -29,7 +29,7 @@ def checks(folder: Path, quick: bool) -> Iterator[Row]:
             for piece in pieces:
                 if len(np.unique(log.q[piece], axis=0)) < 10:
                     continue  # too few to judge by, and `check` says so
-                alarms.append(calib.check(model, log.take(piece)).drifted)
+                alarms.append(bool(calib.check(model, log.take(piece)).drifted))
                 if alarms[-1]:
                     told.append(f"{name} {what} {len(piece)} rows")
     yield row(
@@ -58,7 +58,7 @@ def _power_log(change: str, seed: int) -> calib.Samples:
 
 
 def _alarms(change: str, seeds: range) -> int:
-    return sum(calib.check(_noisy(), _power_log(change, 1000 + s)).drifted for s in seeds)
+    return sum(bool(calib.check(_noisy(), _power_log(change, 1000 + s)).drifted) for s in seeds)
 
 
 def power(quick: bool) -> Iterator[Row]:
