@@ -266,7 +266,7 @@ def test_a_noisy_encoder_has_its_size_and_its_mean_is_no_offset(robot, joint, si
     assert not calib.adapt(trained, samples).improved
 
 
-@pytest.mark.parametrize(("factor", "least"), [(2, 10), (10, 10)])
+@pytest.mark.parametrize(("factor", "least"), [(2, 10), (5, 10), (10, 10)])
 def test_few_rows_of_a_noisier_sensor_are_no_drift(factor, least):
     arm = calib.load_arm("two_link")
     trained = calib.train(replace(calib.babble(arm, 400, noise=1e-4), simulation=None), size=8)

@@ -140,7 +140,7 @@ def home(tmp_path_factory, run):
         for args in (
             "train two_link --size 5 -n 300 -o m.calib",
             "train polar --size 4 -n 200 -o p.calib",
-            "train two_link --size 8 -n 200 --body none --map som -o f.calib",
+            "train two_link_full --size 8 -n 200 --body none --map som -o f.calib",
             "babble two_link -n 60 -o log.csv",
             "babble two_link -n 30 -o log.parquet",
             "babble two_link -n 40 --change elbow.length=+20% -o bent.csv",

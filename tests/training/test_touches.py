@@ -210,11 +210,12 @@ def test_a_distance_that_the_drawing_contradicts_is_told(log):
         stated = [f"A,B={1e3 * share * apart[0]}mm"]
         return calib.train(replace(one_setup, touch=one_setup.touch.stated(stated)), size=3)
 
-    right, wrong = fitted(1.0), fitted(1.04)
+    right, wrong, impossible = fitted(1.0), fitted(1.04), fitted(1.2)
     assert not any("size of the arm" in note for note in right.about.notes)
     assert any("wrong by 4" in note for note in wrong.about.notes)
+    assert any("distance is left out" in note for note in impossible.about.notes)
     q = read.q[::5]
-    # the drawing's size, whatever was typed
-    assert np.linalg.norm(wrong.forward(q) - right.forward(q), axis=1).max() < 2e-3
+    for model in (wrong, impossible):  # the drawing's size, whatever was typed
+        assert np.linalg.norm(model.forward(q) - right.forward(q), axis=1).max() < 2e-3
     grown = 0.04 * np.linalg.norm(right.forward(q), axis=1)
     assert (wrong.expected_error(q) > 0.8 * grown).all()

@@ -241,8 +241,8 @@ def test_a_simulated_hobby_arm_is_learned_wherever_random_chains_end():
 def test_a_model_whose_fresh_samples_contradict_its_bound_says_so_first(run, tmp_path):
     """Gaussian noise is what a simulation has: outliers break it."""
     path = tmp_path / "m.calib"
-    options = ["-n", "300", "--size", "4", "--change", "sensor.outliers=10%", "-o", path]
-    done = run("train", "two_link", *options)
+    options = ["-n", "600", "--size", "4", "--change", "sensor.outliers=10%", "-o", path]
+    done = run("train", "so101", *options)
     assert done.code == 3
     assert done.out.startswith("THE BOUND DOES NOT HOLD")
     told = run("info", path, "--json").document
