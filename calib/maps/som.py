@@ -80,11 +80,7 @@ class SOM:
             raise OptionError(f"rule {self.rule!r} is unknown, choose one of {', '.join(RULES)}")
         if self.epochs is not None and not 1 <= self.epochs <= _MOST_EPOCHS:
             raise OptionError(f"epochs {self.epochs}: at least 1, at most {_MOST_EPOCHS:,}")
-        start, end = self.sigma or (1.0, 1.0)
-        if not np.inf > start >= end > 0:
-            raise OptionError(
-                f"sigma {start:g}:{end:g}: give START:END in nodes with START >= END > 0"
-            )
+        _check_radii(self.sigma)
 
     def fit(
         self,
@@ -230,3 +226,16 @@ class SOM:
         if self.map == "som":
             return "even"
         return "growing" if self.map == "vdsom:residual" else "varying"
+
+
+def _check_radii(sigma: object) -> None:
+    """Refuse what are no neighbourhood radii at the start and at the end of a training."""
+    if sigma is None:
+        return
+    try:
+        start, end = np.asarray(sigma, dtype=float)
+        falls = bool(np.inf > start >= end > 0)
+    except (TypeError, ValueError):
+        falls = False
+    if not falls:
+        raise OptionError(f"sigma {sigma!r}: give (START, END) in nodes with START >= END > 0")

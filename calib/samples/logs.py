@@ -109,6 +109,13 @@ def read_log(
         return read_touches(source, arm, joints, columns, degrees=degrees, unit=unit)
     roles, read = find_roles(source, arm, joints, columns)
     outputs = arm.outputs if arm is not None and outputs is None else outputs
+    if not {*source.header, *columns} & {*POSITION}:
+        raise LogError(
+            f"{source.label} has no positions: expected columns x, y and z [m] of a tracker, "
+            "u and v of a camera, or point of sockets that the tip touched",
+            hint="if they have other names, give `columns={'x': 'OTHER', 'y': ..}`",
+            parameter="columns",
+        )
     if len(roles.axes) < (outputs or 2) and unit != "px":  # a camera sees two
         raise LogError(
             f"{source.label} has x and y alone, expected x, y and z of an arm in space",
@@ -213,6 +220,9 @@ def write_log(samples: Samples, path: str | os.PathLike[str]) -> None:
     >>> bool((calib.read_log("log.csv", arm).q == samples.q).all())
     True
     """
+    if not isinstance(samples, Samples):
+        words = f"expected samples first and then the path, not {type(samples).__name__}"
+        raise OptionError(f"write_log: {words}", parameter="samples")
     about = {**samples.source, "unit": samples.unit} if samples.source else None
     write_table(path, log_columns(samples), about=about)
 

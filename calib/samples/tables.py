@@ -41,6 +41,9 @@ _REMEDIES = {
     "more fields": ": write decimals with a point, and quote text that holds a comma",
 }
 
+_POSITION_SUFFIX = ".pos"
+"""LeRobot ends the names of its joints' columns with it; they are read without."""
+
 
 @dataclass(frozen=True, eq=False)
 class Source:
@@ -172,6 +175,8 @@ def open_source(path: str | os.PathLike[str] | Source) -> Source:
         else:
             rows = pl.scan_parquet(content, glob=False)
             about = pl.read_parquet_metadata(content).get(KEY, "")
+        suffixed = [name for name in rows.collect_schema() if name.endswith(_POSITION_SUFFIX)]
+        rows = rows.rename({name: name.removesuffix(_POSITION_SUFFIX) for name in suffixed})
         header = tuple(rows.collect_schema())
     try:
         said = json.loads(about or "{}")

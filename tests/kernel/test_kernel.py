@@ -90,7 +90,7 @@ def test_one_inverse_reaches_its_target_on_the_nearest_branch(kind, away):
     model, fast = both(kind)
     lower, upper, scale = model.about.lower, model.about.upper, model.motor.scale
     spare = len(lower) > len(model.axes)  # far from `near` each of these is a whole search
-    q = poses(model, 1 if spare and away > 1.0 else 20)
+    q = poses(model, 8 if spare and away > 1.0 else 20)
     x = model.forward(q)
     q, x = q[np.isfinite(x[:, 0])], x[np.isfinite(x[:, 0])]
     near = q + np.random.default_rng(2).uniform(-away, away, q.shape)
@@ -109,8 +109,10 @@ def test_one_inverse_reaches_its_target_on_the_nearest_branch(kind, away):
         return np.linalg.norm(scale.difference(there, here), axis=1)
 
     further = far(alone) - far(together)
-    if spare:  # of infinitely many ways both find one that is near
-        assert further.mean() < 0.05
+    if spare and away > 1.0:  # of infinitely many ways either may find the nearer one
+        assert further.mean() < 0.02
+    elif spare:
+        assert (further <= 2e-2).mean() > 0.98
     else:
         assert (further <= 1e-6).all()
 

@@ -192,3 +192,9 @@ def test_training_runs_with_one_thread_of_the_blas():
         after = [p["num_threads"] for p in threadpool_info() if p["user_api"] == "blas"]
     assert set(counts) == {1}
     assert set(after) == {2}
+
+
+@pytest.mark.parametrize("sigma", [(5,), 3.0, (1, 2), (2, -1), ("wide", 1), (np.nan, 1)])
+def test_radii_that_are_none(sigma):
+    with pytest.raises(OptionError, match=r"give \(START, END\) in nodes"):
+        SOM(4, sigma=sigma)

@@ -5,7 +5,7 @@ import pytest
 from log_files import GOOD, refused
 
 from calib.errors import OptionError
-from calib.samples.logs import read_log
+from calib.samples.logs import read_log, write_log
 from calib.samples.roles import parse_columns
 
 
@@ -79,3 +79,19 @@ def test_rows_without_a_finite_value_are_left_out_and_counted(file):
     assert log.dropped == 6  # a line in which nothing stands too
     assert log.notes[0].startswith("6 of 8 rows miss a finite number")
     assert log.rows.tolist() == [1, 8]
+
+
+def test_names_of_joints_as_lerobot_writes_them(file):
+    path = file("pan.pos,lift.pos,x,y\n0.1,0.2,3,4\n0.2,0.4,6,8\n")
+    log = read_log(path, joints=["pan", "lift"], unit="px")
+    assert log.q.tolist() == [[0.1, 0.2], [0.2, 0.4]]
+
+
+def test_a_log_without_positions_says_what_is_missing(file):
+    refused(file("a,b\n0.1,0.2\n0.2,0.4\n"), "has no positions: expected columns x, y and z")
+
+
+def test_a_log_is_not_written_with_its_arguments_exchanged(file):
+    log = read_log(file(GOOD), joints="a,b")
+    with pytest.raises(OptionError, match="samples first and then the path, not str"):
+        write_log("log.csv", log)

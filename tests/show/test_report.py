@@ -130,6 +130,8 @@ def test_figures_on_paper():
     assert Path("where.png").read_bytes().startswith(b"\x89PNG")
     with pytest.raises(calib.OptionError, match="latices"):
         calib.figures(measured(), names=["latices"])
+    with pytest.raises(calib.OptionError, match="tuple: expected a model, a map or"):
+        calib.figures((measured(), measured()))
 
 
 def test_figures_of_an_arm_in_space_and_in_pixels():

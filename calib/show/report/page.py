@@ -182,6 +182,12 @@ def figures(
     ['lattices', 'u_matrices', 'links']
     """
     with settings(paper=True):
+        if not isinstance(model, Model | Map | Association):
+            raise OptionError(
+                f"figures of {type(model).__name__}: expected a model, a map or an association",
+                hint="`calib.load(path)` reads a model",
+                parameter="model",
+            )
         if not isinstance(model, Model):
             drawn: Mapping[str, Any] = draw_maps.figures_of_maps(model)
             _check_names(names, drawn)
