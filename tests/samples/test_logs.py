@@ -68,9 +68,9 @@ def test_any_finite_numbers_come_back(tmp_path, rows, suffix):
         ("a,b,x,y\n1,1,3,4\n2,2,4,5\n", "'a' and 'b' have the same values"),
         ("a,b,x,y\n1,2,3,4\n2,3,3,5\n", "x is 3 in every row"),
         (b"a,b,x,y,c\n1,2,3,4,\xb0\n", "UTF-8"),
-        (GOOD.encode("utf-16"), "UTF-8|no column"),
+        (GOOD.encode("utf-16"), "UTF-8|no positions"),
         (b"PAR1 and nothing else", "cannot be read"),
-        (b"a" * (1 << 20), "no column"),
+        (b"a" * (1 << 20), "no positions"),
         ('a,b,x,y\n1,2,3,"4\n' + "5" * 200_000, "cannot be read"),
     ],
 )
