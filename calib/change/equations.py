@@ -26,6 +26,7 @@ _SETTLED = 60  # steps of the fit that finds outliers: 12 took exact rows of a l
 _ROBUST_ROWS = 400  # of that fit: enough for every parameter
 _NODES = 40  # of the log's own residual; more did not change a verdict on A and C
 _NOISES = 64  # sizes of the noise that are compared
+_NOTHING = 1e-10  # variance of an axis, of that of the noise, which no test tells
 
 Noisy = tuple[int, float]
 """A joint whose encoder is noisy, and how much."""
@@ -66,7 +67,7 @@ def sound_rows(reference: Reference, q: Array, z: Array, cause: str | None) -> M
 
 
 class Equations:
-    """The columns of a log, whitened, and their eigenvectors.
+    """The residuals of a log, whitened: their principal axes under what is not known.
 
     factor : times the usual size of the log's own residual
     waves : sd of the joints' curves by which the arm may differ, over their prior's
@@ -105,9 +106,7 @@ class Equations:
         seen, x = structure.linearise(log.q, reference.beta, active)
         own = own_columns(reference, log, factor * body.kappa)
         parts = [own, x @ known, shared_columns(reference, log, seen)]
-        self.columns = self.whiten(np.concatenate(parts, axis=2))
-        values, self.vectors = np.linalg.eigh(self.columns.T @ self.columns)
-        self.values = np.maximum(values, 0.0)
+        self.axes, self.values = principal_axes(self.whiten(np.concatenate(parts, axis=2)))
         self.floor = float(np.min(SIMULATED_FLOOR * np.asarray(structure.extents) / sizes))
         self.usual = max(float(np.min(body.noise / sizes)), self.floor)
 
@@ -120,17 +119,18 @@ class Equations:
     def likelihood(self, y: Array, noise: Array | float) -> Array:
         """Log likelihood (s,) [nats] of whitened residuals (N,) under sizes (s,) of the noise."""
         square = np.atleast_1d(noise) ** 2
-        turned = self.vectors.T @ (self.columns.T @ y)
-        total = square[:, None] + self.values
-        size = len(y) * np.log(square) + np.log(total / square[:, None]).sum(axis=1)
-        rest = (float(y @ y) - (turned**2 / total).sum(axis=1)) / square
+        turned = self.axes.T @ y
+        share = self.values / (square[:, None] + self.values)  # of an axis that is no noise
+        size = len(y) * np.log(square) + np.log1p(self.values / square[:, None]).sum(axis=1)
+        rest = (float(y @ y) - share @ turned**2) / square
         return np.asarray(-0.5 * (size + rest + self.log_determinant))
 
     def information(self, y: Array, x: Array, noise: float) -> tuple[Array, Array]:
         """What rows tell of columns (N, k) whatever else is unknown: (k, k), and moments (k,)."""
-        c, d = (self.vectors.T @ (self.columns.T @ flat) for flat in (x, y))
-        less = c.T / (noise**2 + self.values)
-        return (x.T @ x - less @ c) / noise**2, (x.T @ y - less @ d) / noise**2
+        turned = self.axes.T @ x
+        less = turned.T * (self.values / (noise**2 + self.values))
+        power = (x.T @ x - less @ turned) / noise**2
+        return power, (x.T @ y - less @ (self.axes.T @ y)) / noise**2
 
     def most_likely_noise(self, y: Array, least: float | None = None) -> float:
         """Size of the noise of the greatest likelihood.
@@ -146,10 +146,23 @@ class Equations:
 
     def rest(self, y: Array, noise: float) -> Array:
         """What the unknown does not follow of the residuals, (n, m) in noises."""
-        inner = self.columns.T @ self.columns
-        inner[np.diag_indices(len(inner))] += noise**2
-        rest = y - self.columns @ np.linalg.solve(inner, self.columns.T @ y)
+        share = self.values / (noise**2 + self.values)
+        rest = y - self.axes @ (share * (self.axes.T @ y))
         return np.asarray(rest.reshape(len(self.white), -1) / noise)
+
+
+def principal_axes(columns: Array) -> tuple[Array, Array]:
+    """Axes (N, r) and variances (r,) of `columns` (N, k) times independent standard normals.
+
+    The smaller of the two products is taken apart.
+    """
+    rows, unknown = columns.shape
+    if rows <= unknown:
+        values, axes = np.linalg.eigh(columns @ columns.T)
+        return axes, np.maximum(values, 0.0)
+    values, turns = np.linalg.eigh(columns.T @ columns)
+    some = values > _NOTHING
+    return columns @ turns[:, some] / np.sqrt(values[some]), values[some]
 
 
 def own_columns(reference: Reference, log: Log, factor: float) -> Array:

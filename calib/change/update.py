@@ -28,6 +28,9 @@ _STEPS = 60  # at most: along the gauge of an arm without a drawing 12 ended on 
 _NOTHING_LEFT = 1e-3  # nats by which a step must better the fit
 _DAMPED = 6  # times a step is shortened at most
 _SHORTER = 0.3  # by which
+_TOLD = 0.3  # noises: a way along which all rows together move less is not told of
+_DAMPED = 6  # times a step is shortened at most
+_SHORTER = 0.3  # by which
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,45 +146,46 @@ def _posterior(
     (n, m) [unit] of contiguous blocks of the rows.
     """
     structure = reference.structure
-    active, ways = prior_columns(reference, e.waves, freed=e.sd)
-    smooth = own_columns(reference, log, e.factor)
-    r = ways.shape[1]
     weight = 1.0 / (np.sqrt(e.temper) * e.noise * reference.sizes)
+    active, prior = prior_columns(reference, e.waves, freed=e.sd)
+    smooth = own_columns(reference, log, e.factor)
+
+    def whitened(columns: Array) -> Array:
+        return np.asarray((columns * weight[:, None]).reshape(log.z.size, -1))
 
     def seen(beta: Array, normals: Array) -> tuple[Array, Array, float]:
-        """Residuals (n, m), columns (n, m, s) of what the rows share, and the cost [nats]."""
+        """Whitened residuals (N,), columns (N, s) of what the rows share, and the cost [nats]."""
         with np.errstate(all="ignore"):
             predicted = structure.predict(log.q, beta)
-            residual = structure.residual(log.z, predicted)
-            own = np.concatenate([smooth, shared_columns(reference, log, predicted)], axis=2)
-        flat = (own * weight[:, None]).reshape(log.z.size, -1)
-        y = (residual * weight).ravel()
-        inner = flat.T @ flat
-        inner[np.diag_indices(len(inner))] += 1.0
+            y = (structure.residual(log.z, predicted) * weight).ravel()
+            shared = shared_columns(reference, log, predicted)
+        own = whitened(np.concatenate([smooth, shared], axis=2))
         if not np.isfinite(y).all():
-            return residual, own, np.inf
-        pull = flat.T @ y
-        cost = y @ y - pull @ Factor(inner).solve(pull) + normals @ normals
-        return residual, own, 0.5 * float(cost)
+            return y, own, np.inf
+        pull = own.T @ y
+        cost = y @ y - pull @ Factor(_with_ones(own.T @ own)).solve(pull) + normals @ normals
+        return y, own, 0.5 * float(cost)
 
     beta = e.beta.copy()
+    x = whitened(structure.linearise(log.q, beta, active)[1] @ prior)
+    told = _told(x)
+    ways = prior @ told
+    r = ways.shape[1]
     start = np.linalg.lstsq(ways, (e.beta - e.origin)[active], rcond=1e-12)[0]
     normals = np.asarray(start, dtype=np.float64)
-    residual, own, cost = seen(beta, normals)
+    y, own, cost = seen(beta, normals)
     for step in range(_STEPS + 1):
-        x = structure.linearise(log.q, beta, active)[1]
-        columns = np.concatenate([x @ ways, own], axis=2)
-        flat = (columns * weight[:, None]).reshape(log.z.size, -1)
-        gram = flat.T @ flat
-        pull = flat.T @ (residual * weight).ravel()
-        gram[np.diag_indices(len(gram))] += 1.0
+        x = whitened(structure.linearise(log.q, beta, active)[1] @ ways)
+        columns = np.concatenate([x, own], axis=1)
+        gram = _with_ones(columns.T @ columns)
+        pull = columns.T @ y
         pull[:r] -= normals  # what the log's own part follows, it follows anew in each step
         factor = Factor(gram)
         if step == _STEPS:
             break
         delta = factor.solve(pull)[:r]
-        for halved in range(6):
-            share = 0.3**halved
+        for halved in range(_DAMPED):
+            share = _SHORTER**halved
             full = np.zeros(len(beta))
             full[active] = ways @ (share * delta)
             moved = structure.retract(beta, full)
@@ -192,12 +196,31 @@ def _posterior(
             break
         beta = moved
         normals = normals + share * delta
-        residual, own, cost = there
-    held = np.empty_like(residual)
-    for block in np.array_split(np.arange(len(residual)), _BLOCKS):
+        y, own, cost = there
+    held = np.empty_like(y)
+    outputs = log.z.shape[1]
+    for block in np.array_split(np.arange(len(log.z)), _BLOCKS):
         # without the block's rows the information is a difference: no fit is needed
-        flat = (columns[block] * weight[:, None]).reshape(-1, len(gram))
-        less = Factor(gram - flat.T @ flat)
-        delta = less.solve(pull - flat.T @ (residual[block] * weight).ravel())
-        held[block] = residual[block] - columns[block, :, :r] @ delta[:r]
-    return beta, active, ways @ factor.inverse()[:r, :r] @ ways.T, held
+        rows = slice(block[0] * outputs, (block[-1] + 1) * outputs)
+        less = Factor(gram - columns[rows].T @ columns[rows])
+        delta = less.solve(pull - columns[rows].T @ y[rows])
+        held[rows] = y[rows] - x[rows] @ delta[:r]
+    known = np.eye(r) - factor.inverse()[:r, :r]
+    covariance = prior @ prior.T - ways @ known @ ways.T
+    return beta, active, covariance, held.reshape(log.z.shape) / weight
+
+
+def _with_ones(gram: Array) -> Array:
+    """Information (k, k) of standard normals, in place."""
+    gram[np.diag_indices(len(gram))] += 1.0
+    return gram
+
+
+def _told(x: Array) -> Array:
+    """Ways (k, r) of standard normals that move readings (N,), by columns (N, k), beyond the noise.
+
+    The others stay as they are known: an arm without a drawing may be put together in many ways
+    that look alike, along which no step is a small one.
+    """
+    _, sizes, ways = np.linalg.svd(x, full_matrices=False)
+    return np.asarray(ways[sizes > _TOLD].T)
