@@ -28,7 +28,9 @@ _STEPS = 60  # at most: along the gauge of an arm without a drawing 12 ended on 
 _NOTHING_LEFT = 1e-3  # nats by which a step must better the fit
 _DAMPED = 6  # times a step is shortened at most
 _SHORTER = 0.3  # by which
-_TOLD = 0.3  # noises: a way along which all rows together move less is not told of
+# noises: no step goes along ways by which all rows together move less.  An arm without a drawing
+# may be put together in many ways that look alike, along which no step is a small one.
+_TOLD = 0.3
 _DAMPED = 6  # times a step is shortened at most
 _SHORTER = 0.3  # by which
 
@@ -166,24 +168,19 @@ def _posterior(
         cost = y @ y - pull @ Factor(_with_ones(own.T @ own)).solve(pull) + normals @ normals
         return y, own, 0.5 * float(cost)
 
-    beta = e.beta.copy()
-    x = whitened(structure.linearise(log.q, beta, active)[1] @ prior)
-    told = _told(x)
-    ways = prior @ told
-    r = ways.shape[1]
-    start = np.linalg.lstsq(ways, (e.beta - e.origin)[active], rcond=1e-12)[0]
-    normals = np.asarray(start, dtype=np.float64)
+    def columns_of(ways: Array) -> Array:
+        """Whitened columns (N, k) of parameters along ways (d, k)."""
+        return whitened(structure.linearise(log.q, beta, active)[1] @ ways)
+
+    beta = e.beta
+    ways = prior @ _told(columns_of(prior), _TOLD)
+    normals = np.linalg.lstsq(ways, (beta - e.origin)[active], rcond=1e-12)[0]
     y, own, cost = seen(beta, normals)
-    for step in range(_STEPS + 1):
-        x = whitened(structure.linearise(log.q, beta, active)[1] @ ways)
-        columns = np.concatenate([x, own], axis=1)
-        gram = _with_ones(columns.T @ columns)
+    for _ in range(_STEPS):
+        columns = np.concatenate([columns_of(ways), own], axis=1)
         pull = columns.T @ y
-        pull[:r] -= normals  # what the log's own part follows, it follows anew in each step
-        factor = Factor(gram)
-        if step == _STEPS:
-            break
-        delta = factor.solve(pull)[:r]
+        pull[: len(normals)] -= normals  # the log's own part is followed anew in each step
+        delta = Factor(_with_ones(columns.T @ columns)).solve(pull)[: len(normals)]
         for halved in range(_DAMPED):
             share = _SHORTER**halved
             full = np.zeros(len(beta))
@@ -197,16 +194,25 @@ def _posterior(
         beta = moved
         normals = normals + share * delta
         y, own, cost = there
+    # what is known after the last step, along all ways that any row tells of
+    told = _told(columns_of(prior), 0.0)
+    normals = told.T @ np.linalg.lstsq(prior, ways @ normals, rcond=1e-12)[0]
+    ways = prior @ told
+    x = columns_of(ways)
+    columns = np.concatenate([x, own], axis=1)
+    gram = _with_ones(columns.T @ columns)
+    pull = columns.T @ y
+    pull[: len(normals)] -= normals
     held = np.empty_like(y)
     outputs = log.z.shape[1]
     for block in np.array_split(np.arange(len(log.z)), _BLOCKS):
         # without the block's rows the information is a difference: no fit is needed
         rows = slice(block[0] * outputs, (block[-1] + 1) * outputs)
         less = Factor(gram - columns[rows].T @ columns[rows])
-        delta = less.solve(pull - columns[rows].T @ y[rows])
-        held[rows] = y[rows] - x[rows] @ delta[:r]
-    known = np.eye(r) - factor.inverse()[:r, :r]
-    covariance = prior @ prior.T - ways @ known @ ways.T
+        delta = less.solve(pull - columns[rows].T @ y[rows])[: len(normals)]
+        held[rows] = y[rows] - x[rows] @ delta
+    learned = np.eye(len(normals)) - Factor(gram).inverse()[: len(normals), : len(normals)]
+    covariance = prior @ prior.T - ways @ learned @ ways.T
     return beta, active, covariance, held.reshape(log.z.shape) / weight
 
 
@@ -216,11 +222,10 @@ def _with_ones(gram: Array) -> Array:
     return gram
 
 
-def _told(x: Array) -> Array:
-    """Ways (k, r) of standard normals that move readings (N,), by columns (N, k), beyond the noise.
+def _told(x: Array, least: float) -> Array:
+    """Ways (k, r) of standard normals along which readings tell more than `least` noises.
 
-    The others stay as they are known: an arm without a drawing may be put together in many ways
-    that look alike, along which no step is a small one.
+    x : (N, k), columns of the whitened readings
     """
     _, sizes, ways = np.linalg.svd(x, full_matrices=False)
-    return np.asarray(ways[sizes > _TOLD].T)
+    return np.asarray(ways[sizes > least].T)
