@@ -174,7 +174,8 @@ def _posterior(
 
     beta = e.beta
     ways = prior @ _told(columns_of(prior), _TOLD)
-    normals = np.linalg.lstsq(ways, (beta - e.origin)[active], rcond=1e-12)[0]
+    start = np.linalg.lstsq(ways, (beta - e.origin)[active], rcond=1e-12)[0]
+    normals = np.asarray(start, dtype=np.float64)
     y, own, cost = seen(beta, normals)
     for _ in range(_STEPS):
         columns = np.concatenate([columns_of(ways), own], axis=1)
