@@ -54,6 +54,7 @@ _SAME = 0.5  # [nats] by which they are alike
 # hobby arm's first four ends were points, alike at .29
 _EXACT = 10 * SIMULATED_FLOOR
 _EXPLAINED = 0.05
+_AS_TOLD = 1.2  # times the noise that a simulation tells: no chain explains the rows better
 
 
 @dataclass(frozen=True)
@@ -77,7 +78,7 @@ def best_starts(structure: Structure, rows: Rows, free: tuple[str, ...]) -> list
     some = np.sort(np.random.default_rng(0).permutation(len(rows))[:_ROWS])
     q = rows.q[some]
     z = rows.z[some]
-    runs = [Start(found, beta) for found, beta in candidates(structure, q, z)]
+    runs = [Start(found, beta) for found, beta in candidates(structure, q, z, rows.noise)]
     if len(runs) == 1:  # nothing to choose from: the gate goes on from here
         return runs
     for steps in _RUN_STEPS:
@@ -134,8 +135,13 @@ def _placed_in_space(structure: SpatialStructure, q: Array, z: Array, beta: Arra
     return out
 
 
-def candidates(structure: Structure, q: Array, z: Array) -> Sequence[tuple[Structure, Array]]:
-    """Structures (signs, mirror, chain) with parameters (d,) to begin with, the best ones first."""
+def candidates(
+    structure: Structure, q: Array, z: Array, noise: Array | float | None = None
+) -> Sequence[tuple[Structure, Array]]:
+    """Structures (signs, mirror, chain) with parameters (d,) to begin with, the best ones first.
+
+    noise : of the rows [unit], where a simulation tells it
+    """
     if isinstance(structure, PlanarStructure):
         return planar_starts(structure, q, z)
     assert isinstance(structure, SpatialStructure)  # noqa: S101
@@ -149,7 +155,8 @@ def candidates(structure: Structure, q: Array, z: Array) -> Sequence[tuple[Struc
         raise LogError("the positions are the same in every row: the sensor saw no motion")
     if not structure.informed:
         some = thinned(len(q), _ROWS_ALONE)
-        return _free_chains(structure, q[some], z[some])
+        told = 0.0 if noise is None else float(np.max(noise)) / structure.extent
+        return _free_chains(structure, q[some], z[some], told)
     beta = frame(structure, q, z)
     if structure.view == "base pose":
         turn = beta[structure.groups["tool.rotation"]]
@@ -328,12 +335,14 @@ def _cameras(structure: SpatialStructure, points: Array, z: Array, arm: Array) -
 
 
 def _free_chains(
-    structure: SpatialStructure, q: Array, z: Array
+    structure: SpatialStructure, q: Array, z: Array, told: float
 ) -> Sequence[tuple[Structure, Array]]:
     """Chains that fit rows, the best first: structures at whose origins the parameters are zero.
 
     The search begins at the structure's own chain, of a drawing where there is one, and goes on at
-    random ones until one is exact or several that explain the rows agree.
+    random ones until one leaves no more than the noise or several that explain the rows agree.
+
+    told : noise, a share of the extents, which a simulation tells
     """
     rng = np.random.default_rng(0)
     ends: list[tuple[float, SpatialStructure]] = []
@@ -343,7 +352,7 @@ def _free_chains(
         prior = begin.prior(("placement", "tool"))
         beta, cost, noise = settled(begin, q, z, prior.mean, prior, _STEPS)
         ends.append((cost, _absorbed(begin, beta)))
-        if noise <= _EXACT:
+        if noise <= max(_EXACT, _AS_TOLD * told):
             break
         if noise <= _EXPLAINED:
             costs.append(cost)

@@ -26,13 +26,9 @@ _ROWS = 600  # that an update takes: linear in them
 _BLOCKS = 5  # contiguous ones that are held out in turn, each of which tells a gain
 _STEPS = 60  # at most: along the gauge of an arm without a drawing 12 ended on the way
 _NOTHING_LEFT = 1e-3  # nats by which a step must better the fit
-_DAMPED = 6  # times a step is shortened at most
-_SHORTER = 0.3  # by which
 # noises: no step goes along ways by which all rows together move less.  An arm without a drawing
 # may be put together in many ways that look alike, along which no step is a small one.
 _TOLD = 0.3
-_DAMPED = 6  # times a step is shortened at most
-_SHORTER = 0.3  # by which
 
 
 @dataclass(frozen=True, eq=False)
@@ -182,8 +178,7 @@ def _posterior(
         pull = columns.T @ y
         pull[: len(normals)] -= normals  # the log's own part is followed anew in each step
         delta = Factor(_with_ones(columns.T @ columns)).solve(pull)[: len(normals)]
-        for halved in range(_DAMPED):
-            share = _SHORTER**halved
+        for share in 0.3 ** np.arange(6.0):
             full = np.zeros(len(beta))
             full[active] = ways @ (share * delta)
             moved = structure.retract(beta, full)

@@ -92,6 +92,7 @@ def _in_space_template(samples: Samples, rows: Index, view: str) -> Template:
     metre = METRES.get(samples.unit, 1.0)
     simulated = samples.simulation is not None
     structure: SpatialStructure
+    noise = None
     if isinstance(arm, SpatialArm) and not simulated:
         if view == "auto":
             view = "rigid" if samples.unit in METRES else "similarity"
@@ -103,6 +104,7 @@ def _in_space_template(samples: Samples, rows: Index, view: str) -> Template:
     elif isinstance(arm, SpatialArm):  # the drawing is where the search begins, and no prior
         structure = structure_of(arm, "base", unit=samples.unit, metre=metre, extent=extent)
         structure = replace(structure, informed=False, simulated=True)
+        noise = samples.simulation.noise or None if samples.simulation else None
         unused = "orientations are not used of a simulation"
     else:
         names = samples.joint_names
@@ -110,7 +112,7 @@ def _in_space_template(samples: Samples, rows: Index, view: str) -> Template:
         structure = unknown_structure(names, turns, extent, samples.unit, metre, simulated)
         unused = "orientations are used together with the robot's URDF: give `robot`"
     notes = () if samples.orientation is None else (unused,)
-    return Template(structure, Rows(q, x), notes)
+    return Template(structure, Rows(q, x, noise=noise), notes)
 
 
 def _extent(x: Array) -> float:
