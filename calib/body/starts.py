@@ -54,7 +54,6 @@ _SAME = 0.5  # [nats] by which they are alike
 # hobby arm's first four ends were points, alike at .29
 _EXACT = 10 * SIMULATED_FLOOR
 _EXPLAINED = 0.05
-_AS_TOLD = 1.2  # times the noise that a simulation tells: no chain explains the rows better
 
 
 @dataclass(frozen=True)
@@ -155,8 +154,8 @@ def candidates(
         raise LogError("the positions are the same in every row: the sensor saw no motion")
     if not structure.informed:
         some = thinned(len(q), _ROWS_ALONE)
-        told = 0.0 if noise is None else float(np.max(noise)) / structure.extent
-        return _free_chains(structure, q[some], z[some], told)
+        least = 0.0 if noise is None else float(np.max(noise)) / structure.extent
+        return _free_chains(structure, q[some], z[some], least)
     beta = frame(structure, q, z)
     if structure.view == "base pose":
         turn = beta[structure.groups["tool.rotation"]]
@@ -335,14 +334,14 @@ def _cameras(structure: SpatialStructure, points: Array, z: Array, arm: Array) -
 
 
 def _free_chains(
-    structure: SpatialStructure, q: Array, z: Array, told: float
+    structure: SpatialStructure, q: Array, z: Array, least: float
 ) -> Sequence[tuple[Structure, Array]]:
     """Chains that fit rows, the best first: structures at whose origins the parameters are zero.
 
     The search begins at the structure's own chain, of a drawing where there is one, and goes on at
     random ones until one leaves no more than the noise or several that explain the rows agree.
 
-    told : noise, a share of the extents, which a simulation tells
+    least : noise of the rows, a share of the extents, below which no chain is looked for
     """
     rng = np.random.default_rng(0)
     ends: list[tuple[float, SpatialStructure]] = []
@@ -352,7 +351,7 @@ def _free_chains(
         prior = begin.prior(("placement", "tool"))
         beta, cost, noise = settled(begin, q, z, prior.mean, prior, _STEPS)
         ends.append((cost, _absorbed(begin, beta)))
-        if noise <= max(_EXACT, _AS_TOLD * told):
+        if noise <= max(_EXACT, least):
             break
         if noise <= _EXPLAINED:
             costs.append(cost)
