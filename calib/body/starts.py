@@ -154,8 +154,8 @@ def candidates(
         raise LogError("the positions are the same in every row: the sensor saw no motion")
     if not structure.informed:
         some = thinned(len(q), _ROWS_ALONE)
-        least = 0.0 if noise is None else float(np.max(noise)) / structure.extent
-        return _free_chains(structure, q[some], z[some], least)
+        share = 0.0 if noise is None else float(np.max(noise)) / structure.extent
+        return _free_chains(structure, q[some], z[some], share)
     beta = frame(structure, q, z)
     if structure.view == "base pose":
         turn = beta[structure.groups["tool.rotation"]]
